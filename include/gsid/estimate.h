@@ -1,0 +1,57 @@
+/* Parameters of a rational model from a frequency response: LS, IWLS, Gauss-Newton maximum likelihood. */
+#ifndef GSID_ESTIMATE_H
+#define GSID_ESTIMATE_H
+
+#include "gsid/lsq.h"
+#include "gsid/rational.h"
+
+/* Frequency response data. Pointers stay the caller's. */
+typedef struct {
+    uint32_t n_lines;
+    const gsid_real *f_hz;  /* [n_lines] Hz, finite */
+    const gsid_cplx *g;     /* [n_lines] finite */
+    const gsid_real *sigma; /* [n_lines] standard deviation of g (of the mean, complex), > 0; NULL: all 1 */
+} gsid_frd;
+
+/** Bytes of work memory for gsid_estimate_iwls and gsid_estimate_ml; 0 for orders above GSID_ORDER_MAX. */
+size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
+#define GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros)                                                                       \
+    (GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
+
+/** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2.  Eq: EST-3 (source, eq. 7.28).
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE */
+gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
+
+typedef struct {
+    uint32_t n_iterations; /* reweightings after the first solution; 0: plain linear least squares, eq. 7.9 */
+    gsid_real exponent;    /* r of eq. 7.16; 0: 1 */
+} gsid_iwls_cfg;
+
+/** Linear least squares, reweighted by the last denominator; the delay of the model is taken as known.
+ *  Eq: EST-1, EST-2 (source, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The iterate with the least
+ *  cost V is kept. The highest denominator coefficient (domain z: the lowest) is 1.
+ *  @param[in,out] model  in: domain, orders, scale, delay; out: coefficients
+ *  @param[out]    cost   V of the model; may be NULL
+ *  @return GSID_OK; GSID_RANK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_NONFINITE;
+ *          GSID_E_MEMORY
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add with n_poles + n_zeros + 1 columns.  Context: background. */
+gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
+                               void *mem, size_t mem_size);
+
+typedef struct {
+    uint32_t n_iterations; /* limit; 0: 50 */
+    gsid_real tolerance;   /* stop when a step lowers V by less; 0: 0.005, a hundredth of what one parameter may gain */
+    int free_delay;        /* 1: the delay is a parameter too */
+} gsid_ml_cfg;
+
+/** Gauss-Newton with Levenberg-Marquardt damping on V, from the model given.  Eq: EST-3 (source, eq. 7.28).
+ *  @param[in,out] model  in: start; out: the model of least cost found
+ *  @param[out]    cost   V; may be NULL
+ *  @param[out]    cov    [n][n], n = n_poles + n_zeros + 1 + free_delay: covariance of (den without its 1, num, delay)
+ *                        in the scaled variable, for errors of standard deviation sigma; may be NULL
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_NONFINITE;
+ *          GSID_E_MEMORY.  Context: background. */
+gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
+                             gsid_real *cov, void *mem, size_t mem_size);
+
+#endif

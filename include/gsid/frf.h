@@ -1,0 +1,72 @@
+/* Frequency response and its uncertainty: mean and (co)variance of the lines over periods, in fixed memory. */
+#ifndef GSID_FRF_H
+#define GSID_FRF_H
+
+#include "gsid/spectrum.h"
+
+/* All pointers stay the caller's and must outlive the object. */
+typedef struct {
+    uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
+    uint32_t n_lines;         /* F >= 1 */
+    uint32_t n_settle;        /* samples thrown away first */
+    const uint32_t *line;     /* [n_lines] 1 <= line < N/2 */
+    const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
+    const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
+} gsid_frf_cfg;
+
+typedef struct {
+    gsid_frf_cfg cfg;
+    gsid_spectrum spectrum;   /* private */
+    uint32_t settle_left;     /* private */
+    uint32_t spoiled;         /* private: a sample of this period was lost */
+    uint32_t n_periods;       /* good periods in the mean */
+    uint32_t n_spoiled;       /* periods left out because samples of them were lost */
+    uint32_t n_refused;       /* samples refused because they were not finite */
+    gsid_cplx *mean;          /* private: [n_lines][n_channels] y, then u */
+    gsid_real *m2;            /* private: [n_lines][n_channels] sums of squared deviations */
+    gsid_cplx *cross;         /* private: [n_lines] sum of deviation products y conj(u); measured input only */
+} gsid_frf;
+
+/* The same number as gsid_frf_mem_size; measured: 1 with measured input, 0 with known input. */
+#define GSID_FRF_MEM_SIZE(n_lines, measured)                                                                           \
+    (GSID_SPECTRUM_MEM_SIZE(n_lines, 1 + (measured)) +                                                                 \
+     (size_t)(n_lines) * ((1 + (measured)) * (sizeof(gsid_cplx) + sizeof(gsid_real)) + (measured) * sizeof(gsid_cplx)))
+
+/* Arrays to read into; any may be NULL. */
+typedef struct {
+    gsid_cplx *g;       /* [n_lines] mean(Y)/mean(U)                       eq. 4.10 */
+    gsid_real *var_g;   /* [n_lines] variance of that quotient of means    eq. 7.29 over the number of periods */
+    gsid_cplx *y, *u;   /* [n_lines] means over periods                    eq. 4.10 */
+    gsid_real *var_y;   /* [n_lines] sample variance of one period's Y     eq. 4.11 */
+    gsid_real *var_u;   /* [n_lines] sample variance of one period's U     eq. 4.11; 0 with known input */
+    gsid_cplx *cov_yu;  /* [n_lines] sample covariance, mean of Y conj(U)  eq. 4.11; 0 with known input */
+} gsid_frf_out;
+
+/** Bytes that gsid_frf_init needs; 0 for a bad configuration. */
+size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg);
+
+/** Lay an FRF measurement out in the caller's memory.
+ *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY.  Context: background. */
+gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
+
+/** Take one sample of input and output, from the first sample of the excitation on.
+ *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11 at the end of each period).
+ *  @param[in] u  input, finite; not looked at when the input is known
+ *  @param[in] y  output at the same instant, finite
+ *  @return GSID_OK; GSID_SETTLING; GSID_DONE a good period was added; GSID_SPOILED a period was left out;
+ *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused and counted, nothing else changed: call gsid_frf_skip
+ *  Cost: gsid_spectrum_step, and at the last sample of a period one Welford update per line besides.
+ *  Context: ISR-safe, one writer. */
+gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
+
+/** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.
+ *  @return as gsid_frf_step */
+gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
+
+/** Read the result so far.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no variance is asked)
+ *  Cost: one pass over the lines.  Context: background, between periods. */
+gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out);
+
+#endif

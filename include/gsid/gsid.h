@@ -1,0 +1,14 @@
+/* Umbrella header for firmware: the core only, which links nothing but libm. */
+#ifndef GSID_H
+#define GSID_H
+
+#include "gsid/estimate.h"
+#include "gsid/excitation.h"
+#include "gsid/frf.h"
+#include "gsid/link.h"
+#include "gsid/lsq.h"
+#include "gsid/rational.h"
+#include "gsid/spectrum.h"
+#include "gsid/types.h"
+
+#endif

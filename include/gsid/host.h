@@ -1,0 +1,15 @@
+/* Umbrella header for the desktop: the core and the host library (heap, FFTW, NLopt). Double precision only. */
+#ifndef GSID_HOST_H
+#define GSID_HOST_H
+
+#include "gsid/gsid.h"
+#include "gsid/host/axis.h"
+#include "gsid/host/batch.h"
+#include "gsid/host/build_info.h"
+#include "gsid/host/fit.h"
+
+#ifdef GSID_SINGLE
+#error "the host library is double precision only"
+#endif
+
+#endif

@@ -1,0 +1,48 @@
+/* A simulated gimbal axis, the source's inner azimuth, to try the tool on. It shares no code with the models that are
+ * fitted: exact integration between events, stick and slip found by their instants. */
+#ifndef GSID_HOST_AXIS_H
+#define GSID_HOST_AXIS_H
+
+#include "gsid/types.h"
+
+/* Values divided by the inertia, as in the design's table of effects. A zero switches an effect off. */
+typedef struct {
+    double fs_hz;                    /* ticks per second, > 0 */
+    double gain;                     /* deg/s^2 per command */
+    double viscous_rate;             /* 1/s */
+    double coulomb_level;            /* deg/s^2 */
+    double spring_stiffness;         /* 1/s^2 */
+    double delay_s;                  /* of the command, >= 0, any fraction of a tick, < 64 ticks */
+    double mode_f_hz, mode_zeta, mode_residue; /* adds q' to the rate: q'' + 2 zeta w q' + w^2 q = residue gain u */
+    double gyro_lag_s;               /* first order */
+    double command_limit;            /* clipped at +- this, then rounded; 0: neither */
+    uint32_t command_bits;           /* steps of 2 command_limit / 2^bits; 0: not rounded */
+    double noise_rms;                /* deg/s, white part of the gyro's noise */
+    double noise_low_rms;            /* deg/s, part filtered by a first-order low-pass at noise_low_hz */
+    double noise_low_hz;             /* Hz */
+    double fan_f_hz, fan_amplitude, fan_phase_rad; /* deg/s, added to the gyro; not locked to the excitation */
+    uint64_t seed;                   /* of the noise */
+} gsid_axis_cfg;
+
+typedef struct gsid_axis gsid_axis;
+
+/** The source's inner azimuth axis at 3 kHz; Coulomb friction off.  @return GSID_OK; GSID_E_NULL */
+gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg);
+
+/** @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY */
+gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg);
+void gsid_axis_destroy(gsid_axis *axis);
+
+/** Come to rest at tick 0, with the noise started anew from the seed. */
+gsid_status gsid_axis_reset(gsid_axis *axis);
+
+/** Advance n ticks: y[i] is sampled at the instant from which u[i] is applied.
+ *  @param[in]  u          [n] command, finite
+ *  @param[out] u_applied  [n] clipped and rounded command; may be NULL
+ *  @param[out] y          [n] gyro, deg/s
+ *  @param[out] angle_deg  [n] true angle, deg; may be NULL
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE nothing was advanced */
+gsid_status gsid_axis_step(gsid_axis *axis, uint32_t n, const double *u, double *u_applied, double *y,
+                           double *angle_deg);
+
+#endif

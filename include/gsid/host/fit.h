@@ -1,0 +1,63 @@
+/* Rational model with delay from a measured frequency response: global in the delay, stable, with covariance. */
+#ifndef GSID_HOST_FIT_H
+#define GSID_HOST_FIT_H
+
+#include "gsid/estimate.h"
+
+typedef enum { GSID_METHOD_LS = 0, GSID_METHOD_IWLS = 1, GSID_METHOD_NLS = 2, GSID_METHOD_ML = 3 } gsid_method;
+typedef enum { GSID_DELAY_NONE = 0, GSID_DELAY_FIXED = 1, GSID_DELAY_FREE = 2 } gsid_delay_mode;
+
+/* Zero means default unless a field says otherwise. */
+typedef struct {
+    gsid_domain domain;
+    gsid_method method;
+    uint32_t n_poles;
+    uint32_t n_zeros;
+    double sample_s;         /* sample time [s]; needed in domain z and with hold */
+    int hold;                /* 1: the input was held over each sample (zero-order hold), and the model is of what follows
+                                the hold; 0: the response is fitted as it stands */
+    gsid_delay_mode delay;
+    double delay_s;          /* GSID_DELAY_FIXED: the delay [s] */
+    double delay_max_s;      /* GSID_DELAY_FREE: scanned from 0 to here [s]; default 0.012, bounded by the line spacing */
+    int allow_unstable;      /* 1: the best model, stable or not */
+} gsid_fit_cfg;
+
+#define GSID_FIT_PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
+
+typedef struct {
+    gsid_rational model;
+    double cost;             /* V of the fit, eq. 7.28, with the weights of the method */
+    double cost_ml;          /* V weighted with the measured variance, whatever the method */
+    uint32_t n_parameters;   /* free ones */
+    int converged;
+    int is_stable;
+    uint32_t n_evaluations;  /* of the cost, over all starts */
+    double cov[GSID_FIT_PARAMETERS_MAX * GSID_FIT_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
+                                scaled variable; row length n_parameters */
+    gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
+    gsid_cplx zeros[GSID_ORDER_MAX]; /* [n_zeros_found] */
+    uint32_t n_zeros_found;          /* fewer than n_zeros when leading coefficients are zero */
+} gsid_fit_result;
+
+/** Fit.  Eq: EST-1 to EST-4. The delay is scanned in steps of at most 1/(8 f_max), the best starts are refined.
+ *  @param[in]  data  sigma is the standard deviation of g (complex, of the mean), needed for every method's covariance
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_UNSTABLE;
+ *          GSID_E_NO_MEMORY; GSID_E_NONFINITE */
+gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result);
+
+/** Response of a model to a held input, sampled: exact for any delay, by partial fractions.  Eq: MOD-2.
+ *  @param[in]  sample_s  sample time [s]
+ *  @param[out] g         [n_freq]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG domain z, or more zeros than poles; GSID_E_NONFINITE */
+gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint32_t n_freq, const double *f_hz,
+                               gsid_cplx *g);
+
+/** Roots of a polynomial with real coefficients, by Aberth's simultaneous iteration.
+ *  @param[in]  degree  0 .. GSID_ORDER_MAX
+ *  @param[in]  coef    [degree + 1] ascending powers
+ *  @param[out] roots   [degree]
+ *  @param[out] n_roots fewer than degree when leading coefficients are zero
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
+gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *roots, uint32_t *n_roots);
+
+#endif

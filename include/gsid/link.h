@@ -1,0 +1,58 @@
+/* Frames on the serial line between host and axis; docs/protocol.md describes the bytes. */
+#ifndef GSID_LINK_H
+#define GSID_LINK_H
+
+#include "gsid/types.h"
+
+/* At 921600 baud 8N1 the line carries 30.72 bytes per tick of 3 kHz each way; a frame is at most 30. */
+#define GSID_LINK_FRAME_MAX 30
+
+typedef enum {
+    GSID_FRAME_COMMAND = 1, /* host to axis: a = command for this tick, b = command for the next one */
+    GSID_FRAME_SAMPLE = 2,  /* axis to host: a = command in force at this tick, b = output at this tick */
+    GSID_FRAME_HELLO = 3,   /* host to axis: start again at tick 0, at rest; the axis answers with its own */
+    GSID_FRAME_STOP = 4     /* host to axis: command zero, forget what is queued; answered with the same */
+} gsid_frame_kind;
+
+/* Flags of a sample frame. */
+#define GSID_FLAG_COMMAND_LOST 1u /* no command for this tick arrived: the last one was held */
+
+/* Always single precision: it is what the line carries. */
+typedef struct {
+    uint8_t kind;  /* gsid_frame_kind */
+    uint8_t flags;
+    uint32_t tick; /* sequence number: the tick the frame speaks of */
+    float a, b;
+} gsid_frame;
+
+/* Receiver: resynchronises after garbage, counts what it throws away. */
+typedef struct {
+    uint32_t n_frames;  /* good frames */
+    uint32_t n_damaged; /* sync found, check failed */
+    uint32_t n_garbage; /* bytes thrown away outside frames */
+    uint32_t n_held;    /* private: bytes in held */
+    uint8_t held[GSID_LINK_FRAME_MAX]; /* private */
+} gsid_link;
+
+/** Write a frame as bytes.
+ *  @param[in]  frame
+ *  @param[out] bytes  [GSID_LINK_FRAME_MAX]
+ *  @return number of bytes written; 0 for a NULL pointer or an unknown kind
+ *  Cost: one table step per half byte for the check.  Context: ISR-safe. */
+size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes);
+
+/** Empty a receiver and zero its counts. */
+void gsid_link_reset(gsid_link *link);
+
+/** Take bytes off the line and give whole, checked frames. Bytes not consumed because `frames` was full are not taken:
+ *  call again with the rest.
+ *  @param[in]  n_bytes, bytes  [n_bytes]
+ *  @param[in]  capacity        entries in frames
+ *  @param[out] frames          [capacity]
+ *  @param[out] n_frames        frames written
+ *  @return bytes consumed
+ *  Cost: per byte at most one check of a frame.  Context: ISR-safe, one writer. */
+size_t gsid_link_decode(gsid_link *link, size_t n_bytes, const uint8_t *bytes, size_t capacity, gsid_frame *frames,
+                        size_t *n_frames);
+
+#endif

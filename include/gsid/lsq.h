@@ -1,0 +1,47 @@
+/* Small dense least squares by QR, row by row: the memory is that of the triangle, whatever the number of rows. */
+#ifndef GSID_LSQ_H
+#define GSID_LSQ_H
+
+#include "gsid/types.h"
+
+typedef struct {
+    uint32_t n_columns; /* unknowns */
+    uint32_t n_rows;    /* rows taken so far */
+    gsid_real *r;       /* private: [n_columns + 1][n_columns + 1] upper triangle of (A | b), row by row */
+    gsid_real *row;     /* private: [n_columns + 1] */
+} gsid_lsq;
+
+#define GSID_LSQ_MEM_SIZE(n_columns) (((size_t)(n_columns) + 1) * ((size_t)(n_columns) + 2) * sizeof(gsid_real))
+
+/** Bytes that gsid_lsq_init needs; 0 for no columns. */
+size_t gsid_lsq_mem_size(uint32_t n_columns);
+
+/** Lay out an empty problem min |A x - b|.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY */
+gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size);
+
+/** Forget all rows. */
+gsid_status gsid_lsq_reset(gsid_lsq *q);
+
+/** Append one row of A and its right-hand side, by Givens rotations.
+ *  @param[in] row  [n_columns] finite
+ *  @param[in] rhs  finite
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE refused, nothing changed
+ *  Cost: n_columns rotations, 3 (n_columns + 2)^2 flops. */
+gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
+
+/** Solve. Columns are compared after scaling to unit length; a direction whose pivot is below rank_tol is dropped (its
+ *  unknown is set to 0).
+ *  @param[in]  rank_tol  relative size of a pivot that counts as zero; 0: n_columns times the rounding unit
+ *  @param[out] x         [n_columns]
+ *  @param[out] cost      sum of squared residuals; may be NULL
+ *  @return GSID_OK; GSID_RANK some unknowns were dropped; GSID_E_NULL; GSID_E_TOO_FEW fewer rows than columns;
+ *          GSID_E_SINGULAR every pivot is zero */
+gsid_status gsid_lsq_solve(const gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost);
+
+/** Inverse of A'A: the covariance of x when the rows have unit variance.
+ *  @param[out] cov  [n_columns][n_columns]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR */
+gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov);
+
+#endif
