@@ -1,0 +1,124 @@
+# gsid: `make help` lists the targets. Everything made goes to build/ and .venv/, except the two Python modules.
+
+CFLAGS ?= -O2 -g
+PYTHON ?= python3
+WITH_FFTW ?= 1
+WITH_NLOPT ?= 1
+BUILD ?= build
+
+VENV := .venv
+PY := $(VENV)/bin/python
+
+WARN := -Wall -Wextra -Wconversion -Wshadow -Wvla -Wmissing-prototypes -Wstrict-prototypes -Wcast-qual -Wundef
+# No contraction: the same sums to the bit on every machine.
+BASE_FLAGS := -std=c99 -pedantic -ffp-contract=off -fPIC -Iinclude -MMD -MP
+PRECISION_double :=
+PRECISION_float := -DGSID_SINGLE -Wdouble-promotion -Wunsuffixed-float-constants
+HOST_FLAGS :=
+HOST_LIBS := -lm
+ifeq ($(WITH_FFTW),1)
+HOST_FLAGS += -DGSID_WITH_FFTW
+HOST_LIBS += -lfftw3
+endif
+ifeq ($(WITH_NLOPT),1)
+HOST_FLAGS += -DGSID_WITH_NLOPT
+HOST_LIBS += -lnlopt
+endif
+
+CORE_SRC := $(wildcard src/core/*.c)
+HOST_SRC := $(wildcard src/host/*.c src/host/backend/*.c)
+HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
+CORE_LIBS := $(BUILD)/double/libgsid_core.a $(BUILD)/float/libgsid_core.a
+HOST_LIB := $(BUILD)/libgsid_host.a
+MODULES := python/gsid/_gsid64.abi3.so python/gsid/_gsid32.abi3.so
+
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.PHONY: all
+all: $(BUILD)/installed.stamp $(MODULES) ## build everything and make the command .venv/bin/gsid (the default)
+
+.PHONY: help
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /  \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+	@echo
+	@echo "  Variables: CC CXX AR CFLAGS LDFLAGS PYTHON; WITH_FFTW=0 and WITH_NLOPT=0 leave a library out."
+
+# ---- set-up ------------------------------------------------------------------------------------------------------
+
+.PHONY: setup
+setup: $(BUILD)/setup.stamp $(VENV)/requirements.stamp ## install what is missing: system packages, then .venv
+
+$(BUILD)/setup.stamp: tools/setup $(BUILD)/with.txt
+	CC="$(CC)" PYTHON="$(PYTHON)" WITH_FFTW=$(WITH_FFTW) WITH_NLOPT=$(WITH_NLOPT) tools/setup
+	@touch $@
+
+$(VENV)/requirements.stamp: requirements.txt | $(BUILD)/setup.stamp
+	@test -x $(PY) || $(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install -q --disable-pip-version-check -r requirements.txt || \
+	    { echo "error: the Python packages of requirements.txt could not be installed" >&2; \
+	      echo "hint: the first build needs a network, or a folder of wheels in PIP_FIND_LINKS" >&2; exit 1; }
+	@touch $@
+
+# ---- C libraries -------------------------------------------------------------------------------------------------
+
+.PHONY: libs
+libs: $(CORE_LIBS) $(HOST_LIB) ## build the C libraries only (no Python needed)
+
+# Files that change only when the settings do, so that other settings rebuild and the same ones do not.
+settings = @mkdir -p $(@D); echo '$(1)' | cmp -s - $@ || echo '$(1)' > $@
+.PHONY: FORCE
+$(BUILD)/flags.txt: FORCE
+	$(call settings,$(CC) $(AR) $(CFLAGS) $(HOST_FLAGS))
+$(BUILD)/with.txt: FORCE
+	$(call settings,$(HOST_FLAGS))
+
+$(BUILD)/core.txt: FORCE
+	$(call settings,$(CORE_SRC))
+$(BUILD)/host.txt: FORCE
+	$(call settings,$(HOST_SRC))
+
+define core_rules
+$(BUILD)/$(1)/libgsid_core.a: $(CORE_SRC:src/%.c=$(BUILD)/$(1)/%.o) $(BUILD)/core.txt
+	@rm -f $$@
+	$(AR) rcs $$@ $$(filter %.o,$$^)
+$(BUILD)/$(1)/core/%.o: src/core/%.c $(BUILD)/flags.txt
+	@mkdir -p $$(@D)
+	$(CC) $(BASE_FLAGS) $(WARN) $(PRECISION_$(1)) $(CFLAGS) -c -o $$@ $$<
+endef
+$(foreach precision,double float,$(eval $(call core_rules,$(precision))))
+
+$(HOST_LIB): $(HOST_SRC:src/%.c=$(BUILD)/%.o) $(BUILD)/host.txt
+	@rm -f $@
+	$(AR) rcs $@ $(filter %.o,$^)
+$(BUILD)/host/%.o: src/host/%.c $(BUILD)/flags.txt | $(BUILD)/setup.stamp
+	@mkdir -p $(@D)
+	$(CC) $(BASE_FLAGS) $(WARN) $(HOST_FLAGS) $(CFLAGS) -c -o $@ $<
+
+# ---- Python modules ----------------------------------------------------------------------------------------------
+
+$(BUILD)/python/_gsid%.c: python/gsid_build.py $(HEADERS) $(VENV)/requirements.stamp
+	@mkdir -p $(@D)
+	CC="$(CC)" $(PY) python/gsid_build.py $* $@
+
+# Undefined symbols are left to the interpreter: a shared object may have them.
+ifeq ($(shell uname -s),Darwin)
+MODULE_LINK := -bundle -undefined dynamic_lookup
+else
+MODULE_LINK := -shared
+endif
+module = $(CC) -fPIC $(MODULE_LINK) $(CFLAGS) -Iinclude -I$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("include"))') \
+	-o $@ $(filter %.c %.a,$^) $(LDFLAGS)
+python/gsid/_gsid64.abi3.so: $(BUILD)/python/_gsid64.c $(HOST_LIB) $(BUILD)/double/libgsid_core.a
+	$(module) $(HOST_LIBS)
+python/gsid/_gsid32.abi3.so: $(BUILD)/python/_gsid32.c $(BUILD)/float/libgsid_core.a
+	$(module) -lm
+
+$(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
+	$(PY) -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --no-index -e .
+	@touch $@
+
+.PHONY: clean
+clean: ## remove what was built; .venv stays
+	rm -rf $(BUILD) $(MODULES)
+
+-include $(wildcard $(addprefix $(BUILD)/,*/*.d */*/*.d))

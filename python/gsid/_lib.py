@@ -1,0 +1,44 @@
+"""The two builds of the C library, and the one place where its status codes become exceptions."""
+
+from gsid.errors import GsidError
+
+try:
+    from gsid._gsid32 import ffi as ffi32
+    from gsid._gsid32 import lib as lib32
+    from gsid._gsid64 import ffi, lib
+except ImportError as error:
+    raise ImportError(f"{error}; hint: run `make` in the clone, it builds the C library for Python") from error
+
+__all__ = ["check", "ffi", "ffi32", "lib", "lib32", "version"]
+
+
+def version() -> str:
+    """Return the version of the C library."""
+    return ffi.string(lib.GSID_VERSION).decode()
+
+
+def check(status: int, doing: str = "") -> int:
+    """Raise for a status that means failure.
+
+    Parameters
+    ----------
+    status : int
+        What a library function returned.
+    doing : str
+        What was being done, for the message.
+
+    Returns
+    -------
+    int
+        The status: 0 fine, positive worked with a reason.
+
+    Raises
+    ------
+    GsidError
+        The status is negative.
+    """
+    if status >= 0:
+        return status
+    meaning = ffi.string(lib.gsid_status_str(status)).decode()
+    hint = ffi.string(lib.gsid_status_hint(status)).decode()
+    raise GsidError(status, f"{doing}: {meaning}" if doing else meaning, hint)

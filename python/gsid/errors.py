@@ -1,0 +1,53 @@
+"""What can go wrong, by whose fault it is."""
+
+
+class GsidError(RuntimeError):
+    """The C library refused or failed.
+
+    Parameters
+    ----------
+    code : int
+        Negative status of the library; docs/errors.md lists them.
+    message : str
+        What was being done and what went wrong.
+    hint : str
+        What to do about it; empty where there is nothing general to say.
+    """
+
+    def __init__(self, code: int, message: str, hint: str = "") -> None:
+        super().__init__(code, message, hint)
+        self.code = code
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message} (status {self.code})"
+
+
+class InputError(ValueError):
+    """A file or a record is not what it should be.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong.
+    where : str
+        File, line, column or sample at fault.
+    value : object
+        The offending value; None where there is none.
+    hint : str
+        What to do about it.
+    """
+
+    def __init__(self, what: str, where: str = "", value: object = None, hint: str = "") -> None:
+        super().__init__(what, where, value, hint)
+        self.what = what
+        self.where = where
+        self.value = value
+        self.hint = hint
+
+    def __str__(self) -> str:
+        details = [self.where] if self.where else []
+        if self.value is not None:
+            details.append(str(self.value))
+        return f"{self.what} ({': '.join(details)})" if details else self.what
