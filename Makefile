@@ -14,19 +14,23 @@ WARN := -Wall -Wextra -Wconversion -Wshadow -Wvla -Wmissing-prototypes -Wstrict-
 BASE_FLAGS := -std=c99 -pedantic -ffp-contract=off -fPIC -Iinclude -MMD -MP
 PRECISION_double :=
 PRECISION_float := -DGSID_SINGLE -Wdouble-promotion -Wunsuffixed-float-constants
+
+CORE_SRC := $(wildcard src/core/*.c)
+HOST_SRC := $(wildcard src/host/*.c)
 HOST_FLAGS :=
-HOST_LIBS := -lm
+HOST_LIBS :=
 ifeq ($(WITH_FFTW),1)
+HOST_SRC += $(wildcard src/host/backend/fftw*.c)
 HOST_FLAGS += -DGSID_WITH_FFTW
 HOST_LIBS += -lfftw3
 endif
 ifeq ($(WITH_NLOPT),1)
+HOST_SRC += $(wildcard src/host/backend/nlopt*.c)
 HOST_FLAGS += -DGSID_WITH_NLOPT
 HOST_LIBS += -lnlopt
 endif
+HOST_LIBS += -lm
 
-CORE_SRC := $(wildcard src/core/*.c)
-HOST_SRC := $(wildcard src/host/*.c src/host/backend/*.c)
 HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
 CORE_LIBS := $(BUILD)/double/libgsid_core.a $(BUILD)/float/libgsid_core.a
 HOST_LIB := $(BUILD)/libgsid_host.a
