@@ -5,7 +5,11 @@
 
 #include "gsid/types.h"
 
-/* Values divided by the inertia, as in the design's table of effects. A zero switches an effect off. */
+/* No decay or oscillation of the axis may be faster than this many times the ticks [rad/s over ticks per second]. */
+#define GSID_AXIS_RATE_MAX 1000.0
+
+/* Values divided by the inertia, as in the design's table of effects. A zero switches an effect off. Everything but the
+ * gain, the residue and the fan is >= 0. */
 typedef struct {
     double fs_hz;                    /* ticks per second, > 0 */
     double gain;                     /* deg/s^2 per command */
@@ -16,7 +20,7 @@ typedef struct {
     double mode_f_hz, mode_zeta, mode_residue; /* adds q' to the rate: q'' + 2 zeta w q' + w^2 q = residue gain u */
     double gyro_lag_s;               /* first order */
     double command_limit;            /* clipped at +- this, then rounded; 0: neither */
-    uint32_t command_bits;           /* steps of 2 command_limit / 2^bits; 0: not rounded */
+    uint32_t command_bits;           /* steps of 2 command_limit / 2^bits, <= 31; 0: not rounded */
     double noise_rms;                /* deg/s, white part of the gyro's noise */
     double noise_low_rms;            /* deg/s, part filtered by a first-order low-pass at noise_low_hz */
     double noise_low_hz;             /* Hz */
