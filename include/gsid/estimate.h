@@ -13,10 +13,10 @@ typedef struct {
     const gsid_real *sigma; /* [n_lines] standard deviation of g (of the mean, complex), > 0; NULL: all 1 */
 } gsid_frd;
 
-/** Bytes of work memory for gsid_estimate_iwls and gsid_estimate_ml; 0 for orders above GSID_ORDER_MAX. */
+/** Bytes of work memory for the calls below; 0 for orders above GSID_ORDER_MAX. */
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 #define GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros)                                                                       \
-    (GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
+    (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + 3 * ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2.  Eq: EST-3 (source, eq. 7.28).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE */
@@ -47,11 +47,18 @@ typedef struct {
 /** Gauss-Newton with Levenberg-Marquardt damping on V, from the model given.  Eq: EST-3 (source, eq. 7.28).
  *  @param[in,out] model  in: start; out: the model of least cost found
  *  @param[out]    cost   V; may be NULL
- *  @param[out]    cov    [n][n], n = n_poles + n_zeros + 1 + free_delay: covariance of (den without its 1, num, delay)
- *                        in the scaled variable, for errors of standard deviation sigma; may be NULL
- *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_NONFINITE;
- *          GSID_E_MEMORY.  Context: background. */
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add and at least one evaluation of V.  Context: background. */
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
-                             gsid_real *cov, void *mem, size_t mem_size);
+                             void *mem, size_t mem_size);
+
+/** Covariance of the ML estimate at a model: the inverse of Fisher's information.  Eq: EST-5.
+ *  @param[in]  free_delay  1: the delay was estimated too
+ *  @param[out] cov  [n][n], n = n_poles + n_zeros + 1 + free_delay: of (den without its 1, num, delay), ascending powers
+ *                   of the scaled variable, for errors of standard deviation sigma
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR the data do not determine a parameter;
+ *          GSID_E_NONFINITE; GSID_E_MEMORY */
+gsid_status gsid_estimate_covariance(const gsid_frd *data, const gsid_rational *model, int free_delay, gsid_real *cov,
+                                     void *mem, size_t mem_size);
 
 #endif

@@ -30,14 +30,15 @@ gsid_status gsid_lsq_reset(gsid_lsq *q);
  *  Cost: n_columns rotations, 3 (n_columns + 2)^2 flops. */
 gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
 
-/** Solve. Columns are compared after scaling to unit length; a direction whose pivot is below rank_tol is dropped (its
- *  unknown is set to 0).
- *  @param[in]  rank_tol  relative size of a pivot that counts as zero; 0: n_columns times the rounding unit
+/** Solve. A column that its predecessors explain, but for rank_tol of its own length, says nothing more: its
+ *  unknown is pinned to 0.
+ *  @param[in]  rank_tol  0: 8 (n_columns + 1) times the rounding unit
  *  @param[out] x         [n_columns]
  *  @param[out] cost      sum of squared residuals; may be NULL
- *  @return GSID_OK; GSID_RANK some unknowns were dropped; GSID_E_NULL; GSID_E_TOO_FEW fewer rows than columns;
- *          GSID_E_SINGULAR every pivot is zero */
-gsid_status gsid_lsq_solve(const gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost);
+ *  @return GSID_OK; GSID_RANK unknowns were pinned; GSID_E_NULL; GSID_E_TOO_FEW fewer rows than columns;
+ *          GSID_E_NONFINITE the solution overflows: outputs untouched
+ *  Cost: n_columns^2 flops, and one gsid_lsq_add for each pin. */
+gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost);
 
 /** Inverse of A'A: the covariance of x when the rows have unit variance.
  *  @param[out] cov  [n_columns][n_columns]

@@ -43,12 +43,14 @@
 #define gsid_lsq_solve GSID_NAME(gsid_lsq_solve)
 #define gsid_lsq_covariance GSID_NAME(gsid_lsq_covariance)
 #define gsid_rational_init GSID_NAME(gsid_rational_init)
+#define gsid_rational_variable GSID_NAME(gsid_rational_variable)
 #define gsid_rational_eval GSID_NAME(gsid_rational_eval)
 #define gsid_rational_is_stable GSID_NAME(gsid_rational_is_stable)
 #define gsid_estimate_mem_size GSID_NAME(gsid_estimate_mem_size)
 #define gsid_estimate_cost GSID_NAME(gsid_estimate_cost)
 #define gsid_estimate_iwls GSID_NAME(gsid_estimate_iwls)
 #define gsid_estimate_ml GSID_NAME(gsid_estimate_ml)
+#define gsid_estimate_covariance GSID_NAME(gsid_estimate_covariance)
 #endif
 
 #endif

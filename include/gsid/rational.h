@@ -27,6 +27,9 @@ typedef struct {
 gsid_status gsid_rational_init(gsid_rational *model, gsid_domain domain, uint32_t n_poles, uint32_t n_zeros,
                                gsid_real rate);
 
+/** The variable v at an angular frequency: j w / scale_rad_s, or exp(-j w sample_s).  Context: ISR-safe. */
+gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
+
 /** Evaluate the frequency response.  Eq: MOD-1 (source, eqs. 6.4 and 6.5).
  *  @param[in]  n_freq, f_hz  [n_freq] Hz
  *  @param[out] g             [n_freq]

@@ -1,0 +1,186 @@
+#include "gsid/lsq.h"
+
+#include <float.h>
+#include <string.h>
+
+#include "real.h"
+
+#ifdef GSID_SINGLE
+#define ROUNDING_UNIT FLT_EPSILON
+#else
+#define ROUNDING_UNIT DBL_EPSILON
+#endif
+
+/* Row i of the triangle of (A | b). */
+static gsid_real *triangle_row(const gsid_lsq *q, uint32_t i)
+{
+    return q->r + (size_t)i * (q->n_columns + 1);
+}
+
+static gsid_real column_length(const gsid_lsq *q, uint32_t column)
+{
+    gsid_real sum = 0;
+    for (uint32_t i = 0; i <= column; i++) {
+        const gsid_real r = triangle_row(q, i)[column];
+        sum += r * r;
+    }
+    return gsid_sqrt(sum);
+}
+
+size_t gsid_lsq_mem_size(uint32_t n_columns)
+{
+    return n_columns == 0 ? 0 : GSID_LSQ_MEM_SIZE(n_columns);
+}
+
+gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size)
+{
+    if (q == NULL || mem == NULL)
+        return GSID_E_NULL;
+    if (n_columns == 0)
+        return GSID_E_CONFIG;
+    if (mem_size < GSID_LSQ_MEM_SIZE(n_columns) || (uintptr_t)mem % sizeof(gsid_real) != 0)
+        return GSID_E_MEMORY;
+    q->n_columns = n_columns;
+    q->r = mem;
+    q->row = q->r + ((size_t)n_columns + 1) * ((size_t)n_columns + 1);
+    return gsid_lsq_reset(q);
+}
+
+gsid_status gsid_lsq_reset(gsid_lsq *q)
+{
+    if (q == NULL)
+        return GSID_E_NULL;
+    const size_t n = (size_t)q->n_columns + 1;
+    for (size_t i = 0; i < n * n; i++)
+        q->r[i] = 0;
+    q->n_rows = 0;
+    return GSID_OK;
+}
+
+/* Rotate q->row, from its column `first` on, into the triangle. */
+static void rotate_in(gsid_lsq *q, uint32_t first)
+{
+    const uint32_t n = q->n_columns;
+    gsid_real *a = q->row;
+    for (uint32_t i = first; i <= n; i++) {
+        if (a[i] == 0)
+            continue;
+        gsid_real *r = triangle_row(q, i);
+        const gsid_real length = gsid_hypot(r[i], a[i]);
+        const gsid_real c = r[i] / length, s = a[i] / length;
+        r[i] = length;
+        for (uint32_t j = i + 1; j <= n; j++) {
+            const gsid_real rj = r[j];
+            r[j] = c * rj + s * a[j];
+            a[j] = c * a[j] - s * rj;
+        }
+    }
+}
+
+gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs)
+{
+    if (q == NULL || row == NULL)
+        return GSID_E_NULL;
+    for (uint32_t i = 0; i < q->n_columns; i++)
+        if (!gsid_is_finite(row[i]))
+            return GSID_E_NONFINITE;
+    if (!gsid_is_finite(rhs))
+        return GSID_E_NONFINITE;
+    memcpy(q->row, row, q->n_columns * sizeof(*row));
+    q->row[q->n_columns] = rhs;
+    rotate_in(q, 0);
+    q->n_rows++;
+    return GSID_OK;
+}
+
+/* Replace the equation whose pivot is only rounding by "unknown = 0"; what it said of later unknowns is kept. */
+static void pin(gsid_lsq *q, uint32_t column)
+{
+    gsid_real *r = triangle_row(q, column);
+    const gsid_real length = column_length(q, column);
+    memcpy(q->row, r, ((size_t)q->n_columns + 1) * sizeof(*r));
+    for (uint32_t j = column; j <= q->n_columns; j++)
+        r[j] = 0;
+    r[column] = length > 0 ? length : 1;
+    rotate_in(q, column + 1);
+}
+
+static int pin_undetermined(gsid_lsq *q, gsid_real rank_tol)
+{
+    int pinned = 0;
+    for (uint32_t j = 0; j < q->n_columns; j++) {
+        if (gsid_fabs(triangle_row(q, j)[j]) <= rank_tol * column_length(q, j)) {
+            pin(q, j);
+            pinned = 1;
+        }
+    }
+    return pinned;
+}
+
+gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost)
+{
+    if (q == NULL || x == NULL)
+        return GSID_E_NULL;
+    const uint32_t n = q->n_columns;
+    if (q->n_rows < n)
+        return GSID_E_TOO_FEW;
+    const gsid_real tol = rank_tol > 0 ? rank_tol : 8 * (gsid_real)(n + 1) * ROUNDING_UNIT;
+    const int pinned = pin_undetermined(q, tol);
+
+    gsid_real *y = q->row; /* so that x is untouched when the solution overflows */
+    for (uint32_t i = n; i-- > 0;) {
+        const gsid_real *r = triangle_row(q, i);
+        gsid_real sum = r[n];
+        for (uint32_t j = i + 1; j < n; j++)
+            sum -= r[j] * y[j];
+        y[i] = sum / r[i];
+        if (!gsid_is_finite(y[i]))
+            return GSID_E_NONFINITE;
+    }
+    memcpy(x, y, n * sizeof(*x));
+    if (cost != NULL) {
+        const gsid_real residual = triangle_row(q, n)[n];
+        *cost = residual * residual;
+    }
+    return pinned ? GSID_RANK : GSID_OK;
+}
+
+/* cov <- R^-1, upper triangular. */
+static void invert_triangle(const gsid_lsq *q, gsid_real *cov)
+{
+    const uint32_t n = q->n_columns;
+    for (uint32_t j = 0; j < n; j++) {
+        for (uint32_t i = j + 1; i-- > 0;) {
+            gsid_real sum = i == j ? GSID_R(1.0) : GSID_R(0.0);
+            for (uint32_t k = i + 1; k <= j; k++)
+                sum -= triangle_row(q, i)[k] * cov[k * n + j];
+            cov[i * n + j] = sum / triangle_row(q, i)[i];
+        }
+    }
+}
+
+gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov)
+{
+    if (q == NULL || cov == NULL)
+        return GSID_E_NULL;
+    const uint32_t n = q->n_columns;
+    if (q->n_rows < n)
+        return GSID_E_TOO_FEW;
+    for (uint32_t j = 0; j < n; j++)
+        if (!(gsid_fabs(triangle_row(q, j)[j]) > ROUNDING_UNIT * column_length(q, j)))
+            return GSID_E_SINGULAR;
+    invert_triangle(q, cov);
+    /* R^-1 R^-T in place: entry (i, j) needs rows i and j from column j on, which later entries of row i do not touch. */
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = i; j < n; j++) {
+            gsid_real sum = 0;
+            for (uint32_t k = j; k < n; k++)
+                sum += cov[i * n + k] * cov[j * n + k];
+            cov[i * n + j] = sum;
+        }
+    }
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t j = 0; j < i; j++)
+            cov[i * n + j] = cov[j * n + i];
+    return GSID_OK;
+}
