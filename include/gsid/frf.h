@@ -9,7 +9,7 @@ typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
     uint32_t n_lines;         /* F >= 1 */
     uint32_t n_settle;        /* samples thrown away first */
-    const uint32_t *line;     /* [n_lines] 1 <= line < N/2 */
+    const uint32_t *line;     /* [n_lines] 1 <= line < N/2, any order */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
 } gsid_frf_cfg;
@@ -42,12 +42,12 @@ typedef struct {
     gsid_cplx *cov_yu;  /* [n_lines] sample covariance, mean of Y conj(U)  eq. 4.11; 0 with known input */
 } gsid_frf_out;
 
-/** Bytes that gsid_frf_init needs; 0 for a bad configuration. */
+/** Bytes that gsid_frf_init needs; 0 for a configuration that it refuses. */
 size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg);
 
 /** Lay an FRF measurement out in the caller's memory.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE in u_known; GSID_E_MEMORY.  Context: background. */
 gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take one sample of input and output, from the first sample of the excitation on.
@@ -61,10 +61,12 @@ gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, siz
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.
- *  @return as gsid_frf_step */
+ *  @return GSID_OK; GSID_SETTLING every one fell in the settling; GSID_SPOILED the end of a period was passed;
+ *          GSID_E_NULL; GSID_E_STATE
+ *  Cost: one 64-bit remainder per line.  Context: as gsid_frf_step. */
 gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
 
-/** Read the result so far.
+/** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no variance is asked)
  *  Cost: one pass over the lines.  Context: background, between periods. */
 gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out);

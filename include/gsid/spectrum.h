@@ -25,7 +25,7 @@ typedef struct {
 #define GSID_SPECTRUM_MEM_SIZE(n_lines, n_channels)                                                                    \
     ((size_t)(n_lines) * ((n_channels) * sizeof(gsid_cplx) + sizeof(uint32_t)))
 
-/** Bytes that gsid_spectrum_init needs; 0 for a bad configuration. */
+/** Bytes that gsid_spectrum_init needs; 0 for a configuration that it refuses. */
 size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg);
 
 /** Lay a spectrum out in the caller's memory and reset it.
@@ -33,7 +33,8 @@ size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY.  Context: background. */
 gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);
 
-/** Forget the sums and start again at the sample number cfg.n_first. */
+/** Forget the sums and start again at the sample number cfg.n_first.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
 gsid_status gsid_spectrum_reset(gsid_spectrum *s);
 
 /** Sum one sample of each channel.
@@ -46,7 +47,7 @@ gsid_status gsid_spectrum_reset(gsid_spectrum *s);
 gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x);
 
 /** Let n_samples pass unmeasured: the time goes on, the sums do not, and the period they fall in is incomplete.
- *  Ends at the start of a period again after passing its last sample, with the sums cleared.
+ *  Passing the last sample of a period clears the sums.
  *  @return GSID_OK; GSID_DONE at least one period end was passed; GSID_E_NULL; GSID_E_STATE
  *  Cost: one 64-bit remainder per line. */
 gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples);

@@ -1,15 +1,22 @@
-/* Spectra of many periods at once, by FFTW where it was built in, by the streaming core where not. */
+/* Whole records at once: spectra by FFTW where it was built in, by the streaming core where not. */
 #ifndef GSID_HOST_BATCH_H
 #define GSID_HOST_BATCH_H
 
-#include "gsid/types.h"
+#include "gsid/frf.h"
 
 /** Lines of each period of a record, as gsid_spectrum_result gives them.  Eq: FRF-1.
  *  @param[in]  n_periods, n_period, x  [n_periods * n_period] samples, finite
  *  @param[in]  n_lines, line           [n_lines] 0 <= line <= n_period / 2
  *  @param[out] lines                   [n_periods][n_lines]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY
+ *  Context: one caller at a time (FFTW's planner is not reentrant). */
 gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                                const uint32_t *line, gsid_cplx *lines);
+
+/** Take a block of samples: gsid_frf_step for each, gsid_frf_skip for those that were lost.
+ *  @param[in] n, u, y  [n] input and output; u is not looked at when the input is known; finite where valid
+ *  @param[in] valid    [n] 0: this sample was lost; NULL: all are valid
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE the whole block is refused */
+gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid);
 
 #endif

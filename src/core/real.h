@@ -1,0 +1,46 @@
+/* Maths in the precision of the build, so that no float build ever computes in double behind our back. */
+#ifndef GSID_REAL_H
+#define GSID_REAL_H
+
+#include <math.h>
+
+#include "gsid/types.h"
+
+#ifdef GSID_SINGLE
+#define GSID_LIBM(name) name##f
+#else
+#define GSID_LIBM(name) name
+#endif
+
+#define gsid_sin GSID_LIBM(sin)
+#define gsid_cos GSID_LIBM(cos)
+#define gsid_exp GSID_LIBM(exp)
+#define gsid_log GSID_LIBM(log)
+#define gsid_pow GSID_LIBM(pow)
+#define gsid_sqrt GSID_LIBM(sqrt)
+#define gsid_hypot GSID_LIBM(hypot)
+#define gsid_fabs GSID_LIBM(fabs)
+#define gsid_floor GSID_LIBM(floor)
+#define gsid_fma GSID_LIBM(fma)
+
+/* Longest period [samples]: a phase index plus a line number stays inside 32 bits. */
+#define GSID_N_PERIOD_MAX (UINT32_C(1) << 30)
+
+/* Strictest alignment of the objects laid out in a caller's memory; C99 has no alignof. */
+struct gsid_align_cplx {
+    char c;
+    gsid_cplx z;
+};
+#define GSID_ALIGN_CPLX offsetof(struct gsid_align_cplx, z)
+
+static inline int gsid_is_aligned(const void *mem)
+{
+    return (uintptr_t)mem % GSID_ALIGN_CPLX == 0;
+}
+
+static inline int gsid_is_finite(gsid_real x)
+{
+    return isfinite(x);
+}
+
+#endif

@@ -1,0 +1,161 @@
+#include "gsid/spectrum.h"
+
+#include <string.h>
+
+#include "complex_math.h"
+#include "real.h"
+
+static gsid_status check_cfg(const gsid_spectrum_cfg *cfg)
+{
+    if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
+        return GSID_E_NULL;
+    }
+    if (cfg->n_period < 2 || cfg->n_period > GSID_N_PERIOD_MAX || cfg->n_first >= cfg->n_period || cfg->n_lines < 1 ||
+        (cfg->n_channels != 1 && cfg->n_channels != 2) ||
+        cfg->n_lines > SIZE_MAX / GSID_SPECTRUM_MEM_SIZE(1, cfg->n_channels)) {
+        return GSID_E_CONFIG;
+    }
+    for (uint32_t i = 0; i < cfg->n_lines; i++) {
+        if (cfg->line[i] > cfg->n_period / 2) {
+            return GSID_E_CONFIG;
+        }
+    }
+    return GSID_OK;
+}
+
+size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg)
+{
+    return check_cfg(cfg) == GSID_OK ? GSID_SPECTRUM_MEM_SIZE(cfg->n_lines, cfg->n_channels) : 0;
+}
+
+gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size)
+{
+    if (s == NULL || mem == NULL) {
+        return GSID_E_NULL;
+    }
+    gsid_status status = check_cfg(cfg);
+    if (status != GSID_OK) {
+        return status;
+    }
+    if (mem_size < GSID_SPECTRUM_MEM_SIZE(cfg->n_lines, cfg->n_channels) || !gsid_is_aligned(mem)) {
+        return GSID_E_MEMORY;
+    }
+    s->cfg = *cfg;
+    s->sum = mem;
+    s->phase = (uint32_t *)(void *)(s->sum + (size_t)cfg->n_lines * cfg->n_channels);
+    return gsid_spectrum_reset(s);
+}
+
+static void clear_sums(gsid_spectrum *s)
+{
+    memset(s->sum, 0, (size_t)s->cfg.n_lines * s->cfg.n_channels * sizeof *s->sum);
+    s->n = 0;
+}
+
+gsid_status gsid_spectrum_reset(gsid_spectrum *s)
+{
+    if (s == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->sum == NULL) {
+        return GSID_E_STATE;
+    }
+    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+        s->phase[i] = (uint32_t)((uint64_t)s->cfg.line[i] * s->cfg.n_first % s->cfg.n_period);
+    }
+    clear_sums(s);
+    return GSID_OK;
+}
+
+/* FRF-1 for one signal or two. Two loops, because a loop over channels inside costs half the speed. */
+static void sum_one(gsid_spectrum *s, gsid_real x)
+{
+    const uint32_t n_period = s->cfg.n_period;
+    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+        gsid_cplx w = s->cfg.twiddle[s->phase[i]];
+        s->sum[i].re += x * w.re;
+        s->sum[i].im -= x * w.im;
+        uint32_t phase = s->phase[i] + s->cfg.line[i];
+        s->phase[i] = phase >= n_period ? phase - n_period : phase;
+    }
+}
+
+static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1)
+{
+    const uint32_t n_period = s->cfg.n_period;
+    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+        gsid_cplx w = s->cfg.twiddle[s->phase[i]];
+        gsid_cplx *sum = s->sum + 2 * (size_t)i;
+        sum[0].re += x0 * w.re;
+        sum[0].im -= x0 * w.im;
+        sum[1].re += x1 * w.re;
+        sum[1].im -= x1 * w.im;
+        uint32_t phase = s->phase[i] + s->cfg.line[i];
+        s->phase[i] = phase >= n_period ? phase - n_period : phase;
+    }
+}
+
+gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x)
+{
+    if (s == NULL || x == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->sum == NULL) {
+        return GSID_E_STATE;
+    }
+    if (!gsid_is_finite(x[0]) || (s->cfg.n_channels == 2 && !gsid_is_finite(x[1]))) {
+        return GSID_E_NONFINITE;
+    }
+    if (s->n == s->cfg.n_period) {
+        clear_sums(s);
+    }
+    if (s->cfg.n_channels == 1) {
+        sum_one(s, x[0]);
+    } else {
+        sum_two(s, x[0], x[1]);
+    }
+    s->n++;
+    return s->n == s->cfg.n_period ? GSID_DONE : GSID_OK;
+}
+
+gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples)
+{
+    if (s == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->sum == NULL) {
+        return GSID_E_STATE;
+    }
+    if (n_samples == 0) {
+        return GSID_OK;
+    }
+    const uint32_t n_period = s->cfg.n_period;
+    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+        s->phase[i] = (uint32_t)((s->phase[i] + (uint64_t)s->cfg.line[i] * n_samples) % n_period);
+    }
+    uint64_t n = (uint64_t)s->n % n_period + n_samples; /* a complete period stands at the start of the next one */
+    if (n >= n_period || s->n == n_period) {
+        clear_sums(s);
+    }
+    s->n = (uint32_t)(n % n_period);
+    return n >= n_period ? GSID_DONE : GSID_OK;
+}
+
+gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines)
+{
+    if (s == NULL || lines == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->sum == NULL || s->n != s->cfg.n_period) {
+        return GSID_E_STATE;
+    }
+    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+        int is_single = s->cfg.line[i] == 0 || 2 * s->cfg.line[i] == s->cfg.n_period;
+        gsid_real scale = (is_single ? GSID_R(1.0) : GSID_R(2.0)) / (gsid_real)s->cfg.n_period;
+        for (uint32_t c = 0; c < s->cfg.n_channels; c++) {
+            size_t at = (size_t)i * s->cfg.n_channels + c;
+            lines[at] = gsid_cscale(scale, s->sum[at]);
+        }
+    }
+    return GSID_OK;
+}

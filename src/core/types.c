@@ -1,0 +1,28 @@
+#include "gsid/types.h"
+
+#define MEANING_CASE(name, code, meaning, hint)                                                                        \
+    case name:                                                                                                         \
+        return meaning;
+#define HINT_CASE(name, code, meaning, hint)                                                                           \
+    case name:                                                                                                         \
+        return hint;
+
+const char *gsid_status_str(gsid_status status)
+{
+    switch (status) {
+        GSID_STATUS_LIST(MEANING_CASE)
+    case GSID_STATUS_END_:
+    default:
+        return "unknown status";
+    }
+}
+
+const char *gsid_status_hint(gsid_status status)
+{
+    switch (status) {
+        GSID_STATUS_LIST(HINT_CASE)
+    case GSID_STATUS_END_:
+    default:
+        return "";
+    }
+}

@@ -1,0 +1,118 @@
+#include "gsid/host/batch.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "backend/backend.h"
+#include "gsid/excitation.h"
+
+static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                         const uint32_t *line, const gsid_cplx *lines)
+{
+    if (x == NULL || line == NULL || lines == NULL) {
+        return GSID_E_NULL;
+    }
+    if (n_periods < 1 || n_lines < 1 || n_period < 2 || n_period > UINT32_C(1) << 30) {
+        return GSID_E_CONFIG;
+    }
+    for (uint32_t i = 0; i < n_lines; i++) {
+        if (line[i] > n_period / 2) {
+            return GSID_E_CONFIG;
+        }
+    }
+    for (size_t n = 0; n < (size_t)n_periods * n_period; n++) {
+        if (!isfinite(x[n])) {
+            return GSID_E_NONFINITE;
+        }
+    }
+    return GSID_OK;
+}
+
+#ifdef GSID_WITH_FFTW
+
+gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                               const uint32_t *line, gsid_cplx *lines)
+{
+    gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
+    if (status != GSID_OK) {
+        return status;
+    }
+    status = gsid_fftw_sums(n_periods, n_period, x, n_lines, line, lines);
+    if (status != GSID_OK) {
+        return status;
+    }
+    for (size_t at = 0; at < (size_t)n_periods * n_lines; at++) {
+        uint32_t k = line[at % n_lines];
+        double scale = (k == 0 || 2 * k == n_period ? 1.0 : 2.0) / n_period;
+        lines[at].re *= scale;
+        lines[at].im *= scale;
+    }
+    return GSID_OK;
+}
+
+#else
+
+gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                               const uint32_t *line, gsid_cplx *lines)
+{
+    gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
+    if (status != GSID_OK) {
+        return status;
+    }
+    gsid_cplx *twiddle = malloc(n_period * sizeof *twiddle);
+    size_t mem_size = GSID_SPECTRUM_MEM_SIZE(n_lines, 1);
+    void *mem = malloc(mem_size);
+    if (twiddle != NULL && mem != NULL) {
+        gsid_twiddle_fill(n_period, twiddle);
+        gsid_spectrum_cfg cfg = {
+            .n_period = n_period, .n_lines = n_lines, .n_channels = 1, .line = line, .twiddle = twiddle};
+        gsid_spectrum s;
+        gsid_spectrum_init(&s, &cfg, mem, mem_size);
+        for (uint32_t p = 0; p < n_periods; p++) {
+            for (uint32_t n = 0; n < n_period; n++) {
+                gsid_spectrum_step(&s, x + (size_t)p * n_period + n);
+            }
+            gsid_spectrum_result(&s, lines + (size_t)p * n_lines);
+        }
+    } else {
+        status = GSID_E_NO_MEMORY;
+    }
+    free(mem);
+    free(twiddle);
+    return status;
+}
+
+#endif
+
+/* Non-finite samples are found before the first one is taken, so that a refused block leaves the object as it was. */
+static int is_block_finite(const gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid)
+{
+    for (size_t i = 0; i < n; i++) {
+        int counts = valid == NULL || valid[i];
+        if (counts && (!isfinite(y[i]) || (frf->cfg.u_known == NULL && !isfinite(u[i])))) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid)
+{
+    if (frf == NULL || u == NULL || y == NULL) {
+        return GSID_E_NULL;
+    }
+    if (frf->mean == NULL) {
+        return GSID_E_STATE;
+    }
+    if (!is_block_finite(frf, n, u, y, valid)) {
+        return GSID_E_NONFINITE;
+    }
+    for (size_t i = 0; i < n; i++) {
+        if (valid == NULL || valid[i]) {
+            gsid_frf_step(frf, u[i], y[i]);
+        } else {
+            gsid_frf_skip(frf, 1);
+        }
+    }
+    return GSID_OK;
+}
