@@ -3,12 +3,6 @@
 #include "complex_math.h"
 #include "real.h"
 
-static gsid_cplx cplx(gsid_real re, gsid_real im)
-{
-    gsid_cplx z = {re, im};
-    return z;
-}
-
 /* cos and sin of (pi/4) r / n_period, 0 <= r <= n_period. The angle is carried as a rounded value and its rounding
  * error, which enters to first order: a float angle alone would cost the table two more units in the last place. */
 static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period)
@@ -30,7 +24,7 @@ static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period)
         gsid_fma(quarter_pi, ratio, -angle) + quarter_pi * ratio_rest + quarter_pi_rest * ratio;
 
     gsid_real c = gsid_cos(angle), s = gsid_sin(angle);
-    return cplx(c - angle_rest * s, s + angle_rest * c);
+    return gsid_cplx_make(c - angle_rest * s, s + angle_rest * c);
 }
 
 gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table)
@@ -48,14 +42,30 @@ gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table)
         gsid_cplx z = unit_at_eighth(octant % 2 == 0 ? r : n_period - r, n_period);
         gsid_real c = z.re, s = z.im;
         switch (octant) {
-        case 0: table[i] = cplx(c, s); break;
-        case 1: table[i] = cplx(s, c); break;
-        case 2: table[i] = cplx(-s, c); break;
-        case 3: table[i] = cplx(-c, s); break;
-        case 4: table[i] = cplx(-c, -s); break;
-        case 5: table[i] = cplx(-s, -c); break;
-        case 6: table[i] = cplx(s, -c); break;
-        default: table[i] = cplx(c, -s); break;
+        case 0:
+            table[i] = gsid_cplx_make(c, s);
+            break;
+        case 1:
+            table[i] = gsid_cplx_make(s, c);
+            break;
+        case 2:
+            table[i] = gsid_cplx_make(-s, c);
+            break;
+        case 3:
+            table[i] = gsid_cplx_make(-c, s);
+            break;
+        case 4:
+            table[i] = gsid_cplx_make(-c, -s);
+            break;
+        case 5:
+            table[i] = gsid_cplx_make(-s, -c);
+            break;
+        case 6:
+            table[i] = gsid_cplx_make(s, -c);
+            break;
+        default:
+            table[i] = gsid_cplx_make(c, -s);
+            break;
         }
     }
     return GSID_OK;
@@ -210,7 +220,7 @@ gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg
 
 static gsid_cplx line_of(const gsid_multisine_cfg *cfg, uint32_t i)
 {
-    return gsid_cscale(cfg->amplitude[i], gsid_cis(cfg->phase_rad[i]));
+    return gsid_cplx_scale(cfg->amplitude[i], gsid_cplx_cis(cfg->phase_rad[i]));
 }
 
 /* Re(a w) = amplitude cos(2 pi k n / N + phase): the one expression behind both the stream and the table. */

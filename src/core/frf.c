@@ -5,12 +5,6 @@
 #include "complex_math.h"
 #include "real.h"
 
-static gsid_cplx times_conj(gsid_cplx a, gsid_cplx b)
-{
-    b.im = -b.im;
-    return gsid_cmul(a, b);
-}
-
 static uint32_t n_channels(const gsid_frf_cfg *cfg)
 {
     return cfg->u_known == NULL ? 2 : 1;
@@ -91,10 +85,9 @@ gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, siz
  * the difference of two large sums, as it would be with sums of squares. */
 static gsid_cplx welford(gsid_cplx x, gsid_real n_periods, gsid_cplx *mean, gsid_real *m2)
 {
-    gsid_cplx d = gsid_csub(x, *mean);
-    mean->re += d.re / n_periods;
-    mean->im += d.im / n_periods;
-    *m2 += gsid_cabs2(d) * ((n_periods - GSID_R(1.0)) / n_periods);
+    gsid_cplx d = gsid_cplx_sub(x, *mean);
+    *mean = gsid_cplx_add(*mean, gsid_cplx_make(d.re / n_periods, d.im / n_periods));
+    *m2 += gsid_cplx_abs2(d) * ((n_periods - GSID_R(1.0)) / n_periods);
     return d;
 }
 
@@ -106,17 +99,16 @@ static void add_period(gsid_frf *frf)
     const gsid_cplx *sum = frf->spectrum.sum;
     if (frf->cross == NULL) {
         for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
-            welford(gsid_cscale(scale, sum[i]), p, &frf->mean[i], &frf->m2[i]);
+            welford(gsid_cplx_scale(scale, sum[i]), p, &frf->mean[i], &frf->m2[i]);
         }
         return;
     }
     for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
         size_t y = 2 * (size_t)i, u = y + 1;
-        gsid_cplx dy = welford(gsid_cscale(scale, sum[y]), p, &frf->mean[y], &frf->m2[y]);
-        gsid_cplx du = welford(gsid_cscale(scale, sum[u]), p, &frf->mean[u], &frf->m2[u]);
-        gsid_cplx product = gsid_cscale((p - GSID_R(1.0)) / p, times_conj(dy, du));
-        frf->cross[i].re += product.re;
-        frf->cross[i].im += product.im;
+        gsid_cplx dy = welford(gsid_cplx_scale(scale, sum[y]), p, &frf->mean[y], &frf->m2[y]);
+        gsid_cplx du = welford(gsid_cplx_scale(scale, sum[u]), p, &frf->mean[u], &frf->m2[u]);
+        gsid_cplx product = gsid_cplx_mul(dy, gsid_cplx_conj(du));
+        frf->cross[i] = gsid_cplx_add(frf->cross[i], gsid_cplx_scale((p - GSID_R(1.0)) / p, product));
     }
 }
 
@@ -178,8 +170,8 @@ gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples)
  * Rounding can take it below zero when the noise of u and y is the same noise. */
 static gsid_real variance_of_quotient(gsid_cplx g, gsid_cplx u, gsid_real var_y, gsid_real var_u, gsid_cplx cov_yu)
 {
-    gsid_real v = var_y + gsid_cabs2(g) * var_u - GSID_R(2.0) * times_conj(cov_yu, g).re;
-    return v > GSID_R(0.0) ? v / gsid_cabs2(u) : GSID_R(0.0);
+    gsid_real v = var_y + gsid_cplx_abs2(g) * var_u - GSID_R(2.0) * gsid_cplx_mul(cov_yu, gsid_cplx_conj(g)).re;
+    return v > GSID_R(0.0) ? v / gsid_cplx_abs2(u) : GSID_R(0.0);
 }
 
 static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out)
@@ -188,23 +180,35 @@ static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out
     const int measured = frf->cross != NULL;
     const gsid_real p = (gsid_real)frf->n_periods;
     const gsid_real per_dof = p > GSID_R(1.0) ? GSID_R(1.0) / (p - GSID_R(1.0)) : GSID_R(0.0); /* 4.11 */
-    const gsid_cplx zero = {GSID_R(0.0), GSID_R(0.0)};
+    const gsid_cplx zero = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
 
     gsid_cplx y = frf->mean[at], u = measured ? frf->mean[at + 1] : frf->cfg.u_known[i];
     gsid_real var_y = per_dof * frf->m2[at], var_u = measured ? per_dof * frf->m2[at + 1] : GSID_R(0.0);
-    gsid_cplx cov_yu = measured ? gsid_cscale(per_dof, frf->cross[i]) : zero;
-    int is_excited = gsid_cabs2(u) > GSID_R(0.0);
-    gsid_cplx g = is_excited ? gsid_cdiv(y, u) : zero; /* 4.10 */
+    gsid_cplx cov_yu = measured ? gsid_cplx_scale(per_dof, frf->cross[i]) : zero;
+    int is_excited = gsid_cplx_abs2(u) > GSID_R(0.0);
+    gsid_cplx g = is_excited ? gsid_cplx_div(y, u) : zero; /* 4.10 */
 
-    if (out->g != NULL) { out->g[i] = g; }
+    if (out->g != NULL) {
+        out->g[i] = g;
+    }
     if (out->var_g != NULL) {
         out->var_g[i] = is_excited ? variance_of_quotient(g, u, var_y, var_u, cov_yu) / p : (gsid_real)INFINITY;
     }
-    if (out->y != NULL) { out->y[i] = y; }
-    if (out->u != NULL) { out->u[i] = u; }
-    if (out->var_y != NULL) { out->var_y[i] = var_y; }
-    if (out->var_u != NULL) { out->var_u[i] = var_u; }
-    if (out->cov_yu != NULL) { out->cov_yu[i] = cov_yu; }
+    if (out->y != NULL) {
+        out->y[i] = y;
+    }
+    if (out->u != NULL) {
+        out->u[i] = u;
+    }
+    if (out->var_y != NULL) {
+        out->var_y[i] = var_y;
+    }
+    if (out->var_u != NULL) {
+        out->var_u[i] = var_u;
+    }
+    if (out->cov_yu != NULL) {
+        out->cov_yu[i] = cov_yu;
+    }
 }
 
 gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out)

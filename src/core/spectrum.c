@@ -154,7 +154,7 @@ gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines)
         gsid_real scale = (is_single ? GSID_R(1.0) : GSID_R(2.0)) / (gsid_real)s->cfg.n_period;
         for (uint32_t c = 0; c < s->cfg.n_channels; c++) {
             size_t at = (size_t)i * s->cfg.n_channels + c;
-            lines[at] = gsid_cscale(scale, s->sum[at]);
+            lines[at] = gsid_cplx_scale(scale, s->sum[at]);
         }
     }
     return GSID_OK;
