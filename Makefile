@@ -50,13 +50,13 @@ help: ## list the targets
 # ---- set-up ------------------------------------------------------------------------------------------------------
 
 .PHONY: setup
-setup: $(BUILD)/setup.stamp $(VENV)/requirements.stamp ## install what is missing: system packages, then .venv
+setup: build/setup.stamp $(VENV)/requirements.stamp ## install what is missing: system packages, then .venv
 
-$(BUILD)/setup.stamp: tools/setup $(BUILD)/with.txt
-	CC="$(CC)" PYTHON="$(PYTHON)" WITH_FFTW=$(WITH_FFTW) WITH_NLOPT=$(WITH_NLOPT) tools/setup
+build/setup.stamp: tools/setup build/with.txt
+	CC="$(CC)" CXX="$(CXX)" CFLAGS="$(CFLAGS)" PYTHON="$(PYTHON)" WITH_FFTW=$(WITH_FFTW) WITH_NLOPT=$(WITH_NLOPT) tools/setup
 	@touch $@
 
-$(VENV)/requirements.stamp: requirements.txt | $(BUILD)/setup.stamp
+$(VENV)/requirements.stamp: requirements.txt | build/setup.stamp
 	@test -x $(PY) || $(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install -q --disable-pip-version-check -r requirements.txt || \
 	    { echo "error: the Python packages of requirements.txt could not be installed" >&2; \
@@ -73,7 +73,7 @@ settings = @mkdir -p $(@D); echo '$(1)' | cmp -s - $@ || echo '$(1)' > $@
 .PHONY: FORCE
 $(BUILD)/flags.txt: FORCE
 	$(call settings,$(CC) $(AR) $(CFLAGS) $(HOST_FLAGS))
-$(BUILD)/with.txt: FORCE
+build/with.txt: FORCE
 	$(call settings,$(HOST_FLAGS))
 
 $(BUILD)/core.txt: FORCE
@@ -94,7 +94,7 @@ $(foreach precision,double float,$(eval $(call core_rules,$(precision))))
 $(HOST_LIB): $(HOST_SRC:src/%.c=$(BUILD)/%.o) $(BUILD)/host.txt
 	@rm -f $@
 	$(AR) rcs $@ $(filter %.o,$^)
-$(BUILD)/host/%.o: src/host/%.c $(BUILD)/flags.txt | $(BUILD)/setup.stamp
+$(BUILD)/host/%.o: src/host/%.c $(BUILD)/flags.txt | build/setup.stamp
 	@mkdir -p $(@D)
 	$(CC) $(BASE_FLAGS) $(WARN) $(HOST_FLAGS) $(CFLAGS) -c -o $@ $<
 
@@ -121,8 +121,65 @@ $(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
 	$(PY) -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --no-index -e .
 	@touch $@
 
+# ---- the program -------------------------------------------------------------------------------------------------
+
+.PHONY: demo
+demo: all ## excite, measure, fit and compare a simulated axis, twice, and write a report
+	$(VENV)/bin/gsid demo
+
+# ---- tests -------------------------------------------------------------------------------------------------------
+# tests/c/test_host_*.c link the host library, the others the core, once in each precision.
+
+HOST_TESTS := $(patsubst tests/c/%.c,$(BUILD)/tests/%,$(wildcard tests/c/test_host_*.c))
+CORE_TESTS := $(filter-out test_host_%,$(patsubst tests/c/%.c,%,$(wildcard tests/c/test_*.c)))
+C_TESTS := $(CORE_TESTS:%=$(BUILD)/double/tests/%) $(CORE_TESTS:%=$(BUILD)/float/tests/%) $(HOST_TESTS)
+TEST_FLAGS := $(BASE_FLAGS) -Wall -Wextra
+
+define test_rule
+$(BUILD)/$(1)/tests/%: tests/c/%.c $(BUILD)/$(1)/libgsid_core.a | build/setup.stamp
+	@mkdir -p $$(@D)
+	$(CC) $(TEST_FLAGS) $(filter -D%,$(PRECISION_$(1))) $(CFLAGS) -o $$@ $$(filter %.c %.a,$$^) $(LDFLAGS) -lcmocka -lm
+endef
+$(foreach precision,double float,$(eval $(call test_rule,$(precision))))
+
+$(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_core.a | build/setup.stamp
+	@mkdir -p $(@D)
+	$(CC) $(TEST_FLAGS) $(HOST_FLAGS) $(CFLAGS) -o $@ $(filter %.c %.a,$^) $(LDFLAGS) -lcmocka $(HOST_LIBS)
+
+.PHONY: test
+test: all check sanitize valgrind ## all tests: C in double and float, the same sanitized and under valgrind, then Python
+	$(PY) -m pytest -q
+
+.PHONY: check
+check: $(C_TESTS) ## the C tests, in double and float
+	tools/run_c_tests $(C_TESTS)
+
+SANITIZE := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+.PHONY: sanitize
+sanitize: ## the C tests under AddressSanitizer and UndefinedBehaviorSanitizer
+	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='$(SANITIZE)' check
+
+.PHONY: valgrind
+valgrind: $(C_TESTS) ## the C tests under valgrind
+	@if command -v valgrind >/dev/null; then \
+	    tools/run_c_tests -w 'valgrind -q --error-exitcode=9 --leak-check=full' $(C_TESTS); \
+	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
+
+# Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
+LINT_FLAGS := -O2 -Werror -fno-stack-protector -U_FORTIFY_SOURCE
+.PHONY: lint
+lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, Python style
+	$(MAKE) BUILD=$(BUILD)/lint CFLAGS='$(LINT_FLAGS)' libs
+	CC="$(CC)" CXX="$(CXX)" $(PY) tools/check_layers $(CORE_LIBS:$(BUILD)/%=--core $(BUILD)/lint/%) \
+	    --host $(BUILD)/lint/libgsid_host.a
+	$(VENV)/bin/ruff check -q .
+
+.PHONY: errors-page
+errors-page: all ## make docs/errors.md anew from the list of status codes
+	$(PY) tools/make_errors_page > docs/errors.md
+
 .PHONY: clean
 clean: ## remove what was built; .venv stays
-	rm -rf $(BUILD) $(MODULES)
+	rm -rf build $(MODULES)
 
 -include $(wildcard $(addprefix $(BUILD)/,*/*.d */*/*.d))
