@@ -34,13 +34,16 @@ def preprocess(header: str, precision: str, *options: str) -> str:
 
 
 def constants(header: str, precision: str) -> str:
-    """Declare the constant macros: numbers, whose value the compiler fills in, and strings."""
+    """Declare the constant macros by their kind; the compiler fills in the values."""
+
+    def declaration(name: str, value: str) -> str:
+        if value.startswith('"'):
+            return f"static char *const {name};"
+        return f"static const double {name};" if "." in value else f"#define {name} ..."
+
     macros = preprocess(header, precision, "-dM")
-    declarations = []
-    for name, value in re.findall(r"^#define (GSID_\w+) (\S.*)$", macros, re.MULTILINE):
-        is_text = value.startswith('"')
-        declarations.append(f"static char *const {name};" if is_text else f"#define {name} ...")
-    return "\n".join(declarations)
+    found = re.findall(r"^#define (GSID_\w+) (\S.*)$", macros, re.MULTILINE)
+    return "\n".join(declaration(name, value) for name, value in found)
 
 
 def main(precision: str, output: str) -> None:
