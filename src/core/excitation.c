@@ -12,18 +12,18 @@ static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period)
 #else
     const gsid_real quarter_pi = GSID_R(0.78539816339744831), quarter_pi_rest = GSID_R(3.0616169978683830e-17);
 #endif
-    /* Beyond 24 bits an integer is two floats. */
-    gsid_real r_high = (gsid_real)(r & ~UINT32_C(0xff)), r_low = (gsid_real)(r & UINT32_C(0xff));
-    gsid_real n_high = (gsid_real)(n_period & ~UINT32_C(0xff)), n_low = (gsid_real)(n_period & UINT32_C(0xff));
+    const gsid_real over = (gsid_real)r, under = (gsid_real)n_period;
+    const gsid_real ratio = over / under;
+    /* What rounding took from r, n_period and their quotient; the first two only in float, beyond 24 bits. */
+    const gsid_real over_rest = (gsid_real)((int32_t)r - (int32_t)over);
+    const gsid_real under_rest = (gsid_real)((int32_t)n_period - (int32_t)under);
+    const gsid_real ratio_rest = (gsid_fma(-ratio, under, over) + (over_rest - ratio * under_rest)) / under;
 
-    gsid_real n = n_high + n_low;
-    gsid_real ratio = (r_high + r_low) / n;
-    gsid_real ratio_rest = (gsid_fma(-ratio, n_high, r_high) + gsid_fma(-ratio, n_low, r_low)) / n;
-    gsid_real angle = quarter_pi * ratio;
-    gsid_real angle_rest =
+    const gsid_real angle = quarter_pi * ratio;
+    const gsid_real angle_rest =
         gsid_fma(quarter_pi, ratio, -angle) + quarter_pi * ratio_rest + quarter_pi_rest * ratio;
 
-    gsid_real c = gsid_cos(angle), s = gsid_sin(angle);
+    const gsid_real c = gsid_cos(angle), s = gsid_sin(angle);
     return gsid_cplx_make(c - angle_rest * s, s + angle_rest * c);
 }
 
