@@ -160,7 +160,7 @@ static double time_to_rest(const gsid_axis *axis, double u) {
     const gsid_axis_cfg *cfg = &axis->cfg;
     const double half = 0.5 * cfg->viscous_rate, mu_squared = cfg->spring_stiffness - half * half;
     const double mu = sqrt(fabs(mu_squared));
-    const double w = axis->side * axis->x[RATE];
+    const double w = fabs(axis->x[RATE]); /* never -0: atan2 would turn the wrong way */
     const double b = axis->side * spring_and_motor(axis, u) - cfg->coulomb_level - half * w;
     if (mu_squared > 0.0)
         return atan2(w * mu, -b) / mu;
