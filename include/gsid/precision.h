@@ -45,6 +45,8 @@
 #define gsid_rational_init GSID_NAME(gsid_rational_init)
 #define gsid_rational_variable GSID_NAME(gsid_rational_variable)
 #define gsid_rational_eval GSID_NAME(gsid_rational_eval)
+#define gsid_rational_held GSID_NAME(gsid_rational_held)
+#define gsid_rational_gradient GSID_NAME(gsid_rational_gradient)
 #define gsid_rational_is_stable GSID_NAME(gsid_rational_is_stable)
 #define gsid_estimate_mem_size GSID_NAME(gsid_estimate_mem_size)
 #define gsid_estimate_cost GSID_NAME(gsid_estimate_cost)

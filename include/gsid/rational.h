@@ -37,6 +37,19 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
  *  Cost: n_poles + n_zeros complex multiply-adds and one sine and cosine per frequency. */
 gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g);
 
+/* Parameters of a rational model: den without the coefficient held at 1, num, delay. */
+#define GSID_RATIONAL_PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
+
+/** Index of the denominator coefficient that is held at 1: the highest in domain s, the lowest in domain z. */
+uint32_t gsid_rational_held(const gsid_rational *model);
+
+/** Response and its derivatives at one frequency.
+ *  @param[in]  f_hz      Hz
+ *  @param[out] g         response
+ *  @param[out] gradient  [n_poles + n_zeros + 2] dG by den (ascending, without the held one), num (ascending), delay_s
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE the frequency is not finite or falls on a pole: outputs untouched */
+gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient);
+
 /** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Jury's table).
  *  @param[out] is_stable  1 or 0
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */

@@ -15,12 +15,6 @@ typedef struct {
     gsid_real *row_re, *row_im, *step; /* [n] */
 } workspace;
 
-/* The highest coefficient in s; in z^-1 the lowest, which is the highest power of z. */
-static uint32_t held_coefficient(const gsid_rational *model)
-{
-    return model->domain == GSID_DOMAIN_S ? model->n_poles : 0;
-}
-
 static uint32_t den_index(const workspace *w, uint32_t column)
 {
     return column < w->held ? column : column + 1;
@@ -72,7 +66,7 @@ static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid
     w->n_den = model->n_poles;
     w->n_num = model->n_zeros + 1;
     w->n = w->n_den + w->n_num + (free_delay ? 1u : 0u);
-    w->held = held_coefficient(model);
+    w->held = gsid_rational_held(model);
     if (2 * data->n_lines < w->n)
         return GSID_E_TOO_FEW;
     const size_t lsq_size = GSID_LSQ_MEM_SIZE(w->n);
@@ -217,44 +211,28 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     return best_status;
 }
 
-/* Derivatives of G/sigma by every unknown into the two rows; returns the weighted error, or non-finite numbers on a pole. */
-static gsid_cplx linearise(const workspace *w, const gsid_frd *data, uint32_t k, const gsid_rational *model)
+/* Append the rows of one line: derivatives of G/sigma, error/sigma on the right. */
+static gsid_status linearise(workspace *w, const gsid_frd *data, uint32_t k, const gsid_rational *model)
 {
-    const gsid_real weight = weight_of(data, k), w_rad_s = GSID_TWO_PI * data->f_hz[k];
-    const gsid_cplx v = gsid_rational_variable(model, w_rad_s);
-    const gsid_cplx a = gsid_cplx_polynomial(model->n_poles, model->den, v);
-    const gsid_cplx b = gsid_cplx_polynomial(model->n_zeros, model->num, v);
-    const gsid_cplx by_num = gsid_cplx_div(gsid_cplx_scale(weight, gsid_cplx_cis(-w_rad_s * model->delay_s)), a); /* e^-jwt / A */
-    const gsid_cplx g = gsid_cplx_mul(by_num, b);
-    const gsid_cplx by_den = gsid_cplx_scale(GSID_R(-1.0), gsid_cplx_div(g, a)); /* -G / A */
-
-    gsid_cplx power = {1, 0};
-    for (uint32_t i = 0, column = 0; i <= model->n_poles; i++, power = gsid_cplx_mul(power, v))
-        if (i != w->held)
-            put(w, column++, gsid_cplx_mul(power, by_den));
-    power.re = 1;
-    power.im = 0;
-    for (uint32_t i = 0; i <= model->n_zeros; i++, power = gsid_cplx_mul(power, v))
-        put(w, w->n_den + i, gsid_cplx_mul(power, by_num));
-    if (w->n > w->n_den + w->n_num) {
-        const gsid_cplx by_delay = {w_rad_s * g.im, -w_rad_s * g.re}; /* -j w G */
-        put(w, w->n - 1, by_delay);
-    }
-    return gsid_cplx_sub(gsid_cplx_scale(weight, data->g[k]), g);
+    const gsid_real weight = weight_of(data, k);
+    gsid_cplx g, gradient[GSID_RATIONAL_PARAMETERS_MAX];
+    gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &g, gradient);
+    if (status != GSID_OK)
+        return status;
+    for (uint32_t i = 0; i < w->n; i++)
+        put(w, i, gsid_cplx_scale(weight, gradient[i]));
+    const gsid_cplx error = gsid_cplx_scale(weight, gsid_cplx_sub(data->g[k], g));
+    status = gsid_lsq_add(&w->normal, w->row_re, error.re);
+    return status != GSID_OK ? status : gsid_lsq_add(&w->normal, w->row_im, error.im);
 }
 
 static gsid_status linearise_all(workspace *w, const gsid_frd *data, const gsid_rational *model)
 {
     gsid_lsq_reset(&w->normal);
-    for (uint32_t k = 0; k < data->n_lines; k++) {
-        const gsid_cplx error = linearise(w, data, k, model);
-        gsid_status status = gsid_lsq_add(&w->normal, w->row_re, error.re);
-        if (status == GSID_OK)
-            status = gsid_lsq_add(&w->normal, w->row_im, error.im);
-        if (status != GSID_OK)
-            return status;
-    }
-    return GSID_OK;
+    gsid_status status = GSID_OK;
+    for (uint32_t k = 0; k < data->n_lines && status == GSID_OK; k++)
+        status = linearise(w, data, k, model);
+    return status;
 }
 
 /* w->step <- the minimiser of |J step - error|^2 + damping |D step|^2, D the lengths of J's columns. */

@@ -52,6 +52,40 @@ gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, cons
     return GSID_OK;
 }
 
+uint32_t gsid_rational_held(const gsid_rational *model)
+{
+    return model->domain == GSID_DOMAIN_S ? model->n_poles : 0;
+}
+
+/* With G = e B / A, e the delay: dG/da_i = -G v^i / A, dG/db_i = e v^i / A, dG/dtau = -j w G. */
+gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient)
+{
+    if (model == NULL || g == NULL || gradient == NULL)
+        return GSID_E_NULL;
+    const gsid_real w = GSID_TWO_PI * f_hz;
+    const gsid_cplx v = gsid_rational_variable(model, w);
+    const gsid_cplx a = gsid_cplx_polynomial(model->n_poles, model->den, v);
+    const gsid_cplx b = gsid_cplx_polynomial(model->n_zeros, model->num, v);
+    const gsid_cplx by_num = gsid_cplx_div(gsid_cplx_cis(-w * model->delay_s), a);
+    const gsid_cplx response_at_f = gsid_cplx_mul(by_num, b);
+    const gsid_cplx by_den = gsid_cplx_scale(GSID_R(-1.0), gsid_cplx_div(response_at_f, a));
+    if (!gsid_cplx_is_finite(response_at_f) || !gsid_cplx_is_finite(by_den))
+        return GSID_E_NONFINITE;
+
+    const uint32_t held = gsid_rational_held(model);
+    gsid_cplx power = gsid_cplx_make(1, 0);
+    uint32_t column = 0;
+    for (uint32_t i = 0; i <= model->n_poles; i++, power = gsid_cplx_mul(power, v))
+        if (i != held)
+            gradient[column++] = gsid_cplx_mul(power, by_den);
+    power = gsid_cplx_make(1, 0);
+    for (uint32_t i = 0; i <= model->n_zeros; i++, power = gsid_cplx_mul(power, v))
+        gradient[column++] = gsid_cplx_mul(power, by_num);
+    gradient[column] = gsid_cplx_make(w * response_at_f.im, -w * response_at_f.re);
+    *g = response_at_f;
+    return GSID_OK;
+}
+
 /* Routh's array: the first column has one sign exactly when every root has a negative real part. */
 static int is_hurwitz(uint32_t degree, const gsid_real *coef)
 {

@@ -22,8 +22,6 @@ typedef struct {
     int allow_unstable;      /* 1: the best model, stable or not */
 } gsid_fit_cfg;
 
-#define GSID_FIT_PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
-
 typedef struct {
     gsid_rational model;
     double cost;             /* V of the fit, eq. 7.28, with the weights of the method */
@@ -32,7 +30,7 @@ typedef struct {
     int converged;
     int is_stable;
     uint32_t n_evaluations;  /* of the cost, over all starts */
-    double cov[GSID_FIT_PARAMETERS_MAX * GSID_FIT_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
+    double cov[GSID_RATIONAL_PARAMETERS_MAX * GSID_RATIONAL_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
                                 scaled variable; row length n_parameters */
     gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
     gsid_cplx zeros[GSID_ORDER_MAX]; /* [n_zeros_found] */

@@ -14,4 +14,24 @@ const char *gsid_nlopt_version_str(void);
 gsid_status gsid_fftw_sums(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                            const uint32_t *line, gsid_cplx *sums);
 
+#ifdef GSID_WITH_NLOPT
+
+/** A function to minimise: its value at x; its gradient too when gradient is not NULL. */
+typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, void *user);
+
+/** Minimise within bounds, by sequential quadratic programming (NLopt's LD_SLSQP).
+ *  @param[in]     lower, upper  [n] bounds, infinite where there is none
+ *  @param[in]     tolerance     stop when a step lowers the value by less
+ *  @param[in]     n_max         evaluations at most
+ *  @param[in,out] x             [n] start, within the bounds; least point found
+ *  @param[out]    least         value there
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start */
+gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const double *lower, const double *upper,
+                                double tolerance, int n_max, double *x, double *least);
+
+/** Version of NLopt, as "2.7.1". */
+const char *gsid_nlopt_version(void);
+
+#endif
+
 #endif

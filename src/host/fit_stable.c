@@ -1,0 +1,291 @@
+#include "fit_stable.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "../core/complex_math.h"
+#include "backend/backend.h"
+#include "gsid/host/fit.h"
+
+#ifndef GSID_WITH_NLOPT
+
+gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
+                            uint32_t *n_evaluations)
+{
+    (void)data;
+    (void)delay_max_s;
+    (void)model;
+    (void)cost;
+    (void)n_evaluations;
+    return GSID_E_BACKEND;
+}
+
+#else
+
+/* Distance kept from the edge of the stable region: of a coefficient in s, scaled; of 1 in z. */
+#define EDGE 1e-6
+#define EVALUATIONS_MAX 3000
+#define TOLERANCE 1e-4 /* of V: a fiftieth of what the Gauss-Newton stage leaves */
+
+/* One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
+ *   domain s, order 2: (c0, c1), c2 = 1; order 1: (c0), c1 = 1: stable when all are positive.
+ *   domain z, order 2: (t, c2) with c1 = t (1 + c2), c0 = 1; order 1: (c1), c0 = 1: stable when all are within +-1. */
+static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef)
+{
+    coef[2] = 0;
+    if (domain == GSID_DOMAIN_S) {
+        coef[0] = x[0];
+        coef[1] = order == 2 ? x[1] : 1;
+        coef[2] = order == 2 ? 1 : 0;
+    } else {
+        coef[0] = 1;
+        coef[1] = order == 2 ? x[0] * (1 + x[1]) : x[0];
+        coef[2] = order == 2 ? x[1] : 0;
+    }
+}
+
+/* Derivatives of the section by its parameters, at v. */
+static void section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by)
+{
+    const gsid_cplx v2 = gsid_cplx_mul(v, v);
+    if (domain == GSID_DOMAIN_S) {
+        by[0] = gsid_cplx_make(1, 0);
+        by[1] = v;
+    } else if (order == 2) {
+        by[0] = gsid_cplx_scale(1 + x[1], v);
+        by[1] = gsid_cplx_add(gsid_cplx_scale(x[0], v), v2);
+    } else {
+        by[0] = v;
+    }
+}
+
+#define PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
+
+typedef struct {
+    const gsid_frd *data;
+    gsid_rational model; /* domain, orders, scale; num, den and delay are those of the last evaluation */
+    int free_delay;
+    uint32_t n;                   /* n_poles + n_zeros + 1 + free_delay */
+    double scale[PARAMETERS_MAX]; /* the search runs over x / scale, whose curvatures are alike */
+    uint32_t n_evaluations;
+} search;
+
+static uint32_t section_order(const gsid_rational *model, uint32_t first)
+{
+    return model->n_poles - first >= 2 ? 2 : 1;
+}
+
+/* Sections in x -> coefficients of the denominator. */
+static void multiply_sections(const double *x, gsid_rational *model)
+{
+    double den[GSID_ORDER_MAX + 3] = {1};
+    for (uint32_t first = 0; first < model->n_poles; first += 2) {
+        double c[3];
+        section_coefficients(model->domain, section_order(model, first), x + first, c);
+        for (uint32_t i = GSID_ORDER_MAX + 3; i-- > 0;)
+            den[i] = c[0] * den[i] + (i >= 1 ? c[1] * den[i - 1] : 0) + (i >= 2 ? c[2] * den[i - 2] : 0);
+    }
+    memcpy(model->den, den, sizeof model->den);
+}
+
+static void unpack(const search *s, const double *x, gsid_rational *model)
+{
+    multiply_sections(x, model);
+    for (uint32_t i = 0; i <= model->n_zeros; i++)
+        model->num[i] = x[model->n_poles + i];
+    if (s->free_delay)
+        model->delay_s = x[s->n - 1];
+}
+
+/* Weighted model output and its derivatives by every parameter, at one line. */
+static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by)
+{
+    const gsid_rational *m = &s->model;
+    const double w_rad_s = GSID_TWO_PI * s->data->f_hz[k];
+    const double weight = s->data->sigma == NULL ? 1 : 1 / s->data->sigma[k];
+    const gsid_cplx v = gsid_rational_variable(m, w_rad_s);
+    gsid_cplx by_num = gsid_cplx_scale(weight, gsid_cplx_cis(-w_rad_s * m->delay_s));
+    by_num = gsid_cplx_div(by_num, gsid_cplx_polynomial(m->n_poles, m->den, v));
+    const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(m->n_zeros, m->num, v));
+    for (uint32_t first = 0; first < m->n_poles; first += 2) {
+        const uint32_t order = section_order(m, first);
+        double c[3];
+        section_coefficients(m->domain, order, x + first, c);
+        section_derivatives(m->domain, order, x + first, v, by + first);
+        const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(2, c, v));
+        for (uint32_t i = 0; i < order; i++)
+            by[first + i] = gsid_cplx_mul(minus_g, by[first + i]);
+    }
+    gsid_cplx power = {1, 0};
+    for (uint32_t i = 0; i <= m->n_zeros; i++, power = gsid_cplx_mul(power, v))
+        by[m->n_poles + i] = gsid_cplx_mul(power, by_num);
+    if (s->free_delay)
+        by[s->n - 1] = gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re);
+    return g;
+}
+
+static double objective(unsigned n, const double *scaled, double *gradient, void *user)
+{
+    search *s = user;
+    double x[PARAMETERS_MAX], v = 0;
+    gsid_cplx by[PARAMETERS_MAX];
+    for (unsigned i = 0; i < n; i++) {
+        x[i] = scaled[i] * s->scale[i];
+        if (gradient != NULL)
+            gradient[i] = 0;
+    }
+    unpack(s, x, &s->model);
+    for (uint32_t k = 0; k < s->data->n_lines; k++) {
+        const gsid_cplx g = line_derivatives(s, x, k, by);
+        const double weight = s->data->sigma == NULL ? 1 : 1 / s->data->sigma[k];
+        const gsid_cplx error = gsid_cplx_sub(gsid_cplx_scale(weight, s->data->g[k]), g);
+        v += gsid_cplx_abs2(error);
+        for (unsigned i = 0; gradient != NULL && i < n; i++)
+            gradient[i] -= 2 * (error.re * by[i].re + error.im * by[i].im) * s->scale[i];
+    }
+    s->n_evaluations++;
+    return isfinite(v) ? v : HUGE_VAL;
+}
+
+/* Scale each parameter by the change of it that moves V by about 1. */
+static void set_scales(search *s, const double *x)
+{
+    double curvature[PARAMETERS_MAX] = {0};
+    gsid_cplx by[PARAMETERS_MAX];
+    unpack(s, x, &s->model);
+    for (uint32_t k = 0; k < s->data->n_lines; k++) {
+        line_derivatives(s, x, k, by);
+        for (uint32_t i = 0; i < s->n; i++)
+            curvature[i] += gsid_cplx_abs2(by[i]);
+    }
+    for (uint32_t i = 0; i < s->n; i++)
+        s->scale[i] = curvature[i] > 0 && isfinite(curvature[i]) ? 1 / sqrt(curvature[i]) : 1;
+}
+
+static int by_magnitude(const void *a, const void *b)
+{
+    const double x = gsid_cplx_abs2(*(const gsid_cplx *)a), y = gsid_cplx_abs2(*(const gsid_cplx *)b);
+    return (x > y) - (x < y);
+}
+
+/* Reflect a pole into the stable region, and off its edge. */
+static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p)
+{
+    if (domain == GSID_DOMAIN_S) {
+        p.re = -fmax(fabs(p.re), 10 * EDGE);
+        return p;
+    }
+    const double r = sqrt(gsid_cplx_abs2(p));
+    if (r > 1)
+        p = gsid_cplx_scale(1 / (r * r), p);
+    return gsid_cplx_scale(fmin(1, (1 - 10 * EDGE) / fmax(sqrt(gsid_cplx_abs2(p)), EDGE)), p);
+}
+
+/* Poles as roots of den in v (domain s), or of z^n den(1/z) (domain z). */
+static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole)
+{
+    double coef[GSID_ORDER_MAX + 1];
+    uint32_t n_found;
+    for (uint32_t i = 0; i <= model->n_poles; i++)
+        coef[i] = model->den[model->domain == GSID_DOMAIN_S ? i : model->n_poles - i];
+    const gsid_status status = gsid_poly_roots(model->n_poles, coef, pole, &n_found);
+    return status < 0 || n_found < model->n_poles ? GSID_E_SINGULAR : GSID_OK;
+}
+
+/* Write the section with roots p and q (p alone when the order is 1), the inverse of section_coefficients. */
+static void section_from_roots(gsid_domain domain, uint32_t order, gsid_cplx p, gsid_cplx q, double *x)
+{
+    if (order == 1) {
+        x[0] = -p.re;
+        return;
+    }
+    const double sum = p.re + q.re, product = gsid_cplx_mul(p, q).re;
+    if (domain == GSID_DOMAIN_S) {
+        x[0] = product;
+        x[1] = -sum;
+    } else {
+        x[1] = product;
+        x[0] = -sum / (1 + product);
+    }
+}
+
+/* Pairs first, then real poles two by two in order of size. */
+static void sections_from_poles(gsid_domain domain, uint32_t n, const gsid_cplx *pole, double *x)
+{
+    gsid_cplx real[GSID_ORDER_MAX];
+    uint32_t n_real = 0, first = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        if (pole[i].im > 0) {
+            section_from_roots(domain, 2, pole[i], gsid_cplx_conj(pole[i]), x + first);
+            first += 2;
+        } else if (pole[i].im == 0) {
+            real[n_real++] = pole[i];
+        }
+    }
+    qsort(real, n_real, sizeof *real, by_magnitude);
+    for (uint32_t i = 0; i + 1 < n_real; i += 2, first += 2)
+        section_from_roots(domain, 2, real[i], real[i + 1], x + first);
+    if (n_real % 2 == 1)
+        section_from_roots(domain, 1, real[n_real - 1], real[n_real - 1], x + first);
+}
+
+static gsid_status start_from(const search *s, const gsid_rational *model, double *x)
+{
+    gsid_cplx pole[GSID_ORDER_MAX];
+    const gsid_status status = find_poles(model, pole);
+    if (status != GSID_OK)
+        return status;
+    for (uint32_t i = 0; i < model->n_poles; i++)
+        pole[i] = stabilised(model->domain, pole[i]);
+    sections_from_poles(model->domain, model->n_poles, pole, x);
+    for (uint32_t i = 0; i <= model->n_zeros; i++)
+        x[model->n_poles + i] = model->num[i];
+    if (s->free_delay)
+        x[s->n - 1] = model->delay_s;
+    return GSID_OK;
+}
+
+static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper)
+{
+    for (uint32_t i = 0; i < s->n; i++) {
+        lower[i] = -HUGE_VAL;
+        upper[i] = HUGE_VAL;
+    }
+    for (uint32_t i = 0; i < s->model.n_poles; i++) {
+        lower[i] = s->model.domain == GSID_DOMAIN_S ? EDGE * EDGE / s->scale[i] : (EDGE - 1) / s->scale[i];
+        if (s->model.domain == GSID_DOMAIN_Z)
+            upper[i] = (1 - EDGE) / s->scale[i];
+    }
+    if (s->free_delay) {
+        lower[s->n - 1] = 0;
+        upper[s->n - 1] = delay_max_s / s->scale[s->n - 1];
+    }
+}
+
+gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
+                            uint32_t *n_evaluations)
+{
+    search s = {.data = data, .model = *model, .free_delay = delay_max_s > 0};
+    s.n = model->n_poles + model->n_zeros + 1 + (s.free_delay ? 1 : 0);
+    double x[PARAMETERS_MAX], lower[PARAMETERS_MAX], upper[PARAMETERS_MAX], least;
+    gsid_status status = start_from(&s, model, x);
+    if (status != GSID_OK)
+        return status;
+    set_scales(&s, x);
+    set_bounds(&s, delay_max_s, lower, upper);
+    for (uint32_t i = 0; i < s.n; i++)
+        x[i] = fmin(fmax(x[i] / s.scale[i], lower[i]), upper[i]);
+    status = gsid_nlopt_minimise(s.n, objective, &s, lower, upper, TOLERANCE, EVALUATIONS_MAX, x, &least);
+    *n_evaluations = s.n_evaluations;
+    if (status < 0)
+        return status;
+    for (uint32_t i = 0; i < s.n; i++)
+        x[i] *= s.scale[i];
+    unpack(&s, x, &s.model);
+    *model = s.model;
+    *cost = least;
+    return status;
+}
+
+#endif
