@@ -2,8 +2,8 @@
 
     gsid_build.py 64|32 OUTPUT.c
 
-The declarations come out of the public headers through the C preprocessor, so that there is no second copy of them.
-`_gsid64` is the core and the host library in double precision, `_gsid32` the core in single precision.
+The declarations come out of the public headers through the C preprocessor, so that there is no second
+copy of them. `_gsid64` is the core and the host library in double precision, `_gsid32` the core in single.
 """
 
 import os
@@ -27,8 +27,8 @@ def preprocess(header: str, precision: str, *options: str) -> str:
             Path(stand_ins, name).touch()
         command = [
             *shlex.split(os.environ.get("CC", "cc")),
-            *("-E", "-P", *options, "-nostdinc", f"-I{stand_ins}", f"-I{INCLUDE}", "-DGSID_PLAIN_NAMES=", *single),
-            str(INCLUDE / header),
+            *("-E", "-P", *options, "-nostdinc", f"-I{stand_ins}", f"-I{INCLUDE}"),
+            *("-DGSID_PLAIN_NAMES=", *single, str(INCLUDE / header)),
         ]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 

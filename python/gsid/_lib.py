@@ -7,7 +7,7 @@ try:
     from gsid._gsid32 import lib as lib32
     from gsid._gsid64 import ffi, lib
 except ImportError as error:
-    raise ImportError(f"{error}; hint: run `make` in the clone, it builds the C library for Python") from error
+    raise ImportError(f"{error}; hint: `make` in the clone builds the C library for Python") from error
 
 __all__ = ["check", "ffi", "ffi32", "lib", "lib32", "version"]
 

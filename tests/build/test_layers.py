@@ -1,0 +1,97 @@
+"""tools/check_layers passes on the tree, and does fail on each kind of violation it is there for."""
+
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def check(run, root, tmp_path):
+    """Run the check on a tree, with a core archive made of one piece of C."""
+
+    def check(tree, core_code=None):
+        archives = []
+        if core_code is not None:
+            source, planted, archive = tmp_path / "planted.c", tmp_path / "planted.o", tmp_path / "planted.a"
+            source.write_text(core_code)
+            flags = ["-std=c99", "-fPIC", "-fno-stack-protector"]
+            assert run("cc", *flags, "-c", "-o", planted, source).returncode == 0
+            assert run("ar", "rcs", archive, planted).returncode == 0
+            archives = ["--core", archive]
+        return run(sys.executable, root / "tools/check_layers", "--root", tree, *archives)
+
+    return check
+
+
+def test_the_tree_as_it_stands_is_clean(check, root):
+    result = check(root)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "include", "said"),
+    [
+        ("src/core/planted.c", "<fftw3.h>", "<fftw3.h> is not for the core"),
+        ("src/core/planted.c", "<stdio.h>", "<stdio.h> is not for the core"),
+        ("src/core/planted.c", '"gsid/host/axis.h"', "the core includes gsid/host/axis.h of the host"),
+        ("src/core/planted.c", '"../host/backend/backend.h"', "of the host"),
+        ("src/effects/planted.c", '"gsid/host.h"', "the effects includes gsid/host.h of the host"),
+        ("src/host/planted.c", "<nlopt.h>", "<nlopt.h> is not for the host"),
+        ("include/gsid/planted.h", '"gsid/host/fit.h"', "the core includes gsid/host/fit.h of the host"),
+        ("src/core/planted.c", '"nowhere.h"', "neither beside the file nor in include/"),
+    ],
+)
+def test_an_include_against_the_layers_is_found(check, tree, file, include, said):
+    (tree / file).parent.mkdir(exist_ok=True)  # git keeps no empty folder
+    (tree / file).write_text(f"#include {include}\n")
+    result = check(tree)
+    assert result.returncode == 1
+    assert f"error: {file}:1: " in result.stderr
+    assert said in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "include"),
+    [
+        ("src/host/backend/planted.c", "<fftw3.h>"),
+        ("src/host/planted.c", '"gsid/gsid.h"'),
+        ("src/effects/planted.c", '"gsid/gsid.h"'),
+    ],
+)
+def test_an_include_along_the_layers_is_let_through(check, tree, file, include):
+    (tree / file).parent.mkdir(exist_ok=True)
+    (tree / file).write_text(f"#include {include}\n")
+    result = check(tree)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("#include <stdlib.h>\nvoid *gsid_planted(void) { return malloc(8); }", "needs malloc"),
+        ("#include <stdio.h>\nvoid gsid_planted(double x) { printf(\"%g\", x); }", "needs printf"),
+        ("#include <errno.h>\nint gsid_planted(void) { return errno; }", "needs __errno_location"),
+        ("int planted(void) { return 0; }", "defines planted, which does not begin with gsid_"),
+    ],
+)  # fmt: skip
+def test_a_symbol_that_the_core_must_not_have_is_found(check, root, code, said):
+    result = check(root, code)
+    assert result.returncode == 1
+    assert said in result.stderr
+
+
+def test_the_short_list_is_let_through(check, root):
+    code = """
+    #include <math.h>
+    #include <string.h>
+    double gsid_planted(double *x, const double *y, size_t n) { memcpy(x, y, n); return sin(*x); }
+    """
+    result = check(root, code)
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_header_that_does_not_stand_alone_is_found(check, tree):
+    (tree / "include/gsid/planted.h").write_text("gsid_status gsid_planted(void);\n")
+    result = check(tree)
+    assert result.returncode == 1
+    assert "include/gsid/planted.h: does not compile alone" in result.stderr
