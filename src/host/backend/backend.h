@@ -29,9 +29,6 @@ typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, 
 gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const double *lower, const double *upper,
                                 double tolerance, int n_max, double *x, double *least);
 
-/** Version of NLopt, as "2.7.1". */
-const char *gsid_nlopt_version(void);
-
 #endif
 
 #endif

@@ -35,7 +35,7 @@ gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const 
     return GSID_E_SINGULAR;
 }
 
-const char *gsid_nlopt_version(void)
+const char *gsid_nlopt_version_str(void)
 {
     static char text[32];
     int major, minor, bugfix;
