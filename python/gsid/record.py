@@ -1,0 +1,458 @@
+"""One measured realisation, and how it is cut into periods.
+
+A record is what one file holds: the samples of input and output, the sample rate and, where they are known,
+the period of the excitation and the settling at its start. What is not known is found from the data.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsid.errors import InputError
+
+_log = logging.getLogger("gsid.record")
+
+MIN_PERIOD = 4  # samples: the shortest period with an excited line below N/2 and one beside it
+SHARE_FOUND = 0.75  # share of u's power that must repeat before a period is believed
+SHARE_GIVEN = 0.5  # the same for a period that the user states: unrelated data have a share near 0
+N_CANDIDATES = 12  # deepest minima of the lag difference that are looked at closely
+ALPHA = 1e-4  # false-alarm rate of one F test below
+RATIO_CONTENT = (
+    4.0  # a bench's scatter comes in bursts: lines this little above it are not proof of a longer period
+)
+
+
+@dataclass(repr=False)
+class Record:
+    """Samples of one realisation.
+
+    Attributes
+    ----------
+    u, y : (n,) float64
+        Input and output, units `u_unit` and `y_unit`; finite everywhere.
+    fs_hz : float
+        Sample rate [Hz], > 0.
+    period_samples, settle_samples : int or None
+        As the file or the user states them; None: found from the data.
+    valid : (n,) bool
+        False where the sample was lost: u and y hold a filler there, not data. Default: all True.
+    u_unit, y_unit : str
+    hold : {"zoh", "none"}
+        "zoh": u is a command that was held over each sample.
+    name : str
+    columns : dict of (n,) arrays
+        Other columns of the file, `theta_deg` for instance.
+    meta : dict of str
+        Other `# key: value` lines of the file.
+
+    Raises
+    ------
+    InputError
+        Unequal lengths, a shape other than (n,), a number that is not finite, a sample rate that is not
+        positive.
+    """
+
+    u: np.ndarray
+    y: np.ndarray
+    fs_hz: float
+    period_samples: int | None = None
+    settle_samples: int | None = None
+    valid: np.ndarray | None = None
+    u_unit: str = ""
+    y_unit: str = ""
+    hold: str = "none"
+    name: str = ""
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
+    meta: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.u = self._samples("u", self.u)
+        self.y = self._samples("y", self.y)
+        self.valid = np.ones(len(self.u), bool) if self.valid is None else np.asarray(self.valid).astype(bool)
+        for label, array in {"y": self.y, "valid": self.valid, **self.columns}.items():
+            if np.shape(array) != self.u.shape:
+                raise InputError(
+                    f"u and {label} are of unequal lengths",
+                    self.name,
+                    f"{len(self.u)} and {np.size(array)} samples",
+                    "export them from the same time span",
+                )
+        if not (np.isfinite(self.fs_hz) and self.fs_hz > 0):
+            raise InputError(
+                "the sample rate is not a positive number", self.name, self.fs_hz, "give it with --fs [Hz]"
+            )
+        if self.hold not in ("zoh", "none"):
+            raise InputError("unknown hold", self.name, self.hold, "write zoh (a held command) or none")
+        self.fs_hz = float(self.fs_hz)
+
+    def _samples(self, label: str, values: np.ndarray) -> np.ndarray:
+        array = np.asarray(values, dtype=np.float64)
+        if array.ndim != 1:
+            raise InputError(
+                f"{label} is not one row of samples",
+                self.name,
+                f"shape {array.shape}",
+                "pick one channel and one realisation first",
+            )
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            raise InputError(
+                f"{label} is not finite",
+                f"{self.name} sample {bad[0]}".strip(),
+                array[bad[0]],
+                "repair the sample, or mark it as lost with valid = 0 and a finite filler",
+            )
+        return array
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    @property
+    def t_s(self) -> np.ndarray:
+        """Time of each sample, (n,) [s], from 0."""
+        return np.arange(len(self.u)) / self.fs_hz
+
+    def __repr__(self) -> str:
+        lost = int(np.count_nonzero(~self.valid))
+        length = f"{len(self)} samples at {self.fs_hz:g} Hz, {len(self) / self.fs_hz:.4g} s"
+        period = f", period {self.period_samples}" if self.period_samples else ""
+        return f"Record({self.name or 'unnamed'}: {length}{period}{f', {lost} lost' if lost else ''})"
+
+
+@dataclass(frozen=True, repr=False)
+class Periods:
+    """A record cut into its whole, undamaged periods after settling.
+
+    Attributes
+    ----------
+    u, y : (P, N) float64
+    number : (P,) int
+        Which period after settling each row is.
+    n_spoiled : int
+        Periods left out because samples of them were lost.
+    period_samples, settle_samples : int
+    """
+
+    u: np.ndarray
+    y: np.ndarray
+    number: np.ndarray
+    n_spoiled: int
+    period_samples: int
+    settle_samples: int
+
+    def __repr__(self) -> str:
+        return (
+            f"Periods({len(self.u)} of {self.period_samples} samples, {self.n_spoiled} spoiled, "
+            f"after settling {self.settle_samples})"
+        )
+
+
+def split_periods(record: Record, *, period: int | None = None, settle: int | None = None) -> Periods:
+    """Cut a record into periods.
+
+    Parameters
+    ----------
+    record : Record
+    period, settle : int, optional
+        Samples. Default: what the record states, else what the data show (`find_period`, `find_settling`).
+
+    Returns
+    -------
+    Periods
+        Samples after the last whole period are not used. A lost sample spoils its own period only.
+
+    Raises
+    ------
+    InputError
+        u does not repeat, or fewer than two good periods are left after settling.
+    """
+    period = record.period_samples if period is None else period
+    settle = record.settle_samples if settle is None else settle
+    if period is None:
+        period = find_period(record.u, valid=record.valid, name=record.name)
+        _log.info("%s: period of %d samples found from u", record.name, period)
+    if settle is None:
+        settle = find_settling(record, period)
+        _log.info("%s: settling of %d samples found from the data", record.name, settle)
+    if period < MIN_PERIOD or settle < 0:
+        raise InputError(
+            "period or settling is out of range",
+            record.name,
+            f"period {period}, settle {settle}",
+            f"the period is at least {MIN_PERIOD} samples, the settling at least 0",
+        )
+    u, y, good = _rows(record, period, settle)
+    n_good = int(np.count_nonzero(good))
+    if n_good < 2:
+        raise InputError(
+            "less than two good periods after settling",
+            record.name,
+            f"{len(record)} samples, period {period}, settle {settle}, {len(good) - n_good} spoiled",
+            "measure longer, or give a shorter --settle or the right --period",
+        )
+    share = _share_that_repeats(u[good][-max(2, n_good // 2) :])
+    if share < SHARE_GIVEN:
+        raise InputError(
+            f"u does not repeat every {period} samples",
+            record.name,
+            f"{max(share, 0):.0%} of its power does",
+            "leave --period out to have it found from u",
+        )
+    return Periods(u[good], y[good], np.flatnonzero(good), len(good) - n_good, int(period), int(settle))
+
+
+def _rows(record: Record, period: int, settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """u and y as (P, N) rows, and which rows hold no lost sample."""
+    n_periods = max(0, len(record) - settle) // period
+    part = slice(settle, settle + n_periods * period)
+    shape = (n_periods, period)
+    return (
+        record.u[part].reshape(shape),
+        record.y[part].reshape(shape),
+        record.valid[part].reshape(shape).all(axis=1),
+    )
+
+
+def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "") -> int:
+    """Find the smallest period of u.
+
+    Candidates are the deepest minima of the power of u[n+N] - u[n] over the lag N. Each is judged on the
+    second half of the record (two periods at least), so that a transient or a rest at the start does no harm:
+    the share of u's power that repeats decides. A candidate is a multiple of the true period, and is divided
+    by a prime p, when the lines that are not multiples of p carry no more than the scatter between periods
+    explains (F test, and a ratio below 4). Where a neighbouring lag explains u as well, the period is not
+    guessed but asked for.
+
+    Parameters
+    ----------
+    u : (n,) array_like
+    valid : (n,) array_like of bool, optional
+        False where a sample was lost.
+    name : str
+        Of the record, for the error's text.
+
+    Returns
+    -------
+    int
+        Period in samples.
+
+    Raises
+    ------
+    InputError
+        u is constant, does not repeat, repeats too vaguely to tell N from N + 1, or the record holds less
+        than two periods.
+    """
+    u = np.asarray(u, dtype=np.float64)
+    valid = np.ones(len(u), bool) if valid is None else np.asarray(valid, bool)
+    n = len(u)
+    if n < 2 * MIN_PERIOD:
+        raise InputError(
+            "less than two periods: the record is too short", name, f"{n} samples", "measure longer"
+        )
+    if np.ptp(u[n // 2 :]) == 0:
+        raise InputError(
+            "u is constant in the second half of the record: no period to find",
+            name,
+            float(u[-1]),
+            "name the excitation with --u",
+        )
+    difference = _lag_difference(np.where(valid, u - u[valid].mean(), 0.0))
+    minima = _local_minima(difference)
+    lags = minima[minima <= n // 2][:N_CANDIDATES]
+    near = np.unique((lags[:, None] + np.arange(-2, 3)).ravel())
+    near = near[(near >= MIN_PERIOD) & (near <= n // 2)]
+    scores = {int(lag): _share_at(u, valid, int(lag)) for lag in near}
+    if not scores or max(scores.values()) < SHARE_FOUND:
+        raise _no_period(n, minima, difference, scores, name)
+    period = _smallest_divisor(u, valid, _near_multiple_to_base(scores, n))
+    neighbours = {lag: _share_at(u, valid, lag) for lag in (period - 1, period, period + 1) if lag <= n // 2}
+    if _tied(neighbours, period, n):
+        raise InputError(
+            "u is too noisy to tell its period",
+            name,
+            f"{period} samples or one beside it",
+            "give the period with --period, or name the command itself with --u",
+        )
+    return period
+
+
+def _lag_difference(x: np.ndarray) -> np.ndarray:
+    """Power of x[n+N] - x[n] over that of the two stretches, for every lag N < 0.9 n; near 1 when unrelated."""
+    from scipy import fft
+
+    n = len(x)
+    size = fft.next_fast_len(2 * n, real=True)
+    correlation = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[:n]
+    energy = np.concatenate(([0.0], np.cumsum(x**2)))
+    lag = np.arange(int(0.9 * n))
+    both = energy[n - lag] + energy[n] - energy[lag]
+    return 1 - 2 * correlation[lag] / np.maximum(both, np.finfo(float).tiny)
+
+
+def _local_minima(difference: np.ndarray) -> np.ndarray:
+    """Lags of the minima, deepest first."""
+    middle = difference[1:-1]
+    lag = 1 + np.flatnonzero((middle <= difference[:-2]) & (middle <= difference[2:]))
+    lag = lag[lag >= MIN_PERIOD]
+    return lag[np.argsort(difference[lag], kind="stable")]
+
+
+def _good_rows(u: np.ndarray, valid: np.ndarray, period: int) -> np.ndarray:
+    """Undamaged periods of the second half, counted from the record's end; all when fewer than two are good."""
+    n_periods = len(u) // period
+    rows = u[len(u) - n_periods * period :].reshape(n_periods, period)
+    good = valid[len(u) - n_periods * period :].reshape(n_periods, period).all(axis=1)
+    rows = rows[good] if np.count_nonzero(good) >= 2 else rows
+    return rows[-max(2, len(rows) // 2) :]
+
+
+def _share_at(u: np.ndarray, valid: np.ndarray, period: int) -> float:
+    return _share_that_repeats(_good_rows(u, valid, period))
+
+
+def _share_that_repeats(rows: np.ndarray) -> float:
+    """Share of the power of (P, N) rows that is the same in every row; unbiased, so near 0 when unrelated."""
+    power = np.mean((rows - rows.mean()) ** 2)
+    scatter = np.sum((rows - rows.mean(axis=0)) ** 2) / (rows.size - rows.shape[1])
+    return float(1 - scatter / power) if power > 0 else 0.0
+
+
+def _near_multiple_to_base(scores: dict[int, float], n: int) -> int:
+    """Best candidate; where it is nearly, not exactly, k times a shorter one that is as good, the shorter
+    one.
+
+    The neighbour of a long multiple can win by chance when u is smooth; the shorter candidate has more
+    periods to judge by.
+    """
+    best = max(scores, key=scores.get)
+    tolerance = _share_tolerance(scores[best], n)
+    for lag in sorted(scores):
+        k = round(best / lag)
+        if k >= 2 and scores[lag] >= scores[best] - tolerance and 0 < abs(best - k * lag) <= 2 * k:
+            return max((other for other in scores if abs(other - lag) <= 2), key=scores.get)
+    return best
+
+
+def _share_tolerance(share: float, n: int) -> float:
+    """By how much two shares estimated from n samples, half of them used, may differ by chance (3 sigma)."""
+    return 3 * (1 - share) * np.sqrt(8 / n) + 1e-12
+
+
+def _tied(scores: dict[int, float], period: int, n: int) -> bool:
+    others = [score for lag, score in scores.items() if lag != period]
+    return max(others) > scores[period] - _share_tolerance(scores[period], n)
+
+
+def _smallest_divisor(u: np.ndarray, valid: np.ndarray, period: int) -> int:
+    for p in _prime_factors(period):
+        if period // p >= MIN_PERIOD and _repeats_within(_good_rows(u, valid, period), p):
+            period //= p
+    return period
+
+
+def _prime_factors(n: int) -> list[int]:
+    factors, p = [], 2
+    while p * p <= n:
+        while n % p == 0:
+            factors.append(p)
+            n //= p
+        p += 1
+    return factors + ([n] if n > 1 else [])
+
+
+def _repeats_within(rows: np.ndarray, p: int) -> bool:
+    """Whether each row is p equal parts, but for the scatter between rows."""
+    spectra = np.fft.rfft(rows, axis=1)
+    line = np.arange(spectra.shape[1])
+    ratio, limit = _excess(spectra.mean(axis=0), spectra, line % p != 0, 1 / len(rows), np.abs(rows).max())
+    return ratio <= max(limit, RATIO_CONTENT)
+
+
+def _excess(
+    deviation: np.ndarray, spectra: np.ndarray, lines: np.ndarray, share: float, peak: float
+) -> tuple[float, float]:
+    """F ratio: power of `deviation` [K] over what the scatter of `spectra` [P][K] explains on the chosen
+    lines; its limit.
+
+    A deviation that is only noise has `share` times the variance of one period. The number of independent
+    lines is taken from how evenly the variance is spread (Satterthwaite), so that a few noisy lines are not
+    taken for many.
+    """
+    from scipy.special import fdtri
+
+    n_periods, n_samples = len(spectra), 2 * spectra.shape[1]
+    variance = np.sum(np.abs(spectra - spectra.mean(axis=0)) ** 2, axis=0)[lines] / (n_periods - 1)
+    variance = variance + n_samples * (1e-12 * peak) ** 2  # rounding of the numbers and of the transform
+    evenness = variance.sum() ** 2 / np.sum(variance**2) * n_periods / (n_periods - 1)
+    n_lines = min(max(evenness, 1.0), len(variance))
+    ratio = np.sum(np.abs(deviation[lines]) ** 2) / (share * variance.sum())
+    return float(ratio), float(fdtri(2 * n_lines, 2 * n_lines * (n_periods - 1), 1 - ALPHA))
+
+
+def _no_period(
+    n: int, minima: np.ndarray, difference: np.ndarray, scores: dict[int, float], name: str
+) -> InputError:
+    late = minima[:1][(minima[:1] > n // 2) & (difference[minima[:1]] < 1 - SHARE_FOUND)]
+    if late.size:
+        return InputError(
+            "less than two periods in the record",
+            name,
+            f"u repeats after {late[0]} of {n} samples",
+            f"measure at least {2 * late[0]} samples, and more for the settling",
+        )
+    best = max(scores, key=scores.get, default=None)
+    value = (
+        "no lag comes near"
+        if best is None
+        else f"best lag {best}: {max(scores[best], 0):.0%} of the power repeats"
+    )
+    return InputError(
+        "u is not periodic",
+        name,
+        value,
+        "excite with a periodic signal (gsid design), or give --period where the noise hides it",
+    )
+
+
+def find_settling(record: Record, period: int) -> int:
+    """Find how many samples at the start have not settled, in whole periods.
+
+    The second half of the good periods (two at least) is taken as settled. From the first period on, the
+    spectra of u and y are compared with the mean of those, octave by octave, in units of their scatter (F
+    test, false alarm 1e-4 per octave). A period that stands out in any octave is settling; the first that
+    does not ends it. With fewer than three good periods nothing can be told, and nothing is thrown away.
+
+    Parameters
+    ----------
+    record : Record
+    period : int
+        Samples.
+
+    Returns
+    -------
+    int
+        Samples to throw away: a multiple of the period, at most half of the record.
+    """
+    u, y, good = _rows(record, period, 0)
+    candidates = np.flatnonzero(good)
+    n_settled = max(2, len(candidates) // 2)
+    settled = candidates[len(candidates) - n_settled :] if len(candidates) > 2 else candidates
+    last_bad = -1
+    references = [(x, np.fft.rfft(x[settled], axis=1)) for x in (u, y)]
+    for row in candidates[: len(candidates) - len(settled)]:
+        if not any(_stands_out(x[row], spectra) for x, spectra in references):
+            break
+        last_bad = row
+    return int(last_bad + 1) * period
+
+
+def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
+    deviation = np.fft.rfft(x) - settled.mean(axis=0)
+    octave = np.floor(np.log2(np.maximum(np.arange(len(deviation)), 0.5)))
+    share = 1 + 1 / len(settled)
+    peak = np.abs(x).max()
+    tests = (_excess(deviation, settled, octave == o, share, peak) for o in np.unique(octave[octave >= 0]))
+    return any(ratio > limit for ratio, limit in tests)
