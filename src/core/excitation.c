@@ -5,13 +5,15 @@
 
 /* cos and sin of (pi/4) r / n_period, 0 <= r <= n_period. The angle is carried as a rounded value and its rounding
  * error, which enters to first order: a float angle alone would cost the table two more units in the last place. */
-static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period)
-{
+static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period) {
 #ifdef GSID_SINGLE
     const gsid_real quarter_pi = GSID_R(0.785398185), quarter_pi_rest = GSID_R(-2.18556941e-8);
 #else
     const gsid_real quarter_pi = GSID_R(0.78539816339744831), quarter_pi_rest = GSID_R(3.0616169978683830e-17);
 #endif
+    if (r == n_period) { /* both exactly equal, or conjugate entries of the table would not be */
+        return gsid_cplx_make(GSID_R(0.70710678118654752440), GSID_R(0.70710678118654752440));
+    }
     const gsid_real over = (gsid_real)r, under = (gsid_real)n_period;
     const gsid_real ratio = over / under;
     /* What rounding took from r, n_period and their quotient; the first two only in float, beyond 24 bits. */
@@ -27,8 +29,7 @@ static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period)
     return gsid_cplx_make(c - angle_rest * s, s + angle_rest * c);
 }
 
-gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table)
-{
+gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table) {
     if (table == NULL) {
         return GSID_E_NULL;
     }
@@ -72,8 +73,7 @@ gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table)
 }
 
 gsid_status gsid_lines_fill(gsid_grid grid, uint32_t line_lo, uint32_t line_hi, uint32_t capacity, uint32_t *line,
-                            uint32_t *n_lines)
-{
+                            uint32_t *n_lines) {
     if (n_lines == NULL) {
         return GSID_E_NULL;
     }
@@ -98,8 +98,7 @@ gsid_status gsid_lines_fill(gsid_grid grid, uint32_t line_lo, uint32_t line_hi, 
     return GSID_OK;
 }
 
-static int is_ascending(uint32_t n_lines, const uint32_t *line)
-{
+static int is_ascending(uint32_t n_lines, const uint32_t *line) {
     for (uint32_t i = 1; i < n_lines; i++) {
         if (line[i] <= line[i - 1]) {
             return 0;
@@ -108,8 +107,7 @@ static int is_ascending(uint32_t n_lines, const uint32_t *line)
     return line[0] >= 1;
 }
 
-gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_real db_per_decade, gsid_real *amplitude)
-{
+gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_real db_per_decade, gsid_real *amplitude) {
     if (line == NULL || amplitude == NULL) {
         return GSID_E_NULL;
     }
@@ -127,13 +125,11 @@ gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_re
     return GSID_OK;
 }
 
-static gsid_real phase_from_turns(gsid_real turns)
-{
+static gsid_real phase_from_turns(gsid_real turns) {
     return turns < GSID_R(1.0) ? GSID_TWO_PI * turns : GSID_R(0.0);
 }
 
-gsid_status gsid_phase_schroeder(uint32_t n_lines, const gsid_real *amplitude, gsid_real *phase_rad)
-{
+gsid_status gsid_phase_schroeder(uint32_t n_lines, const gsid_real *amplitude, gsid_real *phase_rad) {
     if (amplitude == NULL || phase_rad == NULL) {
         return GSID_E_NULL;
     }
@@ -171,16 +167,14 @@ gsid_status gsid_phase_schroeder(uint32_t n_lines, const gsid_real *amplitude, g
 }
 
 /* SplitMix64 (Steele, Lea, Flood 2014): a counter passed through a mixer, so that any seed is a good one. */
-static uint64_t splitmix64(uint64_t *state)
-{
+static uint64_t splitmix64(uint64_t *state) {
     uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
     z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
     z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
     return z ^ (z >> 31);
 }
 
-gsid_status gsid_phase_random(uint32_t n_lines, uint64_t seed, gsid_real *phase_rad)
-{
+gsid_status gsid_phase_random(uint32_t n_lines, uint64_t seed, gsid_real *phase_rad) {
     if (phase_rad == NULL) {
         return GSID_E_NULL;
     }
@@ -198,8 +192,7 @@ gsid_status gsid_phase_random(uint32_t n_lines, uint64_t seed, gsid_real *phase_
     return GSID_OK;
 }
 
-gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg)
-{
+gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg) {
     if (m == NULL || cfg == NULL || cfg->line == NULL || cfg->amplitude == NULL || cfg->phase_rad == NULL ||
         cfg->twiddle == NULL) {
         return GSID_E_NULL;
@@ -218,19 +211,16 @@ gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg
     return GSID_OK;
 }
 
-static gsid_cplx line_of(const gsid_multisine_cfg *cfg, uint32_t i)
-{
+static gsid_cplx line_of(const gsid_multisine_cfg *cfg, uint32_t i) {
     return gsid_cplx_scale(cfg->amplitude[i], gsid_cplx_cis(cfg->phase_rad[i]));
 }
 
 /* Re(a w) = amplitude cos(2 pi k n / N + phase): the one expression behind both the stream and the table. */
-static gsid_real real_product(gsid_cplx a, gsid_cplx w)
-{
+static gsid_real real_product(gsid_cplx a, gsid_cplx w) {
     return a.re * w.re - a.im * w.im;
 }
 
-gsid_status gsid_multisine_step(gsid_multisine *m, gsid_real *u)
-{
+gsid_status gsid_multisine_step(gsid_multisine *m, gsid_real *u) {
     if (m == NULL || u == NULL) {
         return GSID_E_NULL;
     }
@@ -252,8 +242,7 @@ gsid_status gsid_multisine_step(gsid_multisine *m, gsid_real *u)
     return GSID_DONE;
 }
 
-gsid_status gsid_multisine_table(const gsid_multisine *m, gsid_real *u)
-{
+gsid_status gsid_multisine_table(const gsid_multisine *m, gsid_real *u) {
     if (m == NULL || u == NULL) {
         return GSID_E_NULL;
     }
@@ -277,8 +266,7 @@ gsid_status gsid_multisine_table(const gsid_multisine *m, gsid_real *u)
     return GSID_OK;
 }
 
-gsid_status gsid_multisine_spectrum(const gsid_multisine *m, gsid_cplx *spectrum)
-{
+gsid_status gsid_multisine_spectrum(const gsid_multisine *m, gsid_cplx *spectrum) {
     if (m == NULL || spectrum == NULL) {
         return GSID_E_NULL;
     }

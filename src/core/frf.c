@@ -5,14 +5,12 @@
 #include "complex_math.h"
 #include "real.h"
 
-static uint32_t n_channels(const gsid_frf_cfg *cfg)
-{
+static uint32_t n_channels(const gsid_frf_cfg *cfg) {
     return cfg->u_known == NULL ? 2 : 1;
 }
 
 /* Settling need not be a whole number of periods: the lines stay referred to the excitation's first sample. */
-static gsid_spectrum_cfg spectrum_cfg(const gsid_frf_cfg *cfg)
-{
+static gsid_spectrum_cfg spectrum_cfg(const gsid_frf_cfg *cfg) {
     gsid_spectrum_cfg s = {.n_period = cfg->n_period,
                            .n_lines = cfg->n_lines,
                            .n_channels = n_channels(cfg),
@@ -22,8 +20,7 @@ static gsid_spectrum_cfg spectrum_cfg(const gsid_frf_cfg *cfg)
     return s;
 }
 
-static gsid_status check_cfg(const gsid_frf_cfg *cfg)
-{
+static gsid_status check_cfg(const gsid_frf_cfg *cfg) {
     if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
         return GSID_E_NULL;
     }
@@ -46,13 +43,11 @@ static gsid_status check_cfg(const gsid_frf_cfg *cfg)
     return GSID_OK;
 }
 
-size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg)
-{
+size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg) {
     return check_cfg(cfg) == GSID_OK ? GSID_FRF_MEM_SIZE(cfg->n_lines, n_channels(cfg) - 1) : 0;
 }
 
-gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size)
-{
+gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size) {
     if (frf == NULL || mem == NULL) {
         return GSID_E_NULL;
     }
@@ -83,16 +78,14 @@ gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, siz
 
 /* FRF-2: mean += d/P, m2 += |d|^2 (P - 1)/P, with d the distance of the new period from the old mean. Nothing is ever
  * the difference of two large sums, as it would be with sums of squares. */
-static gsid_cplx welford(gsid_cplx x, gsid_real n_periods, gsid_cplx *mean, gsid_real *m2)
-{
+static gsid_cplx welford(gsid_cplx x, gsid_real n_periods, gsid_cplx *mean, gsid_real *m2) {
     gsid_cplx d = gsid_cplx_sub(x, *mean);
     *mean = gsid_cplx_add(*mean, gsid_cplx_make(d.re / n_periods, d.im / n_periods));
     *m2 += gsid_cplx_abs2(d) * ((n_periods - GSID_R(1.0)) / n_periods);
     return d;
 }
 
-static void add_period(gsid_frf *frf)
-{
+static void add_period(gsid_frf *frf) {
     frf->n_periods++;
     const gsid_real p = (gsid_real)frf->n_periods;
     const gsid_real scale = GSID_R(2.0) / (gsid_real)frf->cfg.n_period;
@@ -112,8 +105,7 @@ static void add_period(gsid_frf *frf)
     }
 }
 
-static gsid_status end_period(gsid_frf *frf)
-{
+static gsid_status end_period(gsid_frf *frf) {
     if (frf->spoiled) {
         frf->spoiled = 0;
         frf->n_spoiled++;
@@ -123,8 +115,7 @@ static gsid_status end_period(gsid_frf *frf)
     return GSID_DONE;
 }
 
-gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y)
-{
+gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y) {
     if (frf == NULL) {
         return GSID_E_NULL;
     }
@@ -144,8 +135,7 @@ gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y)
     return status == GSID_DONE ? end_period(frf) : status;
 }
 
-gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples)
-{
+gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples) {
     if (frf == NULL) {
         return GSID_E_NULL;
     }
@@ -168,14 +158,12 @@ gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples)
 
 /* 7.29 with mean lines, multiplied out so that no line of Y stands in a denominator: an antiresonance may measure 0.
  * Rounding can take it below zero when the noise of u and y is the same noise. */
-static gsid_real variance_of_quotient(gsid_cplx g, gsid_cplx u, gsid_real var_y, gsid_real var_u, gsid_cplx cov_yu)
-{
+static gsid_real variance_of_quotient(gsid_cplx g, gsid_cplx u, gsid_real var_y, gsid_real var_u, gsid_cplx cov_yu) {
     gsid_real v = var_y + gsid_cplx_abs2(g) * var_u - GSID_R(2.0) * gsid_cplx_mul(cov_yu, gsid_cplx_conj(g)).re;
     return v > GSID_R(0.0) ? v / gsid_cplx_abs2(u) : GSID_R(0.0);
 }
 
-static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out)
-{
+static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out) {
     const size_t at = (size_t)i * n_channels(&frf->cfg);
     const int measured = frf->cross != NULL;
     const gsid_real p = (gsid_real)frf->n_periods;
@@ -211,8 +199,7 @@ static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out
     }
 }
 
-gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out)
-{
+gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out) {
     if (frf == NULL || out == NULL) {
         return GSID_E_NULL;
     }

@@ -33,13 +33,11 @@ struct gsid_align_cplx {
 };
 #define GSID_ALIGN_CPLX offsetof(struct gsid_align_cplx, z)
 
-static inline int gsid_is_aligned(const void *mem)
-{
+static inline int gsid_is_aligned(const void *mem) {
     return (uintptr_t)mem % GSID_ALIGN_CPLX == 0;
 }
 
-static inline int gsid_is_finite(gsid_real x)
-{
+static inline int gsid_is_finite(gsid_real x) {
     return isfinite(x);
 }
 

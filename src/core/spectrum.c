@@ -5,8 +5,7 @@
 #include "complex_math.h"
 #include "real.h"
 
-static gsid_status check_cfg(const gsid_spectrum_cfg *cfg)
-{
+static gsid_status check_cfg(const gsid_spectrum_cfg *cfg) {
     if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
         return GSID_E_NULL;
     }
@@ -23,13 +22,11 @@ static gsid_status check_cfg(const gsid_spectrum_cfg *cfg)
     return GSID_OK;
 }
 
-size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg)
-{
+size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg) {
     return check_cfg(cfg) == GSID_OK ? GSID_SPECTRUM_MEM_SIZE(cfg->n_lines, cfg->n_channels) : 0;
 }
 
-gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size)
-{
+gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size) {
     if (s == NULL || mem == NULL) {
         return GSID_E_NULL;
     }
@@ -46,14 +43,12 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
     return gsid_spectrum_reset(s);
 }
 
-static void clear_sums(gsid_spectrum *s)
-{
+static void clear_sums(gsid_spectrum *s) {
     memset(s->sum, 0, (size_t)s->cfg.n_lines * s->cfg.n_channels * sizeof *s->sum);
     s->n = 0;
 }
 
-gsid_status gsid_spectrum_reset(gsid_spectrum *s)
-{
+gsid_status gsid_spectrum_reset(gsid_spectrum *s) {
     if (s == NULL) {
         return GSID_E_NULL;
     }
@@ -68,8 +63,7 @@ gsid_status gsid_spectrum_reset(gsid_spectrum *s)
 }
 
 /* FRF-1 for one signal or two. Two loops, because a loop over channels inside costs half the speed. */
-static void sum_one(gsid_spectrum *s, gsid_real x)
-{
+static void sum_one(gsid_spectrum *s, gsid_real x) {
     const uint32_t n_period = s->cfg.n_period;
     for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
         gsid_cplx w = s->cfg.twiddle[s->phase[i]];
@@ -80,8 +74,7 @@ static void sum_one(gsid_spectrum *s, gsid_real x)
     }
 }
 
-static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1)
-{
+static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1) {
     const uint32_t n_period = s->cfg.n_period;
     for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
         gsid_cplx w = s->cfg.twiddle[s->phase[i]];
@@ -95,8 +88,7 @@ static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1)
     }
 }
 
-gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x)
-{
+gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x) {
     if (s == NULL || x == NULL) {
         return GSID_E_NULL;
     }
@@ -118,8 +110,7 @@ gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x)
     return s->n == s->cfg.n_period ? GSID_DONE : GSID_OK;
 }
 
-gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples)
-{
+gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples) {
     if (s == NULL) {
         return GSID_E_NULL;
     }
@@ -141,8 +132,7 @@ gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples)
     return n >= n_period ? GSID_DONE : GSID_OK;
 }
 
-gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines)
-{
+gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines) {
     if (s == NULL || lines == NULL) {
         return GSID_E_NULL;
     }

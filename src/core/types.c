@@ -7,8 +7,7 @@
     case name:                                                                                                         \
         return hint;
 
-const char *gsid_status_str(gsid_status status)
-{
+const char *gsid_status_str(gsid_status status) {
     switch (status) {
         GSID_STATUS_LIST(MEANING_CASE)
     case GSID_STATUS_END_:
@@ -17,8 +16,7 @@ const char *gsid_status_str(gsid_status status)
     }
 }
 
-const char *gsid_status_hint(gsid_status status)
-{
+const char *gsid_status_hint(gsid_status status) {
     switch (status) {
         GSID_STATUS_LIST(HINT_CASE)
     case GSID_STATUS_END_:

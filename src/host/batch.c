@@ -7,8 +7,7 @@
 #include "gsid/excitation.h"
 
 static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                         const uint32_t *line, const gsid_cplx *lines)
-{
+                         const uint32_t *line, const gsid_cplx *lines) {
     if (x == NULL || line == NULL || lines == NULL) {
         return GSID_E_NULL;
     }
@@ -31,8 +30,7 @@ static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x,
 #ifdef GSID_WITH_FFTW
 
 gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                               const uint32_t *line, gsid_cplx *lines)
-{
+                               const uint32_t *line, gsid_cplx *lines) {
     gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
     if (status != GSID_OK) {
         return status;
@@ -53,8 +51,7 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
 #else
 
 gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                               const uint32_t *line, gsid_cplx *lines)
-{
+                               const uint32_t *line, gsid_cplx *lines) {
     gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
     if (status != GSID_OK) {
         return status;
@@ -85,8 +82,7 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
 #endif
 
 /* Non-finite samples are found before the first one is taken, so that a refused block leaves the object as it was. */
-static int is_block_finite(const gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid)
-{
+static int is_block_finite(const gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid) {
     for (size_t i = 0; i < n; i++) {
         int counts = valid == NULL || valid[i];
         if (counts && (!isfinite(y[i]) || (frf->cfg.u_known == NULL && !isfinite(u[i])))) {
@@ -96,8 +92,7 @@ static int is_block_finite(const gsid_frf *frf, size_t n, const double *u, const
     return 1;
 }
 
-gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid)
-{
+gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid) {
     if (frf == NULL || u == NULL || y == NULL) {
         return GSID_E_NULL;
     }

@@ -3,15 +3,13 @@
 
 #include "backend.h"
 
-const char *gsid_fftw_version_str(void)
-{
+const char *gsid_fftw_version_str(void) {
     return fftw_version;
 }
 
 static void transform_periods(fftw_plan plan, double *in, const fftw_complex *out, uint32_t n_periods,
                               uint32_t n_period, const double *x, uint32_t n_lines, const uint32_t *line,
-                              gsid_cplx *sums)
-{
+                              gsid_cplx *sums) {
     for (uint32_t p = 0; p < n_periods; p++) {
         memcpy(in, x + (size_t)p * n_period, n_period * sizeof *in);
         fftw_execute(plan);
@@ -24,8 +22,7 @@ static void transform_periods(fftw_plan plan, double *in, const fftw_complex *ou
 }
 
 gsid_status gsid_fftw_sums(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                           const uint32_t *line, gsid_cplx *sums)
-{
+                           const uint32_t *line, gsid_cplx *sums) {
     /* One period's buffers stay in the cache, and the caller's samples, which the planner might overwrite, stay whole. */
     double *in = fftw_alloc_real(n_period);
     fftw_complex *out = fftw_alloc_complex(n_period / 2 + 1);
