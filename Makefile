@@ -58,7 +58,8 @@ build/setup.stamp: tools/setup build/with.txt
 
 $(VENV)/requirements.stamp: requirements.txt | build/setup.stamp
 	@test -x $(PY) || $(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install -q --disable-pip-version-check -r requirements.txt || \
+	@echo "$(PY) -m pip install -r requirements.txt"
+	@$(PY) -m pip install -q --disable-pip-version-check -r requirements.txt || \
 	    { echo "error: the Python packages of requirements.txt could not be installed" >&2; \
 	      echo "hint: the first build needs a network, or a folder of wheels in PIP_FIND_LINKS" >&2; exit 1; }
 	@touch $@
