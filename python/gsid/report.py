@@ -1,0 +1,479 @@
+"""Report of one or several experiments: one self-contained HTML page that opens offline.
+
+report = Report("Inner azimuth axis")
+report.add_experiment("Linear", record, spectra, frf, model, comparison)
+report.write("report.html")
+"""
+
+from __future__ import annotations
+
+import datetime
+import io
+import os
+import platform
+import re
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jinja2
+import matplotlib
+import numpy as np
+from markupsafe import Markup, escape
+
+from gsid import plots
+from gsid.bands import root_quantities
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gsid.compare import Comparison
+    from gsid.excitation import Multisine
+    from gsid.frf import Frf, Spectra
+    from gsid.model import RationalModel
+    from gsid.record import Record
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A quantity whose true value is known, beside its estimate.
+
+    Attributes
+    ----------
+    name, unit : str
+    truth, estimate, std : float
+        std is the estimate's standard deviation, in the same unit.
+    """
+
+    name: str
+    unit: str
+    truth: float
+    estimate: float
+    std: float
+
+    @property
+    def n_sigma(self) -> float:
+        """Difference of estimate and truth in standard deviations."""
+        return (self.estimate - self.truth) / self.std if self.std > 0.0 else np.nan
+
+
+@dataclass(frozen=True)
+class _Picture:
+    title: str
+    caption: str  # how to read it, one sentence
+    svg: Markup
+
+
+@dataclass(frozen=True)
+class _Table:
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class _Experiment:
+    name: str
+    story: str
+    verdict: str
+    grade: str  # "good", "bad" or "none": the colour of the verdict
+    run: Sequence[tuple[str, str]]
+    tables: Sequence[_Table]
+    pictures: Sequence[_Picture]
+    failing: _Table | None
+
+
+class Report:
+    """Experiments gathered for one page.
+
+    Parameters
+    ----------
+    title : str
+    command : str, optional
+        Command line to state at the end; default: that of this process.
+    """
+
+    def __init__(self, title: str, *, command: str | None = None) -> None:
+        self.title = title
+        self.command = _command_line() if command is None else command
+        self._experiments: list[_Experiment] = []
+
+    def __repr__(self) -> str:
+        return f"Report({self.title!r}, {len(self._experiments)} experiments)"
+
+    def add_experiment(
+        self,
+        name: str,
+        record: Record | Sequence[Record] | None = None,
+        spectra: Spectra | Sequence[Spectra] | None = None,
+        frf: Frf | None = None,
+        model: RationalModel | None = None,
+        comparison: Comparison | None = None,
+        *,
+        multisine: Multisine | None = None,
+        truth: Sequence[Truth] | None = None,
+        story: str = "",
+    ) -> Report:
+        """Add one experiment; what is not there is left out of the page.
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        record, spectra : one or one per realisation, optional
+            Of several, the pictures show the first.
+        frf : Frf, optional
+        model : RationalModel, optional
+        comparison : Comparison, optional
+        multisine : Multisine, optional
+            The excitation as designed; without it the applied one is shown, from the spectra.
+        truth : sequence of Truth, optional
+        story : str, optional
+            A sentence or two on what was done and why.
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        records, all_spectra = _as_list(record), _as_list(spectra)
+        first = all_spectra[0] if all_spectra else None
+        verdict, grade = _verdict(frf, model, comparison, _unit_of("y_unit", frf, first))
+        drawn = _pictures(records[0] if records else None, first, frf, model, comparison, multisine)
+        number = len(self._experiments) + 1
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=verdict,
+                grade=grade,
+                run=_run_facts(records, all_spectra, frf, multisine),
+                tables=_tables(model, truth),
+                pictures=[
+                    _Picture(title, _CAPTIONS[title], _inline_svg(draw(), f"e{number}p{i}-", title))
+                    for i, (title, draw) in enumerate(drawn, 1)
+                ],
+                failing=_failing_table(comparison),
+            )
+        )
+        return self
+
+    def html(self) -> str:
+        """Return the page, with everything it needs inside."""
+        loader = jinja2.PackageLoader("gsid", "templates")
+        environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+        now = datetime.datetime.now().astimezone()
+        return environment.get_template("report.html").render(
+            title=self.title,
+            experiments=self._experiments,
+            made=[("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *_versions()],
+        )
+
+    def write(self, path: str | os.PathLike) -> Path:
+        """Write the page; an old one stays whole until the new one is complete.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        OSError
+            When the folder cannot be written.
+        """
+        path = Path(path)
+        text = self.html()
+        unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            unfinished.write_text(text, encoding="utf-8")
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+        return path
+
+
+# --- words ------------------------------------------------------------------------------------------------
+
+
+def _as_list(one_or_more) -> list:
+    if one_or_more is None:
+        return []
+    return list(one_or_more) if isinstance(one_or_more, Sequence) else [one_or_more]
+
+
+def _unit_of(name: str, *sources) -> str:
+    return next((getattr(s, name) for s in sources if s is not None), "")
+
+
+def _verdict(
+    frf: Frf | None, model: RationalModel | None, comparison: Comparison | None, y_unit: str
+) -> tuple[str, str]:
+    if comparison is not None:
+        return _comparison_verdict(comparison, y_unit), "good" if comparison.adequate else "bad"
+    if model is not None:
+        delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s if model.free_delay else None)
+        fitted = (
+            f"Fitted: a {plots.order_text(model)} model with a delay of {delay}; not compared with a record."
+        )
+        return fitted, "none"
+    if frf is not None:
+        return f"Measured: the frequency response at {len(frf.f_hz)} lines; no model was fitted.", "none"
+    return "No frequency response.", "none"
+
+
+def _comparison_verdict(c: Comparison, y_unit: str) -> str:
+    unit = f" {y_unit}" if y_unit else ""
+    p_value = "p < 0.0001" if c.p_value < 1e-4 else f"p = {c.p_value:.3g}"
+    levels = (
+        f"the error is {c.rms_error:.3g}{unit} rms where noise alone gives {c.noise_floor_rms:.3g}{unit} "
+        f"(cost per degree of freedom {c.cost_per_dof:.4g}, {p_value}, tested at {c.alpha:g})"
+    )
+    if c.adequate:
+        return f"Adequate: model and measurement differ by no more than noise; {levels}."
+    worst = max(c.where, key=lambda band: band["share"], default=None)
+    place = ""
+    if worst is not None:
+        band = plots.band_text(worst["f_lo_hz"], worst["f_hi_hz"])
+        place = f"; {100.0 * worst['share']:.0f} % of the excess lies at {band} ({worst['lines']} lines)"
+    return f"Not adequate: {levels}{place}."
+
+
+def _run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -> list[tuple[str, str]]:
+    source = frf or (spectra[0] if spectra else None)
+    facts = []
+    names = [r.name for r in records if r.name] or ([source.name] if source and source.name else [])
+    if names:
+        facts.append(("Records" if len(names) > 1 else "Record", ", ".join(names)))
+    if source is None:
+        return facts
+    n, fs = source.period_samples, source.fs_hz
+    facts += [
+        ("Sample rate", f"{fs:g} Hz"),
+        ("Period", f"{n} samples ({n / fs:.6g} s), line spacing {fs / n:.4g} Hz"),
+        ("Periods", f"{source.n_periods} good, {source.n_spoiled} left out for lost samples"),
+        (
+            "Settling",
+            f"{source.settle_samples} samples ({source.settle_samples / n:.3g} of a period) thrown away",
+        ),
+    ]
+    if getattr(source, "n_realisations", 1) > 1:
+        facts.append(("Realisations", str(source.n_realisations)))
+    if multisine is not None:
+        facts.append(("Excitation", _excitation_text(multisine)))
+    elif frf is not None:
+        f = frf.f_hz
+        facts.append(("Excitation", f"{len(f)} lines, {f.min():.4g} to {f.max():.4g} Hz"))
+    held = "held over each sample (zero-order hold)" if source.hold == "zoh" else "measured as it stands"
+    facts.append(("Input and output", f"u [{source.u_unit or '-'}], {held}; y [{source.y_unit or '-'}]"))
+    return facts
+
+
+def _excitation_text(multisine: Multisine) -> str:
+    f = np.asarray(multisine.line) * multisine.fs_hz / multisine.period_samples
+    shape = (
+        f", {multisine.shape_db_per_decade:g} dB per decade" if multisine.shape_db_per_decade else ", flat"
+    )
+    return (
+        f"multisine, {len(f)} lines ({multisine.grid}), {f.min():.4g} to {f.max():.4g} Hz{shape}; "
+        f"peak {multisine.peak:.4g}, rms {multisine.rms:.4g}, "
+        f"crest factor {multisine.crest_factor:.3f} on samples, {multisine.crest_factor_fine:.3f} between; "
+        f"seed {multisine.seed}"
+    )
+
+
+# --- tables -----------------------------------------------------------------------------------------------
+
+
+def _number(value: float, digits: int = 6) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
+
+
+def _tables(model: RationalModel | None, truth: Sequence[Truth] | None) -> list[_Table]:
+    tables = []
+    if truth:
+        tables.append(_truth_table(truth))
+    if model is not None:
+        tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
+    return tables
+
+
+def _truth_table(truth: Sequence[Truth]) -> _Table:
+    rows = [
+        (t.name, t.unit, _number(t.truth), _number(t.estimate), _number(t.std, 2), _signed(t.n_sigma))
+        for t in truth
+    ]
+    head = ("Quantity", "Unit", "Truth", "Estimate", "σ", "Difference [σ]")
+    return _Table(
+        "Truth beside estimate", head, rows, "Within ±2 σ in 95 of 100 cases, when the model is right."
+    )
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−") if np.isfinite(value) else ""
+
+
+def _fit_table(m: RationalModel) -> _Table:
+    delay = plots.delay_text(m.delay_s, m.fs_hz, m.std_delay_s if m.free_delay else None)
+    rows = [
+        ("Order (poles/zeros)", f"{plots.order_text(m)} in {m.domain}"),
+        ("Delay", f"{delay}, {'free' if m.free_delay else 'given'}"),
+        ("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"),
+        ("Poles", "all stable" if m.stable else "not all stable"),
+        ("Lines", f"{m.n_lines} in {plots.band_text(*m.band_hz)}, {m.n_parameters} free parameters"),
+        ("Cost", f"{_number(m.cost, 5)}, with noise alone {_number(m.cost_expected, 5)} is expected"),
+    ]
+    return _Table("Fitted model", (), rows, "Intervals are 95 %.")
+
+
+def _root_table(m: RationalModel) -> _Table:
+    rows = []
+    for kind, roots, covs in (("pole", m.poles, m.pole_cov), ("zero", m.zeros, m.zero_cov)):
+        for root, cov in sorted(zip(roots, covs, strict=True), key=lambda pair: abs(pair[0])):
+            if root.imag >= -1e-9 * abs(root):
+                rows.append(_root_row(kind, root, cov, m))
+    where = "s / 2π [Hz]" if m.domain == "s" else "z"
+    head = ("", where, "Frequency [Hz]", "Damping ratio", "Time constant [ms]")
+    note = "Of a conjugate pair one is listed. Intervals are 95 %." if rows else "No poles and no zeros."
+    return _Table("Poles and zeros", head, rows, note)
+
+
+def _root_row(kind: str, root: complex, cov, m: RationalModel) -> tuple[str, ...]:
+    f, zeta, std_f, std_zeta = root_quantities(root, cov, domain=m.domain, fs_hz=m.fs_hz)
+    shown = plots.root_text(root / (2.0 * np.pi) if m.domain == "s" else root)
+    frequency = plots.with_interval(f, std_f)
+    if abs(root.imag) > 1e-9 * abs(root):
+        return kind, shown, frequency, plots.with_interval(zeta, std_zeta), ""
+    tau = 1e3 / (2.0 * np.pi * f) if f > 0.0 else np.nan
+    return kind, shown, frequency, "", plots.with_interval(tau, tau * std_f / f) if f > 0.0 else ""
+
+
+def _parameter_table(m: RationalModel) -> _Table:
+    rows = []
+    for name, values, stds in (("numerator", m.num, m.std_num), ("denominator", m.den, m.std_den)):
+        for power, value, std in zip(reversed(range(len(values))), values, stds, strict=True):
+            rows.append((f"{name}, {m.domain}{_superscript(power)}", _number(value, 8), *_spread(value, std)))
+    rows.append(
+        ("delay [s]", _number(m.delay_s, 8), *_spread(m.delay_s, m.std_delay_s if m.free_delay else 0.0))
+    )
+    units = "coefficients in powers of rad/s" if m.domain == "s" else "coefficients in powers of z"
+    return _Table(
+        "Parameters", ("Parameter", "Estimate", "σ", "σ [%]"), rows, f"No σ: not estimated; {units}."
+    )
+
+
+def _spread(value: float, std: float) -> tuple[str, str]:
+    if std is None or not std > 0.0:
+        return "", ""
+    return _number(std, 3), _number(100.0 * std / abs(value), 2) if value else ""
+
+
+def _superscript(power: int) -> str:
+    return str(power).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _failing_table(c: Comparison | None) -> _Table | None:
+    if c is None:
+        return None
+    rows = [
+        (
+            plots.band_text(band["f_lo_hz"], band["f_hi_hz"]),
+            band["lines"],
+            f"{100.0 * band['share']:.1f} %",
+            f"{band['db']:.1f} dB" if "db" in band else "",
+            "< 0.0001" if band.get("p_value", 1.0) < 1e-4 else _number(band["p_value"], 2),
+        )
+        for band in sorted(c.where, key=lambda band: -band["share"])
+    ]
+    note = (
+        "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
+    )
+    return _Table("Where the model fails", ("Band", "Lines", "Share", "Error over noise", "p"), rows, note)
+
+
+# --- pictures ---------------------------------------------------------------------------------------------
+
+_CAPTIONS = {
+    "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
+    "limited command.",
+    "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "
+    "at its level before the first period that is used.",
+    "Frequency response": "The response and, in the same dB, the standard deviation of its noise: the "
+    "distance between the two is the signal-to-noise ratio of every line.",
+    "Measured and fitted": "The fitted model runs through the measured points; bars and band are 95 % "
+    "intervals, point by point.",
+    "Complex residual": "The distance between measurement and model in the complex plane: where only noise "
+    "is left, 5 % of the points lie above the bound, spread evenly.",
+    "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
+    "region in which the root lies with 95 % confidence.",
+    "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
+    "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
+}
+
+
+def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[str, Callable[[], Figure]]]:
+    """Title and drawing of each picture there is data for, in the order of reading."""
+    u_unit, y_unit = _unit_of("u_unit", frf, spectra), _unit_of("y_unit", frf, spectra)
+    has_fit = frf is not None and model is not None
+    pictures = [
+        ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
+        ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
+        ("Frequency response", frf, lambda: plots.frf(frf)),
+        ("Measured and fitted", has_fit, lambda: plots.bode(frf, model)),
+        ("Complex residual", has_fit, lambda: plots.residual(frf, model)),
+        ("Poles and zeros", model, lambda: plots.pole_zero(model)),
+        ("Comparison at the output", comparison, lambda: plots.comparison(comparison, y_unit)),
+    ]
+    return [(title, draw) for title, needed, draw in pictures if needed]
+
+
+_LONG_NUMBER = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is below any printer's resolution
+
+
+def _inline_svg(figure: Figure, prefix: str, title: str) -> Markup:
+    """SVG element to stand in a page: no prologue, no fixed size, and ids that no other picture has."""
+    text = io.StringIO()
+    with matplotlib.rc_context(plots.STYLE):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}", svg)
+    svg = re.sub(r'\b(?:d|x|y)="[^"]*"', lambda found: _LONG_NUMBER.sub(r"\1", found[0]), svg)
+    svg = re.sub(r'(<svg\b[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg\b[^>]*?) height="[^"]*"', r"\1", svg, count=1)
+    return Markup(
+        svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}. {escape(_CAPTIONS[title])}"', 1)
+    )
+
+
+# --- provenance -------------------------------------------------------------------------------------------
+
+
+def _command_line() -> str:
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def _versions() -> list[tuple[str, str]]:
+    from gsid._lib import ffi, lib
+
+    def library(name: bytes) -> str:
+        version = lib.gsid_build_library_version(name)
+        return (ffi.string(version).decode() if version != ffi.NULL else "") or "left out of this build"
+
+    return [
+        ("gsid", metadata.version("gsid")),
+        ("Python", platform.python_version()),
+        ("numpy", np.__version__),
+        ("FFTW", library(b"fftw")),
+        ("NLopt", library(b"nlopt")),
+        ("Platform", platform.platform()),
+    ]
