@@ -163,7 +163,7 @@ sanitize: ## the C tests under AddressSanitizer and UndefinedBehaviorSanitizer
 .PHONY: valgrind
 valgrind: $(C_TESTS) ## the C tests under valgrind
 	@if command -v valgrind >/dev/null; then \
-	    tools/run_c_tests -w 'valgrind -q --error-exitcode=9 --leak-check=full' $(C_TESTS); \
+	    tools/run_c_tests --valgrind $(C_TESTS); \
 	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
 
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
