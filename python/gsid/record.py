@@ -280,7 +280,7 @@ def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "
 
 
 def _lag_difference(x: np.ndarray) -> np.ndarray:
-    """Power of x[n+N] - x[n] over that of the two stretches, for every lag N < 0.9 n; near 1 when unrelated."""
+    """Power of x[n+N] - x[n] over that of both stretches, for each lag N < 0.9 n; 1 when unrelated."""
     from scipy import fft
 
     n = len(x)
@@ -301,7 +301,7 @@ def _local_minima(difference: np.ndarray) -> np.ndarray:
 
 
 def _good_rows(u: np.ndarray, valid: np.ndarray, period: int) -> np.ndarray:
-    """Undamaged periods of the second half, counted from the record's end; all when fewer than two are good."""
+    """Undamaged periods of the second half, counted from the end; all when fewer than two are good."""
     n_periods = len(u) // period
     rows = u[len(u) - n_periods * period :].reshape(n_periods, period)
     good = valid[len(u) - n_periods * period :].reshape(n_periods, period).all(axis=1)

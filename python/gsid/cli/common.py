@@ -1,0 +1,193 @@
+"""What the verbs share: options of records, exit codes, tables, JSON, words on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import functools
+import importlib.metadata
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from gsid.record import Record
+
+EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
+
+
+def version() -> str:
+    """Version of the installed package."""
+    return importlib.metadata.version("gsid")
+
+
+def near(name: str, names: Iterable[str]) -> str:
+    """Hint for a name that is not among `names`: the nearest one, or all of them."""
+    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    return f"did you mean {close[0]}?" if close else f"there are: {', '.join(names)}."
+
+
+# ---------------------------------------------------------------- options
+
+
+class Band(click.ParamType):
+    """LO:HI in Hz."""
+
+    name = "LO:HI"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            lo, hi = (float(part) for part in str(value).split(":"))
+        except ValueError:
+            self.fail(f"{value} is not LO:HI in Hz, for example 1:250", param, ctx)
+        if not 0 <= lo < hi < math.inf:
+            self.fail(f"{value}: LO must be at least 0 and below HI", param, ctx)
+        return lo, hi
+
+
+RECORD_OPTIONS = (
+    click.argument("records", metavar="REC...", nargs=-1, required=True, type=click.Path()),
+    click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
+    click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
+    click.option("--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate, where the file does not say."),
+    click.option(
+        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: found]"
+    ),
+    click.option(
+        "--settle",
+        metavar="N",
+        type=click.IntRange(0),
+        help="Samples thrown away first. [default: what the data show is needed]",
+    ),
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+def band_option(text: str) -> Callable:
+    """--band with a verb's own words about it."""
+    return click.option("--band", type=Band(), help=text)
+
+
+def record_options(command: Callable) -> Callable:
+    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+
+    @functools.wraps(command)
+    def with_records(
+        *args: object,
+        records: Sequence[str],
+        u_name: str | None,
+        y_name: str | None,
+        fs_hz: float | None,
+        period: int | None,
+        settle: int | None,
+        **kwargs: object,
+    ) -> object:
+        from gsid.io import read_record
+
+        read = [
+            read_record(r, u=u_name, y=y_name, fs_hz=fs_hz, period=period, settle=settle) for r in records
+        ]
+        return command(*args, records=read, **kwargs)
+
+    for option in reversed(RECORD_OPTIONS):
+        with_records = option(with_records)
+    return with_records
+
+
+@contextlib.contextmanager
+def options_as_arguments() -> Iterator[None]:
+    """What the library refuses as an argument (ValueError, TypeError) came from an option: a usage error."""
+    from gsid.errors import InputError
+
+    try:
+        yield
+    except InputError:
+        raise
+    except (ValueError, TypeError) as error:
+        raise click.UsageError(str(error), click.get_current_context()) from error
+
+
+def describe(records: Sequence[Record]) -> str:
+    """Records in a few words, for what is said on stderr."""
+    return records[0].name if len(records) == 1 else f"{len(records)} records"
+
+
+# ---------------------------------------------------------------- output
+
+
+def _coloured(stream: object) -> bool:
+    return stream.isatty() and "NO_COLOR" not in os.environ
+
+
+def say(text: str) -> None:
+    """Talk: a line on stderr."""
+    click.echo(text, err=True, color=_coloured(sys.stderr))
+
+
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal's stderr that work is going on."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
+
+
+def print_json(values: dict) -> None:
+    """Print one JSON object: arrays become lists, numbers that are not finite become null."""
+    print(json.dumps(_plain(values), allow_nan=False))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, complex):
+        return [_plain(value.real), _plain(value.imag)]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[str] = ()) -> None:
+    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns, with their units.
+    rows : iterable of sequences of str
+    left : sequence of str
+        Columns of text; the others are numbers, aligned to the right.
+    """
+    rows = [list(row) for row in rows]
+    if sys.stdout.isatty():
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table(header_style="bold")
+        for name in header:
+            table.add_column(name, justify="left" if name in left else "right")
+        for row in rows:
+            table.add_row(*row)
+        Console().print(table)
+        return
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    for row in [list(header), *rows]:
+        cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
+        print("  ".join(cells).rstrip())

@@ -1,0 +1,95 @@
+"""gsid compare"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import (
+    EXIT_CRITERION,
+    band_option,
+    json_option,
+    options_as_arguments,
+    print_json,
+    print_table,
+    record_options,
+    working,
+)
+
+if TYPE_CHECKING:
+    from gsid.compare import Comparison
+    from gsid.record import Record
+
+
+@click.command(short_help="Compare a model with records.")
+@record_options
+@click.option(
+    "--model",
+    "model_path",
+    metavar="M.json",
+    type=click.Path(),
+    required=True,
+    help="Model to compare.",
+)
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "--alpha",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
+    help="Rate at which a right model may be rejected.",
+)
+@click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
+@json_option
+@click.pass_context
+def compare(
+    ctx: click.Context,
+    records: list[Record],
+    model_path: str,
+    band: tuple[float, float] | None,
+    alpha: float,
+    check: bool,
+    as_json: bool,
+) -> None:
+    """Compare the model's output with the measured mean, line by line, in units of its noise.
+
+    The lines that were not excited count too: what stands there is distortion. The verdict is an answer, not
+    a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
+    """
+    from gsid.compare import compare as compare_model
+    from gsid.model import RationalModel
+
+    model = RationalModel.load(model_path)
+    with working("comparing"), options_as_arguments():
+        result = compare_model(model, records, band=band, alpha=alpha)
+    if as_json:
+        names = ("adequate", "p_value", "alpha", "cost_per_dof", "rms_error", "noise_floor_rms", "where")
+        print_json({name: getattr(result, name) for name in names})
+    else:
+        _print(result, records[0].y_unit)
+    if check and not result.adequate:
+        ctx.exit(EXIT_CRITERION)
+
+
+def _print(result: Comparison, unit: str) -> None:
+    verdict = "adequate" if result.adequate else "not adequate"
+    print(f"The model is {verdict}: p = {result.p_value:.3g} at a level of {result.alpha:g}.")
+    print(f"Cost per degree of freedom {result.cost_per_dof:.4g} (1 when only noise is left).")
+    rms = f"{unit} rms".strip()
+    print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
+    print_table(
+        ["f from [Hz]", "to [Hz]", "lines", "share of the cost", "p", "error over noise [dB]"],
+        (
+            [
+                f"{band['f_lo_hz']:.4g}",
+                f"{band['f_hi_hz']:.4g}",
+                band["lines"],
+                f"{band['share']:.1%}",
+                f"{band['p_value']:.2g}",
+                f"{band['db']:.1f}",
+            ]
+            for band in result.where
+        ),
+        left=["lines"],
+    )

@@ -1,0 +1,111 @@
+"""gsid doctor"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+import click
+
+from gsid.cli.common import EXIT_CRITERION, json_option, print_json, print_table, version
+
+CORES = {"double": "_gsid64", "float": "_gsid32"}
+BACKENDS = {"fftw": "spectra are then made by the slower streaming core", "nlopt": "`gsid fit` needs it"}
+
+
+@dataclass
+class Check:
+    """One thing looked at."""
+
+    name: str
+    ok: bool
+    found: str
+    hint: str = ""
+
+
+@click.command(short_help="Versions in use, what is missing and why.")
+@json_option
+@click.pass_context
+def doctor(ctx: click.Context, as_json: bool) -> None:
+    """Say which versions are in use, what is missing and what to do about it, and measure a known system.
+
+    The exit code is 1 when something is missing or wrong.
+    """
+    checks = [
+        Check("gsid", True, version()),
+        Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
+        *_packages(),
+        *(_core(precision, module) for precision, module in CORES.items()),
+        *(_backend(name, hint) for name, hint in BACKENDS.items()),
+        _measurement(),
+    ]
+    good = all(check.ok for check in checks)
+    if as_json:
+        print_json({"ok": good, "checks": [asdict(check) for check in checks]})
+    else:
+        rows = [[check.name, "ok" if check.ok else "WRONG", check.found, check.hint] for check in checks]
+        print_table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"])
+    if not good:
+        ctx.exit(EXIT_CRITERION)
+
+
+def _packages() -> Iterator[Check]:
+    for requirement in importlib.metadata.requires("gsid") or []:
+        name = re.match(r"[\w.-]+", requirement).group()
+        try:
+            yield Check(name, True, importlib.metadata.version(name))
+        except importlib.metadata.PackageNotFoundError:
+            yield Check(name, False, "not installed", "run `make` in the clone")
+
+
+def _core(precision: str, module: str) -> Check:
+    """Load one build of the core and let it turn by an eighth."""
+    name = f"core, {precision}"
+    try:
+        core = importlib.import_module(f"gsid.{module}")
+    except ImportError as error:
+        return Check(
+            name, False, f"does not load: {error}", "run `make` in the clone: it builds the C library"
+        )
+    table = core.ffi.new("gsid_cplx[8]")
+    status = core.lib.gsid_twiddle_fill(8, table)
+    error = abs(complex(table[1].re, table[1].im) - (0.5 + 0.5j) * 2**0.5)
+    found = core.ffi.string(core.lib.GSID_VERSION).decode()
+    return Check(
+        name, status == 0 and error < 1e-6, found, "" if error < 1e-6 else "rebuild: `make clean`, `make`"
+    )
+
+
+def _backend(name: str, without: str) -> Check:
+    try:
+        core = importlib.import_module(f"gsid.{CORES['double']}")
+    except ImportError:
+        return Check(name, False, "not known: the core does not load")
+    found = core.ffi.string(core.lib.gsid_build_library_version(name.encode())).decode()
+    return Check(
+        name, bool(found), found or "left out of the build", "" if found else f"{without}; rebuild with it"
+    )
+
+
+def _measurement() -> Check:
+    """Measure a first-order low-pass of known response."""
+    name, hint = "measurement of a known system", "run `make test`"
+    try:
+        import numpy as np
+
+        from gsid.frf import frf
+        from gsid.record import Record
+
+        n, line = 64, np.arange(33)
+        spectrum = np.where((line > 0) & (line < 20), np.exp(1j * line**2), 0)
+        response = 1 / (1 + 0.3j * line)
+        u, y = (np.tile(np.fft.irfft(x * n / 2, n), 3) for x in (spectrum, spectrum * response))
+        measured = frf([Record(u, y, 64.0)], period=n, settle=0)
+        error = float(np.abs(measured.g - response[measured.line]).max())
+    except Exception as error:  # whatever it is: a doctor reports it
+        return Check(name, False, f"{type(error).__name__}: {error}", hint)
+    return Check(name, error < 1e-12, f"error {error:.1e}", "" if error < 1e-12 else hint)

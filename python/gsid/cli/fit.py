@@ -1,0 +1,193 @@
+"""gsid fit"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import (
+    band_option,
+    describe,
+    json_option,
+    options_as_arguments,
+    print_json,
+    print_table,
+    record_options,
+    say,
+    working,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gsid.model import RationalModel
+    from gsid.record import Record
+
+
+class Order(click.ParamType):
+    """POLES/ZEROS."""
+
+    name = "POLES/ZEROS"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if not re.fullmatch(r"\d+/\d+", value):
+            self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
+        return value
+
+
+class Delay(click.ParamType):
+    """free, none or seconds."""
+
+    name = "free|none|SECONDS"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
+        if value in ("free", "none") or isinstance(value, float):
+            return value
+        try:
+            seconds = float(value)
+        except ValueError:
+            seconds = -1.0
+        if not 0 <= seconds < float("inf"):
+            self.fail(f"{value} is not free, none or a number of seconds", param, ctx)
+        return seconds
+
+
+@click.command(short_help="Fit a rational model with delay to records.")
+@record_options
+@click.option("--order", type=Order(), required=True, help="Numbers of poles and zeros, for example 4/3.")
+@click.option("--delay", type=Delay(), default="free", show_default=True, help="Fitted, left out, or known.")
+@click.option(
+    "--method",
+    type=click.Choice(["ls", "iwls", "nls", "ml"]),
+    default="ml",
+    show_default=True,
+    help="Least squares, reweighted, nonlinear, or maximum likelihood.",
+)
+@band_option("Fit the lines from LO to HI [Hz] only.")
+@click.option(
+    "--domain", type=click.Choice(["s", "z"]), default="s", show_default=True, help="Continuous or discrete."
+)
+@click.option(
+    "-o", "--output", metavar="M.json", type=click.Path(), help="Write the model, with its covariance."
+)
+@json_option
+def fit(
+    records: list[Record],
+    order: str,
+    delay: str | float,
+    method: str,
+    band: tuple[float, float] | None,
+    domain: str,
+    output: str | None,
+    as_json: bool,
+) -> None:
+    """Fit a rational transfer function with delay to the measured frequency response.
+
+    The cost is the sum of squared errors over their variance; the cost expected is what noise alone leaves.
+    Intervals are 95 %, from the covariance of the parameters.
+    """
+    from gsid.fit import fit as fit_model
+    from gsid.frf import frf
+
+    measured = frf(records)
+    with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
+        model = fit_model(measured, order, delay=delay, method=method, band=band, domain=domain)
+    if output:
+        model.save(output)
+        say(f"wrote {output}")
+    if as_json:
+        print_json(_as_json(model))
+    else:
+        _print(model)
+
+
+JSON_KEYS = """method num den delay_s cost cost_expected poles zeros converged stable
+    domain hold fs_hz n_lines n_parameters band_hz u_unit y_unit""".split()
+
+
+def _as_json(model: RationalModel) -> dict:
+    std = {"num": model.std_num, "den": model.std_den, "delay_s": model.std_delay_s}
+    return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std}
+
+
+def _print(model: RationalModel) -> None:
+    converged = "converged" if model.converged else "not converged"
+    stable = "stable" if model.stable else "NOT STABLE"
+    print(
+        f"{model.method} fit of {model.n_parameters} parameters to {model.n_lines} lines, {converged}, {stable}"
+    )
+    print(f"cost {model.cost:.5g}, expected of noise alone {model.cost_expected:.5g}")
+    print(_delay(model))
+    print()
+    print_table(["power", "num", "sigma", "den", "sigma "], _coefficients(model))
+    print()
+    poles = _roots("pole", model.poles, model.pole_cov, model)
+    zeros = _roots("zero", model.zeros, model.zero_cov, model)
+    print_table(["", "re", "im", "f [Hz]", "95 %", "damping", "95 % "], [*poles, *zeros], left=[""])
+
+
+def _delay(model: RationalModel) -> str:
+    sigma = f" +- {model.std_delay_s * 1e3:.2g} (sigma)" if model.free_delay else " (given)"
+    return f"delay {model.delay_s * 1e3:.5g}{sigma} ms = {model.delay_s * model.fs_hz:.4g} samples"
+
+
+def _coefficients(model: RationalModel) -> list[list[str]]:
+    """A row per power: of s down to 0, of z from 0 down."""
+    n = max(len(model.num), len(model.den))
+    descends_to_zero = model.domain == "s"
+    columns = []
+    for values in (model.num, model.std_num, model.den, model.std_den):
+        texts, blank = [f"{value:.6g}" for value in values], [""] * (n - len(values))
+        columns.append(blank + texts if descends_to_zero else texts + blank)
+    powers = [f"{model.domain}^{n - 1 - i if descends_to_zero else -i}" for i in range(n)]
+    return [list(row) for row in zip(powers, *columns, strict=True)]
+
+
+def _roots(kind: str, roots: np.ndarray, covariances: np.ndarray, model: RationalModel) -> list[list[str]]:
+    """One row per real root or conjugate pair, in the continuous plane's frequency and damping."""
+    rows = []
+    for root, covariance in zip(roots, covariances, strict=True):
+        if root.imag < 0:
+            continue
+        f, f_bound, damping, damping_bound = frequency_and_damping(
+            root, covariance, model.domain, model.fs_hz
+        )
+        imaginary = f"+-{root.imag:.5g}" if root.imag else "0"
+        numbers = [f"{root.real:.5g}", imaginary, f"{f:.5g}", f"+-{f_bound:.2g}"]
+        rows.append([kind, *numbers, f"{damping:.4g}", f"+-{damping_bound:.2g}"])
+    return rows
+
+
+def frequency_and_damping(
+    root: complex, covariance: np.ndarray, domain: str, fs_hz: float
+) -> tuple[float, float, float, float]:
+    """Natural frequency [Hz] and damping ratio of a root, each with its 95 % bound.
+
+    To first order in the covariance.
+
+    Parameters
+    ----------
+    root : complex
+        rad/s in domain "s", a number in the unit circle's plane in domain "z".
+    covariance : (2, 2) array
+        Of its real and imaginary part.
+    domain : {"s", "z"}
+    fs_hz : float
+        Sample rate [Hz], used in domain "z": s = fs ln z.
+    """
+    import numpy as np
+
+    s, turn = root, np.eye(2)
+    if domain == "z":
+        slope = fs_hz / root
+        s, turn = fs_hz * np.log(root), np.array([[slope.real, -slope.imag], [slope.imag, slope.real]])
+    radius = abs(s)
+    if radius == 0:
+        return 0.0, float("nan"), float("nan"), float("nan")
+    towards = np.array([s.real, s.imag]) / radius
+    across = np.array([-s.imag, s.real]) * s.imag / radius**3  # gradient of -re/|s|
+    gradients = np.vstack([towards / (2 * np.pi), across]) @ turn
+    f_bound, damping_bound = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", gradients, covariance, gradients))
+    return radius / (2 * np.pi), float(f_bound), -s.real / radius, float(damping_bound)

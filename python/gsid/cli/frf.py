@@ -1,0 +1,104 @@
+"""gsid frf"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import band_option, json_option, print_json, print_table, record_options, say
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
+    from gsid.record import Record
+
+
+@click.command(short_help="Frequency response and its variance from records.")
+@record_options
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz or .mat instead of a table."
+)
+@json_option
+def frf(records: list[Record], band: tuple[float, float] | None, output: str | None, as_json: bool) -> None:
+    """Measure the frequency response at the excited lines, and its variance.
+
+    One REC is one realisation; all have the same period and rate. var_g is the variance of the mean over the
+    periods (and the realisations), sigma its square root.
+    """
+    from gsid.frf import frf as measure
+
+    result = measure(records, band=band)
+    if output:
+        _write(Path(output), result)
+        say(f"wrote {output}")
+    if as_json:
+        print_json(_columns(result) | _keys(result))
+    elif not output:
+        _print(result)
+
+
+def _columns(frf: Frf) -> dict:
+    return {
+        "line": frf.line,
+        "f_hz": frf.f_hz,
+        "g_re": frf.g.real,
+        "g_im": frf.g.imag,
+        "var_g": frf.var_g,
+        "u_re": frf.u.real,
+        "u_im": frf.u.imag,
+        "y_re": frf.y.real,
+        "y_im": frf.y.imag,
+        "var_u": frf.var_u,
+        "var_y": frf.var_y,
+        "cov_yu_re": frf.cov_yu.real,
+        "cov_yu_im": frf.cov_yu.imag,
+    }
+
+
+def _keys(frf: Frf) -> dict:
+    names = ("n_periods", "n_realisations", "n_spoiled", "period_samples", "settle_samples", "fs_hz", "hold")
+    return {name: getattr(frf, name) for name in (*names, "u_unit", "y_unit")}
+
+
+def _print(frf: Frf) -> None:
+    import numpy as np
+
+    say(
+        f"{frf.name}: {frf.n_periods} periods of {frf.period_samples} samples at {frf.fs_hz:g} Hz, "
+        f"{frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
+        f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out"
+    )
+    with np.errstate(divide="ignore"):
+        gain, sigma = 20 * np.log10(np.abs(frf.g)), 10 * np.log10(frf.var_g)
+    phase = np.degrees(np.angle(frf.g))
+    rows = zip(frf.f_hz, gain, phase, sigma, strict=True)
+    print_table(
+        ["f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"],
+        ([f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows),
+    )
+
+
+def _write(path: Path, frf: Frf) -> None:
+    import numpy as np
+
+    from gsid.io import write_atomically
+
+    columns, keys = _columns(frf), _keys(frf)
+
+    def write_csv(part: Path) -> None:
+        head = [f"# {key}: {value}" for key, value in keys.items()] + [",".join(columns)]
+        np.savetxt(
+            part, np.column_stack(list(columns.values())), "%.17g", ",", header="\n".join(head), comments=""
+        )
+
+    def write_mat(part: Path) -> None:
+        from scipy.io import savemat
+
+        savemat(part, columns | keys, oned_as="column")
+
+    writers = {".csv": write_csv, ".npz": lambda part: np.savez(part, **columns, **keys), ".mat": write_mat}
+    if path.suffix.lower() not in writers:
+        raise click.UsageError(f"cannot write {path.name}: .csv, .npz or .mat", click.get_current_context())
+    write_atomically(path, writers[path.suffix.lower()])

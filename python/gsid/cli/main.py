@@ -1,0 +1,154 @@
+"""The group of verbs, and the one place where exceptions become words and exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import sys
+import traceback
+
+import click
+
+from gsid.cli.common import (
+    EXIT_GOOD,
+    EXIT_INPUT,
+    EXIT_INTERNAL,
+    EXIT_INTERRUPT,
+    EXIT_USAGE,
+    near,
+    say,
+    version,
+)
+from gsid.errors import GsidError, InputError
+
+VERBS = {
+    "design": "Make a periodic excitation.",
+    "simulate": "Serve a simulated gimbal axis on a serial line.",
+    "run": "Drive an axis over a serial line and record it.",
+    "frf": "Measure the frequency response and its variance from records.",
+    "fit": "Fit a rational model with delay to records.",
+    "compare": "Compare a model with records: adequate or not, and where not.",
+    "report": "Write a report as one HTML page.",
+    "demo": "Measure, fit and compare the simulated axis, from end to end.",
+    "doctor": "Say which versions are in use and what is missing.",
+}
+
+
+class Verbs(click.Group):
+    """Verbs are imported when they are used, not to list them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        return getattr(importlib.import_module(f"gsid.cli.{name}"), name) if name in VERBS else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in VERBS and not args[0].startswith("-"):
+            raise click.UsageError(f"no verb named {args[0]}\nhint: {near(args[0], VERBS)}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(
+    cls=Verbs,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Exit codes: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal error.",
+)
+@click.version_option(version(), prog_name="gsid", message="%(prog)s %(version)s")
+def gsid() -> None:
+    """Measure a servo axis, fit a model, and see where the two differ."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Arguments without the program's name; default those of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal.
+    """
+    _talk_on_stderr()
+    try:
+        return _run(argv)
+    except click.UsageError as error:
+        _usage(error)
+        return EXIT_USAGE
+    except InputError as error:
+        value = "" if error.value is None else f": {error.value}"
+        _error(
+            error.what + (value if not error.where else ""),
+            error.where + (value if error.where else ""),
+            error.hint,
+        )
+        return EXIT_INPUT
+    except BrokenPipeError:  # the reader of the pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_GOOD
+    except (OSError, click.FileError) as error:
+        where = getattr(error, "filename", None) or ""
+        _error(getattr(error, "strerror", None) or str(error), str(where), "check the name and the rights")
+        return EXIT_INPUT
+    except (KeyboardInterrupt, click.Abort):
+        say("stopped")
+        return EXIT_INTERRUPT
+    except GsidError as error:
+        _error(str(error), "", error.hint)
+        return EXIT_INTERNAL
+    except Exception as error:
+        _error(f"{type(error).__name__}: {error}", "", "this is a fault of gsid: GSID_DEBUG=1 shows where")
+        return EXIT_INTERNAL
+
+
+def _run(argv: list[str] | None) -> int:
+    try:
+        result = gsid.main(args=argv, prog_name="gsid", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else EXIT_GOOD
+    except Exception:
+        if os.environ.get("GSID_DEBUG") == "1":
+            traceback.print_exc()
+        raise
+
+
+def _talk_on_stderr() -> None:
+    """What the library notes (a period found, a file beside the record used) is said too."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("note: %(message)s"))
+    logger = logging.getLogger("gsid")
+    logger.handlers = [handler]
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+
+
+def _usage(error: click.UsageError) -> None:
+    what, _, hint = error.format_message().partition("\nhint: ")
+    options = getattr(error, "possibilities", None)
+    if options:
+        what = f"no such option: {error.option_name}"
+        hint = f"did you mean {' or '.join(sorted(options))}?"
+    command = error.ctx.command_path if error.ctx else "gsid"
+    _error(what.rstrip("."), command, f"{hint} " * bool(hint) + f"`{command} --help` lists what there is")
+
+
+def _error(what: str, where: str, hint: str) -> None:
+    say(f"{click.style('error:', fg='red', bold=True)} {what}")
+    if where:
+        say(f"  where: {where}")
+    if hint:
+        say(f"  {click.style('hint:', fg='cyan')} {hint}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
