@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import functools
 import importlib.metadata
 import json
@@ -24,12 +23,6 @@ EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT
 def version() -> str:
     """Version of the installed package."""
     return importlib.metadata.version("gsid")
-
-
-def near(name: str, names: Iterable[str]) -> str:
-    """Hint for a name that is not among `names`: the nearest one, or all of them."""
-    close = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"did you mean {close[0]}?" if close else f"there are: {', '.join(names)}."
 
 
 # ---------------------------------------------------------------- options

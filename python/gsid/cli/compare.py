@@ -79,7 +79,7 @@ def _print(result: Comparison, unit: str) -> None:
     rms = f"{unit} rms".strip()
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
     print_table(
-        ["f from [Hz]", "to [Hz]", "lines", "share of the cost", "p", "error over noise [dB]"],
+        ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
         (
             [
                 f"{band['f_lo_hz']:.4g}",

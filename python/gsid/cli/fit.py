@@ -103,8 +103,12 @@ def fit(
         _print(model)
 
 
-JSON_KEYS = """method num den delay_s cost cost_expected poles zeros converged stable
-    domain hold fs_hz n_lines n_parameters band_hz u_unit y_unit""".split()
+# fmt: off
+JSON_KEYS = (
+    "method", "num", "den", "delay_s", "cost", "cost_expected", "poles", "zeros", "converged", "stable",
+    "domain", "hold", "fs_hz", "n_lines", "n_parameters", "band_hz", "u_unit", "y_unit",
+)
+# fmt: on
 
 
 def _as_json(model: RationalModel) -> dict:
@@ -115,9 +119,8 @@ def _as_json(model: RationalModel) -> dict:
 def _print(model: RationalModel) -> None:
     converged = "converged" if model.converged else "not converged"
     stable = "stable" if model.stable else "NOT STABLE"
-    print(
-        f"{model.method} fit of {model.n_parameters} parameters to {model.n_lines} lines, {converged}, {stable}"
-    )
+    numbers = f"{model.n_parameters} parameters, {model.n_lines} lines"
+    print(f"{model.method} fit, {numbers}, {converged}, {stable}")
     print(f"cost {model.cost:.5g}, expected of noise alone {model.cost_expected:.5g}")
     print(_delay(model))
     print()
@@ -156,7 +159,8 @@ def _roots(kind: str, roots: np.ndarray, covariances: np.ndarray, model: Rationa
         )
         imaginary = f"+-{root.imag:.5g}" if root.imag else "0"
         numbers = [f"{root.real:.5g}", imaginary, f"{f:.5g}", f"+-{f_bound:.2g}"]
-        rows.append([kind, *numbers, f"{damping:.4g}", f"+-{damping_bound:.2g}"])
+        dampings = [f"{damping:.4g}", f"+-{damping_bound:.2g}"] if root.imag else ["", ""]
+        rows.append([kind, *numbers, *dampings])
     return rows
 
 

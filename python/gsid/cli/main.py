@@ -48,7 +48,7 @@ class Verbs(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in VERBS and not args[0].startswith("-"):
-            raise click.UsageError(f"no verb named {args[0]}\nhint: {near(args[0], VERBS)}", ctx)
+            raise NoSuchCommand(args[0], possibilities=VERBS, ctx=ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -133,13 +133,14 @@ def _talk_on_stderr() -> None:
 
 
 def _usage(error: click.UsageError) -> None:
-    what, _, hint = error.format_message().partition("\nhint: ")
-    options = getattr(error, "possibilities", None)
-    if options:
-        what = f"no such option: {error.option_name}"
-        hint = f"did you mean {' or '.join(sorted(options))}?"
+    if isinstance(error, NoArgsIsHelpError):
+        say(error.format_message())
+        return
+    near = getattr(error, "possibilities", None)
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
     command = error.ctx.command_path if error.ctx else "gsid"
-    _error(what.rstrip("."), command, f"{hint} " * bool(hint) + f"`{command} --help` lists what there is")
+    what = error.message if near else error.format_message()
+    _error(what.rstrip("."), command, f"{hint}`{command} --help` lists what there is")
 
 
 def _error(what: str, where: str, hint: str) -> None:
