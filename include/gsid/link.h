@@ -14,8 +14,9 @@ typedef enum {
     GSID_FRAME_STOP = 4     /* host to axis: command zero, forget what is queued; answered with the same */
 } gsid_frame_kind;
 
-/* Flags of a sample frame. */
+/* Flags of a sample frame. The count tells of a lost command whose own sample was lost too. */
 #define GSID_FLAG_COMMAND_LOST 1u /* no command for this tick arrived: the last one was held */
+#define GSID_FLAG_LOST_COUNT 0xFEu /* twice the number of commands lost since the start, modulo 256 */
 
 /* Always single precision: it is what the line carries. */
 typedef struct {

@@ -1,0 +1,126 @@
+"""gsid simulate"""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import click
+
+from gsid.cli.common import json_option, near, options_as_arguments, print_json, say
+
+
+@click.command(short_help="Serve a simulated gimbal axis on a serial line.")
+@click.option("--paced", is_flag=True, help="In real time, by the clock. [default: as fast as commands come]")
+@click.option("--link", metavar="PATH", type=click.Path(), help="Make a symlink to the pseudo-terminal.")
+@click.option("--once", is_flag=True, help="End when the host closes the port.")
+@click.option("--coulomb", metavar="LEVEL", type=float, help="Coulomb friction [deg/s^2]. [default: 0]")
+@click.option("--linear", is_flag=True, help="No friction, and a command neither clipped nor rounded.")
+@click.option(
+    "--noise-scale",
+    metavar="X",
+    type=click.FloatRange(0),
+    default=1.0,
+    help="Times the noise and the fan of the default axis. [default: 1]",
+)
+@click.option(
+    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), help="Of noise and damage. [default: 1]"
+)
+@click.option(
+    "--damage",
+    metavar="RATE",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    help="Share of the frames, either way, that are damaged. [default: 0]",
+)
+@click.option("--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Any parameter of the axis.")
+@click.option("--truth", metavar="FILE", type=click.Path(), help="Write the true parameters as JSON.")
+@json_option
+def simulate(
+    paced: bool,
+    link: str | None,
+    once: bool,
+    coulomb: float | None,
+    linear: bool,
+    noise_scale: float,
+    seed: int | None,
+    damage: float,
+    assignments: tuple[str, ...],
+    truth: str | None,
+    as_json: bool,
+) -> None:
+    """Serve the source's inner azimuth axis on a pseudo-terminal, for `gsid run --port`.
+
+    The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
+    """
+    from gsid.errors import GsidError
+    from gsid.simulate import Damage, Server, SimulatedAxis, pseudo_terminal, serve_line, symlink
+
+    values = _scaled_noise(noise_scale)
+    if linear:
+        values |= {"coulomb_level": 0.0, "command_limit": 0.0}
+    if coulomb is not None:
+        values["coulomb_level"] = coulomb
+    if seed is not None:
+        values["seed"] = seed
+    values |= dict(_parameter(text) for text in assignments)
+    with options_as_arguments():
+        try:
+            axis = SimulatedAxis(**values)
+        except GsidError as error:
+            hint = "include/gsid/host/axis.h has the ranges of the parameters"
+            raise click.UsageError(f"{error.message}\nhint: {hint}", click.get_current_context()) from error
+    if truth:
+        _write_json(Path(truth), axis.truth())
+    random = int(axis.parameters["seed"])
+    damage_in, damage_out = Damage(damage, random), Damage(damage, random + 1)
+    server = Server(axis, paced)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with pseudo_terminal() as (axis_fd, host_fd, path), symlink(link, path):
+        if as_json:
+            print_json({"port": path, "paced": paced, "damage": damage, "parameters": axis.parameters})
+        else:
+            print(path)
+        click.get_text_stream("stdout").flush()
+        try:
+            serve_line(server, axis_fd, host_fd, damage_in, damage_out, once)
+        except KeyboardInterrupt:
+            pass
+    served = server.served
+    say(
+        f"served {served.ticks} ticks, {served.commands_lost} commands lost"
+        + (f", latest sample {1e3 * served.late_s:.1f} ms behind the clock" if paced else "")
+        + (f", {damage_in.n_hits + damage_out.n_hits} frames damaged on purpose" if damage else "")
+    )
+
+
+def _scaled_noise(factor: float) -> dict[str, float]:
+    from gsid.simulate import SimulatedAxis
+
+    defaults = SimulatedAxis().parameters
+    return {name: factor * defaults[name] for name in ("noise_rms", "noise_low_rms", "fan_amplitude")}
+
+
+def _parameter(text: str) -> tuple[str, float]:
+    from gsid.simulate import parameter_types
+
+    types = parameter_types()
+    name, equals, value = text.partition("=")
+    context = click.get_current_context()
+    if not equals:
+        raise click.UsageError(f"--set {text} is not NAME=VALUE", context)
+    if name not in types:
+        raise click.UsageError(f"no axis parameter {name}\nhint: {near(name, types)}", context)
+    try:
+        return name, types[name](value)
+    except ValueError:
+        raise click.UsageError(
+            f"--set {text}: {value} is not a number ({types[name].__name__})", context
+        ) from None
+
+
+def _write_json(path: Path, values: dict) -> None:
+    from gsid.io import write_atomically
+
+    write_atomically(path, lambda part: part.write_text(json.dumps(values, indent=1) + "\n"))

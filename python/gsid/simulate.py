@@ -1,0 +1,375 @@
+"""A simulated gimbal axis, and its end of the serial line; docs/protocol.md describes the rules it keeps."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import time
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.errors import InputError
+from gsid.link import COMMAND, COMMAND_LOST, FRAME_BYTES, HELLO, SAMPLE, STOP, Receiver, encode, frames
+
+QUEUE = 8192  # commands kept
+LEAD_S = 0.02  # paced: from the first command to tick 0, time for the host to get ahead
+WATCHDOG_S = 0.25  # paced: no frame for so long, and the command is zero
+WAKE_S = 0.002  # paced: ticks are served in bursts
+OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
+
+
+def parameter_types() -> dict[str, type]:
+    """Names of the axis's parameters and their types, as in the C struct gsid_axis_cfg."""
+    return {
+        name: int if field.type.cname.startswith("uint") else float
+        for name, field in ffi.typeof("gsid_axis_cfg").fields
+    }
+
+
+class SimulatedAxis:
+    """The source's inner azimuth axis, or one of your own.
+
+    Parameters
+    ----------
+    **parameters
+        Fields of gsid_axis_cfg (include/gsid/host/axis.h has units and ranges); the others keep their defaults.
+
+    Raises
+    ------
+    ValueError
+        No such parameter.
+    GsidError
+        A value is out of its range.
+    """
+
+    def __init__(self, **parameters: float) -> None:
+        cfg = ffi.new("gsid_axis_cfg *")
+        lib.gsid_axis_cfg_init(cfg)
+        types = parameter_types()
+        for name, value in parameters.items():
+            if name not in types:
+                raise ValueError(f"no axis parameter {name}; there are: {', '.join(types)}")
+            setattr(cfg, name, types[name](value))
+        self.parameters: dict[str, float] = {name: getattr(cfg, name) for name in types}
+        handle = ffi.new("gsid_axis **")
+        check(lib.gsid_axis_create(handle, cfg), "making the simulated axis")
+        self._axis = ffi.gc(handle[0], lib.gsid_axis_destroy)
+
+    def __repr__(self) -> str:
+        return f"SimulatedAxis({', '.join(f'{name}={value:g}' for name, value in self.parameters.items())})"
+
+    @property
+    def fs_hz(self) -> float:
+        """Ticks per second [Hz]."""
+        return self.parameters["fs_hz"]
+
+    def reset(self) -> None:
+        """Come to rest at tick 0, with the noise started anew."""
+        lib.gsid_axis_reset(self._axis)
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Advance by n ticks.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Command of each tick.
+
+        Returns
+        -------
+        u_applied : (n,) float64
+            Command as clipped and rounded.
+        y : (n,) float64
+            Gyro [deg/s], sampled at the instant from which the command of the same tick is applied.
+        angle_deg : (n,) float64
+            True angle [deg] at that instant.
+
+        Raises
+        ------
+        GsidError
+            A command is not finite; nothing was advanced.
+        """
+        u = np.ascontiguousarray(u, dtype=np.float64)
+        out = np.empty((3, len(u)))
+        pointers = [ffi.from_buffer("double[]", row) for row in (u, *out)]
+        check(lib.gsid_axis_step(self._axis, len(u), *pointers), "advancing the axis")
+        return out[0], out[1], out[2]
+
+    def truth(self) -> dict:
+        """Parameters, and the transfer function from command to gyro that they make without friction and limits.
+
+        Returns
+        -------
+        dict
+            parameters: {name: value}; num, den: coefficients of s, highest power first, den[0] = 1 (rigid body, flexible
+            mode and gyro lag); delay_s.
+        """
+        p = self.parameters
+        w0 = 2 * np.pi * p["mode_f_hz"]
+        body = np.array([1.0, p["viscous_rate"], p["spring_stiffness"]])
+        num, den = np.array([p["gain"], 0.0]), body
+        if w0 > 0:
+            mode = np.array([1.0, 2 * p["mode_zeta"] * w0, w0**2])
+            num = np.polyadd(np.polymul(num, mode), p["mode_residue"] * np.polymul(num, body))
+            den = np.polymul(body, mode)
+        if p["gyro_lag_s"] > 0:
+            num, den = num / p["gyro_lag_s"], np.polymul(den, [1.0, 1 / p["gyro_lag_s"]])
+        return {
+            "parameters": dict(p),
+            "num": num.tolist(),
+            "den": den.tolist(),
+            "delay_s": p["delay_s"],
+        }
+
+
+class Damage:
+    """A bad line: about one frame in 1 / rate is hit somewhere; bytes are flipped, dropped or put in.
+
+    Parameters
+    ----------
+    rate : float
+        Share of the frames that are hit, 0 .. 1.
+    seed : int
+    """
+
+    def __init__(self, rate: float, seed: int = 0) -> None:
+        if not 0 <= rate <= 1:
+            raise ValueError(f"the damage rate is a share of the frames, 0 to 1, not {rate}")
+        self.rate = rate
+        self.n_hits = 0
+        self._random = np.random.default_rng(seed)
+        self._next = self._frames_ahead()  # whole frames before the next one that is hit
+        self._at = 0  # bytes of the stream's current frame that have passed
+
+    def _frames_ahead(self) -> int:
+        return int(self._random.geometric(self.rate)) - 1 if self.rate > 0 else -1
+
+    def apply(self, data: bytes) -> bytes:
+        """Pass bytes of a stream of frames on, some of them damaged.
+
+        Parameters
+        ----------
+        data : bytes
+            Whole frames, or any piece of a stream of them.
+
+        Returns
+        -------
+        bytes
+        """
+        if self._next < 0:
+            return data
+        out, start = [], 0
+        while start + (ahead := (self._next + 1) * FRAME_BYTES - self._at) <= len(data):
+            end = start + ahead
+            first = max(start, end - FRAME_BYTES)
+            out += [data[start:first], self._hit(data[first:end])]
+            start, self._at, self._next = end, 0, self._frames_ahead()
+        rest = self._at + len(data) - start
+        self._next, self._at = self._next - rest // FRAME_BYTES, rest % FRAME_BYTES
+        return b"".join([*out, data[start:]])
+
+    def _hit(self, frame: bytes) -> bytes:
+        self.n_hits += 1
+        at = int(self._random.integers(len(frame)))
+        n = int(self._random.integers(1, 9))
+        noise = self._random.integers(1, 256, n, dtype=np.uint8)
+        kind = self._random.integers(3)
+        if kind == 0:
+            part = np.frombuffer(frame[at : at + n], np.uint8)
+            return frame[:at] + (part ^ noise[: len(part)]).tobytes() + frame[at + n :]
+        if kind == 1:
+            return frame[:at] + frame[at + n :]
+        return frame[:at] + noise.tobytes() + frame[at:]
+
+
+@dataclass
+class Served:
+    """What a server has done: ticks advanced, commands that never came, latest tick behind the clock [s]."""
+
+    ticks: int = 0
+    commands_lost: int = 0
+    late_s: float = 0.0
+
+
+class Server:
+    """The axis's end of the protocol: bytes in, bytes out.
+
+    Parameters
+    ----------
+    axis : SimulatedAxis
+    paced : bool
+        False: lock-step, the axis advances when commands come. True: by the clock.
+    """
+
+    def __init__(self, axis: SimulatedAxis, paced: bool = False) -> None:
+        self.axis = axis
+        self.paced = paced
+        self.served = Served()
+        self.receiver = Receiver()
+        self._running = False
+        self._restart()
+
+    def _restart(self) -> None:
+        self.axis.reset()
+        self._tick = 0
+        self._held = 0.0
+        self._n_lost = 0
+        self._forget()
+        self._start_s: float | None = None  # when tick 0 is due; None: no command has come yet
+
+    def _forget(self) -> None:
+        self._queue = np.zeros(QUEUE)
+        self._queue_tick = np.full(QUEUE, -1, np.int64)
+
+    def take(self, data: bytes, now_s: float = 0.0) -> bytes:
+        """Take bytes off the line and answer them.
+
+        Parameters
+        ----------
+        data : bytes
+        now_s : float
+            Monotonic clock [s]; looked at only when paced.
+
+        Returns
+        -------
+        bytes
+            To send: in lock-step also the samples of all ticks up to the last command.
+        """
+        got = self.receiver.decode(data)
+        if len(got):
+            self._heard_s = now_s
+        out, first = [], 0
+        for last in [*np.flatnonzero((got["kind"] == HELLO) | (got["kind"] == STOP)), len(got)]:
+            out.append(self._commands(got[first:last], now_s))
+            if last < len(got):
+                out.append(self._control(int(got["kind"][last])))
+            first = last + 1
+        return b"".join(out)
+
+    def _control(self, kind: int) -> bytes:
+        if kind == HELLO:
+            self._restart()
+            self._running = True
+            return encode(frames(HELLO, 0, self.axis.fs_hz, QUEUE))
+        self._running = False
+        return encode(frames(STOP, self._tick))
+
+    def _commands(self, got: np.ndarray, now_s: float) -> bytes:
+        tick = got["tick"].astype(np.int64)
+        usable = (got["kind"] == COMMAND) & (tick >= self._tick) & (tick < self._tick + QUEUE - 1)
+        got, tick = got[usable], tick[usable]
+        if not self._running or not len(got):
+            return b""
+        for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # the copy first: a command of its own goes above it
+            finite = np.isfinite(value)
+            self._queue[at[finite] % QUEUE] = value[finite]
+            self._queue_tick[at[finite] % QUEUE] = at[finite]
+        if not self.paced:
+            return self._advance(int(tick.max()) + 1)
+        if self._start_s is None:
+            self._start_s = now_s + LEAD_S
+        return b""
+
+    def keep_time(self, now_s: float) -> bytes:
+        """Paced: advance to the clock, and return the samples to send."""
+        if not self._running or self._start_s is None or now_s < self._start_s:
+            return b""
+        if now_s - self._heard_s > WATCHDOG_S:
+            self._forget()
+            self._held = 0.0
+        due_s = self._start_s + self._tick / self.axis.fs_hz
+        end = int((now_s - self._start_s) * self.axis.fs_hz) + 1
+        if end <= self._tick:
+            return b""
+        self.served.late_s = max(self.served.late_s, now_s - due_s)
+        return self._advance(end)
+
+    def _advance(self, end: int) -> bytes:
+        out = []
+        while self._tick < end:
+            n = min(end - self._tick, QUEUE)
+            out.append(self._advance_block(np.arange(self._tick, self._tick + n)))
+        return b"".join(out)
+
+    def _advance_block(self, tick: np.ndarray) -> bytes:
+        there = self._queue_tick[tick % QUEUE] == tick
+        index = np.maximum.accumulate(np.where(there, np.arange(len(tick)), -1))
+        u = np.where(index >= 0, self._queue[tick[np.maximum(index, 0)] % QUEUE], self._held)
+        u_applied, y, _ = self.axis.step(u)
+        n_lost = self._n_lost + np.cumsum(~there)
+        flags = np.where(there, 0, COMMAND_LOST) | (n_lost % 128) << 1
+        self._held, self._n_lost, self._tick = u[-1], int(n_lost[-1]), int(tick[-1]) + 1
+        self.served.ticks += len(tick)
+        self.served.commands_lost += int(np.count_nonzero(~there))
+        return encode(frames(SAMPLE, tick, u_applied, y, flags))
+
+
+@contextlib.contextmanager
+def pseudo_terminal() -> Iterator[tuple[int, int, str]]:
+    """Open a pseudo-terminal in raw mode: (the axis's file descriptor, the host's, the host's path)."""
+    axis_fd, host_fd = os.openpty()
+    try:
+        tty.setraw(host_fd)
+        os.set_blocking(axis_fd, False)
+        yield axis_fd, host_fd, os.ttyname(host_fd)
+    finally:
+        os.close(axis_fd)
+        with contextlib.suppress(OSError):  # serve_line may have closed it
+            os.close(host_fd)
+
+
+@contextlib.contextmanager
+def symlink(link: str | None, target: str) -> Iterator[None]:
+    """Have a symlink to `target` for a while; InputError when something else stands there."""
+    if link is None:
+        yield
+        return
+    if os.path.lexists(link) and not os.path.islink(link):
+        raise InputError("there is a file of that name", link, None, "give --link another path")
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(link)
+    os.symlink(target, link)
+    try:
+        yield
+    finally:
+        if os.path.islink(link) and os.readlink(link) == target:
+            os.unlink(link)
+
+
+def serve_line(server: Server, axis_fd: int, host_fd: int, damage_in: Damage, damage_out: Damage, once: bool) -> None:
+    """Serve the axis on a pseudo-terminal until interrupted, or until the port is closed.
+
+    Parameters
+    ----------
+    server : Server
+    axis_fd, host_fd : int
+        From `pseudo_terminal`. `host_fd` keeps the line open while no host is there; with `once` it is closed at the
+        first byte, so that the host's leaving shows.
+    damage_in, damage_out : Damage
+    once : bool
+        Return when the host closes the port.
+    """
+    output = b""
+    while True:
+        reading = [axis_fd] if len(output) < OUTPUT_MAX or server.paced else []
+        ready, writable, _ = select.select(reading, [axis_fd] if output else [], [], WAKE_S if server.paced else None)
+        if ready:
+            try:
+                data = os.read(axis_fd, 65536)
+            except OSError:  # EIO: nobody holds the other end any more
+                return
+            if once and host_fd >= 0:
+                os.close(host_fd)
+                host_fd = -1
+            output += damage_out.apply(server.take(damage_in.apply(data), time.monotonic()))
+        if server.paced:
+            output += damage_out.apply(server.keep_time(time.monotonic()))
+        if len(output) > OUTPUT_MAX and server.paced:
+            output = b""
+        if output and writable:
+            output = output[os.write(axis_fd, output) :]
