@@ -1,0 +1,357 @@
+"""Periodic excitation: multisines on a grid of lines k fs/N; a request is met as asked, or refused."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+
+GRIDS = {"full": lib.GSID_GRID_FULL, "odd": lib.GSID_GRID_ODD}
+PHASES = ("schroeder", "random")
+FINE = 8  # points per sample on which the crest factor between the samples is looked for
+ON_A_LINE = 1e-9  # band edges this near to a line, in lines, are meant to be on it
+
+
+@dataclass(repr=False)
+class Multisine:
+    """u[n] = sum over lines of amplitude cos(2 pi line n / N + phase)  (EXC-1; source, eqs. 3.4 and 3.8).
+
+    Attributes
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    period_samples : int
+        N.
+    line : (F,) int
+        Excited lines, ascending, 1 <= line < N/2; line k is at k fs/N [Hz].
+    amplitude : (F,) float
+        Amplitude of each sine, unit of the command.
+    phase_rad : (F,) float
+    grid : {"full", "odd"}
+    shape_db_per_decade : float
+        Slope of the amplitude over frequency.
+    seed : int or None
+        Seed of random phases; None: Schroeder phases.
+    """
+
+    fs_hz: float
+    period_samples: int
+    line: np.ndarray
+    amplitude: np.ndarray
+    phase_rad: np.ndarray
+    grid: str = "full"
+    shape_db_per_decade: float = 0.0
+    seed: int | None = None
+
+    @classmethod
+    def design(
+        cls,
+        fs_hz: float,
+        period_samples: float,
+        band_hz: tuple[float, float],
+        *,
+        grid: str = "full",
+        phases: str = "schroeder",
+        seed: int = 0,
+        shape_db_per_decade: float = 0.0,
+        amplitude: float | None = None,
+        rms: float | None = None,
+        peak: float | None = None,
+    ) -> Multisine:
+        """Design a multisine.
+
+        Parameters
+        ----------
+        fs_hz : float
+            Sample rate [Hz], > 0.
+        period_samples : int
+            N; a float is taken when it is a whole number.
+        band_hz : (lo, hi)
+            First and last frequency allowed [Hz], 0 < lo < hi < fs/2.
+        grid : {"full", "odd"}
+            Every line of the band, or those of odd number only: the even ones then show even distortion.
+        phases : {"schroeder", "random"}
+            Low crest factor (EXC-2; source, definition 3.5.1), or independent and uniform on [0, 2 pi)
+            (EXC-3; source, definition 5.3.1).
+        seed : int
+            Of random phases, 0 .. 2^64 - 1.
+        shape_db_per_decade : float
+            Slope of the amplitude over frequency; 0 flat; -10 falls as 1/sqrt(f).
+        amplitude, rms, peak : float, optional
+            Size, unit of the command, at most one of: amplitude of the first line, rms of the signal, largest
+            magnitude of its samples. Default: amplitude 1.
+
+        Returns
+        -------
+        Multisine
+
+        Raises
+        ------
+        ValueError
+            A request that cannot be met; the message names the nearest one that can.
+        """
+        if not (math.isfinite(fs_hz) and fs_hz > 0):
+            raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
+        if grid not in GRIDS:
+            raise ValueError(f"grid must be one of {', '.join(GRIDS)}, not {grid!r}")
+        if phases not in PHASES:
+            raise ValueError(f"phases must be one of {', '.join(PHASES)}, not {phases!r}")
+        if phases == "random" and not 0 <= seed < 2**64:
+            raise ValueError(f"the seed must be within 0 .. 2^64 - 1, not {seed}")
+        if not math.isfinite(shape_db_per_decade):
+            raise ValueError(f"the slope must be a finite number of dB per decade, not {shape_db_per_decade}")
+        n_period = _whole_period(period_samples)
+        line = _lines_in_band(fs_hz, n_period, band_hz, grid)
+        shape = np.empty(len(line))
+        check(
+            lib.gsid_amplitude_shape(len(line), _u32(line), shape_db_per_decade, _real(shape)),
+            "shaping the amplitudes",
+        )
+        phase_rad = np.empty(len(line))
+        if phases == "random":
+            check(lib.gsid_phase_random(len(line), seed, _real(phase_rad)), "drawing random phases")
+        else:
+            check(lib.gsid_phase_schroeder(len(line), _real(shape), _real(phase_rad)), "Schroeder phases")
+        unit = cls(
+            float(fs_hz),
+            n_period,
+            line,
+            shape,
+            phase_rad,
+            grid,
+            float(shape_db_per_decade),
+            seed if phases == "random" else None,
+        )
+        unit.amplitude = shape * _size(unit, amplitude, rms, peak)
+        return unit
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines, (F,) [Hz]."""
+        return self.line * (self.fs_hz / self.period_samples)
+
+    def table(self) -> np.ndarray:
+        """One period of the signal.
+
+        Returns
+        -------
+        (N,) float64, unit of the command
+
+        Raises
+        ------
+        GsidError
+            The attributes were changed to something that is no multisine.
+        """
+        line, amplitude, phase_rad = self._arrays()
+        twiddle = np.empty(self.period_samples, complex)
+        check(lib.gsid_twiddle_fill(self.period_samples, _cplx(twiddle)), "making the twiddle table")
+        cfg = ffi.new("gsid_multisine_cfg *")
+        cfg.n_period, cfg.n_lines = self.period_samples, len(line)
+        cfg.line, cfg.amplitude, cfg.phase_rad = _u32(line), _real(amplitude), _real(phase_rad)
+        cfg.twiddle = _cplx(twiddle)
+        multisine = ffi.new("gsid_multisine *")
+        check(lib.gsid_multisine_init(multisine, cfg), "setting up the multisine")
+        u = np.empty(self.period_samples)
+        check(lib.gsid_multisine_table(multisine, _real(u)), "computing the period")
+        return u
+
+    def spectrum(self) -> np.ndarray:
+        """Complex amplitudes amplitude exp(j phase) of the lines, (F,) complex, unit of the command."""
+        return np.asarray(self.amplitude) * np.exp(1j * np.asarray(self.phase_rad))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the signal, unit of the command."""
+        return float(np.sqrt(np.sum(np.square(self.amplitude)) / 2))
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude of the samples, unit of the command."""
+        return float(np.abs(self.table()).max())
+
+    @property
+    def crest_factor(self) -> float:
+        """Crest factor on the samples (source, definition 3.2.1)."""
+        return crest_factor(self.table(), self.line)
+
+    @property
+    def crest_factor_fine(self) -> float:
+        """Crest factor on an 8 times finer grid: what the signal does between its samples counts too."""
+        n_fine = FINE * self.period_samples
+        spectrum = np.zeros(n_fine // 2 + 1, complex)
+        spectrum[self.line] = self.spectrum() * (n_fine / 2)
+        return crest_factor(np.fft.irfft(spectrum, n_fine), self.line)
+
+    @property
+    def p_int_over_p_tot(self) -> float:
+        """Share of the power in the excited lines: 1 but for rounding (source, definition 3.2.1)."""
+        return power_share(self.table(), self.line)
+
+    def write_table(self, path: str | os.PathLike) -> None:
+        """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.
+
+        Parameters
+        ----------
+        path : path
+            Written under a temporary name, then renamed.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        """
+        path = Path(path)
+        phases = "schroeder" if self.seed is None else f"random, seed {self.seed}"
+        head = {
+            "fs_hz": repr(self.fs_hz),
+            "period_samples": self.period_samples,
+            "hold": "zoh",
+            "lines": f"{self.grid}, {self.line[0]} to {self.line[-1]}",
+            "shape_db_per_decade": f"{self.shape_db_per_decade:g}",
+            "phases": phases,
+        }
+        rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
+        text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
+        temporary = path.with_name(path.name + ".part")
+        temporary.write_text("\n".join(text) + "\n")
+        temporary.replace(path)
+
+    def __repr__(self) -> str:
+        f_hz = self.f_hz
+        phases = "Schroeder phases" if self.seed is None else f"random phases, seed {self.seed}"
+        return (
+            f"Multisine({len(f_hz)} {self.grid} lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz, period "
+            f"{self.period_samples} at {self.fs_hz:g} Hz, {self.shape_db_per_decade:g} dB/decade, {phases}, "
+            f"rms {self.rms:.4g}, crest factor {self.crest_factor_fine:.3f})"
+        )
+
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return (
+            np.ascontiguousarray(self.line, np.uint32),
+            np.ascontiguousarray(self.amplitude, float),
+            np.ascontiguousarray(self.phase_rad, float),
+        )
+
+
+def power_share(u: np.ndarray, line: np.ndarray) -> float:
+    """Share P_int/P_tot of a period's power that lies in the given lines (source, definition 3.2.1).
+
+    Parameters
+    ----------
+    u : (N,) array_like
+    line : (F,) int, 0 .. N/2
+
+    Returns
+    -------
+    float, 0 .. 1
+    """
+    power = np.abs(np.fft.rfft(u)) ** 2
+    power[1 : (len(u) + 1) // 2] *= 2  # the negative frequencies
+    return float(power[np.asarray(line)].sum() / power.sum())
+
+
+def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
+    """Peak of a period over its rms in the band of interest (source, definition 3.2.1).
+
+    Parameters
+    ----------
+    u : (N,) array_like
+        One period.
+    line : (F,) int, optional
+        Lines of interest; default: all, so that P_int/P_tot is 1.
+
+    Returns
+    -------
+    float, >= 1 when all the power is of interest
+
+    Raises
+    ------
+    ValueError
+        No power in the lines.
+    """
+    u = np.asarray(u, float)
+    share = 1.0 if line is None else power_share(u, line)
+    rms_of_interest = np.sqrt(np.mean(u**2) * share)
+    if not rms_of_interest > 0:
+        raise ValueError("the signal has no power in the lines of interest: it has no crest factor")
+    return float(np.abs(u).max() / rms_of_interest)
+
+
+def _whole_period(period_samples: float) -> int:
+    nearest = max(round(period_samples), 3) if math.isfinite(period_samples) else 3
+    if nearest != period_samples:
+        raise ValueError(
+            f"a period of {period_samples} samples is not a whole number of at least 3; the nearest valid "
+            f"request is {nearest} samples"
+        )
+    return nearest
+
+
+def _lines_in_band(fs_hz: float, n_period: int, band_hz: tuple[float, float], grid: str) -> np.ndarray:
+    """Line numbers of the grid within the band, (F,) uint32."""
+    lo_hz, hi_hz = (float(edge) for edge in band_hz)
+    step = 1 if grid == "full" else 2
+    top = (n_period - 1) // 2  # last line below fs/2
+    top -= (top - 1) % step
+    spacing = fs_hz / n_period
+
+    def nearest(lo: float, hi: float) -> str:
+        first = 1 + step * round((min(max(lo, 1), top) - 1) / step)
+        last = 1 + step * round((min(max(hi, 1), top) - 1) / step)
+        last = max(last, min(first + step, top))
+        return f"the nearest valid request is {first * spacing:.10g}:{last * spacing:.10g} Hz"
+
+    if not (math.isfinite(lo_hz) and math.isfinite(hi_hz)):
+        raise ValueError(f"the band {lo_hz}:{hi_hz} Hz is not finite; {nearest(1, top)}")
+    lo, hi = lo_hz / spacing, hi_hz / spacing
+    if lo_hz <= 0:
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz starts at or below 0; {nearest(1, hi)}")
+    if lo_hz >= hi_hz:
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz has no width; {nearest(lo, lo)}")
+    if hi_hz >= fs_hz / 2:
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz reaches fs/2, {fs_hz / 2:g} Hz; {nearest(lo, hi)}")
+    first, last = max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
+    n_lines = ffi.new("uint32_t *")
+    status = lib.GSID_E_CONFIG
+    if first <= last:
+        status = lib.gsid_lines_fill(GRIDS[grid], first, last, 0, ffi.NULL, n_lines)
+    if status == lib.GSID_E_CONFIG:
+        kind = "" if grid == "full" else f"{grid} "
+        raise ValueError(
+            f"no {kind}line in {lo_hz:g}:{hi_hz:g} Hz, lines being {spacing:g} Hz apart; {nearest(lo, hi)}"
+        )
+    check(status, "counting the lines")
+    line = np.empty(n_lines[0], np.uint32)
+    check(lib.gsid_lines_fill(GRIDS[grid], first, last, len(line), _u32(line), n_lines), "listing the lines")
+    return line
+
+
+def _size(unit: Multisine, amplitude: float | None, rms: float | None, peak: float | None) -> float:
+    """Amplitude of the first line that gives the asked size; `unit` has amplitude 1 there."""
+    asked = {"amplitude": amplitude, "rms": rms, "peak": peak}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    if len(asked) > 1:
+        raise ValueError(f"give one of amplitude, rms and peak, not {' and '.join(asked)}")
+    if not asked:
+        return 1.0
+    name, value = asked.popitem()
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a positive number, not {value}")
+    return value / (1.0 if name == "amplitude" else getattr(unit, name))
+
+
+def _u32(array: np.ndarray):
+    return ffi.from_buffer("uint32_t[]", array)
+
+
+def _real(array: np.ndarray):
+    return ffi.from_buffer("double[]", array)
+
+
+def _cplx(array: np.ndarray):
+    return ffi.from_buffer("gsid_cplx[]", array)
