@@ -9,17 +9,9 @@ import sys
 import traceback
 
 import click
+from click.exceptions import NoArgsIsHelpError, NoSuchCommand
 
-from gsid.cli.common import (
-    EXIT_GOOD,
-    EXIT_INPUT,
-    EXIT_INTERNAL,
-    EXIT_INTERRUPT,
-    EXIT_USAGE,
-    near,
-    say,
-    version,
-)
+from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, say, version
 from gsid.errors import GsidError, InputError
 
 VERBS = {
@@ -136,10 +128,10 @@ def _usage(error: click.UsageError) -> None:
     if isinstance(error, NoArgsIsHelpError):
         say(error.format_message())
         return
-    near = getattr(error, "possibilities", None)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    close = getattr(error, "possibilities", None)
+    hint = f"did you mean {' or '.join(close)}? " if close else ""
     command = error.ctx.command_path if error.ctx else "gsid"
-    what = error.message if near else error.format_message()
+    what = error.message if close else error.format_message()
     _error(what.rstrip("."), command, f"{hint}`{command} --help` lists what there is")
 
 
