@@ -1,6 +1,6 @@
 """Pictures: one function each, objects in, a matplotlib Figure out (no pyplot, no global state).
 
-Confidence throughout is 95 %, point by point; the bands are those of gsid.bands.
+Confidence throughout is 95 %, point by point; the bands are those of gsid.confidence.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
-from gsid.bands import (
+from gsid.confidence import (
     NORMAL_95,
     complex_bound,
     confidence_ellipse,
     excess_bands,
     gain_phase_band,
+    gain_phase_std,
     unwrapped_phase_deg,
 )
 
@@ -180,8 +181,9 @@ def _limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
         ax.set_ylim(low - room, high + room)
 
 
-def _dof(frf: Frf) -> int:
-    return max(frf.n_periods - frf.n_realisations, 1)
+def _dof(frf: Frf) -> int | None:
+    """Degrees of freedom of the variance; None (taken as exact) where it did not come from periods."""
+    return frf.n_periods - frf.n_realisations if frf.n_periods > frf.n_realisations else None
 
 
 def _line_mask(frf: Frf) -> np.ndarray:
@@ -466,92 +468,101 @@ def _dense(f, *roots) -> np.ndarray:
 
 
 @_styled
-def bode(frf: Frf, model: RationalModel) -> Figure:
-    """Measured response and fitted model, with 95 % bands on gain and phase of both.
+def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
+    """Fitted model and, when given, the measured response, with 95 % bands on gain and phase of both.
 
     Parameters
     ----------
-    frf : Frf
     model : RationalModel
+    frf : Frf, optional
 
     Returns
     -------
     Figure
     """
-    use = _line_mask(frf)
-    f, g, sigma = frf.f_hz[use], frf.g[use], np.nan_to_num(np.sqrt(frf.var_g[use]))
+    f = _band_of(model) if frf is None else frf.f_hz[_line_mask(frf)]
     fine = _dense(f, model.poles, model.zeros) if model.domain == "s" else _dense(f, [])
-    g_model, g_line = model.response(fine), model.response(f)
-    model_low, model_high, model_phase_band = gain_phase_band(g_model, model.response_std(fine))
-    low, high, phase_band = gain_phase_band(g, sigma)
+    g_model = model.response(fine)
     phase_model = unwrapped_phase_deg(fine, g_model)
-    # The model tells on which branch the measured phase is: no unwrapping of noise.
-    at_line = np.interp(f, fine, phase_model)
-    phase = at_line + np.degrees(np.angle(g / np.where(g_line == 0.0, 1.0, g_line)))
-
     figure = _figure(6.0)
     gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
-    _error_bars(gain_ax, f, low, high, "95 % interval, measured")
-    _points(gain_ax, f, _db(g), MEASURED, "measured", markersize=3.6, alpha=0.55)
-    gain_ax.fill_between(
-        fine, model_low, model_high, color=MODEL, alpha=0.25, linewidth=0.0, label="95 % band, model"
-    )
-    gain_ax.plot(
-        fine,
-        _db(g_model),
-        color=MODEL,
-        label=f"model {order_text(model)}, delay "
-        f"{delay_text(model.delay_s, model.fs_hz, model.std_delay_s if model.free_delay else None)}",
-    )
-    _limits_db(gain_ax, _db(g), _db(g_model))
-    gain_ax.set_ylabel(_db_label("|G|", _text(_per(frf.y_unit, frf.u_unit))))
+    if frf is not None:
+        _draw_measured(gain_ax, phase_ax, frf, model, np.interp(f, fine, phase_model))
+    _draw_model(gain_ax, phase_ax, fine, g_model, phase_model, model)
+    _limits_db(gain_ax, _db(g_model), *([] if frf is None else [_db(frf.g[_line_mask(frf)])]))
+    gain_ax.set_ylabel(_db_label("|G|", _text(_per(model.y_unit, model.u_unit))))
     gain_ax.legend(loc="best")
-    _error_bars(phase_ax, f, phase - phase_band, phase + phase_band, None)
-    _points(phase_ax, f, phase, MEASURED, None, markersize=3.6, alpha=0.55)
-    phase_ax.fill_between(
-        fine,
-        phase_model - model_phase_band,
-        phase_model + model_phase_band,
-        color=MODEL,
-        alpha=0.25,
-        linewidth=0.0,
-    )
-    phase_ax.plot(fine, phase_model, color=MODEL)
-    phase_ax.set_ylim(min(phase.min(), phase_model.min()) - 15.0, max(phase.max(), phase_model.max()) + 15.0)
     _frequency_axis(gain_ax, f, label=False)
     _frequency_axis(phase_ax, f)
     _phase_axis(phase_ax)
     return figure
 
 
+def _band_of(model: RationalModel) -> np.ndarray:
+    """Band to draw a model in by itself: that of its fit, else around its roots; below fs/2."""
+    band = model.band_hz
+    if band is None:
+        roots = np.abs(np.concatenate([model.poles, model.zeros])) / (2.0 * np.pi)
+        roots = roots[roots > 0.0] if model.domain == "s" else roots[:0]
+        top = 0.499 * model.fs_hz if model.fs_hz else 100.0
+        band = (0.1 * roots.min(), 10.0 * roots.max()) if len(roots) else (1e-3 * top, top)
+    high = min(band[1], 0.499 * model.fs_hz) if model.fs_hz else band[1]
+    return np.geomspace(max(band[0], 1e-4 * high), high, 200)
+
+
+def _draw_measured(gain_ax: Axes, phase_ax: Axes, frf: Frf, model: RationalModel, phase_model) -> None:
+    """The model tells on which branch the measured phase is: noise needs no unwrapping."""
+    use = _line_mask(frf)
+    f, g, g_model = frf.f_hz[use], frf.g[use], model.response(frf.f_hz[use])
+    phase = phase_model + np.degrees(np.angle(g * np.conj(g_model)))
+    if np.any(frf.var_g[use] > 0.0):
+        low, high, half = gain_phase_band(g, np.sqrt(frf.var_g[use]))
+        _error_bars(gain_ax, f, low, high, "95 % interval, measured")
+        _error_bars(phase_ax, f, phase - half, phase + half, None)
+    _points(gain_ax, f, _db(g), MEASURED, "measured", markersize=3.6, alpha=0.55)
+    _points(phase_ax, f, phase, MEASURED, None, markersize=3.6, alpha=0.55)
+
+
+def _draw_model(gain_ax: Axes, phase_ax: Axes, f, g, phase, model: RationalModel) -> None:
+    if model.cov is not None:
+        std_gain, std_phase = gain_phase_std(model, f)
+        half_db = NORMAL_95 * 20.0 / np.log(10.0) * std_gain
+        half_deg = NORMAL_95 * np.degrees(std_phase)
+        band = {"color": MODEL, "alpha": 0.25, "linewidth": 0.0}
+        gain_ax.fill_between(f, _db(g) - half_db, _db(g) + half_db, label="95 % band, model", **band)
+        phase_ax.fill_between(f, phase - half_deg, phase + half_deg, **band)
+    delay = delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
+    gain_ax.plot(f, _db(g), color=MODEL, label=f"model {order_text(model)}, delay {delay}")
+    phase_ax.plot(f, phase, color=MODEL)
+
+
 @_styled
-def residual(frf: Frf, model: RationalModel) -> Figure:
+def residual(model: RationalModel, frf: Frf) -> Figure:
     """Complex residual of every line against its 95 % noise bound; bands with an excess are shaded.
 
     Parameters
     ----------
-    frf : Frf
     model : RationalModel
+    frf : Frf
 
     Returns
     -------
     Figure
     """
     use = _line_mask(frf)
-    f, g, sigma = frf.f_hz[use], frf.g[use], np.sqrt(frf.var_g[use])
+    f, g = frf.f_hz[use], frf.g[use]
     error = np.abs(g - model.response(f))
-    bound = complex_bound(sigma, n_dof=_dof(frf))
-    above = error > bound
+    bound = complex_bound(np.sqrt(frf.var_g[use]), n_dof=_dof(frf))
     figure = _figure(3.9)
     ax = figure.subplots()
     ax.plot(f, _db(g), color=NOISE, linewidth=0.9, label="|G measured|")
     _draw_error(ax, f, error, bound, "|G measured − model|")
-    for low, high in excess_bands(f, above):
+    for low, high in excess_bands(f, error > bound):
         _shade(ax, low, high, "more than chance explains")
     _frequency_axis(ax, f)
     _limits_db(ax, _db(g), _db(bound), _db(error))
     ax.set_ylabel(_db_label("magnitude", _text(_per(frf.y_unit, frf.u_unit))))
-    ax.set_title(f"Complex residual: {_above_text(above)}")
+    ax.set_title(f"Complex residual: {_above_text(error, bound)}")
     _legend_below(figure, [ax])
     return figure
 
@@ -561,10 +572,14 @@ def _draw_error(ax: Axes, f, error, bound, label: str) -> None:
     above = error > bound
     ax.plot(f, _db(bound), color=EXCESS, linewidth=1.0, label="95 % noise bound")
     _points(ax, f[~above], _db(error[~above]), MODEL, label)
-    _points(ax, f[above], _db(error[above]), EXCESS, "above the bound", markersize=3.2)
+    if above.any():
+        _points(ax, f[above], _db(error[above]), EXCESS, "above the bound", markersize=3.2)
 
 
-def _above_text(above) -> str:
+def _above_text(error, bound) -> str:
+    if not np.any(np.isfinite(bound)):
+        return "the noise is not known"
+    above = error > bound
     share = 100.0 * np.mean(above)
     return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; noise alone: 5 %)"
 
@@ -622,7 +637,7 @@ def comparison(comparison: Comparison, y_unit: str = "") -> Figure:
             if band["lines"] == name:
                 _draw_failing_band(ax, band)
         ax.set_title(
-            f"{name.capitalize()} lines: {_above_text(error[use] > bound)}" if use.any() else "No lines"
+            f"{name.capitalize()} lines: {_above_text(error[use], bound)}" if use.any() else "No lines"
         )
         ax.set_ylabel(_db_label("|Y|", _text(y_unit)))
         _frequency_axis(ax, f[f > 0.0], label=ax is axes[-1])

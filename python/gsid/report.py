@@ -16,7 +16,6 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +25,9 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from gsid import plots
-from gsid.bands import root_quantities
+from gsid._lib import ffi, lib, version
+from gsid.confidence import root_quantities
+from gsid.io import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -190,15 +191,9 @@ class Report:
         OSError
             When the folder cannot be written.
         """
-        path = Path(path)
         text = self.html()
-        unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            unfinished.write_text(text, encoding="utf-8")
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-        return path
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
+        return Path(path)
 
 
 # --- words ------------------------------------------------------------------------------------------------
@@ -220,7 +215,7 @@ def _verdict(
     if comparison is not None:
         return _comparison_verdict(comparison, y_unit), "good" if comparison.adequate else "bad"
     if model is not None:
-        delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s if model.free_delay else None)
+        delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
         fitted = (
             f"Fitted: a {plots.order_text(model)} model with a delay of {delay}; not compared with a record."
         )
@@ -262,7 +257,7 @@ def _run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -
         ("Periods", f"{source.n_periods} good, {source.n_spoiled} left out for lost samples"),
         (
             "Settling",
-            f"{source.settle_samples} samples ({source.settle_samples / n:.3g} of a period) thrown away",
+            f"{source.settle_samples} samples ({source.settle_samples / n:.2f} periods) thrown away",
         ),
     ]
     if getattr(source, "n_realisations", 1) > 1:
@@ -322,15 +317,22 @@ def _signed(value: float) -> str:
 
 
 def _fit_table(m: RationalModel) -> _Table:
-    delay = plots.delay_text(m.delay_s, m.fs_hz, m.std_delay_s if m.free_delay else None)
+    delay = plots.delay_text(m.delay_s, m.fs_hz, m.std_delay_s)
     rows = [
         ("Order (poles/zeros)", f"{plots.order_text(m)} in {m.domain}"),
         ("Delay", f"{delay}, {'free' if m.free_delay else 'given'}"),
-        ("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"),
         ("Poles", "all stable" if m.stable else "not all stable"),
-        ("Lines", f"{m.n_lines} in {plots.band_text(*m.band_hz)}, {m.n_parameters} free parameters"),
-        ("Cost", f"{_number(m.cost, 5)}, with noise alone {_number(m.cost_expected, 5)} is expected"),
+        ("Parameters", f"{m.n_parameters} free"),
     ]
+    if m.hold == "zoh":
+        rows.append(("Input", "held over each sample; the model is of what follows the hold"))
+    if m.method is not None:
+        rows.append(("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"))
+    if m.band_hz is not None:
+        rows.append(("Lines", f"{m.n_lines} in {plots.band_text(*m.band_hz)}"))
+    if m.cost is not None:
+        expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
+        rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
     return _Table("Fitted model", (), rows, "Intervals are 95 %.")
 
 
@@ -359,15 +361,12 @@ def _root_row(kind: str, root: complex, cov, m: RationalModel) -> tuple[str, ...
 def _parameter_table(m: RationalModel) -> _Table:
     rows = []
     for name, values, stds in (("numerator", m.num, m.std_num), ("denominator", m.den, m.std_den)):
-        for power, value, std in zip(reversed(range(len(values))), values, stds, strict=True):
+        powers = range(len(values) - 1, -1, -1) if m.domain == "s" else range(0, -len(values), -1)
+        for power, value, std in zip(powers, values, stds, strict=True):
             rows.append((f"{name}, {m.domain}{_superscript(power)}", _number(value, 8), *_spread(value, std)))
-    rows.append(
-        ("delay [s]", _number(m.delay_s, 8), *_spread(m.delay_s, m.std_delay_s if m.free_delay else 0.0))
-    )
-    units = "coefficients in powers of rad/s" if m.domain == "s" else "coefficients in powers of z"
-    return _Table(
-        "Parameters", ("Parameter", "Estimate", "σ", "σ [%]"), rows, f"No σ: not estimated; {units}."
-    )
+    rows.append(("delay [s]", _number(m.delay_s, 8), *_spread(m.delay_s, m.std_delay_s)))
+    note = "No σ: not estimated." + (" Frequencies in rad/s." if m.domain == "s" else "")
+    return _Table("Parameters", ("Parameter", "Estimate", "σ", "σ [%]"), rows, note)
 
 
 def _spread(value: float, std: float) -> tuple[str, str]:
@@ -377,7 +376,7 @@ def _spread(value: float, std: float) -> tuple[str, str]:
 
 
 def _superscript(power: int) -> str:
-    return str(power).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def _failing_table(c: Comparison | None) -> _Table | None:
@@ -427,8 +426,8 @@ def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[
         ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
-        ("Measured and fitted", has_fit, lambda: plots.bode(frf, model)),
-        ("Complex residual", has_fit, lambda: plots.residual(frf, model)),
+        ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
+        ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
         ("Poles and zeros", model, lambda: plots.pole_zero(model)),
         ("Comparison at the output", comparison, lambda: plots.comparison(comparison, y_unit)),
     ]
@@ -463,14 +462,11 @@ def _command_line() -> str:
 
 
 def _versions() -> list[tuple[str, str]]:
-    from gsid._lib import ffi, lib
-
     def library(name: bytes) -> str:
-        version = lib.gsid_build_library_version(name)
-        return (ffi.string(version).decode() if version != ffi.NULL else "") or "left out of this build"
+        return ffi.string(lib.gsid_build_library_version(name)).decode() or "left out of this build"
 
     return [
-        ("gsid", metadata.version("gsid")),
+        ("gsid", version()),
         ("Python", platform.python_version()),
         ("numpy", np.__version__),
         ("FFTW", library(b"fftw")),

@@ -10,8 +10,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.stats import binom
+
+if TYPE_CHECKING:
+    from gsid.model import RationalModel
 
 LEVEL = 0.95
 NORMAL_95 = 1.959964  # two-sided 95 % of a real normal variable
@@ -75,6 +80,35 @@ def gain_phase_band(g, sigma):
     return low, 20.0 * np.log10(gain * (1.0 + relative)), phase
 
 
+def gain_phase_std(model: RationalModel, f_hz) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations of a model's gain and phase by the covariance of its parameters.
+
+    Parameters
+    ----------
+    model : RationalModel, with covariance
+    f_hz : (F,) [Hz]
+
+    Returns
+    -------
+    gain, phase : (F,) ndarrays
+        Of ln|G| (relative, 1) and of the phase [rad].
+
+    Notes
+    -----
+    First order: d ln G = dG / G, its real part moves the gain and its imaginary part the phase. A model's
+    error is not circular (a free gain moves no phase), so that E|dG|^2 alone would not do. A hold multiplies
+    G and dG alike and drops out.
+    """
+    gradient = model.gradient(f_hz)
+    g = gradient[:, len(model.den) - 1 :][:, : len(model.num)] @ model.num  # G is linear in its numerator
+    relative = gradient / g[:, None]
+    gain, phase = (
+        np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", part, model.cov, part), 0.0))
+        for part in (relative.real, relative.imag)
+    )
+    return gain, phase
+
+
 def confidence_ellipse(root: complex, cov, n_points: int = 97) -> np.ndarray:
     """Outline of the 95 % confidence region of a pole or zero.
 
@@ -118,8 +152,8 @@ def unwrapped_phase_deg(f_hz, g, sigma=None) -> np.ndarray:
 
     Notes
     -----
-    A delay turns the phase by more than 180 degrees between lines far apart. It is therefore measured between
-    the closest lines, taken out, and put back after unwrapping.
+    A delay turns the phase by more than 180 degrees between lines far apart. The delay that leaves the
+    smallest steps between neighbours is taken out first, and put back after unwrapping.
     """
     f_hz, g = np.asarray(f_hz, dtype=float), np.asarray(g, dtype=complex)
     if len(g) < 2:
@@ -128,16 +162,26 @@ def unwrapped_phase_deg(f_hz, g, sigma=None) -> np.ndarray:
     if good.sum() < 2:
         good = np.ones(len(g), dtype=bool)
     f_good, g_good = f_hz[good], g[good]
-    step = np.diff(f_good)
-    close = step < 1.5 * step.min()
-    turn = g_good[1:] * np.conj(g_good[:-1])
-    turn = turn / np.maximum(np.abs(turn), np.finfo(float).tiny)
-    slope = np.angle(np.sum(turn[close])) / np.mean(step[close])  # rad per Hz
+    slope = -2.0 * np.pi * _smoothing_delay(f_good, g_good)  # rad per Hz
     phase = np.unwrap(np.angle(g_good * np.exp(-1j * slope * f_good))) + slope * f_good
     phase -= 2.0 * np.pi * np.ceil((phase[0] - 0.75 * np.pi) / (2.0 * np.pi))
     smooth = np.interp(f_hz, f_good, phase)
     nearest = smooth + np.angle(g * np.exp(-1j * smooth))
     return np.degrees(np.where(good, np.interp(f_hz, f_good, phase), nearest))
+
+
+def _smoothing_delay(f_hz, g) -> float:
+    """Delay [s] whose removal leaves the smallest phase steps between neighbouring lines.
+
+    It is looked for over one turn between the closest lines, mostly on the side of a delay: plants are
+    causal.
+    """
+    step = np.diff(f_hz)
+    turn = np.angle(g[1:] * np.conj(g[:-1]))
+    n_delays = min(int(16.0 * step.max() / step.min()), 4096)
+    delay = np.linspace(-0.2, 0.8, n_delays) / step.min()
+    smoothness = np.cos(turn + 2.0 * np.pi * delay[:, None] * step).sum(axis=1)
+    return float(delay[np.argmax(smoothness)])
 
 
 def excess_bands(f_hz, exceeds, *, window: int = 9, false_alarm: float = 0.01) -> list[tuple[float, float]]:
