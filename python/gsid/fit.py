@@ -1,0 +1,236 @@
+"""Parametric model of a measured frequency response (source, chapter 7)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.model import RationalModel
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
+
+METHODS = {
+    "ls": lib.GSID_METHOD_LS,
+    "iwls": lib.GSID_METHOD_IWLS,
+    "nls": lib.GSID_METHOD_NLS,
+    "ml": lib.GSID_METHOD_ML,
+}
+
+# Sample variances with fewer degrees of freedom than this are averaged over neighbouring lines before they
+# weigh.
+DOF_WANTED = 8
+
+
+def fit(
+    frf: Frf,
+    order: str | tuple[int, int] = "4/3",
+    *,
+    delay: str | float = "free",
+    method: str = "ml",
+    band: tuple[float, float] | None = None,
+    domain: str = "s",
+    hold: str | None = None,
+    allow_unstable: bool = False,
+) -> RationalModel:
+    """Fit a rational transfer function with delay to a measured frequency response.
+
+    Parameters
+    ----------
+    frf : Frf
+        Measured response and its variance, from at least two periods.
+    order : "POLES/ZEROS" or (poles, zeros)
+        Degrees of denominator and numerator.
+    delay : "free", "none" or float
+        Estimated from 0 to 12 ms without a starting value, absent, or given [s].
+    method : "ls", "iwls", "nls" or "ml"
+        Linear least squares (eq. 7.9), iteratively reweighted (eq. 7.14), nonlinear least squares on the
+        response (eq. 7.21), or maximum likelihood: weighted with the measured variance (eq. 7.28).
+    band : (lo, hi), optional
+        Lines to use [Hz]; default all.
+    domain : "s" or "z"
+    hold : "zoh" or "none", optional
+        Whether the input was held over each sample; default what the record says. With "zoh" the model is of
+        what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
+    allow_unstable : bool
+        Take the model of least cost even when it is unstable.
+
+    Returns
+    -------
+    RationalModel
+        With covariance. The covariance accounts for weights that are estimates themselves (EST-5).
+
+    Raises
+    ------
+    ValueError
+        Wrong arguments, too few lines or periods.
+    GsidError
+        No stable model, or singular equations.
+    """
+    n_poles, n_zeros = parse_order(order)
+    _check_choices(method, domain)
+    hold = (frf.hold if domain == "s" else "none") if hold is None else hold
+    if hold not in ("zoh", "none"):
+        raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
+    use = in_band(frf.f_hz, band)
+    f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
+    sigma, dof = _weights(frf, use)
+    n_parameters = n_poles + n_zeros + 1 + (delay == "free")
+    if 2 * len(f) < n_parameters:
+        raise ValueError(
+            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {len(f)}"
+        )
+
+    cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
+    data = ffi.new("gsid_frd *")
+    data.n_lines = len(f)
+    data.f_hz, data.sigma = ffi.from_buffer("double[]", f), ffi.from_buffer("double[]", sigma)
+    data.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g))
+    result = ffi.new("gsid_fit_result *")
+    check(lib.gsid_fit_run(data, cfg, result), f"fit of order {n_poles}/{n_zeros}")
+
+    num, den, cov = _plain(result, domain)
+    if method == "ml" and dof > 2:
+        cov = cov * dof / (dof - 2)
+    return RationalModel(
+        num=num,
+        den=den,
+        delay_s=result.model.delay_s,
+        domain=domain,
+        fs_hz=frf.fs_hz,
+        hold=hold,
+        cov=cov,
+        free_delay=delay == "free",
+        method=method,
+        cost=result.cost_ml,
+        cost_expected=dof / (dof - 1) * (len(f) - n_parameters / 2) if method == "ml" and dof > 1 else None,
+        n_lines=len(f),
+        converged=bool(result.converged),
+        band_hz=(float(f[0]), float(f[-1])),
+        u_unit=frf.u_unit,
+        y_unit=frf.y_unit,
+    )
+
+
+def in_band(f_hz: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
+    """Mark the frequencies in a band, ends included.
+
+    Parameters
+    ----------
+    f_hz : (k,) ndarray
+        Hz.
+    band : (lo, hi) or None
+        Hz; None: all.
+
+    Returns
+    -------
+    (k,) bool ndarray
+
+    Raises
+    ------
+    ValueError
+        No frequency lies in the band.
+    """
+    if band is None:
+        return np.ones(len(f_hz), dtype=bool)
+    use = (f_hz >= band[0] - 1e-9) & (f_hz <= band[1] + 1e-9)
+    if not np.any(use):
+        raise ValueError(
+            f"no line lies in {band[0]:g}:{band[1]:g} Hz; there are lines in {f_hz[0]:g}:{f_hz[-1]:g} Hz"
+        )
+    return use
+
+
+def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
+    """Read "POLES/ZEROS".
+
+    Raises
+    ------
+    ValueError
+        Not two whole numbers from 0 to the highest order supported.
+    """
+    try:
+        poles, zeros = (int(part) for part in (order.split("/") if isinstance(order, str) else order))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"order must be POLES/ZEROS such as 4/3, got {order!r}") from error
+    for name, value in (("poles", poles), ("zeros", zeros)):
+        if not 0 <= value <= lib.GSID_ORDER_MAX:
+            raise ValueError(f"{name} must be 0 to {lib.GSID_ORDER_MAX}, got {value}")
+    return poles, zeros
+
+
+def _check_choices(method: str, domain: str) -> None:
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if domain not in ("s", "z"):
+        raise ValueError(f"domain must be 's' or 'z', got {domain!r}")
+
+
+def _configuration(
+    n_poles: int,
+    n_zeros: int,
+    method: str,
+    domain: str,
+    hold: str,
+    delay: str | float,
+    fs_hz: float,
+    allow_unstable: bool,
+) -> Any:
+    cfg = ffi.new("gsid_fit_cfg *")
+    cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
+    cfg.method = METHODS[method]
+    cfg.n_poles, cfg.n_zeros = n_poles, n_zeros
+    cfg.sample_s = 1.0 / fs_hz
+    cfg.hold = hold == "zoh"
+    cfg.allow_unstable = allow_unstable
+    if delay == "free":
+        cfg.delay = lib.GSID_DELAY_FREE
+    elif delay == "none":
+        cfg.delay = lib.GSID_DELAY_NONE
+    else:
+        try:
+            cfg.delay, cfg.delay_s = lib.GSID_DELAY_FIXED, float(delay)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"delay must be 'free', 'none' or a number of seconds, got {delay!r}") from error
+    if hold == "zoh" and n_zeros > n_poles:
+        raise ValueError(f"a held input needs no more zeros than poles, got {n_poles}/{n_zeros}")
+    return cfg
+
+
+def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
+    """Standard deviation of the lines in use, and the degrees of freedom of its square."""
+    dof = float(frf.n_periods - frf.n_realisations)
+    if dof < 1:
+        raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
+    var = np.array(frf.var_g[use], dtype=float)
+    if dof < DOF_WANTED:
+        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(var) - 1) // 2)
+        window = np.ones(2 * half + 1)
+        var = np.convolve(var, window, "same") / np.convolve(np.ones(len(var)), window, "same")
+        dof *= 2 * half + 1
+    if not np.all(var > 0):
+        # Exactly repeating data (a noise-free simulation): every line weighs the same relative to its size.
+        floor = np.finfo(float).eps * np.abs(frf.g[use])
+        var = np.maximum(var, np.maximum(floor, np.finfo(float).tiny ** 0.5) ** 2)
+    return np.ascontiguousarray(np.sqrt(var)), dof
+
+
+def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """num, den and covariance in plain s, highest power first; in domain z as they stand."""
+    model, p = result.model, result.n_parameters
+    n, m = model.n_poles, model.n_zeros
+    num = np.array([model.num[i] for i in range(m + 1)])
+    den = np.array([model.den[i] for i in range(n + 1)])
+    cov = np.array(ffi.unpack(result.cov, p * p)).reshape(p, p)
+    if domain == "z":
+        return num, den, cov
+    scale_den = model.scale_rad_s ** (n - np.arange(n + 1.0))
+    scale_num = model.scale_rad_s ** (n - np.arange(m + 1.0))
+    scale = np.concatenate([scale_den[:-1], scale_num, np.ones(p - n - m - 1)])
+    order = np.concatenate([np.arange(n)[::-1], n + np.arange(m + 1)[::-1], np.arange(n + m + 1, p)]).astype(
+        int
+    )
+    cov = (cov * scale[:, None] * scale)[np.ix_(order, order)]
+    return (num * scale_num)[::-1], (den * scale_den)[::-1], cov
