@@ -1,0 +1,66 @@
+"""The programs and the session of README.md do what README.md says they do."""
+
+import os
+import re
+import shlex
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
+# Printed figures of seeded noise: libm and the optimiser's last steps differ between machines.
+TOLERANCE = {"rtol": 0.02, "atol": 1e-12}
+
+
+def blocks(root, language):
+    return re.findall(
+        rf"^```{language}\n(.*?)^```$", (root / "README.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+
+
+def assert_same_text(printed, shown):
+    """Words exactly, numbers to TOLERANCE."""
+    assert NUMBER.sub("#", printed.strip()).split() == NUMBER.sub("#", shown.strip()).split()
+    numbers = [[float(number) for number in NUMBER.findall(text)] for text in (printed, shown)]
+    np.testing.assert_allclose(*numbers, **TOLERANCE)
+
+
+def commands(block):
+    """Split a console block into (command, what it prints)."""
+    parts = re.split(r"^\$ (.*)\n", block, flags=re.MULTILINE)[1:]
+    return list(zip(parts[::2], parts[1::2], strict=True))
+
+
+def test_the_c_program(run, root, tmp_path):
+    (tmp_path / "example.c").write_text(blocks(root, "c")[0])
+    for folder in ("include", "build"):
+        (tmp_path / folder).symlink_to(root / folder)
+    ((command, shown),) = commands(blocks(root, "console")[1])
+    result = run(
+        "sh", "-c", command.replace("-std=c99", "-std=c99 -pedantic -Wall -Wextra -Werror"), cwd=tmp_path
+    )
+    assert result.returncode == 0, result.stderr
+    assert_same_text(result.stdout, shown)
+
+
+def test_the_python_program(run, root, tmp_path):
+    (tmp_path / "example.py").write_text(blocks(root, "python")[0])
+    result = run(sys.executable, "example.py", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert_same_text(result.stdout, blocks(root, "text")[0])
+
+
+def test_the_session(run, root, tmp_path):
+    data = os.environ.get("GSID_DATA") or root.parent / "shared/data"
+    bench = os.path.join(data, "twomass_motor_bench")
+    if not os.path.isdir(bench):
+        pytest.skip(f"the motor bench's records are not in {bench}: set GSID_DATA")
+    for letter in "AB":
+        shutil.copy(os.path.join(bench, f"multisine_{letter}.npz"), tmp_path / f"bench_{letter.lower()}.npz")
+    for command, shown in commands(blocks(root, "console")[0]):
+        gsid = shlex.quote(str(root / ".venv/bin/gsid"))
+        result = run("sh", "-c", re.sub(r"^gsid ", f"{gsid} ", command), cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert_same_text(result.stdout, shown)
