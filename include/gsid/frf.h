@@ -57,7 +57,9 @@ gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, siz
  *  @return GSID_OK; GSID_SETTLING; GSID_DONE a good period was added; GSID_SPOILED a period was left out;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused and counted, nothing else changed: call gsid_frf_skip
  *  Cost: gsid_spectrum_step, and at the last sample of a period one Welford update per line besides.
- *  Context: ISR-safe, one writer. */
+ *  Context: ISR-safe, one writer.
+ *  Limits: the float build stays within 2e-6 of the largest line (500 lines, 75 periods of 6000; printed by
+ *  tests/python/test_float_build.py); an offset of y far above the lines costs digits: take it off first. */
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.

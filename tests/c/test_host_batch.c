@@ -1,0 +1,148 @@
+/* Whole records against the streaming core, sample by sample. */
+#include <float.h>
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "gsid/excitation.h"
+#include "gsid/host/batch.h"
+
+enum { N_MAX = 250, P = 5, F = 4 };
+
+static gsid_cplx twiddle[N_MAX];
+static gsid_cplx memory[400];
+static double x[P * N_MAX], y[P * N_MAX];
+
+static int fill_samples(void **state) {
+    (void)state;
+    for (uint32_t n = 0; n < P * N_MAX; n++) { /* any bounded signals */
+        x[n] = sin(0.3 * n + 1e-3 * n * n);
+        y[n] = cos(0.2 * n) + 0.1 * sin(7e-4 * n * n);
+    }
+    return 0;
+}
+
+static void batch_equals_streaming_to_rounding(void **state) {
+    (void)state;
+    const uint32_t periods[4] = {2, 45, 240, 250}; /* odd, and of small and large factors */
+    for (int i = 0; i < 4; i++) {
+        const uint32_t n_period = periods[i], line[F] = {0, n_period / 2, 1, n_period / 3};
+        gsid_cplx all[P][F], one[F];
+        gsid_spectrum s;
+        gsid_twiddle_fill(n_period, twiddle);
+        const gsid_spectrum_cfg cfg = {n_period, F, 1, 0, line, twiddle};
+        assert_int_equal(gsid_spectrum_init(&s, &cfg, memory, sizeof memory), GSID_OK);
+        assert_int_equal(gsid_batch_spectra(P, n_period, x, F, line, all[0]), GSID_OK);
+        for (uint32_t p = 0; p < P; p++) {
+            for (uint32_t n = 0; n < n_period; n++) {
+                gsid_spectrum_step(&s, &x[p * n_period + n]);
+            }
+            gsid_spectrum_result(&s, one);
+            for (int f = 0; f < F; f++) {
+                /* n_period roundings of partial sums below n_period, times 2/n_period */
+                assert_true(fabs(all[p][f].re - one[f].re) <= n_period * DBL_EPSILON);
+                assert_true(fabs(all[p][f].im - one[f].im) <= n_period * DBL_EPSILON);
+            }
+        }
+    }
+}
+
+static void spectra_refuse(void **state) {
+    (void)state;
+    const uint32_t line[2] = {1, 125}, beyond[2] = {1, 126};
+    gsid_cplx lines[P * 2], untouched[P * 2];
+    memset(lines, 0x5A, sizeof lines);
+    memcpy(untouched, lines, sizeof lines);
+    assert_int_equal(gsid_batch_spectra(P, 250, NULL, 2, line, lines), GSID_E_NULL);
+    assert_int_equal(gsid_batch_spectra(P, 250, x, 2, NULL, lines), GSID_E_NULL);
+    assert_int_equal(gsid_batch_spectra(P, 250, x, 2, line, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_batch_spectra(0, 250, x, 2, line, lines), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_spectra(P, 1, x, 2, line, lines), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_spectra(1, (UINT32_C(1) << 30) + 1, x, 2, line, lines), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_spectra(P, 250, x, 0, line, lines), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_spectra(P, 250, x, 2, beyond, lines), GSID_E_CONFIG);
+    const double last = x[P * 250 - 1];
+    x[P * 250 - 1] = NAN;
+    assert_int_equal(gsid_batch_spectra(P, 250, x, 2, line, lines), GSID_E_NONFINITE);
+    x[P * 250 - 1] = last;
+    assert_memory_equal(lines, untouched, sizeof lines);
+}
+
+static const uint32_t frf_line[2] = {3, 7};
+
+static void start(gsid_frf *frf) {
+    gsid_twiddle_fill(100, twiddle);
+    const gsid_frf_cfg cfg = {.n_period = 100, .n_lines = 2, .n_settle = 30, .line = frf_line, .twiddle = twiddle};
+    assert_int_equal(gsid_frf_init(frf, &cfg, memory, sizeof memory), GSID_OK);
+}
+
+static void read_out(const gsid_frf *frf, gsid_cplx *g, double *var_g) {
+    const gsid_frf_out out = {.g = g, .var_g = var_g};
+    assert_int_equal(gsid_frf_result(frf, &out), GSID_OK);
+}
+
+static void blocks_of_any_size_give_the_same_bits(void **state) {
+    (void)state;
+    enum { LENGTH = 1030 };
+    uint8_t valid[LENGTH];
+    memset(valid, 1, sizeof valid);
+    valid[250] = valid[251] = 0;
+    gsid_frf frf;
+    gsid_cplx by_sample[2], by_block[2];
+    double var_sample[2], var_block[2];
+    start(&frf);
+    for (int n = 0; n < LENGTH; n++) {
+        valid[n] ? gsid_frf_step(&frf, x[n], y[n]) : gsid_frf_skip(&frf, 1);
+    }
+    read_out(&frf, by_sample, var_sample);
+    assert_int_equal(frf.n_periods, 9);
+    assert_int_equal(frf.n_spoiled, 1);
+    const size_t sizes[4] = {1, 7, 100, LENGTH};
+    for (int i = 0; i < 4; i++) {
+        start(&frf);
+        for (size_t n = 0; n < LENGTH; n += sizes[i]) {
+            size_t take = n + sizes[i] < LENGTH ? sizes[i] : LENGTH - n;
+            assert_int_equal(gsid_batch_frf_step(&frf, take, x + n, y + n, valid + n), GSID_OK);
+        }
+        read_out(&frf, by_block, var_block);
+        assert_memory_equal(by_sample, by_block, sizeof by_block);
+        assert_memory_equal(var_sample, var_block, sizeof var_block);
+    }
+}
+
+static void a_refused_block_leaves_the_object_as_it_was(void **state) {
+    (void)state;
+    gsid_frf frf, before;
+    static gsid_cplx memory_before[sizeof memory / sizeof memory[0]];
+    double bad[3] = {0, INFINITY, 0};
+    const double good[3] = {0, 0, 0};
+    const uint8_t without[3] = {1, 0, 1};
+    memset(&frf, 0, sizeof frf);
+    assert_int_equal(gsid_batch_frf_step(NULL, 3, good, good, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, NULL, good, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, good, NULL, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, good, good, NULL), GSID_E_STATE);
+    start(&frf);
+    before = frf;
+    memcpy(memory_before, memory, sizeof memory);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, bad, good, NULL), GSID_E_NONFINITE);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, good, bad, NULL), GSID_E_NONFINITE);
+    assert_memory_equal(&frf, &before, sizeof frf);
+    assert_memory_equal(memory, memory_before, sizeof memory);
+    assert_int_equal(gsid_batch_frf_step(&frf, 3, good, bad, without), GSID_OK); /* not a sample: not looked at */
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(batch_equals_streaming_to_rounding),
+        cmocka_unit_test(spectra_refuse),
+        cmocka_unit_test(blocks_of_any_size_give_the_same_bits),
+        cmocka_unit_test(a_refused_block_leaves_the_object_as_it_was),
+    };
+    return cmocka_run_group_tests_name("host batch", tests, fill_samples, NULL);
+}

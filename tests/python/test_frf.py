@@ -1,0 +1,249 @@
+"""Spectra and frequency responses, against numpy written out and against the truth of made-up records."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gsid.errors import GsidError, InputError
+from gsid.excitation import Multisine
+from gsid.frf import Frf, StreamingFrf, excited_lines, frf, spectra
+from gsid.record import Record
+
+FS_HZ, N, PERIODS = 1000.0, 500, 12
+DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def true_response(f_hz):
+    s = 2j * np.pi * f_hz
+    return 30 * np.exp(-0.003 * s) / (s + 20)
+
+
+def make_record(
+    seed, *, settle=0, noise_u=0.0, noise_y=0.01, phases="random", valid=None, name="made", **keys
+):
+    """A record in steady state with white noise on output and input."""
+    rng = np.random.default_rng(seed)
+    m = Multisine.design(FS_HZ, N, (2, 100), phases=phases, seed=seed)
+    lines = np.zeros(N // 2 + 1, complex)
+    lines[m.line] = m.spectrum() * true_response(m.f_hz) * (N / 2)
+    n = settle + PERIODS * N
+    u = np.resize(m.table(), n) + noise_u * rng.standard_normal(n)
+    y = np.resize(np.fft.irfft(lines, N), n) + noise_y * rng.standard_normal(n)
+    return Record(u, y, FS_HZ, N, settle, valid, name=name, **keys)
+
+
+def by_numpy(record, settle, line, rows=slice(None)):
+    """Mean response and its variance (eq. 7.29 over P), written out with numpy's FFT."""
+    N = record.period_samples
+    n_periods = (len(record) - settle) // N
+    U, Y = (
+        np.fft.rfft(x[settle : settle + n_periods * N].reshape(n_periods, N)[rows])[:, line] * 2 / N
+        for x in (record.u, record.y)
+    )
+    P = len(U)
+    u, y = U.mean(axis=0), Y.mean(axis=0)
+    var_u = (np.abs(U - u) ** 2).sum(axis=0) / (P - 1)
+    var_y = (np.abs(Y - y) ** 2).sum(axis=0) / (P - 1)
+    cov_yu = ((Y - y) * (U - u).conj()).sum(axis=0) / (P - 1)
+    g = y / u
+    var_g = np.abs(g) ** 2 * (
+        var_y / np.abs(y) ** 2 + var_u / np.abs(u) ** 2 - 2 * np.real(cov_yu / (y * u.conj()))
+    )
+    return g, var_g / P
+
+
+@pytest.mark.parametrize("letter", ["A", "B"])
+def test_motor_bench_agrees_with_a_plain_fft_at_every_line(letter):
+    path = DATA / "twomass_motor_bench" / f"multisine_{letter}.npz"
+    if not path.exists():
+        pytest.skip(f"no {path.name} in ../shared/data, and GSID_DATA does not name its place")
+    data = np.load(path)
+    record = Record(data["iq"], data["omega_motor"], 2500.0, 2500, 2500)
+    response = frf(record)
+    # the excitation as its makers describe it
+    expected = np.arange(11, 251) if letter == "A" else np.arange(13, 250, 4)
+    np.testing.assert_array_equal(response.line, expected)
+    np.testing.assert_array_equal(response.f_hz, expected)
+    g, var_g = by_numpy(record, 2500, expected)
+    np.testing.assert_allclose(response.g, g, rtol=1e-9)
+    np.testing.assert_allclose(response.var_g, var_g, rtol=1e-6)
+    assert response.n_periods == 19
+    np.testing.assert_array_equal(
+        frf(Record(data["iq_ref"], data["omega_motor"], 2500.0, 2500, 2500)).line, expected
+    )
+
+
+def test_lost_samples_are_left_out_and_counted():
+    valid = np.ones(PERIODS * N, bool)
+    valid[[0, 3 * N + 7, 3 * N + 8, 5 * N - 1]] = False
+    record = make_record(1, noise_u=0.02, valid=valid)
+    response = frf(record)
+    assert (response.n_periods, response.n_spoiled) == (PERIODS - 3, 3)
+    good = [p for p in range(PERIODS) if p not in (0, 3, 4)]
+    g, var_g = by_numpy(record, 0, response.line, good)
+    np.testing.assert_allclose(response.g, g, rtol=1e-11)
+    np.testing.assert_allclose(response.var_g, var_g, rtol=1e-9)
+
+
+def test_settling_of_any_length_keeps_the_phases_of_the_first_sample():
+    record = make_record(2, settle=173, noise_y=0.0)
+    m = Multisine.design(FS_HZ, N, (2, 100), phases="random", seed=2)
+    s = spectra(record)
+    np.testing.assert_array_equal(s.line[s.excited], m.line)
+    np.testing.assert_allclose(s.u[s.excited], m.spectrum(), atol=1e-12)
+    np.testing.assert_allclose(frf(s).g, true_response(m.f_hz), rtol=1e-11)
+
+
+@pytest.mark.parametrize("n_realisations", [1, 6])
+def test_error_bars_hold(n_realisations):
+    """|g - truth|^2 / var_g is an F(2, 2m) variable at every line; its mean over the lines is looked at."""
+    records = [make_record(10 + m, noise_u=0.05, noise_y=0.05) for m in range(n_realisations)]
+    response = frf(records)
+    assert response.n_periods == PERIODS * n_realisations
+    assert response.n_realisations == n_realisations
+    ratio = np.abs(response.g - true_response(response.f_hz)) ** 2 / response.var_g
+    m = n_realisations * (PERIODS - 1)
+    expected = m / (m - 1)
+    # standard deviation of F(2, 2m) below 1.3 for m >= 11; four of them, the seeds being fixed
+    assert abs(ratio.mean() - expected) < 4 * 1.3 / np.sqrt(len(ratio))
+
+
+def test_realisations_are_averaged_as_the_source_says():
+    records = [make_record(20 + m, noise_u=0.05) for m in range(3)]
+    each, all_three = [frf(r) for r in records], frf(records)
+    np.testing.assert_allclose(all_three.g, sum(one.g for one in each) / 3)
+    np.testing.assert_allclose(all_three.var_g, sum(one.var_g for one in each) / 9)
+    np.testing.assert_allclose(all_three.u, sum(np.abs(one.u) for one in each) / 3, atol=1e-12)
+    # random phases do not average the output away
+    np.testing.assert_allclose(all_three.y / all_three.u, all_three.g, rtol=0.1)
+    np.testing.assert_allclose(all_three.var_y, sum(one.var_y for one in each) / 3)
+
+
+def test_a_current_loops_own_harmonics_are_not_excitation():
+    rng = np.random.default_rng(3)
+    mean = np.zeros(251, complex)
+    mean[11:101] = np.exp(2j * np.pi * rng.random(90)) * np.linspace(1, 0.8, 90)
+    mean[101:200] = 0.15 * rng.random(99)  # repeats in every period: no noise test can tell
+    mean[0] = 5
+    scatter = 1e-4 * (rng.standard_normal((8, 251)) + 1j * rng.standard_normal((8, 251)))
+    np.testing.assert_array_equal(np.flatnonzero(excited_lines(mean + scatter, 500)), np.arange(11, 101))
+
+
+def test_a_sloping_spectrum_is_excited_down_to_one_percent():
+    k = np.arange(251)
+    mean = np.where((k >= 1) & (k <= 200), 1 / np.maximum(k, 1) ** 0.5, 0) + 0j
+    rows = np.tile(mean, (4, 1)) + 1e-6 * np.random.default_rng(1).standard_normal((4, 251))
+    np.testing.assert_array_equal(np.flatnonzero(excited_lines(rows, 500)), np.arange(1, 201))
+
+
+def test_lines_in_their_own_noise_are_not_excited():
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((10, 251)) + 1j * rng.standard_normal((10, 251))
+    assert not excited_lines(rows, 500).any()
+    assert not excited_lines(np.zeros((3, 251), complex), 500).any()
+    # the last line of an odd period is below fs/2, that of an even one is not
+    rows = np.zeros((3, 4), complex)
+    rows[:, 3] = 1
+    assert excited_lines(rows, 7)[3]
+    assert not excited_lines(rows, 6).any()
+
+
+def test_band_and_refusals():
+    record = make_record(4)
+    banded = frf(record, band=(10, 20))
+    np.testing.assert_allclose(banded.f_hz, np.arange(10, 21, 2))
+    with pytest.raises(InputError, match="no line within 300:400 Hz") as caught:
+        frf(record, band=(300, 400))
+    assert "2 .. 100 Hz" in caught.value.hint
+    with pytest.raises(ValueError, match="no record"):
+        frf([])
+    with pytest.raises(InputError, match="differ in y_unit"):
+        frf([record, make_record(5, y_unit="deg/s")])
+    other = make_record(6)
+    other.fs_hz = 2000.0
+    with pytest.raises(InputError, match="differ in fs_hz"):
+        frf([record, other])
+
+
+def test_control_and_pandas_there_and_back():
+    response = frf(make_record(7))
+    frd = response.to_control()
+    np.testing.assert_allclose(frd.omega, 2 * np.pi * response.f_hz)
+    back = Frf.from_control(frd, var_g=response.var_g)
+    np.testing.assert_array_equal(back.g, response.g)
+    np.testing.assert_allclose(back.f_hz, response.f_hz)
+    np.testing.assert_array_equal(back.var_g, response.var_g)
+    assert np.isnan(Frf.from_control(frd).var_g).all()
+    with pytest.raises(ValueError, match="var_g has shape"):
+        Frf.from_control(frd, var_g=[1.0])
+    table = response.to_pandas()
+    np.testing.assert_array_equal(table["g_re"] + 1j * table["g_im"], response.g)
+    np.testing.assert_allclose(10 ** (table["gain_db"] / 20), np.abs(response.g))
+    assert len(table) == len(response.f_hz)
+
+
+def test_prints_a_summary_and_not_every_line():
+    response = frf(make_record(8, y_unit="deg/s", u_unit="V", name="<axis>"))
+    assert "50, 2 .. 100 Hz" in repr(response)
+    assert "12 good, 0 spoiled" in repr(response)
+    assert "deg/s/V" in repr(response)
+    assert len(repr(response).splitlines()) < 12
+    html = response._repr_html_()
+    assert html.startswith("<table>")
+    assert "&lt;axis&gt;" in html
+    assert "50 excited lines 2 .. 100 Hz" in repr(spectra(make_record(8)))
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("settle", [0, 173])
+def test_streaming_is_the_batch_to_rounding(precision, settle):
+    valid = np.ones(settle + PERIODS * N, bool)
+    valid[settle + 2 * N + 5] = False
+    record = make_record(9, settle=settle, noise_u=0.05, noise_y=0.05, valid=valid)
+    batch = frf(record)
+    streaming = StreamingFrf(FS_HZ, N, batch.line, settle_samples=settle, precision=precision)
+    for start in range(0, len(record), 777):
+        part = slice(start, start + 777)
+        streaming.step(record.u[part], record.y[part], record.valid[part])
+    result = streaming.result()
+    # sums of 500 samples of rms 5 round to a few hundred epsilon, and 1/|U|^2 of the variance is near 1
+    tolerance = 1e-12 if precision == "double" else 2e-5
+    np.testing.assert_allclose(result.u, batch.u, atol=tolerance)
+    np.testing.assert_allclose(result.g, batch.g, atol=tolerance)
+    for name in ("var_g", "var_u", "var_y", "cov_yu"):
+        np.testing.assert_allclose(
+            getattr(result, name), getattr(batch, name), rtol=100 * tolerance, atol=tolerance**2
+        )
+    assert (result.n_periods, result.n_spoiled) == (batch.n_periods, batch.n_spoiled)
+    assert result.settle_samples == settle
+
+
+def test_streaming_with_known_input():
+    record = make_record(10)
+    m = Multisine.design(FS_HZ, N, (2, 100), phases="random", seed=10)
+    streaming = StreamingFrf(FS_HZ, N, m.line, u_known=m.spectrum())
+    assert streaming.step(np.full(len(record), np.nan), record.y) == PERIODS  # u is not looked at
+    result = streaming.result()
+    np.testing.assert_allclose(result.g, frf(record).g, rtol=1e-11)
+    np.testing.assert_allclose(result.var_g, frf(record).var_g, rtol=1e-9)
+    assert (result.var_u == 0).all()
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_streaming_refuses(precision):
+    streaming = StreamingFrf(FS_HZ, N, [1, 2, 3], precision=precision)
+    with pytest.raises(GsidError, match="not finite"):
+        streaming.step([1.0, np.nan], [1.0, 2.0])
+    with pytest.raises(ValueError, match="one length"):
+        streaming.step([1.0], [1.0, 2.0])
+    with pytest.raises(GsidError, match="too few"):
+        streaming.result()
+    with pytest.raises(GsidError, match="out of its range"):
+        StreamingFrf(FS_HZ, N, [N // 2], precision=precision)
+    with pytest.raises(ValueError, match="u_known has shape"):
+        StreamingFrf(FS_HZ, N, [1, 2], u_known=[1.0], precision=precision)
+    with pytest.raises(ValueError, match="precision must be"):
+        StreamingFrf(FS_HZ, N, [1], precision="half")
+    assert "3 lines, 0 good periods" in repr(streaming)
