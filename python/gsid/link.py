@@ -1,4 +1,4 @@
-"""Drive an axis over a serial line and collect what it measures; docs/protocol.md describes the bytes and the rules."""
+"""Drive an axis over a serial line and collect what it measures; docs/protocol.md has the bytes and rules."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from gsid.record import Record
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
+    from gsid.frf import StreamingFrf
 
 BAUD = 921600
 COMMAND = lib.GSID_FRAME_COMMAND
@@ -26,15 +27,13 @@ COMMAND_LOST = lib.GSID_FLAG_COMMAND_LOST
 LOST_COUNT = lib.GSID_FLAG_LOST_COUNT
 
 #: numpy's view of the C struct gsid_frame.
-FRAME = np.dtype(
-    [("kind", "u1"), ("flags", "u1"), ("tick", "u4"), ("a", "f4"), ("b", "f4")], align=True
-)
+FRAME = np.dtype([("kind", "u1"), ("flags", "u1"), ("tick", "u4"), ("a", "f4"), ("b", "f4")], align=True)
 assert FRAME.itemsize == ffi.sizeof("gsid_frame")
 
 WINDOW = 512  # commands under way: 170 ms at 3 kHz, more than an operating system sleeps
 QUIET_S = 2.0  # without a reply for so long, what is under way is sent again
 SILENT_S = 10.0  # without a reply for so long, the axis is given up
-GAP_HELD = 64  # samples lost in a row that are taken for a lost command too: the count of those may have wrapped
+GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
 BAD_IN_A_ROW = 8  # periods
 BAD_FACTOR = 4  # periods measured over periods asked for
 
@@ -129,7 +128,9 @@ class Receiver:
     n_garbage = property(lambda self: self._link.n_garbage)
 
     def __repr__(self) -> str:
-        return f"Receiver({self.n_frames} frames, {self.n_damaged} damaged, {self.n_garbage} bytes of garbage)"
+        return (
+            f"Receiver({self.n_frames} frames, {self.n_damaged} damaged, {self.n_garbage} bytes of garbage)"
+        )
 
     def decode(self, data: bytes) -> np.ndarray:
         """Take bytes off the line.
@@ -146,8 +147,14 @@ class Receiver:
         """
         found = np.zeros((self._link.n_held + len(data)) // FRAME_BYTES + 1, FRAME)
         n_found = ffi.new("size_t *")
-        lib.gsid_link_decode(self._link, len(data), ffi.from_buffer(data), len(found),
-                             ffi.from_buffer("gsid_frame[]", found), n_found)
+        lib.gsid_link_decode(
+            self._link,
+            len(data),
+            ffi.from_buffer(data),
+            len(found),
+            ffi.from_buffer("gsid_frame[]", found),
+            n_found,
+        )
         return found[: n_found[0]]
 
 
@@ -187,8 +194,12 @@ class SerialTransport:
         try:
             self._serial = serial.Serial(port, BAUD, timeout=0.05, write_timeout=SILENT_S, exclusive=True)
         except (serial.SerialException, ValueError) as error:
-            raise LinkError("the port cannot be opened", port, str(error),
-                            "give --port the path of the axis; `gsid simulate` prints that of a simulated one") from error
+            raise LinkError(
+                "the port cannot be opened",
+                port,
+                str(error),
+                "--port is the path of the axis; `gsid simulate` prints that of a simulated one",
+            ) from error
 
     def read(self) -> bytes:
         return self._serial.read(1) + self._serial.read(min(self._serial.in_waiting, 65536))
@@ -237,14 +248,16 @@ class Link:
             raise self._gone(error) from error
 
     def receive(self) -> np.ndarray:
-        """Return the frames that have come, (n,) of FRAME, none after 50 ms; LinkError when the port is gone."""
+        """Return what has come, (n,) of FRAME, nothing after 50 ms; LinkError when the port is gone."""
         try:
             return self.receiver.decode(self._transport.read())
         except OSError as error:
             raise self._gone(error) from error
 
     def _gone(self, error: OSError) -> LinkError:
-        return LinkError("the port is gone", self.name, str(error), "check cable and power of the axis, and start again")
+        return LinkError(
+            "the port is gone", self.name, str(error), "check cable and power of the axis, and start again"
+        )
 
     def hello(self) -> tuple[float, int]:
         """Ask the axis to start again at tick 0.
@@ -266,8 +279,12 @@ class Link:
             answer = self._wait_for(HELLO, QUIET_S)
             if answer is not None:
                 return float(answer["a"]), int(answer["b"])
-        raise LinkError(f"the axis does not answer within {SILENT_S:g} s", self.name, f"{self.receiver!r}",
-                        "is it powered, at 921600 baud, and is nobody else using the port?")
+        raise LinkError(
+            f"the axis does not answer within {SILENT_S:g} s",
+            self.name,
+            f"{self.receiver!r}",
+            "is it powered, at 921600 baud, and is nobody else using the port?",
+        )
 
     def stop(self) -> bool:
         """Set the command to zero; True when the axis has confirmed it."""
@@ -313,7 +330,9 @@ class _Samples:
 
     def take(self, got: np.ndarray, sent: int) -> bool:
         """Enter frames as they came; True when there was a new sample among them."""
-        got = got[(got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < min(sent, len(self.u)))]
+        got = got[
+            (got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < min(sent, len(self.u)))
+        ]
         if not len(got):
             return False
         tick = got["tick"].astype(np.int64)
@@ -360,13 +379,14 @@ def run(
     u_unit: str = "command",
     y_unit: str = "deg/s",
     meta: dict[str, str] | None = None,
+    frf: StreamingFrf | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Record:
     """Drive an axis with a periodic excitation until so many good periods are measured.
 
-    A lost or damaged sample spoils its period only. A lost command (the axis holds the one before, and says so)
-    disturbs the axis: the `settle` samples that follow it are left out too, as at the start. The command is set
-    to zero at the end, whatever happens.
+    A lost or damaged sample spoils its period only. A lost command (the axis holds the one before, and says
+    so) disturbs the axis: the `settle` samples that follow it are left out too, as at the start. The command
+    is set to zero at the end, whatever happens.
 
     Parameters
     ----------
@@ -383,6 +403,8 @@ def run(
     u_unit, y_unit : str
     meta : dict of str, optional
         Put into the record's meta, beside the statistics of the line.
+    frf : StreamingFrf, optional
+        Given every sample as it comes, so that the response is measured while the axis runs.
     on_progress : callable, optional
         Given a `Progress` whenever samples have come.
 
@@ -396,9 +418,9 @@ def run(
     ValueError
         `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
     LinkError
-        The port cannot be opened, the axis does not answer or runs at another rate, the port disappears, or too many
-        periods are lost (8 in a row, or the asked number is not reached in 4 times as many). Its `record` is what
-        was measured until then.
+        The port cannot be opened, the axis does not answer or runs at another rate, the port disappears, or
+        too many periods are lost (8 in a row, or the asked number is not reached in 4 times as many). Its
+        `record` is what was measured until then.
     Stopped
         Ctrl-C; its `record` is what was measured until then.
     """
@@ -411,7 +433,7 @@ def run(
     with Link.open(port) if isinstance(port, str) else Link(port) as link:
         n_queue = _start(link, fs_hz)
         try:
-            _exchange(link, samples, table, n_queue, on_progress)
+            _exchange(link, samples, table, n_queue, frf, on_progress)
         except LinkError as error:
             failure = error
         except KeyboardInterrupt:
@@ -437,8 +459,12 @@ def _one_period(excitation: Multisine | np.ndarray, fs_hz: float) -> tuple[np.nd
 def _start(link: Link, fs_hz: float) -> int:
     axis_hz, n_queue = link.hello()
     if abs(axis_hz - fs_hz) > 1e-6 * fs_hz:  # the line carries single precision
-        raise LinkError("the axis runs at another rate", link.name, f"{axis_hz:g} Hz, not {fs_hz:g} Hz",
-                        f"excite with --fs {axis_hz:g}")
+        raise LinkError(
+            "the axis runs at another rate",
+            link.name,
+            f"{axis_hz:g} Hz, not {fs_hz:g} Hz",
+            f"excite with --fs {axis_hz:g}",
+        )
     return n_queue
 
 
@@ -450,7 +476,12 @@ def _stop(link: Link) -> bool:
 
 
 def _exchange(
-    link: Link, samples: _Samples, table: np.ndarray, n_queue: int, on_progress: Callable[[Progress], None] | None
+    link: Link,
+    samples: _Samples,
+    table: np.ndarray,
+    n_queue: int,
+    frf: StreamingFrf | None,
+    on_progress: Callable[[Progress], None] | None,
 ) -> None:
     """Keep a window of commands under way, and take what comes back, until there are enough good periods."""
     window = max(1, min(WINDOW, n_queue // 2))
@@ -462,14 +493,22 @@ def _exchange(
         room = samples.end + window - sent
         if room > window // 4:  # not frame by frame
             sent = _send_commands(link, table, sent, sent + room)
+        first = samples.end
         if samples.take(link.receive(), sent):
+            new = slice(first, samples.end)
+            if frf is not None:
+                frf.step(samples.u[new], samples.y[new], samples.valid[new])
             heard = time.monotonic()
             resend = heard + QUIET_S
             if on_progress:
                 on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.asked))
         elif time.monotonic() > heard + SILENT_S:
-            raise LinkError(f"no sample from the axis for {SILENT_S:g} s", link.name, f"after {samples.end} samples",
-                            "check the line and the axis, and start again")
+            raise LinkError(
+                f"no sample from the axis for {SILENT_S:g} s",
+                link.name,
+                f"after {samples.end} samples",
+                "check the line and the axis, and start again",
+            )
         elif time.monotonic() > resend:
             # Commands may be lost, or their samples: then the axis waits for commands that were never sent.
             sent = _send_commands(link, table, samples.end, min(sent + window, samples.end + n_queue))
@@ -488,12 +527,18 @@ def _too_many_lost(link: Link, samples: _Samples) -> LinkError:
         link.name,
         f"{samples.n_good} good of {len(samples.good)}, {samples.asked} asked for; "
         f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost",
-        "mend the line (cable, grounding, baud rate), or use a shorter period: one lost sample spoils a whole one",
+        "mend the line (cable, grounding, baud rate), or shorten the period: one lost sample spoils it",
     )
 
 
 def _record(
-    samples: _Samples, link: Link, confirmed: bool, fs_hz: float, u_unit: str, y_unit: str, meta: dict[str, str]
+    samples: _Samples,
+    link: Link,
+    confirmed: bool,
+    fs_hz: float,
+    u_unit: str,
+    y_unit: str,
+    meta: dict[str, str],
 ) -> Record:
     n = samples.end
     if samples.good:

@@ -37,7 +37,7 @@ class SimulatedAxis:
     Parameters
     ----------
     **parameters
-        Fields of gsid_axis_cfg (include/gsid/host/axis.h has units and ranges); the others keep their defaults.
+        Fields of gsid_axis_cfg; include/gsid/host/axis.h has units and ranges. The others keep defaults.
 
     Raises
     ------
@@ -101,13 +101,13 @@ class SimulatedAxis:
         return out[0], out[1], out[2]
 
     def truth(self) -> dict:
-        """Parameters, and the transfer function from command to gyro that they make without friction and limits.
+        """Parameters, and the transfer function from command to gyro without friction and limits.
 
         Returns
         -------
         dict
-            parameters: {name: value}; num, den: coefficients of s, highest power first, den[0] = 1 (rigid body, flexible
-            mode and gyro lag); delay_s.
+            parameters: {name: value}; num, den: coefficients of s, highest power first, den[0] = 1 (rigid
+            body, flexible mode and gyro lag); delay_s.
         """
         p = self.parameters
         w0 = 2 * np.pi * p["mode_f_hz"]
@@ -265,7 +265,7 @@ class Server:
         got, tick = got[usable], tick[usable]
         if not self._running or not len(got):
             return b""
-        for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # the copy first: a command of its own goes above it
+        for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # a tick's own command above the copy
             finite = np.isfinite(value)
             self._queue[at[finite] % QUEUE] = value[finite]
             self._queue_tick[at[finite] % QUEUE] = at[finite]
@@ -341,15 +341,17 @@ def symlink(link: str | None, target: str) -> Iterator[None]:
             os.unlink(link)
 
 
-def serve_line(server: Server, axis_fd: int, host_fd: int, damage_in: Damage, damage_out: Damage, once: bool) -> None:
+def serve_line(
+    server: Server, axis_fd: int, host_fd: int, damage_in: Damage, damage_out: Damage, once: bool
+) -> None:
     """Serve the axis on a pseudo-terminal until interrupted, or until the port is closed.
 
     Parameters
     ----------
     server : Server
     axis_fd, host_fd : int
-        From `pseudo_terminal`. `host_fd` keeps the line open while no host is there; with `once` it is closed at the
-        first byte, so that the host's leaving shows.
+        From `pseudo_terminal`. `host_fd` keeps the line open while no host is there; with `once` it is closed
+        at the first byte, so that the host's leaving shows.
     damage_in, damage_out : Damage
     once : bool
         Return when the host closes the port.
@@ -357,7 +359,8 @@ def serve_line(server: Server, axis_fd: int, host_fd: int, damage_in: Damage, da
     output = b""
     while True:
         reading = [axis_fd] if len(output) < OUTPUT_MAX or server.paced else []
-        ready, writable, _ = select.select(reading, [axis_fd] if output else [], [], WAKE_S if server.paced else None)
+        writing = [axis_fd] if output else []
+        ready, writable, _ = select.select(reading, writing, [], WAKE_S if server.paced else None)
         if ready:
             try:
                 data = os.read(axis_fd, 65536)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 from pathlib import Path
 
 import click
 
-from gsid.cli.common import json_option, near, options_as_arguments, print_json, say
+from gsid.cli.common import json_option, options_as_arguments, print_json, say
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -69,8 +70,8 @@ def simulate(
         try:
             axis = SimulatedAxis(**values)
         except GsidError as error:
-            hint = "include/gsid/host/axis.h has the ranges of the parameters"
-            raise click.UsageError(f"{error.message}\nhint: {hint}", click.get_current_context()) from error
+            text = f"{error.message} (include/gsid/host/axis.h has the ranges)"
+            raise click.UsageError(text, click.get_current_context()) from error
     if truth:
         _write_json(Path(truth), axis.truth())
     random = int(axis.parameters["seed"])
@@ -83,10 +84,8 @@ def simulate(
         else:
             print(path)
         click.get_text_stream("stdout").flush()
-        try:
+        with contextlib.suppress(KeyboardInterrupt):
             serve_line(server, axis_fd, host_fd, damage_in, damage_out, once)
-        except KeyboardInterrupt:
-            pass
     served = server.served
     say(
         f"served {served.ticks} ticks, {served.commands_lost} commands lost"
@@ -103,6 +102,7 @@ def _scaled_noise(factor: float) -> dict[str, float]:
 
 
 def _parameter(text: str) -> tuple[str, float]:
+    from gsid.io import choose
     from gsid.simulate import parameter_types
 
     types = parameter_types()
@@ -111,7 +111,7 @@ def _parameter(text: str) -> tuple[str, float]:
     if not equals:
         raise click.UsageError(f"--set {text} is not NAME=VALUE", context)
     if name not in types:
-        raise click.UsageError(f"no axis parameter {name}\nhint: {near(name, types)}", context)
+        raise click.UsageError(f"no axis parameter {name}; {choose(name, types)}", context)
     try:
         return name, types[name](value)
     except ValueError:

@@ -1,0 +1,242 @@
+"""gsid run"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import Band, json_option, options_as_arguments, print_json, print_table, say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from gsid.excitation import Multisine
+    from gsid.frf import Frf
+    from gsid.link import Progress
+    from gsid.record import Record
+
+LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
+DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape")
+
+
+class Settle(click.ParamType):
+    """Samples, or periods with a p behind the number."""
+
+    name = "N|Np"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, bool]:
+        if isinstance(value, tuple):
+            return value
+        number = str(value).removesuffix("p")
+        if not number.isdecimal():
+            self.fail(f"{value} is neither a number of samples nor, like 2p, of periods", param, ctx)
+        return int(number), str(value).endswith("p")
+
+
+@click.command(short_help="Drive an axis over a serial line and record it.")
+@click.option("--port", metavar="PATH", required=True, help="Serial port, or what `gsid simulate` printed.")
+@click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
+@click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
+@click.option("--band", type=Band(), default=(1.0, 250.0), help="Of the multisine [Hz]. [default: 1:250]")
+@click.option("--lines", type=click.Choice(["full", "odd"]), default="full", show_default=True)
+@click.option(
+    "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
+)
+@click.option("--phases", type=click.Choice(["schroeder", "random"]), default="schroeder", show_default=True)
+@click.option(
+    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of random phases. [default: 0]"
+)
+@click.option(
+    "--shape",
+    metavar="DB_PER_DECADE",
+    type=float,
+    default=0.0,
+    help="Slope of the amplitude over frequency. [default: 0]",
+)
+@click.option(
+    "--u", "u_file", metavar="FILE", type=click.Path(), help="One period of the command, column u, instead."
+)
+@click.option(
+    "--periods",
+    metavar="P",
+    type=click.IntRange(1),
+    default=12,
+    help="Good periods to measure. [default: 12]",
+)
+@click.option(
+    "--settle",
+    type=Settle(),
+    default="2p",
+    help="Samples, or periods as in 2p, left out at the start and after a lost command. [default: 2p]",
+)
+@click.option(
+    "-o", "--output", metavar="REC", type=click.Path(), help="Record to write. [default: run_DATE_TIME.csv]"
+)
+@json_option
+def run(
+    port: str,
+    fs_hz: float,
+    period: int,
+    band: tuple[float, float],
+    lines: str,
+    amplitude: float,
+    phases: str,
+    seed: int,
+    shape: float,
+    u_file: str | None,
+    periods: int,
+    settle: tuple[int, bool],
+    output: str | None,
+    as_json: bool,
+) -> None:
+    """Excite an axis periodically until enough good periods are measured, and write the record.
+
+    A lost or damaged sample spoils its period only; the run goes on. When too many are lost it stops, and
+    what was measured is kept. The command is zero at the end, whatever happens.
+    """
+    from gsid.excitation import Multisine
+    from gsid.frf import StreamingFrf
+    from gsid.link import LinkError, Stopped
+    from gsid.link import run as drive
+
+    excitation: Multisine | np.ndarray
+    with options_as_arguments():
+        if u_file is not None:
+            excitation, fs_hz, line = _from_file(u_file, fs_hz)
+            meta = {"excitation": f"from {Path(u_file).name}"}
+        else:
+            excitation = Multisine.design(
+                fs_hz,
+                period,
+                band,
+                grid=lines,
+                phases=phases,
+                seed=seed,
+                shape_db_per_decade=shape,
+                amplitude=amplitude,
+            )
+            line, meta = excitation.line, {"excitation": repr(excitation)}
+    n_period = len(excitation) if u_file is not None else period
+    n_settle = settle[0] * n_period if settle[1] else settle[0]
+    path = Path(output or f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv")
+    _try_out(path)
+    frf = StreamingFrf(fs_hz, n_period, line, settle_samples=n_settle)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a kill leaves the command at zero too
+    try:
+        with options_as_arguments(), _bar(periods) as show:
+            record = drive(
+                port,
+                excitation,
+                periods=periods,
+                settle=n_settle,
+                fs_hz=fs_hz,
+                meta=meta,
+                frf=frf,
+                on_progress=show,
+            )
+    except (LinkError, Stopped) as stopped:
+        if stopped.record is not None:
+            _write(path, stopped.record)
+        raise
+    _write(path, record)
+    if record.meta["command_zero_confirmed"] != "yes":
+        say("warning: the axis has not confirmed that its command is zero")
+    _print(path, record, frf.result() if frf.n_periods >= 2 else None, as_json)
+
+
+def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
+    """One period, its rate and its excited lines."""
+    import numpy as np
+
+    from gsid.errors import InputError
+    from gsid.frf import excited_lines
+    from gsid.io import read_record
+
+    context = click.get_current_context()
+    given = [f"--{name}" for name in DESIGN if _is_given(context, name)]
+    if given:
+        raise click.UsageError(f"--u brings the whole excitation: leave out {', '.join(given)}", context)
+    record = read_record(path, u="u", y="u", fs_hz=fs_hz if _is_given(context, "fs_hz") else None)
+    u = record.u[: record.period_samples]
+    spectrum = np.fft.rfft(u) * (2 / len(u))
+    excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
+    excited = excited[(excited > 0) & (2 * excited < len(u))]
+    if not len(excited):
+        raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
+    return u, record.fs_hz, excited
+
+
+def _is_given(context: click.Context, name: str) -> bool:
+    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def _try_out(path: Path) -> None:
+    """A name that cannot be written is better known before the axis moves than after."""
+    import numpy as np
+
+    from gsid.io import write_record
+    from gsid.record import Record
+
+    probe = path.with_name(f".{path.stem}.probe{path.suffix}")
+    try:
+        write_record(probe, Record(np.zeros(2), np.zeros(2), 1.0))
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _write(path: Path, record: Record) -> None:
+    from gsid.io import write_record
+
+    write_record(path, record)
+    good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]
+    say(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
+
+
+@contextlib.contextmanager
+def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
+    """A progress bar on stderr when that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich import progress as rich
+    from rich.console import Console
+
+    columns = (
+        rich.TextColumn("periods: {task.completed} good, {task.fields[lost]} lost"),
+        rich.BarColumn(),
+        rich.TextColumn("{task.fields[ticks]} ticks"),
+        rich.TimeElapsedColumn(),
+    )
+    with rich.Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=asked, lost=0, ticks=0)
+        yield lambda now: bar.update(task, completed=now.good, lost=now.lost, ticks=now.ticks)
+
+
+def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
+    """The response as the C core measured it while the axis ran, and how the line behaved."""
+    figures = {
+        "record": str(path),
+        "n_periods": int(record.meta["good_periods"]),
+        "n_spoiled": int(record.meta["spoiled_periods"]),
+        "period_samples": record.period_samples,
+        "settle_samples": record.settle_samples,
+        "fs_hz": record.fs_hz,
+        "peak_command": float(abs(record.u).max()),
+        "rms_output": float(record.y[record.valid].std()),
+        **{key: int(record.meta[key]) for key in LINE},
+    }
+    if as_json:
+        if frf is not None:
+            figures |= {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
+        print_json(figures)
+        return
+    print_table(["figure", "value"], [[name, str(value)] for name, value in figures.items()], left=["figure"])
