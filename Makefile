@@ -105,6 +105,7 @@ $(BUILD)/host/%.o: src/host/%.c $(BUILD)/flags.txt | build/setup.stamp
 $(BUILD)/python/_gsid%.c: python/gsid_build.py $(HEADERS) $(VENV)/requirements.stamp
 	@mkdir -p $(@D)
 	CC="$(CC)" $(PY) python/gsid_build.py $* $@
+	@touch $@ # cffi leaves a file alone that would not change
 
 # Undefined symbols are left to the interpreter: a shared object may have them.
 ifeq ($(shell uname -s),Darwin)
