@@ -32,6 +32,13 @@ static void assert_within_ulp(gsid_real got, long double want, long double ulps)
     assert_true(fabsl((long double)got - want) <= ulps * unit_in_last_place(want));
 }
 
+/* valgrind, and some machines, have a long double that is a double: then the reference is off by a unit itself */
+static long double reference_ulps(void) {
+    volatile long double sum = 1.0L, tiny = 0x1p-60L;
+    sum += tiny;
+    return sum > 1.0L || sizeof(gsid_real) == 4 ? 0 : 1;
+}
+
 static void table_is_good_to_a_unit_in_the_last_place(void **state) {
     (void)state;
     const uint32_t periods[] = {2, 3, 4, 5, 7, 8, 12, 2500, 6000, 6001};
@@ -45,8 +52,8 @@ static void table_is_good_to_a_unit_in_the_last_place(void **state) {
             long double c = cosl(angle), s = sinl(angle);
             const long double want[4][2] = {{c, s}, {-s, c}, {-c, -s}, {s, -c}};
             /* half a unit each from the sine and from the last addition, and 5 % for what both leave */
-            assert_within_ulp(table[i].re, want[quarter % 4][0], 1.05L);
-            assert_within_ulp(table[i].im, want[quarter % 4][1], 1.05L);
+            assert_within_ulp(table[i].re, want[quarter % 4][0], 1.05L + reference_ulps());
+            assert_within_ulp(table[i].im, want[quarter % 4][1], 1.05L + reference_ulps());
         }
     }
 }
@@ -235,7 +242,9 @@ static void multisine_is_the_sum_of_cosines(void **state) {
             long double angle = 2 * PI_L * ((long double)(odd_lines[i] * n % N) / N) + (long double)phases[i];
             sum += (long double)amplitudes[i] * cosl(angle);
         }
-        assert_true(fabsl((long double)u - sum) < 8 * EPSILON); /* sum of amplitudes 3.9, a few roundings each */
+        /* amplitudes add up to 3.9, a few roundings each; angles of the reference up to 12 rad round where its long
+         * double is a double */
+        assert_true(fabsl((long double)u - sum) < 48 * EPSILON);
     }
 }
 
