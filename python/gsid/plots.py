@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 from gsid.confidence import (
@@ -204,7 +204,7 @@ def with_interval(value: float, std: float | None) -> str:
     decimals = 1 - int(np.floor(np.log10(half)))
     if not -4 <= decimals <= 9:
         return f"{value:.6g} ± {half:.2g}".replace("-", "−")
-    half, decimals = round(half, decimals), max(decimals, 0)
+    value, half, decimals = round(value, decimals), round(half, decimals), max(decimals, 0)
     return f"{value:.{decimals}f} ± {half:.{decimals}f}".replace("-", "−")
 
 
@@ -584,7 +584,7 @@ def _above_text(error, bound) -> str:
     return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; noise alone: 5 %)"
 
 
-def _legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
+def _legend_below(figure: FigureBase, axes: Sequence[Axes]) -> None:
     """One legend for all axes, outside them, each entry once."""
     entries = {
         label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
@@ -610,13 +610,12 @@ def band_text(f_lo_hz: float, f_hi_hz: float) -> str:
 
 
 @_styled
-def comparison(comparison: Comparison, y_unit: str = "") -> Figure:
+def comparison(comparison: Comparison) -> Figure:
     """Error at the output against the noise: excited, odd and even lines apart, failing bands shaded.
 
     Parameters
     ----------
     comparison : Comparison
-    y_unit : str, unit of the output
 
     Returns
     -------
@@ -624,6 +623,9 @@ def comparison(comparison: Comparison, y_unit: str = "") -> Figure:
     """
     kind, f = np.asarray(comparison.kind), np.asarray(comparison.f_hz)
     error, sigma, y = (np.abs(np.asarray(a)) for a in (comparison.error, comparison.sigma, comparison.y))
+    n_dof = (
+        comparison.n_periods // comparison.n_records - 1
+    )  # each line's variance is over one record's periods
     kinds = [k for k in KINDS if np.any((kind == k) & (f > 0.0))] or ["excited"]
     figure = _figure(1.0 + 2.1 * len(kinds))
     axes = np.atleast_1d(figure.subplots(len(kinds), 1, sharex=True, sharey=True))
@@ -631,7 +633,7 @@ def comparison(comparison: Comparison, y_unit: str = "") -> Figure:
         use = (kind == name) & (f > 0.0)
         if name == "excited":
             ax.plot(f[use], _db(y[use]), color=NOISE, linewidth=0.9, label="|Y measured|")
-        bound = complex_bound(sigma[use])
+        bound = complex_bound(sigma[use], n_dof=n_dof)
         _draw_error(ax, f[use], error[use], bound, "|Y measured − model|")
         for band in comparison.where:
             if band["lines"] == name:
@@ -639,7 +641,7 @@ def comparison(comparison: Comparison, y_unit: str = "") -> Figure:
         ax.set_title(
             f"{name.capitalize()} lines: {_above_text(error[use], bound)}" if use.any() else "No lines"
         )
-        ax.set_ylabel(_db_label("|Y|", _text(y_unit)))
+        ax.set_ylabel(_db_label("|Y|", _text(comparison.y_unit)))
         _frequency_axis(ax, f[f > 0.0], label=ax is axes[-1])
     shown = f > 0.0
     _limits_db(axes[0], _db(y[shown & (kind == "excited")]), _db(error[shown]), _db(sigma[shown]), room=6.0)
@@ -716,9 +718,7 @@ def pole_zero(model: RationalModel) -> Figure:
         if len(at):
             _root_marks(ax, at, symbol, f"{mark}s")
     ax.set_title("Poles and zeros, upper half-plane")
-    entries = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    if entries:
-        ax.legend(entries.values(), entries.keys(), loc="upper left", fontsize=8.0)
+    _legend_below(left, [ax])
     return figure
 
 

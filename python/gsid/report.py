@@ -144,7 +144,7 @@ class Report:
         """
         records, all_spectra = _as_list(record), _as_list(spectra)
         first = all_spectra[0] if all_spectra else None
-        verdict, grade = _verdict(frf, model, comparison, _unit_of("y_unit", frf, first))
+        verdict, grade = _verdict(frf, model, comparison)
         drawn = _pictures(records[0] if records else None, first, frf, model, comparison, multisine)
         number = len(self._experiments) + 1
         self._experiments.append(
@@ -205,15 +205,9 @@ def _as_list(one_or_more) -> list:
     return list(one_or_more) if isinstance(one_or_more, Sequence) else [one_or_more]
 
 
-def _unit_of(name: str, *sources) -> str:
-    return next((getattr(s, name) for s in sources if s is not None), "")
-
-
-def _verdict(
-    frf: Frf | None, model: RationalModel | None, comparison: Comparison | None, y_unit: str
-) -> tuple[str, str]:
+def _verdict(frf: Frf | None, model: RationalModel | None, comparison: Comparison | None) -> tuple[str, str]:
     if comparison is not None:
-        return _comparison_verdict(comparison, y_unit), "good" if comparison.adequate else "bad"
+        return comparison.verdict, "good" if comparison.adequate else "bad"
     if model is not None:
         delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
         fitted = (
@@ -223,23 +217,6 @@ def _verdict(
     if frf is not None:
         return f"Measured: the frequency response at {len(frf.f_hz)} lines; no model was fitted.", "none"
     return "No frequency response.", "none"
-
-
-def _comparison_verdict(c: Comparison, y_unit: str) -> str:
-    unit = f" {y_unit}" if y_unit else ""
-    p_value = "p < 0.0001" if c.p_value < 1e-4 else f"p = {c.p_value:.3g}"
-    levels = (
-        f"the error is {c.rms_error:.3g}{unit} rms where noise alone gives {c.noise_floor_rms:.3g}{unit} "
-        f"(cost per degree of freedom {c.cost_per_dof:.4g}, {p_value}, tested at {c.alpha:g})"
-    )
-    if c.adequate:
-        return f"Adequate: model and measurement differ by no more than noise; {levels}."
-    worst = max(c.where, key=lambda band: band["share"], default=None)
-    place = ""
-    if worst is not None:
-        band = plots.band_text(worst["f_lo_hz"], worst["f_hi_hz"])
-        place = f"; {100.0 * worst['share']:.0f} % of the excess lies at {band} ({worst['lines']} lines)"
-    return f"Not adequate: {levels}{place}."
 
 
 def _run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -> list[tuple[str, str]]:
@@ -333,7 +310,12 @@ def _fit_table(m: RationalModel) -> _Table:
     if m.cost is not None:
         expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
         rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
-    return _Table("Fitted model", (), rows, "Intervals are 95 %.")
+    return _Table(
+        "Fitted model",
+        (),
+        rows,
+        "Intervals are 95 % and count the noise only: they hold where the model is adequate.",
+    )
 
 
 def _root_table(m: RationalModel) -> _Table:
@@ -387,15 +369,15 @@ def _failing_table(c: Comparison | None) -> _Table | None:
             plots.band_text(band["f_lo_hz"], band["f_hi_hz"]),
             band["lines"],
             f"{100.0 * band['share']:.1f} %",
-            f"{band['db']:.1f} dB" if "db" in band else "",
-            "< 0.0001" if band.get("p_value", 1.0) < 1e-4 else _number(band["p_value"], 2),
+            f"{band['db']:.1f} dB".replace("-", "−"),
+            "< 0.0001" if band["p_value"] < 1e-4 else _number(band["p_value"], 2),
         )
         for band in sorted(c.where, key=lambda band: -band["share"])
     ]
     note = (
         "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
     )
-    return _Table("Where the model fails", ("Band", "Lines", "Share", "Error over noise", "p"), rows, note)
+    return _Table("Where the model fails", ("Band", "Lines", "Share", "Error over response", "p"), rows, note)
 
 
 # --- pictures ---------------------------------------------------------------------------------------------
@@ -407,8 +389,8 @@ _CAPTIONS = {
     "at its level before the first period that is used.",
     "Frequency response": "The response and, in the same dB, the standard deviation of its noise: the "
     "distance between the two is the signal-to-noise ratio of every line.",
-    "Measured and fitted": "The fitted model runs through the measured points; bars and band are 95 % "
-    "intervals, point by point.",
+    "Measured and fitted": "Where the model is right it runs through the measured points; bars and band are "
+    "95 % intervals, point by point.",
     "Complex residual": "The distance between measurement and model in the complex plane: where only noise "
     "is left, 5 % of the points lie above the bound, spread evenly.",
     "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
@@ -420,7 +402,7 @@ _CAPTIONS = {
 
 def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[str, Callable[[], Figure]]]:
     """Title and drawing of each picture there is data for, in the order of reading."""
-    u_unit, y_unit = _unit_of("u_unit", frf, spectra), _unit_of("y_unit", frf, spectra)
+    u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
     has_fit = frf is not None and model is not None
     pictures = [
         ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
@@ -429,7 +411,7 @@ def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[
         ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
         ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
         ("Poles and zeros", model, lambda: plots.pole_zero(model)),
-        ("Comparison at the output", comparison, lambda: plots.comparison(comparison, y_unit)),
+        ("Comparison at the output", comparison, lambda: plots.comparison(comparison)),
     ]
     return [(title, draw) for title, needed, draw in pictures if needed]
 

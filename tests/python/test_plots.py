@@ -1,0 +1,254 @@
+"""Pictures: axes, units and legends say what is shown, bands lie where the numbers are, odd input too."""
+
+import dataclasses
+
+import matplotlib
+import numpy as np
+import pytest
+
+from gsid import plots
+from gsid.compare import compare
+from gsid.confidence import complex_bound, gain_phase_std
+from gsid.excitation import Multisine
+from gsid.frf import frf, spectra
+from gsid.model import RationalModel
+from gsid.record import Record
+
+FS_HZ, N, DELAY_S = 3000.0, 1500, 0.0054
+LINE = np.arange(1, 126)  # 2 to 250 Hz
+COV = np.diag(np.array([0.05, 2.0, 0.02, 0.5, 1e-5]) ** 2)
+
+
+def axis(cov=COV):
+    return RationalModel(
+        [7.4, 81.4],
+        [1.0, 11.0, 170.0],
+        DELAY_S,
+        fs_hz=FS_HZ,
+        cov=cov,
+        free_delay=True,
+        u_unit="A",
+        y_unit="deg/s",
+    )
+
+
+def simulate(n_periods=8, seed=3, noise_rms=0.05, y_unit="deg/s", line=LINE):
+    """Exact steady state after one period of settling, with white noise; only the given lines are excited."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(N // 2 + 1, dtype=complex)
+    spectrum[line] = 0.5 * N * np.exp(1j * np.pi * line * (line - 1) / len(line))
+    response = axis().response(np.arange(1, N // 2 + 1) * FS_HZ / N)
+    u = np.tile(np.fft.irfft(spectrum, N), n_periods + 1)
+    y = np.tile(np.fft.irfft(spectrum * np.concatenate([[0.0], response]), N), n_periods + 1)
+    y = y + noise_rms * rng.standard_normal(len(y)) + 5.0 * np.exp(-np.arange(len(y)) / 150.0)
+    return Record(u, y, FS_HZ, N, N, u_unit="A", y_unit=y_unit, name="axis.csv")
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate()
+
+
+@pytest.fixture(scope="module")
+def measured(record):
+    return frf(record)
+
+
+def labels(figure):
+    """All words of a figure."""
+    figure.canvas.draw()
+    return " | ".join(t.get_text() for t in figure.findobj(matplotlib.text.Text) if t.get_text())
+
+
+def test_pictures_leave_no_state_behind(measured):
+    before = dict(matplotlib.rcParams)
+    plots.frf(measured)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_excitation_as_designed():
+    multisine = Multisine.design(FS_HZ, N, (2.0, 250.0), rms=1.0, seed=1)
+    figure = plots.excitation(multisine, "A")
+    words = labels(figure)
+    assert f"crest factor {multisine.crest_factor:.2f} on samples" in words
+    assert f"{multisine.crest_factor_fine:.2f} between" in words
+    assert "time in one period [s]" in words
+    assert "input u [A]" in words
+    assert "frequency [Hz]" in words
+    assert "|U| [dB re 1 A]" in words
+
+
+def test_excitation_as_applied(record):
+    figure = plots.excitation(spectra(record))
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert drawn == pytest.approx(record.u[:N], abs=1e-9)
+    on_samples, between = plots.crest_factors(record.u[:N])
+    assert on_samples == pytest.approx(np.abs(record.u[:N]).max() / record.u[:N].std(), rel=1e-9)
+    assert between >= on_samples
+    assert "125, 2 to 250 Hz" in labels(figure)
+
+
+def test_crest_factor_between_samples():
+    # Four samples of a sine miss its peak; between them it is there, and its crest factor is sqrt(2).
+    u = np.sin(2.0 * np.pi * np.arange(4) / 4.0 + np.pi / 4.0)
+    assert plots.crest_factors(u) == pytest.approx((1.0, np.sqrt(2.0)))
+
+
+def test_periods(record):
+    record = dataclasses.replace(record, valid=np.arange(len(record.u)) != 4 * N + 7)
+    figure = plots.periods(record, spectra(record))
+    words = labels(figure)
+    assert "7 good periods" in words
+    assert "samples lost" in words
+    assert "thrown away to settle" in words
+    assert "y − mean [deg/s]" in words
+    # white noise of 0.05 deg/s over 7 x 1500 samples: 0.7 % of scatter
+    noise = float(words.split("from the mean: ")[1].split(" deg/s")[0])
+    assert noise == pytest.approx(0.05, rel=0.05)
+
+
+def test_frequency_response(measured):
+    figure = plots.frf(measured)
+    words = labels(figure)
+    assert "|G|, σ [dB re 1 (deg/s)/A]" in words
+    assert "phase [deg]" in words
+    assert "σ of the noise on G, mean of 8 periods" in words
+    sigma = figure.axes[0].lines[1].get_ydata()
+    assert sigma == pytest.approx(10.0 * np.log10(measured.var_g))
+
+
+def test_bode_names_its_level_and_the_delay(measured):
+    words = labels(plots.bode(axis(), measured))
+    assert "95 % interval, measured" in words
+    assert "95 % band, model" in words
+    assert "5.400 ± 0.020 ms (16.20 samples)" in words
+
+
+def test_bode_phase_goes_with_the_model(measured):
+    figure = plots.bode(axis(), measured)
+    measured_phase = figure.axes[1].lines[1].get_ydata()
+    s = 2j * np.pi * measured.f_hz
+    phase = np.angle(7.4 * s + 81.4) - np.angle(s * s + 11.0 * s + 170.0) - s.imag * DELAY_S
+    # sigma/|G| is 0.26 at most: four of its part across G
+    assert measured_phase == pytest.approx(np.degrees(phase), abs=45.0)
+
+
+def test_bode_of_a_model_alone():
+    words = labels(plots.bode(axis()))
+    assert "95 % band, model" in words
+    assert "measured" not in words
+    assert "95 %" not in labels(plots.bode(axis(cov=None)))
+
+
+def test_gain_and_phase_deviations_are_those_of_drawn_parameters():
+    seed, f_hz = 4, np.array([0.5, 2.0, 30.0, 200.0])
+    rng = np.random.default_rng(seed)
+    model, draws = axis(), []
+    for a1, a0, b1, b0, delay in rng.multivariate_normal([11.0, 170.0, 7.4, 81.4, DELAY_S], COV, 3000):
+        draws.append(RationalModel([b1, b0], [1.0, a1, a0], delay).response(f_hz))
+    relative = np.log(np.array(draws) / model.response(f_hz))
+    gain, phase = gain_phase_std(model, f_hz)
+    # 3000 draws give a standard deviation to 1.3 %; four of those
+    assert gain == pytest.approx(relative.real.std(axis=0), rel=0.055)
+    assert phase == pytest.approx(relative.imag.std(axis=0), rel=0.055)
+
+
+def test_residual_counts_what_is_above_its_bound(measured):
+    model = axis()
+    bound = complex_bound(np.sqrt(measured.var_g), n_dof=7)
+    n_above = np.sum(np.abs(measured.g - model.response(measured.f_hz)) > bound)
+    words = labels(plots.residual(model, measured))
+    assert f"{n_above} of 125 lines above the bound" in words
+    assert "95 % noise bound" in words
+    assert "magnitude [dB re 1 (deg/s)/A]" in words
+    assert "more than chance explains" not in words
+
+
+def test_residual_shades_where_the_model_is_wrong(measured):
+    wrong = dataclasses.replace(axis(), den=[1.0, 11.0, 250.0])
+    figure = plots.residual(wrong, measured)
+    assert "more than chance explains" in labels(figure)
+
+
+def test_residual_without_variance(measured):
+    unknown = dataclasses.replace(measured, var_g=np.full(len(measured.g), np.nan))
+    assert "the noise is not known" in labels(plots.residual(axis(), unknown))
+    assert "σ of the noise" not in labels(plots.frf(unknown))
+    labels(plots.bode(axis(), unknown))
+
+
+def test_comparison_shows_each_kind_of_line_apart():
+    record = simulate(line=np.arange(1, 126, 4))
+    result = compare(dataclasses.replace(axis(), den=[1.0, 11.0, 250.0]), record)
+    figure = plots.comparison(result)
+    words = labels(figure)
+    for name in ("Excited", "Odd", "Even"):
+        assert f"{name} lines: " in words
+    assert "|Y| [dB re 1 deg/s]" in words
+    assert "model fails, share of the excess" in words
+    assert f"{100.0 * result.where[0]['share']:.0f} %" in words
+
+
+def test_pole_zero_map():
+    words = labels(plots.pole_zero(axis()))
+    assert "95 % confidence region" in words
+    assert "real part [Hz]" in words
+    assert "Δ imag [Hz]" in words
+    assert "pole −0.8754 ± 1.8815j Hz" in words
+
+
+def test_pole_zero_map_over_decades_keeps_the_damping():
+    den = np.polymul([1.0, 1.0], [1.0, 2 * 0.1 * 1000.0, 1000.0**2])
+    figure = plots.pole_zero(RationalModel([1.0], den))
+    ax = next(a for a in figure.axes if "log radius" in a.get_xlabel())
+    x, y = next(line for line in ax.lines if line.get_label() == "poles").get_data()
+    top = np.argmax(y)
+    assert -x[top] / np.hypot(x[top], y[top]) == pytest.approx(0.1, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        RationalModel([2.0], [1.0]),
+        RationalModel([2.0, 0.0], [1.0, 0.0]),
+        RationalModel([1.0, -5.0], [1.0, 3.0, -20.0]),
+        RationalModel([0.0, 0.1], [1.0, -0.9], 0.0, "z", 1000.0),
+    ],
+    ids=["no poles and zeros", "roots at zero", "right half-plane", "domain z"],
+)
+def test_pole_zero_map_of_odd_models(model):
+    assert "Poles and zeros" in labels(plots.pole_zero(model))
+    labels(plots.bode(model))
+
+
+def test_two_periods_and_one_line():
+    record = simulate(n_periods=2, line=np.array([20]))
+    measured = frf(record)
+    for figure in (
+        plots.periods(record, spectra(record)),
+        plots.excitation(spectra(record)),
+        plots.frf(measured),
+        plots.bode(axis(), measured),
+        plots.residual(axis(), measured),
+        plots.comparison(compare(axis(), record)),
+    ):
+        labels(figure)
+
+
+def test_units_from_a_file_are_text_not_mathematics():
+    record = simulate(n_periods=2, y_unit="$\\frac{<b>")
+    assert "<b>" in labels(plots.frf(frf(record)))
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (5.4, 0.0081, "5.400 ± 0.016"),
+        (-1234.5, 60.0, "−1230 ± 120"),
+        (1.0, None, "1"),
+        (1.0, np.nan, "1"),
+        (2.5, 0.0, "2.5"),
+    ],
+)
+def test_intervals_are_rounded_to_two_digits(value, std, text):
+    assert plots.with_interval(value, std) == text

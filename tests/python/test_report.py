@@ -1,0 +1,214 @@
+"""The report: one page that needs nothing else, holds every section, and takes any text as text."""
+
+import dataclasses
+import html.parser
+import os
+import re
+
+import numpy as np
+import pytest
+
+from gsid.compare import compare
+from gsid.excitation import Multisine
+from gsid.frf import frf, spectra
+from gsid.model import RationalModel
+from gsid.record import Record
+from gsid.report import Report, Truth
+
+FS_HZ, N = 3000.0, 1500
+NASTY = 'rig <script>alert("&")</script>.csv'
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+
+
+class Page(html.parser.HTMLParser):
+    """What a browser would see: a well-nested tree, its attributes and its words."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.attributes, self.words, self.tags = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value) for name, value in attrs]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+    def values(self, attribute):
+        return [value for _, name, value in self.attributes if name == attribute]
+
+
+def model(**changes):
+    cov = np.diag(np.array([0.05, 2.0, 0.02, 0.5, 1e-5]) ** 2)
+    whole = RationalModel(
+        [7.4, 81.4], [1.0, 11.0, 170.0], 0.0054, fs_hz=FS_HZ, cov=cov, free_delay=True, y_unit="deg/s"
+    )
+    return dataclasses.replace(whole, **changes)
+
+
+def simulate(multisine, n_periods=4, name="axis.csv"):
+    rng = np.random.default_rng(11)
+    spectrum = np.zeros(N // 2 + 1, dtype=complex)
+    spectrum[1:] = np.fft.rfft(multisine.table())[1:] * model().response(np.arange(1, N // 2 + 1) * FS_HZ / N)
+    y = np.tile(np.fft.irfft(spectrum, N), n_periods) + 0.05 * rng.standard_normal(n_periods * N)
+    u = np.tile(multisine.table(), n_periods)
+    return Record(u, y, FS_HZ, N, 0, u_unit="V", y_unit="deg/s", name=name)
+
+
+@pytest.fixture(scope="module")
+def multisine():
+    return Multisine.design(FS_HZ, N, (2.0, 250.0), grid="odd", rms=10.0)
+
+
+@pytest.fixture(scope="module")
+def written(multisine, tmp_path_factory):
+    record = simulate(multisine, name=NASTY)
+    wrong = model(den=[1.0, 11.0, 250.0])
+    report = Report("Axis <1> & its mount", command="gsid report 'a <b>.csv'")
+    for name, shown in (("Right model", model()), ("Wrong model", wrong)):
+        report.add_experiment(
+            name,
+            record,
+            spectra(record),
+            frf(record),
+            shown,
+            compare(shown, record),
+            multisine=multisine,
+            truth=[Truth("delay", "ms", 5.4, 5.42, 0.01), Truth("gain", "", 7.4, 7.4, 0.0)],
+            story="What was done, <b>in words</b>.",
+        )
+    path = report.write(tmp_path_factory.mktemp("report") / "report.html")
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(written):
+    return Page(written)
+
+
+def test_needs_nothing_from_outside(written, page):
+    for name in ("src", "href", "xlink:href", "data", "action", "poster", "srcset"):
+        for value in page.values(name):
+            assert value.startswith(("#", "data:image/png;base64,")), value
+    assert "@import" not in written
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", written))
+    assert {"script", "link", "iframe", "object"}.isdisjoint(page.tags)
+    # the names of the vocabularies are all that looks like an address
+    assert len(re.findall(r"https?://", written)) == len(re.findall(r'xmlns(?::\w+)?="https?://', written))
+
+
+def test_ids_are_unique_and_found(page):
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    for value in page.values("href") + page.values("xlink:href"):
+        if value.startswith("#"):
+            assert value[1:] in ids
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "Axis <1> & its mount",
+        "What was done, <b>in words</b>.",
+        "What was run",
+        "Truth beside estimate",
+        "Fitted model",
+        "Poles and zeros",
+        "Parameters",
+        "Excitation",
+        "Periods",
+        "Frequency response",
+        "Measured and fitted",
+        "Complex residual",
+        "Comparison at the output",
+        "Where the model fails",
+        "How this page was made",
+        "gsid report 'a <b>.csv'",
+        "FFTW",
+        "NLopt",
+        "numpy",
+        "3000 Hz",
+        "4 good, 0 left out for lost samples",
+        "5.400 ± 0.020 ms (16.20 samples)",
+        "+2.00",
+        NASTY,
+    ],
+)
+def test_contains(page, words):
+    assert words in page.text
+
+
+def test_verdict_of_each_experiment_stands_at_the_top(page):
+    header = page.text.split("What was run")[0]
+    assert "Adequate: " in header
+    assert "Not adequate: " in header
+
+
+def test_every_picture_has_a_text_and_a_caption(page):
+    pictures = [i for i, tag in enumerate(page.tags) if tag == "svg"]
+    assert len(pictures) == 14
+    assert page.tags.count("figcaption") == 14
+    texts = page.values("aria-label")
+    assert len(texts) == 14
+    assert all(len(text) > 40 for text in texts)
+
+
+def test_size(written):
+    assert len(written) < 3_000_000
+
+
+def test_pictures_for_what_there_is(multisine):
+    record = simulate(multisine)
+    measured = frf(record)
+    cases = [
+        ({}, "No frequency response."),
+        ({"frf": measured}, "no model was fitted"),
+        ({"record": record, "spectra": spectra(record), "frf": measured}, "no model was fitted"),
+        ({"model": RationalModel([2.0], [1.0])}, "Fitted: a 0/0 model"),
+        ({"model": model(), "frf": measured}, "not compared with a record"),
+    ]
+    for given, verdict in cases:
+        assert verdict in Page(Report("t").add_experiment("e", **given).html()).text
+
+
+def test_realisations_are_all_named(multisine):
+    records = [simulate(multisine, name="one.csv"), simulate(multisine, name="two.csv")]
+    page = Report("t").add_experiment("e", records, [spectra(r) for r in records], frf(records))
+    text = Page(page.html()).text
+    assert "one.csv, two.csv" in text
+    assert "Realisations 2" in text
+
+
+def test_a_page_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def no_space(*_args):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(os, "replace", no_space)
+    with pytest.raises(OSError, match="no space"):
+        Report("t").write(path)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_difference_from_the_truth():
+    assert Truth("delay", "ms", 5.4, 5.37, 0.01).n_sigma == pytest.approx(-3.0)
+    assert np.isnan(Truth("delay", "ms", 5.4, 5.4, 0.0).n_sigma)
