@@ -32,7 +32,7 @@ endif
 HOST_LIBS += -lm
 
 HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
-C_FILES := $(HEADERS) $(wildcard src/*/*.[ch] src/*/*/*.[ch] tests/c/*.[ch])
+C_FILES := $(wildcard src/*/*.[ch] src/*/*/*.[ch] tests/c/*.[ch])
 CORE_LIBS := $(BUILD)/double/libgsid_core.a $(BUILD)/float/libgsid_core.a
 HOST_LIB := $(BUILD)/libgsid_host.a
 MODULES := python/gsid/_gsid64.abi3.so python/gsid/_gsid32.abi3.so
@@ -176,9 +176,10 @@ lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers
 	CC="$(CC)" CXX="$(CXX)" $(PY) tools/check_layers $(CORE_LIBS:$(BUILD)/%=--core $(BUILD)/lint/%) \
 	    --host $(BUILD)/lint/libgsid_host.a
 	$(VENV)/bin/ruff check -q .
+	$(VENV)/bin/ruff format -q --check .
 
 .PHONY: format
-format: $(VENV)/requirements.stamp ## lay out all C and Python by .clang-format and pyproject.toml
+format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-format and pyproject.toml
 	$(VENV)/bin/clang-format -i $(C_FILES)
 	$(VENV)/bin/ruff format -q .
 
