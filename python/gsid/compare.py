@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 KINDS = ("excited", "odd", "even")
 
 # Neighbouring bands are shown as one when their mean excess per line differs by no more than this factor.
-ALIKE = 4.0
+ALIKE = 10.0
 
 
 @dataclass(eq=False, repr=False)
@@ -100,10 +100,8 @@ class Comparison:
         worst = self.where[0]
         lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"
         band = f"{worst['f_lo_hz']:.3g} to {worst['f_hi_hz']:.3g} Hz"
-        return (
-            f"Not adequate: {size}; {100 * worst['share']:.0f} % of the excess lies at {band} on {lines} (cost "
-            f"{self.cost_per_dof:.3g} times that of noise)."
-        )
+        share = f"{100 * worst['share']:.0f} % of the excess lies at {band} on {lines}"
+        return f"Not adequate: {size}; {share} (cost {self.cost_per_dof:.3g} times that of noise)."
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid compare --json`."""
@@ -260,7 +258,7 @@ def _lines(model: RationalModel, s: Spectra, band: tuple[float, float] | None) -
 
 
 def _cost_per_dof(parts: list[_Lines]) -> float:
-    """Mean of T over its expectation nu / (nu - 1). With nu = 1 it has none: all variances together stand in."""
+    """Mean of T over its expectation nu / (nu - 1). It has none with nu = 1: all variances stand in."""
     total = 0.0
     for part in parts:
         if part.dof > 1:
@@ -286,12 +284,12 @@ def _where(parts: list[_Lines], alpha: float) -> list[dict[str, Any]]:
     edges = _third_octaves(join["f_hz"].min(), join["f_hz"].max())
     cells = []
     for kind in KINDS:
-        for index, (lo, hi) in enumerate(itertools.pairwise(edges)):
+        for lo, hi in itertools.pairwise(edges):
             cell = (join["kind"] == kind) & (join["f_hz"] >= lo) & (join["f_hz"] < hi)
             if np.any(cell):
                 p = float(stats.chi2.sf(2 * np.sum(join["q"][cell]), 2 * np.sum(cell)))
                 density = max(float(np.mean(excess[cell])), np.finfo(float).tiny)
-                cells.append({"kind": kind, "index": index, "lines": cell, "p": p, "density": density})
+                cells.append({"kind": kind, "index": len(cells), "lines": cell, "p": p, "density": density})
     failing = _holm(cells, alpha)
     total = float(sum(max(np.sum(excess[cell["lines"]]), 0.0) for cell in cells))
     bands = [_band(group, join, excess, total) for group in _joined(failing)]
