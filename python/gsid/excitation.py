@@ -6,10 +6,14 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 GRIDS = {"full": lib.GSID_GRID_FULL, "odd": lib.GSID_GRID_ODD}
 PHASES = ("schroeder", "random")
@@ -191,6 +195,18 @@ class Multisine:
     def p_int_over_p_tot(self) -> float:
         """Share of the power in the excited lines: 1 but for rounding (source, definition 3.2.1)."""
         return power_share(self.table(), self.line)
+
+    def plot(self, u_unit: str = "") -> matplotlib.figure.Figure:
+        """One period and its lines, with the crest factors.
+
+        Parameters
+        ----------
+        u_unit : str
+            Unit of the input, for the axes.
+        """
+        from gsid import plots
+
+        return plots.excitation(self, u_unit)
 
     def write_table(self, path: str | os.PathLike) -> None:
         """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.

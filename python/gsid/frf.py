@@ -24,6 +24,7 @@ from gsid.record import Record, split_periods
 
 if TYPE_CHECKING:
     import control
+    import matplotlib.figure
     import pandas
 
 SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
@@ -229,6 +230,12 @@ class Frf:
             }
         )
 
+    def plot(self) -> matplotlib.figure.Figure:
+        """Gain and phase over frequency, with the noise's standard deviation in the same dB axis."""
+        from gsid import plots
+
+        return plots.frf(self)
+
     def _summary(self) -> dict[str, str]:
         error = np.sqrt(self.var_g) / np.abs(self.g)
         gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
@@ -327,8 +334,11 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
     last = int(np.argmax(step))
     smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
-    variance_of_mean = _covariance(U, U).real / len(U)
-    return (size >= smallest) & (size**2 > ABOVE_NOISE * variance_of_mean)
+    excited = size >= smallest
+    strong = U[:, excited]
+    variance_of_mean = _covariance(strong, strong).real / len(U)
+    excited[excited] = size[excited] ** 2 > ABOVE_NOISE * variance_of_mean
+    return excited
 
 
 def frf(

@@ -252,3 +252,14 @@ def test_units_from_a_file_are_text_not_mathematics():
 )
 def test_intervals_are_rounded_to_two_digits(value, std, text):
     assert plots.with_interval(value, std) == text
+
+
+def test_objects_draw_themselves(record, measured):
+    multisine = Multisine.design(FS_HZ, N, (2.0, 250.0), rms=1.0)
+    for drawn, word in (
+        (measured.plot(), "σ of the noise on G"),
+        (multisine.plot("A"), "input u [A]"),
+        (axis().plot(measured), "95 % band, model"),
+        (compare(axis(), record).plot(), "95 % noise bound"),
+    ):
+        assert word in labels(drawn)
