@@ -142,7 +142,8 @@ def choose(name: str, names: Iterable[str]) -> str:
     """Hint for a name that is not among `names`: the nearest one, or the list."""
     names = list(names)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean {near[0]}? " * bool(near) + f"there are: {', '.join(names) or 'none'}"
+    guess = f"did you mean {near[0]}? " if near else ""
+    return f"{guess}there are: {', '.join(names) or 'none'}"
 
 
 # ---------------------------------------------------------------- checks shared by all formats
@@ -274,7 +275,7 @@ def _rate_of_times(raw: _Raw, t: np.ndarray) -> float:
             "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
         )
     resolution = _resolution(t)
-    off = np.abs(np.diff(t) - step) > raw.jitter * step + resolution
+    off = np.abs(np.diff(t) - step) > min(raw.jitter * step + resolution, 0.5 * step)
     if off.any():
         at = int(np.flatnonzero(off)[0]) + 1
         raise InputError(
@@ -588,7 +589,7 @@ def _h5_entry(name: str, node: object) -> dict[str, object]:
         return {name: "".join(map(chr, np.ravel(node[()])))}
     if h5py.check_string_dtype(node.dtype) and node.shape == ():
         return {name: node.asstr()[()]}
-    return {name: node[()]} if node.dtype.kind in "fiub" else {}
+    return {name: node[()]} if node.dtype.kind in "fiubc" else {}
 
 
 def _write_h5(path: Path, record: Record) -> None:

@@ -421,9 +421,10 @@ def find_settling(record: Record, period: int) -> int:
     """Find how many samples at the start have not settled, in whole periods.
 
     The second half of the good periods (two at least) is taken as settled. From the first period on, the
-    spectra of u and y are compared with the mean of those, octave by octave, in units of their scatter (F
-    test, false alarm 1e-4 per octave). A period that stands out in any octave is settling; the first that
-    does not ends it. With fewer than three good periods nothing can be told, and nothing is thrown away.
+    spectra of u and y are compared with the mean of those, in units of their scatter, in each octave of lines
+    and in each stretch of octaves from line 1 up, where a decay has most of its power (F test, false alarm
+    1e-4 per band). A period that stands out in any band is settling; the first that does not ends it. With
+    fewer than three good periods nothing can be told, and nothing is thrown away.
 
     Parameters
     ----------
@@ -450,9 +451,11 @@ def find_settling(record: Record, period: int) -> int:
 
 
 def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
+    """Whether period x differs from the settled spectra in a band of lines; `find_settling` has the rule."""
     deviation = np.fft.rfft(x) - settled.mean(axis=0)
-    octave = np.floor(np.log2(np.maximum(np.arange(len(deviation)), 0.5)))
-    share = 1 + 1 / len(settled)
-    peak = np.abs(x).max()
-    tests = (_excess(deviation, settled, octave == o, share, peak) for o in np.unique(octave[octave >= 0]))
+    line = np.arange(len(deviation))
+    tops = 2 ** np.arange(1, int(np.log2(len(line))) + 2)
+    bands = [(line >= lo) & (line < top) for top in tops for lo in {1, top // 2}]
+    share, peak = 1 + 1 / len(settled), np.abs(x).max()
+    tests = (_excess(deviation, settled, band, share, peak) for band in bands if band.any())
     return any(ratio > limit for ratio, limit in tests)

@@ -1,0 +1,377 @@
+"""Records through every format, and every way a file can be wrong."""
+
+import json
+import struct
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from gsid.errors import InputError
+from gsid.io import read_record, write_atomically, write_record
+from gsid.record import Record, split_periods
+
+FORMATS = [".csv", ".npz", ".mat", ".h5"]
+
+
+@pytest.fixture
+def record():
+    rng = np.random.default_rng(20)
+    valid = np.ones(600, bool)
+    valid[[150, 151]] = False
+    return Record(
+        u=np.tile(rng.standard_normal(100), 6),
+        y=rng.standard_normal(600) * 10.0 ** rng.integers(-300, 300, 600),
+        fs_hz=3000.0,
+        period_samples=100,
+        settle_samples=30,
+        valid=valid,
+        u_unit="count",
+        y_unit="deg/s",
+        hold="zoh",
+        columns={"theta_deg": rng.standard_normal(600)},
+        meta={"rig": "inner azimuth: no 2", "seed": "7"},
+    )
+
+
+# ---------------------------------------------------------------- round trips
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_round_trip_is_exact(tmp_path, record, suffix):
+    path = tmp_path / f"rec{suffix}"
+    write_record(path, record)
+    back = read_record(path)
+    for name in ("u", "y", "valid"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(record, name))
+    np.testing.assert_array_equal(back.columns["theta_deg"], record.columns["theta_deg"])
+    for name in ("fs_hz", "period_samples", "settle_samples", "u_unit", "y_unit", "hold", "meta"):
+        assert getattr(back, name) == getattr(record, name)
+    assert back.name == path.name
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_round_trip_of_a_bare_record(tmp_path, suffix):
+    write_record(tmp_path / f"rec{suffix}", Record(np.arange(8.0), np.ones(8), 50.0))
+    back = read_record(tmp_path / f"rec{suffix}")
+    assert (back.period_samples, back.settle_samples, back.meta, back.columns) == (None, None, {}, {})
+    assert back.valid.all()
+
+
+def test_nothing_half_written(tmp_path, record):
+    path = tmp_path / "rec.csv"
+    write_record(path, record)
+    before = path.read_bytes()
+
+    def fails_midway(part):
+        part.write_text("t_s,u,y\n0,")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        write_atomically(path, fails_midway)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["rec.csv"]
+
+
+def test_unknown_extension_is_not_written(tmp_path, record):
+    with pytest.raises(InputError, match="cannot write"):
+        write_record(tmp_path / "rec.txt", record)
+
+
+# ---------------------------------------------------------------- CSV
+
+
+def csv(tmp_path, text, **kwargs):
+    path = tmp_path / "rec.csv"
+    path.write_text(text)
+    return read_record(path, **kwargs)
+
+
+def test_csv_dialects(tmp_path):
+    """Byte order mark, Windows line ends, quotes, blanks, blank lines, other columns of text."""
+    text = '\ufeff# fs_hz: 10\r\n# note\r\n"u", y ,state\r\n1, 2,run\r\n\r\n3,4,stop\r\n'
+    record = csv(tmp_path, text)
+    assert record.u.tolist() == [1, 3]
+    assert record.y.tolist() == [2, 4]
+    assert record.columns == {}
+    assert record.fs_hz == 10
+
+
+@pytest.mark.parametrize(("fs_hz", "decimals"), [(3000, 4), (3000, 6), (2500, 9), (610.3515625, 9), (0.2, 1)])
+def test_rate_from_rounded_times(tmp_path, fs_hz, decimals):
+    """Times printed with few decimals are equally spaced within their last digit."""
+    rows = "".join(f"{n / fs_hz:.{decimals}f},{n % 7},0\n" for n in range(6000))
+    measured = csv(tmp_path, "t_s,u,y\n" + rows).fs_hz
+    resolution = 2 * 10.0**-decimals * fs_hz / 6000  # of the last time over the span
+    assert measured == pytest.approx(fs_hz, rel=0 if fs_hz == int(fs_hz) else resolution)
+
+
+def test_rate_given_and_period_given(tmp_path):
+    record = csv(tmp_path, "u,y\n" + "1,2\n3,4\n" * 8, fs_hz=5.0, period=4, settle=2)
+    assert (record.fs_hz, record.period_samples, record.settle_samples) == (5.0, 4, 2)
+
+
+ROWS = "".join(f"{n / 100:.2f},{n % 5},{n % 3}\n" for n in range(50))
+
+
+def rows(**changed):
+    """The rows above, with line `lineN` of the file replaced (line 1 is the header)."""
+    lines = ("t_s,u,y\n" + ROWS).splitlines(keepends=True)
+    for key, text in changed.items():
+        lines[int(key.removeprefix("line")) - 1] = text
+    return "".join(lines)
+
+
+BAD_CSV = {
+    "lost row": (rows(line20=""), "unequal time steps", "line 20"),
+    "times go back": (rows(line20="0.01,1,1\n"), "unequal time steps", "line 20"),
+    "nan": (rows(line9="0.07,nan,1\n"), "not finite", "line 9, column u"),
+    "inf": (rows(line9="0.07,1,-inf\n"), "not finite", "line 9, column y"),
+    "nan after blank lines": ("\n\n" + rows(line9="\n0.07,1,nan\n"), "not finite", "line 12, column y"),
+    "word": (rows(line30="0.28,1,overflow\n"), "not a number", "line 30, column y"),
+    "empty cell": (rows(line30="0.28,,1\n"), "not a number", "line 30, column u"),
+    "decimal comma": (rows(line30="0,28,1,1\n"), "columns", "line 30"),
+    "missing column": (rows(line1="t_s,u,Y_1\n"), "no column named y", ""),
+    "cut last row": (rows(line51="0.49,4"), "columns", "line 51"),
+    "no header": (ROWS, "no header", ""),
+    "header only": ("t_s,u,y\n", "no samples", ""),
+    "keys only": ("# fs_hz: 5\n", "no samples", ""),
+    "semicolons": (rows().replace(",", ";"), "no column named u", ""),
+    "twice": (rows(line1="u,u,y\n"), "same name", ""),
+    "fs not a number": ("# fs_hz: fast\n" + rows(), "fs_hz is not", ""),
+    "fs not that of the times": ("# fs_hz: 200\n" + rows(), "not that of the times", ""),
+    "period not whole": ("# period_samples: 2.5\n" + rows(), "period_samples", ""),
+    "no rate": ("u,y\n1,2\n3,4\n", "sample rate is not known", ""),
+    "negative rate": ("# fs_hz: -5\nu,y\n1,2\n3,4\n", "sample rate", ""),
+    "unknown hold": ("# hold: foh\n" + rows(), "hold", ""),
+    "empty": ("", "empty", ""),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_CSV)
+def test_bad_csv_is_refused_with_its_place(tmp_path, kind):
+    text, what, where = BAD_CSV[kind]
+    with pytest.raises(InputError, match=what) as caught:
+        csv(tmp_path, text)
+    assert where in caught.value.where
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(("fs_hz", "words"), [(200.0, "not that of the times"), (0.0, "not a positive")])
+def test_bad_rate_given(tmp_path, fs_hz, words):
+    with pytest.raises(InputError, match=words):
+        csv(tmp_path, rows(), fs_hz=fs_hz)
+
+
+def test_did_you_mean(tmp_path):
+    with pytest.raises(InputError) as caught:
+        csv(tmp_path, rows(line1="t_s,u,omega_motor\n"), y="omega_moter")
+    assert caught.value.hint.startswith("did you mean omega_motor?")
+    assert "--y" in caught.value.hint
+
+
+def test_binary_in_csv(tmp_path):
+    (tmp_path / "rec.csv").write_bytes(b"\x89PNG\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match="not text"):
+        read_record(tmp_path / "rec.csv")
+
+
+# ---------------------------------------------------------------- arrays
+
+
+def save(path, **arrays):
+    if path.suffix == ".npz":
+        np.savez(path, **arrays)
+    elif path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        with h5py.File(path, "w") as file:
+            for name, value in arrays.items():
+                file[name] = value
+
+
+ARRAYS = {"u": np.arange(20.0), "y": np.ones(20), "fs_hz": 5.0}
+BAD_ARRAYS = {
+    "missing": ({"u": np.ones(20), "fs_hz": 5.0}, "no array named y"),
+    "unequal": ({**ARRAYS, "y": np.ones(19)}, "unequal lengths"),
+    "matrix": ({**ARRAYS, "y": np.ones((10, 2))}, "not one row"),
+    "complex": ({**ARRAYS, "y": np.ones(20) * 1j}, "real numbers"),
+    "nan": ({**ARRAYS, "y": np.r_[np.ones(7), np.nan, np.ones(12)]}, "not finite.*sample 7"),
+    "no rate": ({"u": np.ones(20), "y": np.ones(20)}, "sample rate is not known"),
+    "empty": ({**ARRAYS, "u": np.ones(0), "y": np.ones(0)}, "no samples"),
+    "valid too short": ({**ARRAYS, "valid": np.ones(7, bool)}, "unequal lengths"),
+    "times": ({"u": np.ones(20), "y": np.ones(20), "t_s": np.r_[0:10, 11:21] * 0.1}, "unequal.*sample 10"),
+}
+
+
+@pytest.mark.parametrize("suffix", FORMATS[1:])
+@pytest.mark.parametrize("kind", BAD_ARRAYS)
+def test_bad_arrays_are_refused(tmp_path, suffix, kind):
+    arrays, words = BAD_ARRAYS[kind]
+    path = tmp_path / f"rec{suffix}"
+    save(path, **arrays)
+    with pytest.raises(InputError, match=words) as caught:
+        read_record(path)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("suffix", [*FORMATS[1:], ".ulg"])
+@pytest.mark.parametrize("keep", [0.6, 0.0, None])
+def test_damaged_files_are_refused(tmp_path, record, suffix, keep):
+    """Cut short, emptied, and something else altogether under this name."""
+    path = tmp_path / f"rec{suffix}"
+    (save_ulog if suffix == ".ulg" else write_record)(path, record)
+    whole = path.read_bytes()
+    path.write_bytes(b"not what the name says\n" * 40 if keep is None else whole[: int(keep * len(whole))])
+    if suffix == ".ulg" and keep == 0.6:
+        return  # a log that ends early is a shorter log
+    with pytest.raises(InputError, match=r"damaged|empty") as caught:
+        read_record(path, u="torque.cmd", y="torque.rate")
+    assert caught.value.hint
+
+
+def test_names_and_columns_of_arrays(tmp_path):
+    path = tmp_path / "rec.npz"
+    save(
+        path,
+        iq=np.arange(20.0)[:, None],
+        omega=np.ones((1, 20)),
+        temperature=np.full(20, 30),
+        design=np.ones(4),
+    )
+    record = read_record(path, u="iq", y="omega", fs_hz=2500)
+    assert record.u.shape == (20,)
+    assert list(record.columns) == ["temperature"]
+
+
+def test_objects_in_npz_are_left_alone(tmp_path):
+    """Reading a pickled array would run what it says."""
+    path = tmp_path / "rec.npz"
+    np.savez(path, u=np.arange(20.0), y=np.ones(20), fs_hz=5.0, notes=np.array([{"a": 1}], dtype=object))
+    assert len(read_record(path)) == 20
+
+
+def test_mat_v73(tmp_path):
+    """As MATLAB writes it: HDF5 behind a header of 512 bytes, rows as columns, text as numbers."""
+    path = tmp_path / "rec.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["u"] = np.arange(20.0)[None, :]
+        file["y"] = np.ones((1, 20))
+        file["fs_hz"] = np.array([[2500.0]])
+        file["y_unit"] = np.array([[ord(c)] for c in "rad/s"], np.uint16)
+        file["y_unit"].attrs["MATLAB_class"] = np.bytes_("char")
+    header = b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + struct.pack("<H", 0x0200) + b"IM"
+    with open(path, "r+b") as file:
+        file.write(header)
+    record = read_record(path)
+    assert (len(record), record.fs_hz, record.y_unit) == (20, 2500.0, "rad/s")
+
+
+def test_path_inside_h5(tmp_path):
+    path = tmp_path / "rec.h5"
+    save(path, **{"axis1/command": np.arange(20.0), "axis1/gyro": np.ones(20), "fs_hz": 5.0})
+    assert len(read_record(path, u="axis1/command", y="axis1/gyro")) == 20
+    with pytest.raises(InputError) as caught:
+        read_record(path, u="axis1/comand", y="axis1/gyro")
+    assert "axis1/command" in caught.value.hint
+
+
+def test_meta_json_beside(tmp_path, caplog):
+    caplog.set_level("INFO", "gsid.io")
+    beside = {
+        "fs_hz": 2500.0,
+        "period_samples": 5,
+        "channels": [{"name": "u", "unit": "A"}, {"name": "y", "unit": "rad/s"}],
+        "files": {"rec.npz": {}},
+    }
+    (tmp_path / "meta.json").write_text(json.dumps(beside))
+    arrays = {"u": np.arange(20.0), "y": np.ones(20)}
+    save(tmp_path / "rec.npz", **arrays)
+    save(tmp_path / "other.npz", **arrays)
+    record = read_record(tmp_path / "rec.npz")
+    assert (record.fs_hz, record.period_samples, record.u_unit, record.y_unit) == (2500.0, 5, "A", "rad/s")
+    assert [r.message for r in caplog.records] == [
+        "rec.npz: fs_hz = 2500.0 from meta.json beside it",
+        "rec.npz: period_samples = 5 from meta.json beside it",
+    ]
+    given = read_record(tmp_path / "rec.npz", fs_hz=100.0, period=4)
+    assert (given.fs_hz, given.period_samples) == (100.0, 4)
+    assert len(caplog.records) == 2
+    with pytest.raises(InputError, match="sample rate is not known"):
+        read_record(tmp_path / "other.npz")
+
+
+# ---------------------------------------------------------------- ULog
+
+
+def save_ulog(path, record=None, step_us=lambda n: 4000 * n):
+    """A ULog file written by hand from the format's description: one topic of two floats, another of one."""
+
+    def message(kind, content):
+        return struct.pack("<HB", len(content), ord(kind)) + content
+
+    n = 200 if record is None else len(record)
+    parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0), message("B", bytes(40))]
+    parts.append(message("F", b"torque:uint64_t timestamp;float cmd;float rate;"))
+    parts.append(message("F", b"gyro:uint64_t timestamp;float rate;"))
+    parts.append(message("A", struct.pack("<BH", 0, 0) + b"torque"))
+    parts.append(message("A", struct.pack("<BH", 0, 1) + b"gyro"))
+    for i in range(n):
+        t = 1000 + step_us(i)
+        parts.append(message("D", struct.pack("<HQff", 0, t, i % 10, np.sin(i % 10))))
+        parts.append(message("D", struct.pack("<HQf", 1, t + 70, 0.5)))
+    path.write_bytes(b"".join(parts))
+
+
+def test_ulog_by_topic(tmp_path):
+    path = tmp_path / "log.ulg"
+    save_ulog(path)
+    record = read_record(path, u="torque.cmd", y="torque.rate")
+    assert record.fs_hz == 250.0
+    np.testing.assert_array_equal(record.u, np.arange(200) % 10)
+    assert split_periods(record).period_samples == 10
+
+
+@pytest.mark.parametrize(
+    ("names", "words", "hint"),
+    [
+        ({"u": "torque.cmd", "y": "gyro.rate"}, "two topics", "one topic"),
+        ({"u": "torque.cmd", "y": "torque.rat"}, "no field named torque.rat", "torque.rate"),
+        ({"u": "torqe.cmd", "y": "torqe.rate"}, "no topic named torqe", "did you mean torque?"),
+        ({}, "topic.field", "--u"),
+    ],
+)
+def test_ulog_names(tmp_path, names, words, hint):
+    path = tmp_path / "log.ulg"
+    save_ulog(path)
+    with pytest.raises(InputError, match=words) as caught:
+        read_record(path, **names)
+    assert hint in caught.value.hint
+
+
+def test_ulog_times_jitter(tmp_path):
+    """A log's times jitter: taken as equally spaced when the rate is stated; a gap is refused either way."""
+    names = {"u": "torque.cmd", "y": "torque.rate"}
+    path = tmp_path / "log.ulg"
+    save_ulog(path, step_us=lambda n: 4000 * n + 300 * (n % 3))
+    with pytest.raises(InputError, match="unequal time steps"):
+        read_record(path, **names)
+    assert read_record(path, **names, fs_hz=250.0).fs_hz == 250.0
+    save_ulog(path, step_us=lambda n: 4000 * (n + (n > 100)))
+    with pytest.raises(InputError, match=r"unequal time steps.*sample 101"):
+        read_record(path, **names, fs_hz=250.0)
+
+
+# ---------------------------------------------------------------- files
+
+
+def test_unreadable(tmp_path):
+    with pytest.raises(InputError, match=r"cannot read.*No such file"):
+        read_record(tmp_path / "none.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(InputError, match=r"cannot read.*directory"):
+        read_record(tmp_path / "folder.csv")
+    with pytest.raises(InputError, match=r"unknown kind of file.*\.txt") as caught:
+        read_record(tmp_path / "rec.txt")
+    assert ".csv" in caught.value.hint
