@@ -317,7 +317,7 @@ class _Samples:
     """What has come back, by tick, and which periods of it are good."""
 
     def __init__(self, period: int, settle: int, asked: int) -> None:
-        capacity = settle + BAD_FACTOR * asked * period
+        capacity = settle + (BAD_FACTOR * asked + 1) * period
         self.period, self.settle, self.asked = period, settle, asked
         self.u = np.zeros(capacity)
         self.y = np.zeros(capacity)
@@ -328,11 +328,10 @@ class _Samples:
         self._lost_count = 0
         self._last_held = -capacity - 1
 
-    def take(self, got: np.ndarray, sent: int) -> bool:
-        """Enter frames as they came; True when there was a new sample among them."""
-        got = got[
-            (got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < min(sent, len(self.u)))
-        ]
+    def take(self, got: np.ndarray, limit: int) -> bool:
+        """Enter frames as they came, of ticks below `limit`; True when there was a new sample among them."""
+        limit = min(limit, len(self.u))
+        got = got[(got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < limit)]
         if not len(got):
             return False
         tick = got["tick"].astype(np.int64)
@@ -433,7 +432,7 @@ def run(
     with Link.open(port) if isinstance(port, str) else Link(port) as link:
         n_queue = _start(link, fs_hz)
         try:
-            _exchange(link, samples, table, n_queue, frf, on_progress)
+            _exchange(link, samples, table, n_queue, int(SILENT_S * fs_hz), frf, on_progress)
         except LinkError as error:
             failure = error
         except KeyboardInterrupt:
@@ -480,10 +479,15 @@ def _exchange(
     samples: _Samples,
     table: np.ndarray,
     n_queue: int,
+    n_ahead: int,
     frf: StreamingFrf | None,
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
-    """Keep a window of commands under way, and take what comes back, until there are enough good periods."""
+    """Keep a window of commands under way, and take what comes back, until there are enough good periods.
+
+    A paced axis may have gone on beyond the last command sent while the host was stalled: samples up to
+    `n_ahead` ticks further are believed.
+    """
     window = max(1, min(WINDOW, n_queue // 2))
     sent, heard = 0, time.monotonic()
     resend = heard + QUIET_S
@@ -492,9 +496,9 @@ def _exchange(
             raise _too_many_lost(link, samples)
         room = samples.end + window - sent
         if room > window // 4:  # not frame by frame
-            sent = _send_commands(link, table, sent, sent + room)
+            sent = _send_commands(link, table, max(sent, samples.end), samples.end + window)
         first = samples.end
-        if samples.take(link.receive(), sent):
+        if samples.take(link.receive(), sent + n_ahead):
             new = slice(first, samples.end)
             if frf is not None:
                 frf.step(samples.u[new], samples.y[new], samples.valid[new])

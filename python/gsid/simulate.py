@@ -211,7 +211,7 @@ class Server:
         self.paced = paced
         self.served = Served()
         self.receiver = Receiver()
-        self._running = False
+        self.running = False
         self._restart()
 
     def _restart(self) -> None:
@@ -254,16 +254,16 @@ class Server:
     def _control(self, kind: int) -> bytes:
         if kind == HELLO:
             self._restart()
-            self._running = True
+            self.running = True
             return encode(frames(HELLO, 0, self.axis.fs_hz, QUEUE))
-        self._running = False
+        self.running = False
         return encode(frames(STOP, self._tick))
 
     def _commands(self, got: np.ndarray, now_s: float) -> bytes:
         tick = got["tick"].astype(np.int64)
         usable = (got["kind"] == COMMAND) & (tick >= self._tick) & (tick < self._tick + QUEUE - 1)
         got, tick = got[usable], tick[usable]
-        if not self._running or not len(got):
+        if not self.running or not len(got):
             return b""
         for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # a tick's own command above the copy
             finite = np.isfinite(value)
@@ -277,7 +277,7 @@ class Server:
 
     def keep_time(self, now_s: float) -> bytes:
         """Paced: advance to the clock, and return the samples to send."""
-        if not self._running or self._start_s is None or now_s < self._start_s:
+        if not self.running or self._start_s is None or now_s < self._start_s:
             return b""
         if now_s - self._heard_s > WATCHDOG_S:
             self._forget()

@@ -1,0 +1,294 @@
+"""The host's end of the line: frames, what is lost and what is not, and how a run ends."""
+
+import binascii
+import struct
+import threading
+
+import numpy as np
+import pytest
+from line import Loopback, frames_in, multisine, quiet_axis
+
+from gsid import link
+from gsid.errors import InputError
+from gsid.frf import StreamingFrf
+from gsid.link import COMMAND, HELLO, SAMPLE, STOP, Link, LinkError, Receiver, Stopped, encode, frames, run
+from gsid.simulate import Server
+
+N = 600
+SETTLE = 2 * N
+
+
+def expected_run(n: int, u: np.ndarray, **parameters: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the axis does when every command arrives, in the line's single precision."""
+    command = u[np.arange(n) % len(u)].astype(np.float32)
+    u_applied, y, _ = quiet_axis(**parameters).step(command)
+    return u_applied.astype(np.float32), y.astype(np.float32)
+
+
+def test_frames_are_those_of_the_protocol():
+    frame = frames(SAMPLE, [7, 2**32 - 1], [1.5, -3.0], [0.1, 1e-30], [3, 0])
+    want = b""
+    for tick, a, b, flags in ((7, 1.5, 0.1, 3), (2**32 - 1, -3.0, 1e-30, 0)):
+        body = struct.pack("<BBIff", SAMPLE, flags, tick, a, b)
+        want += b"\xa5\x5a" + body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
+    assert encode(frame) == want
+    receiver = Receiver()
+    np.testing.assert_array_equal(receiver.decode(b"garbage" + want), frame)
+    assert (receiver.n_frames, receiver.n_damaged, receiver.n_garbage) == (2, 0, 7)
+    assert "2 frames" in repr(receiver)
+
+
+def test_a_frame_in_pieces_and_an_unknown_kind():
+    data = encode(frames(COMMAND, np.arange(100), 1.0, 2.0))
+    receiver = Receiver()
+    got = np.concatenate([receiver.decode(data[at : at + 7]) for at in range(0, len(data), 7)])
+    np.testing.assert_array_equal(got["tick"], np.arange(100))
+    with pytest.raises(ValueError, match="frame 0 is of unknown kind 9"):
+        encode(frames(9))
+
+
+def test_the_record_is_what_the_axis_did():
+    u = multisine(N)
+    line = Loopback(Server(quiet_axis()))
+    frf = StreamingFrf(3000.0, N, np.arange(1, 41), settle_samples=SETTLE)
+    seen = []
+    record = run(line, u, periods=3, frf=frf, on_progress=seen.append, meta={"who": "test"})
+    u_want, y_want = expected_run(5 * N, u)
+    np.testing.assert_array_equal(record.u, u_want)
+    np.testing.assert_array_equal(record.y, y_want)
+    assert record.valid.all()
+    assert (record.period_samples, record.settle_samples, record.hold) == (N, SETTLE, "zoh")
+    assert (record.u_unit, record.y_unit, record.fs_hz) == ("command", "deg/s", 3000.0)
+    assert record.meta["good_periods"] == "3"
+    assert record.meta["command_zero_confirmed"] == "yes"
+    assert record.meta["who"] == "test"
+    assert (seen[-1].good, seen[-1].lost, seen[-1].asked) == (3, 0, 3)
+    assert frf.n_periods == 3
+    assert line.stopped
+
+
+def test_a_lost_sample_spoils_its_period_only():
+    u = multisine(N)
+    lost = SETTLE + N + 17
+    line = Loopback(Server(quiet_axis()), lambda kind, tick: kind == SAMPLE and tick == lost)
+    frf = StreamingFrf(3000.0, N, np.arange(1, 41), settle_samples=SETTLE)
+    record = run(line, u, periods=3, frf=frf)
+    assert np.flatnonzero(~record.valid).tolist() == [lost]
+    _, y_want = expected_run(6 * N, u)
+    np.testing.assert_array_equal(record.y[record.valid], y_want[record.valid])
+    assert (record.meta["good_periods"], record.meta["spoiled_periods"]) == ("3", "1")
+    assert (frf.n_periods, frf.n_spoiled) == (3, 1)
+
+
+def test_one_lost_command_frame_costs_nothing():
+    u = multisine(N)
+    line = Loopback(Server(quiet_axis()), lambda kind, tick: kind == COMMAND and tick % 100 == 50)
+    record = run(line, u, periods=3)
+    assert record.valid.all()
+    np.testing.assert_array_equal(record.y, expected_run(5 * N, u)[1])
+
+
+@pytest.mark.parametrize("its_sample_too", [False, True])
+def test_a_lost_command_lets_the_axis_settle_again(its_sample_too):
+    u = multisine(N)
+    at = SETTLE + N + 100
+
+    def lose(kind, tick):
+        return (kind == COMMAND and tick in (at - 1, at)) or (
+            its_sample_too and kind == SAMPLE and tick == at
+        )
+
+    record = run(Loopback(Server(quiet_axis()), lose), u, periods=3, settle=SETTLE)
+    first = at + 1 if its_sample_too else at  # the count shows it with the next sample
+    assert np.flatnonzero(~record.valid).tolist() == list(range(at, first + SETTLE + 1))
+    assert record.meta["lost_commands"] == "1"
+    # the periods of the lost command and of the settling are out: 1, 2 and 3 of 6
+    assert (record.meta["good_periods"], record.meta["spoiled_periods"]) == ("3", "3")
+
+
+def test_a_long_silence_counts_as_a_disturbance():
+    """128 commands lost with their samples bring the count back to where it was."""
+    at = SETTLE + 50
+    lose = range(at, at + 129)
+    line = Loopback(Server(quiet_axis()), lambda kind, tick: tick in lose)
+    record = run(line, multisine(N), periods=2, settle=N)
+    last = at + 129 if record.meta["lost_commands"] == "0" else at + 128
+    assert not record.valid[at : last + N].any()
+    assert record.meta["good_periods"] == "2"
+
+
+def test_a_sample_that_is_no_number_is_lost():
+    class Odd(Server):
+        def take(self, data, now_s=0.0):
+            out = frames_in(super().take(data, now_s)).copy()
+            out["b"][(out["kind"] == SAMPLE) & (out["tick"] == SETTLE + 3)] = np.nan
+            return encode(out)
+
+    record = run(Loopback(Odd(quiet_axis())), multisine(N), periods=2)
+    assert np.flatnonzero(~record.valid).tolist() == [SETTLE + 3]
+    assert np.isfinite(record.y).all()
+
+
+def test_what_is_under_way_is_sent_again(monkeypatch):
+    """All that is under way once is lost, commands or samples: the run goes on after a pause."""
+    monkeypatch.setattr(link, "QUIET_S", 0.05)
+    for kind_lost in (COMMAND, SAMPLE):
+        burst = set(range(SETTLE + 100, SETTLE + 100 + 2 * link.WINDOW))
+
+        def lose(kind, tick, kind_lost=kind_lost, burst=burst):
+            if kind == kind_lost and tick in burst:
+                burst.remove(tick)
+                return True
+            return False
+
+        record = run(Loopback(Server(quiet_axis()), lose), multisine(N), periods=3)
+        assert record.meta["good_periods"] == "3"
+        if kind_lost == COMMAND:
+            assert record.valid.all()  # lock-step waits: nothing is lost
+
+
+def test_a_dead_axis_is_given_up(monkeypatch):
+    monkeypatch.setattr(link, "QUIET_S", 0.05)
+    monkeypatch.setattr(link, "SILENT_S", 0.2)
+    line = Loopback(Server(quiet_axis()), lambda kind, tick: tick >= SETTLE + 1000)
+    with pytest.raises(LinkError, match="no sample from the axis") as caught:
+        run(line, multisine(N), periods=3)
+    assert len(caught.value.record) == SETTLE + N  # whole periods
+    assert caught.value.hint
+    assert line.stopped
+
+
+def test_nobody_there(monkeypatch):
+    monkeypatch.setattr(link, "QUIET_S", 0.02)
+    monkeypatch.setattr(link, "SILENT_S", 0.06)
+
+    class Nobody(Loopback):
+        def read(self):
+            return b""
+
+    with pytest.raises(LinkError, match="does not answer") as caught:
+        run(Nobody(Server(quiet_axis())), multisine(N), periods=1)
+    assert caught.value.record is None
+
+
+def test_too_many_lost_periods_end_the_run():
+    line = Loopback(Server(quiet_axis()), lambda kind, tick: kind == SAMPLE and tick % N == 5)
+    with pytest.raises(LinkError, match="too many periods are lost") as caught:
+        run(line, multisine(N), periods=12)
+    record = caught.value.record
+    assert (record.meta["good_periods"], record.meta["spoiled_periods"]) == ("0", "8")
+    assert "0 good of 8, 12 asked for" in str(caught.value)
+    assert isinstance(caught.value, InputError)
+    assert line.stopped
+
+    every_other = Loopback(
+        Server(quiet_axis()), lambda kind, tick: kind == SAMPLE and tick // N % 6 and not tick % N
+    )
+    with pytest.raises(LinkError, match="2 good of 12, 3 asked for"):
+        run(every_other, multisine(N), periods=3)
+
+
+def test_an_unplugged_port_keeps_what_was_measured():
+    class Unplugged(Loopback):
+        def read(self):
+            if self.server.served.ticks > SETTLE + 2 * N:
+                raise OSError("device disconnected")
+            return super().read()
+
+    with pytest.raises(LinkError, match="the port is gone") as caught:
+        run(Unplugged(Server(quiet_axis())), multisine(N), periods=20)
+    record = caught.value.record
+    assert len(record) > SETTLE
+    assert record.meta["command_zero_confirmed"] == "no"
+
+
+def test_ctrl_c_leaves_the_command_at_zero():
+    class Impatient(Loopback):
+        def read(self):
+            if self.server.running and self.server.served.ticks > SETTLE + 3 * N:
+                self.server.served.ticks = 0  # once
+                raise KeyboardInterrupt
+            return super().read()
+
+    line = Impatient(Server(quiet_axis()))
+    with pytest.raises(Stopped) as caught:
+        run(line, multisine(N), periods=50)
+    assert line.stopped
+    assert caught.value.record.meta["command_zero_confirmed"] == "yes"
+    assert len(caught.value.record) >= SETTLE
+
+
+def test_another_rate_is_refused():
+    with pytest.raises(LinkError, match=r"another rate .*2000 Hz, not 3000 Hz") as caught:
+        run(Loopback(Server(quiet_axis(fs_hz=2000))), multisine(N), periods=1)
+    assert "--fs 2000" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("excitation", "options"),
+    [
+        (np.zeros(1), {"periods": 1}),
+        (np.zeros((2, 2)), {"periods": 1}),
+        (np.array([0.0, np.nan]), {"periods": 1}),
+        (np.zeros(4), {"periods": 0}),
+        (np.zeros(4), {"periods": 1, "settle": -1}),
+    ],
+)
+def test_misuse(excitation, options):
+    with pytest.raises(ValueError, match="at least"):
+        run(Loopback(Server(quiet_axis())), excitation, **options)
+
+
+def test_a_paced_axis_that_went_on_without_the_host_is_caught_up_with():
+    """The host stalls for longer than its window: commands are lost, the run is not."""
+
+    class Stalling(Loopback):
+        now_s = 0.0
+        stalled = False
+
+        def write(self, data):
+            self.waiting += self.server.take(data, self.now_s)
+
+        def read(self):
+            self.now_s += 0.01
+            if self.server.served.ticks > SETTLE + N and not self.stalled:
+                self.stalled = True
+                self.now_s += 0.5
+            self.waiting += self.server.keep_time(self.now_s)
+            return super().read()
+
+    line = Stalling(Server(quiet_axis(), paced=True))
+    record = run(line, multisine(N), periods=3, settle=N)
+    assert record.meta["good_periods"] == "3"
+    assert int(record.meta["lost_commands"]) > 0
+
+
+def test_link_by_hand():
+    line = Loopback(Server(quiet_axis()))
+    line.waiting = b"\xa5\x5a\x02 old rubbish" + encode(frames(SAMPLE, 99))
+    with Link(line, "here") as host:
+        fs_hz, n_queue = host.hello()
+        assert fs_hz == 3000.0
+        assert n_queue >= link.WINDOW
+        host.send(frames(COMMAND, [0, 1], 1.0, 1.0))
+        assert host.receive()["tick"].tolist() == [0, 1]
+        assert host.stop()
+        assert "here" in repr(host)
+    assert HELLO != STOP
+
+
+def test_two_lines_at_once():
+    """No state is shared: two runs in two threads measure their own axes."""
+    u = multisine(N)
+    records = {}
+
+    def measure(gain):
+        records[gain] = run(Loopback(Server(quiet_axis(gain=gain))), u, periods=2)
+
+    threads = [threading.Thread(target=measure, args=(gain,)) for gain in (5.0, 9.0)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for gain, record in records.items():
+        np.testing.assert_array_equal(record.y, expected_run(4 * N, u, gain=gain)[1])
