@@ -32,20 +32,7 @@ static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x,
 gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                                const uint32_t *line, gsid_cplx *lines) {
     gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
-    if (status != GSID_OK) {
-        return status;
-    }
-    status = gsid_fftw_sums(n_periods, n_period, x, n_lines, line, lines);
-    if (status != GSID_OK) {
-        return status;
-    }
-    for (size_t at = 0; at < (size_t)n_periods * n_lines; at++) {
-        uint32_t k = line[at % n_lines];
-        double scale = (k == 0 || 2 * k == n_period ? 1.0 : 2.0) / n_period;
-        lines[at].re *= scale;
-        lines[at].im *= scale;
-    }
-    return GSID_OK;
+    return status == GSID_OK ? gsid_fftw_lines(n_periods, n_period, x, n_lines, line, lines) : status;
 }
 
 #else

@@ -9,10 +9,10 @@
 const char *gsid_fftw_version_str(void);
 const char *gsid_nlopt_version_str(void);
 
-/* Plain sums x[n] exp(-j 2 pi k n / N) of each period at the lines asked; arguments as gsid_batch_spectra, checked there.
+/* gsid_batch_spectra, its arguments checked already.
  * GSID_OK; GSID_E_NO_MEMORY. */
-gsid_status gsid_fftw_sums(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                           const uint32_t *line, gsid_cplx *sums);
+gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                            const uint32_t *line, gsid_cplx *lines);
 
 #ifdef GSID_WITH_NLOPT
 
