@@ -1,0 +1,217 @@
+"""Whole runs over a pseudo-terminal, as they are typed."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from line import GSID, multisine, quiet_axis, simulator
+
+from gsid.frf import frf, spectra
+from gsid.io import read_record
+from gsid.link import Link, LinkError, run
+
+EXCITE = ("--period", "600", "--band", "5:600", "--lines", "odd", "--amplitude", "8")
+
+
+def gsid(*arguments: str, timeout: float = 60) -> subprocess.CompletedProcess:
+    return subprocess.run([*GSID, *arguments], capture_output=True, text=True, timeout=timeout)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def noiseless_response(u: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """What the axis without noise answers to the same command after 8 s; it decays with 5.5 1/s."""
+    n_periods = -(-24000 // len(u)) + 1
+    u_applied, y, _ = quiet_axis().step(np.tile(u.astype(np.float32), n_periods))
+    return (np.fft.rfft(y[-len(u) :]) / np.fft.rfft(u_applied[-len(u) :]))[line]
+
+
+def chi_square(record, u: np.ndarray) -> tuple[float, float]:
+    """Squared error over variance, mean over the lines, and what 5 sigma of chance allow.
+
+    With P periods it is F(2, 2 (P - 1)) distributed: mean (P - 1) / (P - 2), standard deviation near 1.
+    """
+    measured = frf(record)
+    error = np.abs(measured.g - noiseless_response(u, measured.line)) ** 2 / measured.var_g
+    mean = (measured.n_periods - 1) / (measured.n_periods - 2)
+    return error.mean() / mean, 5 * 1.2 / np.sqrt(len(error))
+
+
+def test_a_run_in_lock_step_measures_the_axis(folder):
+    with simulator("--set", "fan_amplitude=0", "--truth", "truth.json", "--link", "axis") as (_, path):
+        assert os.readlink("axis") == path
+        done = gsid(
+            "run", "--port", "axis", *EXCITE, "--periods", "12", "--settle", "10p", "-o", "a.npz", "--json"
+        )
+    assert done.returncode == 0, done.stderr
+    assert not os.path.lexists("axis")
+    summary = json.loads(done.stdout)
+    record = read_record("a.npz")
+    assert (summary["n_periods"], summary["n_spoiled"], summary["lost_samples"]) == (12, 0, 0)
+    assert (record.period_samples, record.settle_samples, record.hold) == (600, 6000, "zoh")
+    batch = frf(record)
+    g = np.array(summary["g_re"]) + 1j * np.array(summary["g_im"])
+    np.testing.assert_allclose(g, batch.g, rtol=1e-9, atol=1e-12)  # streamed while it ran, and from the file
+    np.testing.assert_allclose(summary["var_g"], batch.var_g, rtol=1e-6)
+    assert json.loads((folder / "truth.json").read_text())["delay_s"] == 0.0054
+
+
+def test_a_damaged_line_loses_periods_but_not_the_truth(folder):
+    """One frame in 20 000, periods of 6000: a quarter of them is lost, and no bias comes in."""
+    u = multisine(6000, 400, 3.0)
+    with simulator("--damage", "5e-5", "--seed", "11", "--set", "fan_amplitude=0") as (_, port):
+        record = run(port, u, periods=40)
+    good, spoiled = int(record.meta["good_periods"]), int(record.meta["spoiled_periods"])
+    assert good == 40
+    assert 3 <= spoiled <= 26  # 13 expected of 53, 4 standard deviations
+    assert spectra(record).n_spoiled == spoiled
+    ratio, chance = chi_square(record, u)
+    assert abs(ratio - 1) < chance
+
+
+def test_garbage_on_the_line_at_the_start(folder):
+    with simulator("--set", "fan_amplitude=0") as (_, port):
+        fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        os.write(fd, b"\xa5\x5a\x01 what an earlier host left \xa5\x5a")
+        time.sleep(0.1)
+        os.close(fd)
+        record = run(port, multisine(600), periods=4)
+    assert record.valid.all()
+
+
+def test_a_line_too_bad_stops_the_run_and_keeps_what_there_is(folder):
+    with simulator("--damage", "0.01", "--seed", "2") as (_, port):
+        done = gsid("run", "--port", port, "--period", "6000", "--periods", "12", "-o", "bad.csv")
+    assert done.returncode == 3
+    assert "too many periods are lost" in done.stderr
+    assert "hint:" in done.stderr
+    record = read_record("bad.csv")
+    assert len(record) == 12000 + 8 * 6000
+    assert 0 < np.count_nonzero(~record.valid) < len(record)
+
+
+def test_paced_runs_by_the_clock(folder):
+    with simulator("--paced") as (process, port):
+        start = time.monotonic()
+        record = run(port, multisine(600), periods=4, settle=600)
+        took = time.monotonic() - start
+        process.terminate()
+        words = process.stderr.read()
+    assert record.meta["good_periods"] == "4"
+    assert 3000 / 3000 <= took < 3000 / 3000 + 4  # 3000 ticks at 3 kHz, and a machine that is busy
+    assert "ms behind the clock" in words
+
+
+def test_ctrl_c_leaves_the_command_at_zero_and_the_record(folder):
+    with simulator("--paced") as (_, port):
+        process = subprocess.Popen(
+            [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", "-o", "half.csv"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        time.sleep(2.5)
+        process.send_signal(signal.SIGINT)
+        _, words = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "stopped" in words
+    record = read_record("half.csv")
+    assert len(record) > 0
+    assert record.meta["command_zero_confirmed"] == "yes"
+
+
+def test_an_axis_that_disappears_is_a_clear_error(folder):
+    with simulator("--paced") as (axis, port):
+        process = subprocess.Popen(
+            [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", "-o", "half.npz"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        time.sleep(2.5)
+        axis.terminate()
+        _, words = process.communicate(timeout=20)
+    assert process.returncode == 3
+    assert "the port is gone" in words
+    assert "hint:" in words
+    assert len(read_record("half.npz")) > 0
+
+
+def test_once_ends_when_the_host_leaves(folder):
+    with simulator("--once") as (process, port):
+        with Link.open(port) as host:
+            host.hello()
+        assert process.wait(timeout=10) == 0
+
+
+def test_json_of_the_simulator(folder):
+    with simulator("--json", "--linear", "--coulomb", "2", "--noise-scale", "0.5", "--seed", "9") as (
+        _,
+        line,
+    ):
+        made = json.loads(line)
+    assert os.path.dirname(made["port"]) == "/dev/pts"
+    parameters = made["parameters"]
+    assert (parameters["coulomb_level"], parameters["command_limit"], parameters["seed"]) == (2.0, 0.0, 9)
+    assert parameters["noise_rms"] == pytest.approx(0.005)
+
+
+def test_an_excitation_from_a_file(folder):
+    assert gsid("design", "multisine", "--fs", "3000", *EXCITE, "-o", "u.csv").returncode == 0
+    with simulator("--noise-scale", "0") as (_, port):
+        done = gsid("run", "--port", port, "--u", "u.csv", "--periods", "2", "-o", "a.csv", "--json")
+        assert done.returncode == 0, done.stderr
+        again = gsid("run", "--port", port, *EXCITE, "--periods", "2", "-o", "b.csv", "--json")
+    np.testing.assert_array_equal(read_record("a.csv").y, read_record("b.csv").y)
+    one, two = json.loads(done.stdout), json.loads(again.stdout)
+    assert one["f_hz"] == two["f_hz"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--port", "nowhere"), 3, "the port cannot be opened"),
+        (("--port", "nowhere", "--band", "5:4"), 2, "below HI"),
+        (("--port", "nowhere", "--band", "5:2000"), 2, "the nearest valid request is 5:1499.5 Hz"),
+        (("--port", "nowhere", "--settle", "2q"), 2, "neither a number of samples"),
+        (("--port", "nowhere", "-o", "rec.xyz"), 3, "cannot write this kind of file"),
+        (("--port", "nowhere", "-o", "no/such/rec.csv"), 3, "No such file"),
+        (("--port", "nowhere", "--u", "u.csv", "--band", "1:2"), 2, "leave out --band"),
+        (("--port", "nowhere", "--u", "none.csv"), 3, "none.csv"),
+        ((), 2, "--port"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, words):
+    done = gsid("run", *arguments)
+    assert (done.returncode, words in done.stderr) == (code, True), done.stderr
+    assert "hint:" in done.stderr
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--set", "gian=3"), 2, "did you mean gain?"),
+        (("--set", "gain"), 2, "not NAME=VALUE"),
+        (("--set", "gain=x"), 2, "is not a number"),
+        (("--coulomb", "-1"), 2, "out of its range"),
+        (("--link", "."), 3, "there is a file of that name"),
+    ],
+)
+def test_what_is_wrong_with_the_simulator_is_said(folder, arguments, code, words):
+    done = gsid("simulate", *arguments)
+    assert (done.returncode, words in done.stderr) == (code, True), done.stderr
+    assert done.stdout == ""
+
+
+def test_one_port_is_for_one_host(folder):
+    with simulator() as (_, port), Link.open(port), pytest.raises(LinkError, match="cannot be opened"):
+        Link.open(port)
