@@ -193,15 +193,24 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"{len(record)} samples, period {period}, settle {settle}, {len(good) - n_good} spoiled",
             "measure longer, or give a shorter --settle or the right --period",
         )
-    share = _share_that_repeats(u[good][-max(2, n_good // 2) :])
+    share = _share_that_repeats(u[good])
     if share < SHARE_GIVEN:
         raise InputError(
             f"u does not repeat every {period} samples",
             record.name,
             f"{max(share, 0):.0%} of its power does",
-            "leave --period out to have it found from u",
+            _other_period(record),
         )
     return Periods(u[good], y[good], np.flatnonzero(good), len(good) - n_good, int(period), int(settle))
+
+
+def _other_period(record: Record) -> str:
+    """Hint for a period that is not that of u."""
+    try:
+        found = find_period(record.u, valid=record.valid)
+    except InputError:
+        return "excite with a periodic signal (gsid design), or name the command itself with --u"
+    return f"u repeats every {found} samples: leave --period out, or give that"
 
 
 def _rows(record: Record, period: int, settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -117,19 +117,20 @@ def describe(records: Sequence[Record]) -> str:
 # ---------------------------------------------------------------- output
 
 
-def _coloured(stream: object) -> bool:
-    return stream.isatty() and "NO_COLOR" not in os.environ
+def is_terminal(stream: TextIO) -> bool:
+    """Whether a person reads this stream."""
+    return stream.isatty()
 
 
 def say(text: str) -> None:
     """Talk: a line on stderr."""
-    click.echo(text, err=True, color=_coloured(sys.stderr))
+    click.echo(text, err=True, color=is_terminal(sys.stderr) and "NO_COLOR" not in os.environ)
 
 
 @contextlib.contextmanager
 def working(text: str) -> Iterator[None]:
     """Show on a terminal's stderr that work is going on."""
-    if not sys.stderr.isatty():
+    if not is_terminal(sys.stderr):
         yield
         return
     from rich.console import Console
@@ -169,15 +170,16 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: S
         Columns of text; the others are numbers, aligned to the right.
     """
     rows = [list(row) for row in rows]
-    if sys.stdout.isatty():
+    if is_terminal(sys.stdout):
         from rich.console import Console
         from rich.table import Table
+        from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
 
         table = Table(header_style="bold")
         for name in header:
-            table.add_column(name, justify="left" if name in left else "right")
+            table.add_column(Text(name), justify="left" if name in left else "right")
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*map(Text, row))
         Console().print(table)
         return
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option(
     "--alpha",
+    metavar="P",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=0.05,
     show_default=True,

@@ -33,7 +33,13 @@ def design() -> None:
 @click.option("--fs", "fs_hz", metavar="HZ", type=float, required=True, help="Sample rate.")
 @click.option("--period", metavar="N", type=int, required=True, help="Samples in a period.")
 @click.option("--band", type=Band(), required=True, help="First and last frequency allowed [Hz].")
-@click.option("--lines", type=click.Choice(["full", "odd"]), default="full", show_default=True)
+@click.option(
+    "--lines",
+    type=click.Choice(["full", "odd"]),
+    default="full",
+    show_default=True,
+    help="Every line, or odd ones.",
+)
 @click.option(
     "--shape",
     metavar="DB_PER_DECADE",
@@ -53,7 +59,7 @@ def design() -> None:
     help="Low crest factor, or a realisation of its own for each seed.",
 )
 @click.option(
-    "--seed", type=click.IntRange(0, 2**64 - 1), default=0, show_default=True, help="Of random phases."
+    "--seed", metavar="N", type=click.IntRange(0), default=0, show_default=True, help="Of random phases."
 )
 @click.option(
     "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz, .mat or .h (C table)."
@@ -148,7 +154,8 @@ def _c_table(stem: str, signal: Multisine) -> str:
     """One period as a C99 header; single precision, which is what a drive takes."""
     name = re.sub(r"\W", "_", stem)
     name = f"u_{name}" if name[:1].isdigit() else name
-    numbers = [f"{value:.9g}" for value in signal.table()]
+    # rounded to float first: nine digits of the double would be rounded twice
+    numbers = [f"{value:.9g}" for value in signal.table().astype("float32")]
     numbers = [f"{number}{'' if re.search('[.e]', number) else '.0'}f" for number in numbers]
     starts = range(0, len(numbers), NUMBERS_PER_LINE)
     rows = ",\n".join("    " + ", ".join(numbers[i : i + NUMBERS_PER_LINE]) for i in starts)

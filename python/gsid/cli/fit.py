@@ -57,7 +57,14 @@ class Delay(click.ParamType):
 @click.command(short_help="Fit a rational model with delay to records.")
 @record_options
 @click.option("--order", type=Order(), required=True, help="Numbers of poles and zeros, for example 4/3.")
-@click.option("--delay", type=Delay(), default="free", show_default=True, help="Fitted, left out, or known.")
+@click.option(
+    "--delay",
+    metavar="free|none|SECONDS",
+    type=Delay(),
+    default="free",
+    show_default=True,
+    help="Fitted, left out, or known.",
+)
 @click.option(
     "--method",
     type=click.Choice(["ls", "iwls", "nls", "ml"]),

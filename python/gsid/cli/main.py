@@ -78,12 +78,9 @@ def main(argv: list[str] | None = None) -> int:
         _usage(error)
         return EXIT_USAGE
     except InputError as error:
-        value = "" if error.value is None else f": {error.value}"
-        _error(
-            error.what + (value if not error.where else ""),
-            error.where + (value if error.where else ""),
-            error.hint,
-        )
+        place = [error.where] if error.where else []
+        where = ": ".join([*place, *([] if error.value is None else [str(error.value)])])
+        _error(error.what, where, error.hint or "repair the file, or name another")
         return EXIT_INPUT
     except BrokenPipeError:  # the reader of the pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -97,6 +94,9 @@ def main(argv: list[str] | None = None) -> int:
         return EXIT_INTERRUPT
     except GsidError as error:
         _error(str(error), "", error.hint)
+        return EXIT_INTERNAL
+    except ImportError as error:
+        _error(str(error), "", "`gsid doctor` lists what is missing")
         return EXIT_INTERNAL
     except Exception as error:
         _error(f"{type(error).__name__}: {error}", "", "this is a fault of gsid: GSID_DEBUG=1 shows where")

@@ -1,0 +1,86 @@
+"""The command as a function, its snapshots, and records for it to read."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gsid.cli.main import main
+from gsid.io import write_record
+from gsid.record import Record
+
+SNAPSHOTS = Path(__file__).parent / "snapshots"
+UPDATE = "GSID_UPDATE_SNAPSHOTS"  # set to 1 to accept what the command now says
+
+
+@dataclass
+class Result:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(autouse=True)
+def plain_words(monkeypatch, tmp_path):
+    """Same width, no colour, and file names without folders, wherever the tests run."""
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.delenv("GSID_DEBUG", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def gsid(capsys):
+    """Run the command in this process: `gsid("frf", "rec.csv")`."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        code = main([str(a) for a in arguments])
+        captured = capsys.readouterr()
+        return Result(code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def snapshot():
+    """Compare a text with the one kept under this name."""
+
+    def compare(name, text):
+        path = SNAPSHOTS / f"{name}.txt"
+        if os.environ.get(UPDATE) == "1":
+            SNAPSHOTS.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        assert path.is_file(), f"no snapshot {path.name}: look at the text, then run with {UPDATE}=1\n{text}"
+        assert text == path.read_text(encoding="utf-8"), f"if this is meant, run with {UPDATE}=1"
+
+    return compare
+
+
+N_PERIOD, N_PERIODS, FS_HZ = 400, 6, 1000.0
+LINES = np.arange(2, 80)
+
+
+def response(f_hz):
+    """Known system of the records below: 2 s^2 + ... second order at 60 Hz with a delay of 1.5 ms."""
+    s, w0 = 2j * np.pi * f_hz, 2 * np.pi * 60
+    return 3 * w0**2 / (s**2 + 0.2 * w0 * s + w0**2) * np.exp(-s * 1.5e-3)
+
+
+@pytest.fixture
+def record():
+    """Six periods of a random-phase multisine through `response`, with noise of 0.01."""
+    rng = np.random.default_rng(30)
+    spectrum = np.zeros(N_PERIOD // 2 + 1, complex)
+    spectrum[LINES] = np.exp(2j * np.pi * rng.random(len(LINES))) * N_PERIOD / 2
+    output = spectrum * response(np.arange(len(spectrum)) * FS_HZ / N_PERIOD)
+    u, y = (np.tile(np.fft.irfft(x, N_PERIOD), N_PERIODS) for x in (spectrum, output))
+    return Record(u, y + 0.01 * rng.standard_normal(len(y)), FS_HZ, u_unit="A", y_unit="deg/s")
+
+
+@pytest.fixture
+def rec_csv(record, tmp_path):
+    write_record(tmp_path / "rec.csv", record)
+    return "rec.csv"

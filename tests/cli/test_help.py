@@ -1,0 +1,66 @@
+"""What the command says about itself, and how fast."""
+
+import importlib
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import pytest
+
+from gsid.cli.main import VERBS
+
+COMMAND = Path(sys.executable).parent / "gsid"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_of_every_verb(gsid, snapshot, verb):
+    result = gsid(verb, "--help")
+    assert (result.code, result.err) == (0, "")
+    snapshot(f"help_{verb}", result.out)
+
+
+def test_help(gsid, snapshot):
+    snapshot("help", gsid("--help").out)
+    snapshot("help_design_multisine", gsid("design", "multisine", "--help").out)
+    assert gsid("-h").out == gsid("--help").out
+
+
+def test_no_verb_shows_the_help(gsid):
+    result = gsid()
+    assert result.code == 2
+    assert result.out == ""
+    assert "Verbs:" in result.err
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_words_and_documented_options(verb):
+    command = getattr(importlib.import_module(f"gsid.cli.{verb}"), verb)
+    commands = command.commands.values() if isinstance(command, click.Group) else [command]
+    for one in commands:
+        assert one.help
+        options = [p for p in one.params if isinstance(p, click.Option)]
+        # a choice shows its words in any case
+        silent = [p.opts[-1] for p in options if not (p.help or isinstance(p.type, click.Choice))]
+        assert not silent, f"options without a word: {silent}"
+
+
+def test_version(gsid):
+    import gsid as package
+
+    assert gsid("--version").out == f"gsid {package.__version__}\n"
+
+
+def test_help_is_quick():
+    """Best of three whole processes: under 0.4 s, with nothing heavy imported."""
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        subprocess.run([COMMAND, "--help"], check=True, capture_output=True)
+        times.append(time.perf_counter() - start)
+    print(f"gsid --help takes {min(times):.3f} s")
+    assert min(times) < 0.4
+    heavy = "matplotlib|pandas|control|scipy|numpy|h5py|rich"
+    code = f"import sys, gsid.cli.main; print([m for m in '{heavy}'.split('|') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
