@@ -14,8 +14,6 @@
 
 #define gsid_sin GSID_LIBM(sin)
 #define gsid_cos GSID_LIBM(cos)
-#define gsid_exp GSID_LIBM(exp)
-#define gsid_log GSID_LIBM(log)
 #define gsid_pow GSID_LIBM(pow)
 #define gsid_sqrt GSID_LIBM(sqrt)
 #define gsid_hypot GSID_LIBM(hypot)

@@ -120,6 +120,9 @@ static void period_one_and_period_one_million_are_equal_to_the_bit(void **state)
     assert_int_equal(gsid_spectrum_skip(&s, 1000000u * N), GSID_DONE);
     run_period(&s, 0, late);
     assert_memory_equal(first, late, sizeof first);
+    assert_int_equal(gsid_spectrum_skip(&s, UINT32_MAX / N * N), GSID_DONE); /* weeks at 3 kHz, in one call */
+    run_period(&s, 0, late);
+    assert_memory_equal(first, late, sizeof first);
     /* and by a path that stops in the middle of periods: 7 + 1000 N - 7 samples */
     assert_int_equal(gsid_spectrum_skip(&s, 7), GSID_OK);
     assert_int_equal(gsid_spectrum_skip(&s, 1000u * N - 7), GSID_DONE);
@@ -133,21 +136,24 @@ static void a_skip_keeps_the_time(void **state) {
     gsid_spectrum s;
     gsid_cplx with_zeros[F], skipped[F];
     const gsid_real zero = 0;
-    for (int way = 0; way < 2; way++) { /* samples 30..39 skipped, or summed as zeros: the same sums */
-        assert_int_equal(gsid_spectrum_init(&s, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
-        for (uint32_t n = 0; n < N; n++) {
-            gsid_real x = sample(n, 0);
-            if (n < 30 || n >= 40) {
-                gsid_spectrum_step(&s, &x);
-            } else if (way == 0) {
-                gsid_spectrum_step(&s, &zero);
-            } else if (n == 30) {
-                assert_int_equal(gsid_spectrum_skip(&s, 10), GSID_OK);
+    const uint32_t losses[2] = {30, N}; /* inside the first period, or the first samples of the second */
+    for (int i = 0; i < 2; i++) {
+        for (int way = 0; way < 2; way++) { /* ten samples skipped, or summed as zeros: the same sums */
+            assert_int_equal(gsid_spectrum_init(&s, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
+            for (uint32_t n = 0; n < 2 * N && !(i == 0 && n == N); n++) {
+                gsid_real x = sample(n, 0);
+                if (n < losses[i] || n >= losses[i] + 10) {
+                    gsid_spectrum_step(&s, &x);
+                } else if (way == 0) {
+                    gsid_spectrum_step(&s, &zero);
+                } else if (n == losses[i]) {
+                    assert_int_equal(gsid_spectrum_skip(&s, 10), GSID_OK);
+                }
             }
+            assert_int_equal(gsid_spectrum_result(&s, way == 0 ? with_zeros : skipped), GSID_OK);
         }
-        assert_int_equal(gsid_spectrum_result(&s, way == 0 ? with_zeros : skipped), GSID_OK);
+        assert_memory_equal(with_zeros, skipped, sizeof skipped);
     }
-    assert_memory_equal(with_zeros, skipped, sizeof skipped);
     /* past the end of a period nothing of it is left */
     gsid_real x = 1;
     gsid_spectrum_step(&s, &x);
