@@ -159,7 +159,7 @@ check: $(C_TESTS) ## the C tests, in double and float
 
 SANITIZE := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
 .PHONY: sanitize
-sanitize: ## the C tests under AddressSanitizer and UndefinedBehaviorSanitizer
+sanitize: build/setup.stamp ## the C tests under AddressSanitizer and UndefinedBehaviorSanitizer
 	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='$(SANITIZE)' check
 
 .PHONY: valgrind
