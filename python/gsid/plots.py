@@ -645,6 +645,7 @@ def comparison(comparison: Comparison) -> Figure:
         _frequency_axis(ax, f[f > 0.0], label=ax is axes[-1])
     shown = f > 0.0
     _limits_db(axes[0], _db(y[shown & (kind == "excited")]), _db(error[shown]), _db(sigma[shown]), room=6.0)
+    axes[0].set_ylim(top=axes[0].get_ylim()[1] + 10.0)  # for the shares
     _legend_below(figure, axes)
     return figure
 
@@ -690,7 +691,7 @@ def pole_zero(model: RationalModel) -> Figure:
             ("pole", model.poles, model.pole_cov),
             ("zero", model.zeros, model.zero_cov),
         )
-        for root, cov in zip(found, covs, strict=True)
+        for root, cov in sorted(zip(found, covs, strict=True), key=lambda pair: abs(pair[0]))
         if root.imag >= -1e-9 * abs(root)
     ]
     close_ups = [r for r in roots if np.all(np.isfinite(r[2])) and np.any(r[2] > 0.0)][:6]
@@ -708,7 +709,9 @@ def pole_zero(model: RationalModel) -> Figure:
         left = figure
     ax = left.subplots()
     place = (
-        _draw_z_grid(ax, model.fs_hz) if model.domain == "z" else _draw_s_grid(ax, [r for _, r, _ in roots])
+        _draw_z_grid(ax, model.fs_hz)
+        if model.domain == "z"
+        else _draw_s_grid(ax, [r for _, r, cov in roots if not _may_be_zero(r, cov)])
     )
     for _mark, root, cov in roots:
         if np.all(np.isfinite(cov)):
@@ -720,6 +723,12 @@ def pole_zero(model: RationalModel) -> Figure:
     ax.set_title("Poles and zeros, upper half-plane")
     _legend_below(left, [ax])
     return figure
+
+
+def _may_be_zero(root: complex, cov) -> bool:
+    """An integrator, as far as the data tell."""
+    std = np.sqrt(np.trace(cov)) if np.all(np.isfinite(cov)) else 0.0
+    return abs(root) <= NORMAL_95 * std
 
 
 def _draw_region(ax: Axes, outline, label: str | None = None) -> None:
@@ -763,7 +772,7 @@ def _draw_close_up(ax: Axes, mark: str, root: complex, cov, unit: str) -> None:
     ax.set_xlabel(_with_unit("Δ real", unit), fontsize=8.0)
     ax.set_ylabel(_with_unit("Δ imag", unit), fontsize=8.0)
     ax.tick_params(labelsize=7.5)
-    ax.set_title(f"{mark} {root_text(root)} {unit}".rstrip(), fontsize=8.0, loc="center")
+    ax.set_title(f"{root_text(root)} {unit}".rstrip(), fontsize=8.0, loc="center")
 
 
 def root_text(root: complex) -> str:
@@ -774,8 +783,11 @@ def root_text(root: complex) -> str:
 
 
 def _draw_s_grid(ax: Axes, roots: Sequence[complex]) -> Callable[[np.ndarray], np.ndarray]:
-    """Damping rays and frequency circles; returns the map from Hz to the drawing."""
-    sizes = np.array([abs(r) for r in roots if r != 0] or [1.0])
+    """Damping rays and frequency circles around roots [Hz] other than 0; returns the map to the drawing.
+
+    On a log radius, what lies inside the innermost circle is drawn at the origin.
+    """
+    sizes = np.abs(roots) if len(roots) else np.ones(1)
     is_log = sizes.max() / sizes.min() > 12.0
     if is_log:
         inner = 10.0 ** np.floor(np.log10(sizes.min()) - 0.5)

@@ -26,7 +26,7 @@ from markupsafe import Markup, escape
 
 from gsid import plots
 from gsid._lib import ffi, lib, version
-from gsid.confidence import root_quantities
+from gsid.confidence import NORMAL_95, root_quantities
 from gsid.io import write_atomically
 
 if TYPE_CHECKING:
@@ -249,16 +249,13 @@ def _run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -
     return facts
 
 
-def _excitation_text(multisine: Multisine) -> str:
-    f = np.asarray(multisine.line) * multisine.fs_hz / multisine.period_samples
-    shape = (
-        f", {multisine.shape_db_per_decade:g} dB per decade" if multisine.shape_db_per_decade else ", flat"
-    )
+def _excitation_text(m: Multisine) -> str:
+    shape = f"{m.shape_db_per_decade:g} dB per decade" if m.shape_db_per_decade else "flat"
+    phases = "Schroeder phases" if m.seed is None else f"random phases of seed {m.seed}"
     return (
-        f"multisine, {len(f)} lines ({multisine.grid}), {f.min():.4g} to {f.max():.4g} Hz{shape}; "
-        f"peak {multisine.peak:.4g}, rms {multisine.rms:.4g}, "
-        f"crest factor {multisine.crest_factor:.3f} on samples, {multisine.crest_factor_fine:.3f} between; "
-        f"seed {multisine.seed}"
+        f"multisine, {len(m.line)} lines ({m.grid}), {plots.band_text(m.f_hz.min(), m.f_hz.max())}, {shape}, "
+        f"{phases}; peak {m.peak:.4g}, rms {m.rms:.4g}, crest factor {m.crest_factor:.3f} on samples, "
+        f"{m.crest_factor_fine:.3f} between them"
     )
 
 
@@ -302,7 +299,7 @@ def _fit_table(m: RationalModel) -> _Table:
         ("Parameters", f"{m.n_parameters} free"),
     ]
     if m.hold == "zoh":
-        rows.append(("Input", "held over each sample; the model is of what follows the hold"))
+        rows.append(("Input", "held over each sample; this is what follows"))
     if m.method is not None:
         rows.append(("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"))
     if m.band_hz is not None:
@@ -336,8 +333,10 @@ def _root_row(kind: str, root: complex, cov, m: RationalModel) -> tuple[str, ...
     frequency = plots.with_interval(f, std_f)
     if abs(root.imag) > 1e-9 * abs(root):
         return kind, shown, frequency, plots.with_interval(zeta, std_zeta), ""
-    tau = 1e3 / (2.0 * np.pi * f) if f > 0.0 else np.nan
-    return kind, shown, frequency, "", plots.with_interval(tau, tau * std_f / f) if f > 0.0 else ""
+    if not f > NORMAL_95 * np.nan_to_num(std_f):  # may be an integrator: no time constant
+        return kind, shown, frequency, "", ""
+    tau = 1e3 / (2.0 * np.pi * f)
+    return kind, shown, frequency, "", plots.with_interval(tau, tau * std_f / f)
 
 
 def _parameter_table(m: RationalModel) -> _Table:

@@ -194,7 +194,7 @@ def test_pole_zero_map():
     assert "95 % confidence region" in words
     assert "real part [Hz]" in words
     assert "Δ imag [Hz]" in words
-    assert "pole −0.8754 ± 1.8815j Hz" in words
+    assert "−0.8754 ± 1.8815j Hz" in words
 
 
 def test_pole_zero_map_over_decades_keeps_the_damping():
