@@ -238,4 +238,7 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
             figures |= {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
         print_json(figures)
         return
-    print_table(["figure", "value"], [[name, str(value)] for name, value in figures.items()], left=["figure"])
+    rows = [
+        [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()
+    ]
+    print_table(["figure", "value"], rows, left=["figure"])
