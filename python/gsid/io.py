@@ -185,8 +185,8 @@ def _to_record(path: Path, raw: _Raw, u: str, y: str, fs_hz: float | None) -> Re
     same_length = {
         name: np.ravel(c) for name, c in raw.columns.items() if np.size(c) == n and np.ndim(c) <= 2
     }
-    for name, column in same_length.items():
-        _check_finite(raw, name, column)
+    for name in {u, y, time_name, "valid"} & same_length.keys():
+        _check_finite(raw, name, same_length[name])
     t = same_length.pop(time_name, None)
     valid = same_length.pop("valid", np.ones(n)).astype(bool)
     text = {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 
 from gsid.cli.main import main
 from gsid.io import write_record
@@ -57,16 +58,6 @@ def snapshot():
         assert text == path.read_text(encoding="utf-8"), f"if this is meant, run with {UPDATE}=1"
 
     return compare
-
-
-N_PERIOD, N_PERIODS, FS_HZ = 400, 6, 1000.0
-LINES = np.arange(2, 80)
-
-
-def response(f_hz):
-    """Known system of the records below: 2 s^2 + ... second order at 60 Hz with a delay of 1.5 ms."""
-    s, w0 = 2j * np.pi * f_hz, 2 * np.pi * 60
-    return 3 * w0**2 / (s**2 + 0.2 * w0 * s + w0**2) * np.exp(-s * 1.5e-3)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
+from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 from scipy.io import loadmat
 
 DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data")).resolve()

@@ -112,6 +112,11 @@ def test_rate_given_and_period_given(tmp_path):
     assert (record.fs_hz, record.period_samples, record.settle_samples) == (5.0, 4, 2)
 
 
+def test_other_columns_may_have_holes(tmp_path):
+    record = csv(tmp_path, "# fs_hz: 5\nu,y,temperature\n1,2,nan\n3,4,20\n")
+    np.testing.assert_array_equal(record.columns["temperature"], [np.nan, 20])
+
+
 ROWS = "".join(f"{n / 100:.2f},{n % 5},{n % 3}\n" for n in range(50))
 
 
