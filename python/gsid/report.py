@@ -403,13 +403,14 @@ def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[
     """Title and drawing of each picture there is data for, in the order of reading."""
     u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
     has_fit = frf is not None and model is not None
+    has_roots = model is not None and len(model.poles) + len(model.zeros) > 0
     pictures = [
         ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
         ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
         ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
-        ("Poles and zeros", model, lambda: plots.pole_zero(model)),
+        ("Poles and zeros", has_roots, lambda: plots.pole_zero(model)),
         ("Comparison at the output", comparison, lambda: plots.comparison(comparison)),
     ]
     return [(title, draw) for title, needed, draw in pictures if needed]
