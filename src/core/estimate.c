@@ -15,20 +15,17 @@ typedef struct {
     gsid_real *row_re, *row_im, *step; /* [n] */
 } workspace;
 
-static uint32_t den_index(const workspace *w, uint32_t column)
-{
+static uint32_t den_index(const workspace *w, uint32_t column) {
     return column < w->held ? column : column + 1;
 }
 
-size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros)
-{
+size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
     if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX)
         return 0;
     return GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros);
 }
 
-static gsid_status check_data(const gsid_frd *data)
-{
+static gsid_status check_data(const gsid_frd *data) {
     if (data == NULL || data->f_hz == NULL || data->g == NULL)
         return GSID_E_NULL;
     for (uint32_t k = 0; k < data->n_lines; k++) {
@@ -40,8 +37,7 @@ static gsid_status check_data(const gsid_frd *data)
     return GSID_OK;
 }
 
-static gsid_status check_model(const gsid_rational *model)
-{
+static gsid_status check_model(const gsid_rational *model) {
     if (model == NULL)
         return GSID_E_NULL;
     if (model->n_poles > GSID_ORDER_MAX || model->n_zeros > GSID_ORDER_MAX || !gsid_is_finite(model->delay_s))
@@ -52,8 +48,7 @@ static gsid_status check_model(const gsid_rational *model)
 }
 
 static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid_rational *model, int free_delay,
-                                  void *mem, size_t mem_size)
-{
+                                  void *mem, size_t mem_size) {
     gsid_status status = check_data(data);
     if (status == GSID_OK)
         status = check_model(model);
@@ -79,14 +74,12 @@ static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid
     return GSID_OK;
 }
 
-static gsid_real weight_of(const gsid_frd *data, uint32_t k)
-{
+static gsid_real weight_of(const gsid_frd *data, uint32_t k) {
     return data->sigma == NULL ? GSID_R(1.0) : 1 / data->sigma[k];
 }
 
 /* V, or UNUSABLE. */
-static gsid_real cost_of(const gsid_frd *data, const gsid_rational *model)
-{
+static gsid_real cost_of(const gsid_frd *data, const gsid_rational *model) {
     gsid_real cost = 0;
     for (uint32_t k = 0; k < data->n_lines; k++) {
         gsid_cplx g;
@@ -97,8 +90,7 @@ static gsid_real cost_of(const gsid_frd *data, const gsid_rational *model)
     return gsid_is_finite(cost) ? cost : UNUSABLE;
 }
 
-gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost)
-{
+gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
     gsid_status status = check_data(data);
     if (status == GSID_OK)
         status = check_model(model);
@@ -114,16 +106,14 @@ gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model,
 }
 
 /* Put one complex number into column `column` of the real and imaginary rows. */
-static void put(const workspace *w, uint32_t column, gsid_cplx value)
-{
+static void put(const workspace *w, uint32_t column, gsid_cplx value) {
     w->row_re[column] = value.re;
     w->row_im[column] = value.im;
 }
 
 /* One line of the equation error e = A G' - B, G' the response without the delay, weighted by `weight`.  Eq: EST-1 */
 static gsid_status add_equation_error(workspace *w, const gsid_rational *model, gsid_cplx v, gsid_cplx g,
-                                      gsid_real weight)
-{
+                                      gsid_real weight) {
     gsid_cplx power = {weight, 0};
     gsid_cplx rhs = {0, 0};
     for (uint32_t i = 0, column = 0; i <= model->n_poles; i++, power = gsid_cplx_mul(power, v)) {
@@ -141,8 +131,7 @@ static gsid_status add_equation_error(workspace *w, const gsid_rational *model, 
     return status != GSID_OK ? status : gsid_lsq_add(&w->normal, w->row_im, rhs.im);
 }
 
-static void set_parameters(const workspace *w, const gsid_real *x, gsid_rational *model)
-{
+static void set_parameters(const workspace *w, const gsid_real *x, gsid_rational *model) {
     model->den[w->held] = 1;
     for (uint32_t i = 0; i < w->n_den; i++)
         model->den[den_index(w, i)] = x[i];
@@ -154,8 +143,7 @@ static void set_parameters(const workspace *w, const gsid_real *x, gsid_rational
 
 /* One linear solution, weighted by 1/(sigma |A_last|^r).  Eq: EST-2 */
 static gsid_status solve_reweighted(workspace *w, const gsid_frd *data, gsid_real exponent, int reweight,
-                                    gsid_rational *model)
-{
+                                    gsid_rational *model) {
     gsid_lsq_reset(&w->normal);
     for (uint32_t k = 0; k < data->n_lines; k++) {
         const gsid_real w_rad_s = GSID_TWO_PI * data->f_hz[k];
@@ -177,8 +165,7 @@ static gsid_status solve_reweighted(workspace *w, const gsid_frd *data, gsid_rea
 }
 
 gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
-                               void *mem, size_t mem_size)
-{
+                               void *mem, size_t mem_size) {
     if (cfg == NULL)
         return GSID_E_NULL;
     if (!(cfg->exponent >= 0) || !gsid_is_finite(cfg->exponent))
@@ -212,8 +199,7 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
 }
 
 /* Append the rows of one line: derivatives of G/sigma, error/sigma on the right. */
-static gsid_status linearise(workspace *w, const gsid_frd *data, uint32_t k, const gsid_rational *model)
-{
+static gsid_status linearise(workspace *w, const gsid_frd *data, uint32_t k, const gsid_rational *model) {
     const gsid_real weight = weight_of(data, k);
     gsid_cplx g, gradient[GSID_RATIONAL_PARAMETERS_MAX];
     gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &g, gradient);
@@ -226,8 +212,7 @@ static gsid_status linearise(workspace *w, const gsid_frd *data, uint32_t k, con
     return status != GSID_OK ? status : gsid_lsq_add(&w->normal, w->row_im, error.im);
 }
 
-static gsid_status linearise_all(workspace *w, const gsid_frd *data, const gsid_rational *model)
-{
+static gsid_status linearise_all(workspace *w, const gsid_frd *data, const gsid_rational *model) {
     gsid_lsq_reset(&w->normal);
     gsid_status status = GSID_OK;
     for (uint32_t k = 0; k < data->n_lines && status == GSID_OK; k++)
@@ -236,8 +221,7 @@ static gsid_status linearise_all(workspace *w, const gsid_frd *data, const gsid_
 }
 
 /* w->step <- the minimiser of |J step - error|^2 + damping |D step|^2, D the lengths of J's columns. */
-static gsid_status solve_damped(workspace *w, gsid_real damping)
-{
+static gsid_status solve_damped(workspace *w, gsid_real damping) {
     const uint32_t n = w->n;
     memcpy(w->damped.r, w->normal.r, ((size_t)n + 1) * ((size_t)n + 1) * sizeof(gsid_real));
     w->damped.n_rows = w->normal.n_rows;
@@ -256,8 +240,7 @@ static gsid_status solve_damped(workspace *w, gsid_real damping)
     return gsid_lsq_solve(&w->damped, 0, w->step, NULL);
 }
 
-static void add_step(const workspace *w, const gsid_rational *from, gsid_rational *to)
-{
+static void add_step(const workspace *w, const gsid_rational *from, gsid_rational *to) {
     *to = *from;
     for (uint32_t i = 0; i < w->n_den; i++)
         to->den[den_index(w, i)] += w->step[i];
@@ -272,8 +255,7 @@ static void add_step(const workspace *w, const gsid_rational *from, gsid_rationa
 #define DAMPING_MOST GSID_R(1e8)
 
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
-                             void *mem, size_t mem_size)
-{
+                             void *mem, size_t mem_size) {
     if (cfg == NULL)
         return GSID_E_NULL;
     workspace w;
@@ -316,8 +298,7 @@ gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_
 }
 
 gsid_status gsid_estimate_covariance(const gsid_frd *data, const gsid_rational *model, int free_delay, gsid_real *cov,
-                                     void *mem, size_t mem_size)
-{
+                                     void *mem, size_t mem_size) {
     if (cov == NULL)
         return GSID_E_NULL;
     workspace w;

@@ -12,13 +12,11 @@
 #endif
 
 /* Row i of the triangle of (A | b). */
-static gsid_real *triangle_row(const gsid_lsq *q, uint32_t i)
-{
+static gsid_real *triangle_row(const gsid_lsq *q, uint32_t i) {
     return q->r + (size_t)i * (q->n_columns + 1);
 }
 
-static gsid_real column_length(const gsid_lsq *q, uint32_t column)
-{
+static gsid_real column_length(const gsid_lsq *q, uint32_t column) {
     gsid_real sum = 0;
     for (uint32_t i = 0; i <= column; i++) {
         const gsid_real r = triangle_row(q, i)[column];
@@ -27,13 +25,11 @@ static gsid_real column_length(const gsid_lsq *q, uint32_t column)
     return gsid_sqrt(sum);
 }
 
-size_t gsid_lsq_mem_size(uint32_t n_columns)
-{
+size_t gsid_lsq_mem_size(uint32_t n_columns) {
     return n_columns == 0 ? 0 : GSID_LSQ_MEM_SIZE(n_columns);
 }
 
-gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size)
-{
+gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size) {
     if (q == NULL || mem == NULL)
         return GSID_E_NULL;
     if (n_columns == 0)
@@ -46,8 +42,7 @@ gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem
     return gsid_lsq_reset(q);
 }
 
-gsid_status gsid_lsq_reset(gsid_lsq *q)
-{
+gsid_status gsid_lsq_reset(gsid_lsq *q) {
     if (q == NULL)
         return GSID_E_NULL;
     const size_t n = (size_t)q->n_columns + 1;
@@ -58,8 +53,7 @@ gsid_status gsid_lsq_reset(gsid_lsq *q)
 }
 
 /* Rotate q->row, from its column `first` on, into the triangle. */
-static void rotate_in(gsid_lsq *q, uint32_t first)
-{
+static void rotate_in(gsid_lsq *q, uint32_t first) {
     const uint32_t n = q->n_columns;
     gsid_real *a = q->row;
     for (uint32_t i = first; i <= n; i++) {
@@ -77,8 +71,7 @@ static void rotate_in(gsid_lsq *q, uint32_t first)
     }
 }
 
-gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs)
-{
+gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs) {
     if (q == NULL || row == NULL)
         return GSID_E_NULL;
     for (uint32_t i = 0; i < q->n_columns; i++)
@@ -94,8 +87,7 @@ gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs)
 }
 
 /* Replace the equation whose pivot is only rounding by "unknown = 0"; what it said of later unknowns is kept. */
-static void pin(gsid_lsq *q, uint32_t column)
-{
+static void pin(gsid_lsq *q, uint32_t column) {
     gsid_real *r = triangle_row(q, column);
     const gsid_real length = column_length(q, column);
     memcpy(q->row, r, ((size_t)q->n_columns + 1) * sizeof(*r));
@@ -105,8 +97,7 @@ static void pin(gsid_lsq *q, uint32_t column)
     rotate_in(q, column + 1);
 }
 
-static int pin_undetermined(gsid_lsq *q, gsid_real rank_tol)
-{
+static int pin_undetermined(gsid_lsq *q, gsid_real rank_tol) {
     int pinned = 0;
     for (uint32_t j = 0; j < q->n_columns; j++) {
         if (gsid_fabs(triangle_row(q, j)[j]) <= rank_tol * column_length(q, j)) {
@@ -117,8 +108,7 @@ static int pin_undetermined(gsid_lsq *q, gsid_real rank_tol)
     return pinned;
 }
 
-gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost)
-{
+gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost) {
     if (q == NULL || x == NULL)
         return GSID_E_NULL;
     const uint32_t n = q->n_columns;
@@ -146,8 +136,7 @@ gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_r
 }
 
 /* cov <- R^-1, upper triangular. */
-static void invert_triangle(const gsid_lsq *q, gsid_real *cov)
-{
+static void invert_triangle(const gsid_lsq *q, gsid_real *cov) {
     const uint32_t n = q->n_columns;
     for (uint32_t j = 0; j < n; j++) {
         for (uint32_t i = j + 1; i-- > 0;) {
@@ -159,8 +148,7 @@ static void invert_triangle(const gsid_lsq *q, gsid_real *cov)
     }
 }
 
-gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov)
-{
+gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov) {
     if (q == NULL || cov == NULL)
         return GSID_E_NULL;
     const uint32_t n = q->n_columns;

@@ -3,8 +3,7 @@
 #include "complex_math.h"
 
 gsid_status gsid_rational_init(gsid_rational *model, gsid_domain domain, uint32_t n_poles, uint32_t n_zeros,
-                               gsid_real rate)
-{
+                               gsid_real rate) {
     if (model == NULL)
         return GSID_E_NULL;
     if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX || !(rate > 0) || !gsid_is_finite(rate) ||
@@ -22,8 +21,7 @@ gsid_status gsid_rational_init(gsid_rational *model, gsid_domain domain, uint32_
     return GSID_OK;
 }
 
-gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s)
-{
+gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s) {
     if (model->domain == GSID_DOMAIN_Z)
         return gsid_cplx_cis(-w_rad_s * model->sample_s);
     const gsid_cplx p = {0, w_rad_s / model->scale_rad_s};
@@ -31,17 +29,15 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s)
 }
 
 /* Eq: MOD-1 */
-static gsid_cplx response(const gsid_rational *model, gsid_real f_hz)
-{
+static gsid_cplx response(const gsid_rational *model, gsid_real f_hz) {
     const gsid_real w = GSID_TWO_PI * f_hz;
     const gsid_cplx v = gsid_rational_variable(model, w);
-    const gsid_cplx ratio =
-        gsid_cplx_div(gsid_cplx_polynomial(model->n_zeros, model->num, v), gsid_cplx_polynomial(model->n_poles, model->den, v));
+    const gsid_cplx ratio = gsid_cplx_div(gsid_cplx_polynomial(model->n_zeros, model->num, v),
+                                          gsid_cplx_polynomial(model->n_poles, model->den, v));
     return gsid_cplx_mul(gsid_cplx_cis(-w * model->delay_s), ratio);
 }
 
-gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g)
-{
+gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g) {
     if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL)))
         return GSID_E_NULL;
     for (uint32_t k = 0; k < n_freq; k++)
@@ -52,14 +48,12 @@ gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, cons
     return GSID_OK;
 }
 
-uint32_t gsid_rational_held(const gsid_rational *model)
-{
+uint32_t gsid_rational_held(const gsid_rational *model) {
     return model->domain == GSID_DOMAIN_S ? model->n_poles : 0;
 }
 
 /* With G = e B / A, e the delay: dG/da_i = -G v^i / A, dG/db_i = e v^i / A, dG/dtau = -j w G. */
-gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient)
-{
+gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient) {
     if (model == NULL || g == NULL || gradient == NULL)
         return GSID_E_NULL;
     const gsid_real w = GSID_TWO_PI * f_hz;
@@ -87,8 +81,7 @@ gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, g
 }
 
 /* Routh's array: the first column has one sign exactly when every root has a negative real part. */
-static int is_hurwitz(uint32_t degree, const gsid_real *coef)
-{
+static int is_hurwitz(uint32_t degree, const gsid_real *coef) {
     gsid_real upper[GSID_ORDER_MAX + 2] = {0}, lower[GSID_ORDER_MAX + 2] = {0};
     for (uint32_t i = 0; i <= degree; i++)
         (i % 2 == 0 ? upper : lower)[i / 2] = coef[degree - i];
@@ -107,8 +100,7 @@ static int is_hurwitz(uint32_t degree, const gsid_real *coef)
 
 /* Schur and Cohn's recursion on z^n den(1/z): every reflection coefficient is below 1 exactly when every pole lies inside
  * the unit circle. */
-static int is_schur(uint32_t degree, const gsid_real *coef)
-{
+static int is_schur(uint32_t degree, const gsid_real *coef) {
     gsid_real a[GSID_ORDER_MAX + 1], next[GSID_ORDER_MAX + 1];
     for (uint32_t i = 0; i <= degree; i++)
         a[i] = coef[i];
@@ -124,8 +116,7 @@ static int is_schur(uint32_t degree, const gsid_real *coef)
     return 1;
 }
 
-gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable)
-{
+gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable) {
     if (model == NULL || is_stable == NULL)
         return GSID_E_NULL;
     if (model->n_poles > GSID_ORDER_MAX)

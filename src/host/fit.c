@@ -20,10 +20,10 @@ typedef struct {
     const gsid_frd *data;
     gsid_fit_cfg cfg;
     gsid_frd work;
-    gsid_cplx *g;      /* [n_lines] the response freed of the hold */
-    gsid_cplx *hold;   /* [n_lines] response of the hold itself; 1 without hold */
+    gsid_cplx *g; /* [n_lines] the response freed of the hold */
+    gsid_cplx *hold; /* [n_lines] response of the hold itself; 1 without hold */
     gsid_cplx *images; /* [n_lines] what sampling folds back of a held input, by the current model */
-    double *sigma;     /* [n_lines] of g, by the method: measured, or 1 */
+    double *sigma; /* [n_lines] of g, by the method: measured, or 1 */
     void *mem;
     size_t mem_size;
     uint32_t n_evaluations;
@@ -34,8 +34,7 @@ typedef struct {
     double cost;
 } candidate;
 
-static void run_free(run *r)
-{
+static void run_free(run *r) {
     free(r->g);
     free(r->hold);
     free(r->images);
@@ -43,16 +42,14 @@ static void run_free(run *r)
     free(r->mem);
 }
 
-static double highest_frequency(const gsid_frd *data)
-{
+static double highest_frequency(const gsid_frd *data) {
     double f = 0;
     for (uint32_t k = 0; k < data->n_lines; k++)
         f = fmax(f, fabs(data->f_hz[k]));
     return f;
 }
 
-static gsid_status check(const gsid_frd *data, const gsid_fit_cfg *cfg)
-{
+static gsid_status check(const gsid_frd *data, const gsid_fit_cfg *cfg) {
     if (data == NULL || cfg == NULL || data->f_hz == NULL || data->g == NULL || data->sigma == NULL)
         return GSID_E_NULL;
     for (uint32_t k = 0; k < data->n_lines; k++) {
@@ -78,8 +75,7 @@ static gsid_status check(const gsid_frd *data, const gsid_fit_cfg *cfg)
 }
 
 /* g and sigma freed of the hold: (measured - images) / hold.  Eq: MOD-2 */
-static void free_of_hold(run *r)
-{
+static void free_of_hold(run *r) {
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         r->g[k] = gsid_cplx_div(gsid_cplx_sub(r->data->g[k], r->images[k]), r->hold[k]);
         const int measured = r->cfg.method == GSID_METHOD_ML;
@@ -88,14 +84,12 @@ static void free_of_hold(run *r)
 }
 
 /* (1 - exp(-j w T)) / (j w T), the response of the zero-order hold. */
-static gsid_cplx hold_response(double w_rad_s, double sample_s)
-{
+static gsid_cplx hold_response(double w_rad_s, double sample_s) {
     const double x = w_rad_s * sample_s / 2;
     return gsid_cplx_scale(x == 0 ? 1 : sin(x) / x, gsid_cplx_cis(-x));
 }
 
-static gsid_status run_init(run *r, const gsid_frd *data, const gsid_fit_cfg *cfg)
-{
+static gsid_status run_init(run *r, const gsid_frd *data, const gsid_fit_cfg *cfg) {
     r->data = data;
     r->cfg = *cfg;
     r->mem_size = gsid_estimate_mem_size(cfg->n_poles, cfg->n_zeros);
@@ -116,11 +110,9 @@ static gsid_status run_init(run *r, const gsid_frd *data, const gsid_fit_cfg *cf
     return GSID_OK;
 }
 
-static gsid_status linear_fit(run *r, double delay_s, uint32_t n_reweightings, candidate *c)
-{
+static gsid_status linear_fit(run *r, double delay_s, uint32_t n_reweightings, candidate *c) {
     const gsid_iwls_cfg iwls = {.n_iterations = r->cfg.method == GSID_METHOD_LS ? 0 : n_reweightings};
-    const double rate =
-        r->cfg.domain == GSID_DOMAIN_S ? GSID_TWO_PI * highest_frequency(r->data) : r->cfg.sample_s;
+    const double rate = r->cfg.domain == GSID_DOMAIN_S ? GSID_TWO_PI * highest_frequency(r->data) : r->cfg.sample_s;
     gsid_status status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, rate);
     if (status != GSID_OK)
         return status;
@@ -129,35 +121,30 @@ static gsid_status linear_fit(run *r, double delay_s, uint32_t n_reweightings, c
     return gsid_estimate_iwls(&r->work, &iwls, &c->model, &c->cost, r->mem, r->mem_size);
 }
 
-static gsid_status gauss_newton(run *r, uint32_t n_iterations, candidate *c)
-{
+static gsid_status gauss_newton(run *r, uint32_t n_iterations, candidate *c) {
     const gsid_ml_cfg ml = {.n_iterations = n_iterations, .free_delay = r->cfg.delay == GSID_DELAY_FREE};
     r->n_evaluations += n_iterations;
     return gsid_estimate_ml(&r->work, &ml, &c->model, &c->cost, r->mem, r->mem_size);
 }
 
-static int is_stable(const gsid_rational *model)
-{
+static int is_stable(const gsid_rational *model) {
     int stable = 0;
     return gsid_rational_is_stable(model, &stable) == GSID_OK && stable;
 }
 
-static double delay_limit(const run *r)
-{
+static double delay_limit(const run *r) {
     return r->cfg.delay_max_s > 0 ? r->cfg.delay_max_s : DELAY_MAX_S;
 }
 
 /* Delays from 0 to the limit in steps of at most 1/(8 f_max), half the width of the basin of the least cost. */
-static uint32_t delays_to_scan(const run *r, double *step_s)
-{
+static uint32_t delays_to_scan(const run *r, double *step_s) {
     const double limit = delay_limit(r), widest = 1 / (8 * highest_frequency(r->data));
     const double n = fmin(ceil(limit / widest), DELAYS_MAX - 1);
     *step_s = limit / n;
     return (uint32_t)n + 1;
 }
 
-static void keep_best(const candidate *c, uint32_t n_kept, candidate *kept)
-{
+static void keep_best(const candidate *c, uint32_t n_kept, candidate *kept) {
     if (!(c->cost < kept[n_kept - 1].cost))
         return;
     uint32_t i = n_kept - 1;
@@ -167,8 +154,7 @@ static void keep_best(const candidate *c, uint32_t n_kept, candidate *kept)
 }
 
 /* The delays of least cost, each a linear fit at that delay; a free delay is scanned. Fails only when every one does. */
-static gsid_status scan(run *r, uint32_t n_kept, candidate *kept)
-{
+static gsid_status scan(run *r, uint32_t n_kept, candidate *kept) {
     for (uint32_t i = 0; i < n_kept; i++)
         kept[i].cost = HUGE_VAL;
     double step_s = 0;
@@ -187,8 +173,7 @@ static gsid_status scan(run *r, uint32_t n_kept, candidate *kept)
 }
 
 /* LS and IWLS have no delay of their own: the delay of least output error, by golden section around the scan's best. */
-static gsid_status linear_with_best_delay(run *r, candidate *best)
-{
+static gsid_status linear_with_best_delay(run *r, candidate *best) {
     gsid_status status = scan(r, 1, best);
     if (status != GSID_OK || r->cfg.delay != GSID_DELAY_FREE)
         return status;
@@ -216,8 +201,7 @@ static gsid_status linear_with_best_delay(run *r, candidate *best)
 }
 
 /* The least cost among stable models, searched from an unstable or a stable one. */
-static gsid_status constrained(run *r, candidate *c)
-{
+static gsid_status constrained(run *r, candidate *c) {
     uint32_t n_evaluations = 0;
     const double bound = r->cfg.delay == GSID_DELAY_FREE ? fmax(delay_limit(r), c->model.delay_s) : 0;
     const gsid_status status = gsid_fit_stable(&r->work, bound, &c->model, &c->cost, &n_evaluations);
@@ -226,8 +210,7 @@ static gsid_status constrained(run *r, candidate *c)
 }
 
 /* Refine each start, and where a start ends unstable search on among the stable models. */
-static gsid_status refine_best(run *r, uint32_t n, candidate *starts, candidate *best)
-{
+static gsid_status refine_best(run *r, uint32_t n, candidate *starts, candidate *best) {
     gsid_status best_status = GSID_E_UNSTABLE;
     best->cost = HUGE_VAL;
     for (uint32_t i = 0; i < n && starts[i].cost < HUGE_VAL; i++) {
@@ -245,8 +228,7 @@ static gsid_status refine_best(run *r, uint32_t n, candidate *starts, candidate 
     return best_status;
 }
 
-static gsid_status estimate(run *r, candidate *best)
-{
+static gsid_status estimate(run *r, candidate *best) {
     if (r->cfg.method == GSID_METHOD_LS || r->cfg.method == GSID_METHOD_IWLS)
         return linear_with_best_delay(r, best);
     candidate starts[REFINED_STARTS];
@@ -255,8 +237,7 @@ static gsid_status estimate(run *r, candidate *best)
 }
 
 /* The images of the model, and how far they moved, in sigmas of the data. */
-static gsid_status update_images(run *r, const gsid_rational *model, double *moved)
-{
+static gsid_status update_images(run *r, const gsid_rational *model, double *moved) {
     const uint32_t n = r->data->n_lines;
     gsid_cplx *held = malloc(n * sizeof *held);
     if (held == NULL)
@@ -277,8 +258,7 @@ static gsid_status update_images(run *r, const gsid_rational *model, double *mov
 }
 
 /* Fit again with the images of the last model taken off, until they settle: they are small, so few rounds do. */
-static gsid_status settle_images(run *r, candidate *best)
-{
+static gsid_status settle_images(run *r, candidate *best) {
     gsid_status status = GSID_OK;
     double moved = HUGE_VAL;
     for (int i = 0; i < HOLD_ROUNDS_MAX && moved > HOLD_SETTLED && status >= 0; i++) {
@@ -298,8 +278,7 @@ static gsid_status settle_images(run *r, candidate *best)
 }
 
 /* Weight of the output error that a method amounts to: |A| for LS, 1 for IWLS and NLS, 1/sigma for ML. */
-static double equivalent_weight(const run *r, const gsid_rational *model, uint32_t k)
-{
+static double equivalent_weight(const run *r, const gsid_rational *model, uint32_t k) {
     if (r->cfg.method == GSID_METHOD_LS) {
         const gsid_cplx v = gsid_rational_variable(model, GSID_TWO_PI * r->data->f_hz[k]);
         return sqrt(gsid_cplx_abs2(gsid_cplx_polynomial(model->n_poles, model->den, v)));
@@ -308,8 +287,7 @@ static double equivalent_weight(const run *r, const gsid_rational *model, uint32
 }
 
 /* Rows w dG/dtheta into `rows`, and N = sum w^4 sigma^2 Re(x x^H), x = dG/dtheta, into inner. */
-static gsid_status weighted_sums(const run *r, const gsid_rational *model, uint32_t n, gsid_lsq *rows, double *inner)
-{
+static gsid_status weighted_sums(const run *r, const gsid_rational *model, uint32_t n, gsid_lsq *rows, double *inner) {
     memset(inner, 0, n * n * sizeof *inner);
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         gsid_cplx g, x[GSID_RATIONAL_PARAMETERS_MAX];
@@ -337,8 +315,7 @@ static gsid_status weighted_sums(const run *r, const gsid_rational *model, uint3
 }
 
 /* product <- a b, square. */
-static void multiply(uint32_t n, const double *a, const double *b, double *product)
-{
+static void multiply(uint32_t n, const double *a, const double *b, double *product) {
     for (uint32_t i = 0; i < n; i++)
         for (uint32_t j = 0; j < n; j++) {
             double sum = 0;
@@ -350,8 +327,7 @@ static void multiply(uint32_t n, const double *a, const double *b, double *produ
 
 /* Covariance of an estimate that minimises sum w^2 |g - G|^2 while the errors of g have variance sigma^2:
  * M^-1 N M^-1 / 2, M = sum w^2 Re(x x^H). For ML it is Fisher's.  Eq: EST-6 */
-static gsid_status covariance(run *r, const gsid_rational *model, gsid_fit_result *result)
-{
+static gsid_status covariance(run *r, const gsid_rational *model, gsid_fit_result *result) {
     const uint32_t n = result->n_parameters;
     if (r->cfg.method == GSID_METHOD_ML)
         return gsid_estimate_covariance(&r->work, model, r->cfg.delay == GSID_DELAY_FREE, result->cov, r->mem,
@@ -377,8 +353,7 @@ static gsid_status covariance(run *r, const gsid_rational *model, gsid_fit_resul
 
 /* Roots of num or den in rad/s, or in z. */
 static gsid_status roots_of(const gsid_rational *model, uint32_t degree, const double *coef, gsid_cplx *roots,
-                            uint32_t *n_roots)
-{
+                            uint32_t *n_roots) {
     double descending[GSID_ORDER_MAX + 1];
     for (uint32_t i = 0; i <= degree; i++)
         descending[i] = coef[degree - i];
@@ -389,8 +364,7 @@ static gsid_status roots_of(const gsid_rational *model, uint32_t degree, const d
     return status;
 }
 
-static double cost_by_measured_variance(const run *r, const gsid_rational *model)
-{
+static double cost_by_measured_variance(const run *r, const gsid_rational *model) {
     double cost = 0;
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         gsid_cplx g;
@@ -402,8 +376,7 @@ static double cost_by_measured_variance(const run *r, const gsid_rational *model
     return cost;
 }
 
-static gsid_status finish(run *r, const candidate *best, gsid_fit_result *result)
-{
+static gsid_status finish(run *r, const candidate *best, gsid_fit_result *result) {
     const gsid_rational *model = &best->model;
     result->model = *model;
     result->cost = best->cost;
@@ -418,8 +391,7 @@ static gsid_status finish(run *r, const candidate *best, gsid_fit_result *result
     return status < 0 ? status : covariance(r, model, result);
 }
 
-gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result)
-{
+gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result) {
     gsid_status status = check(data, cfg);
     if (status != GSID_OK)
         return status;

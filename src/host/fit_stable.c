@@ -11,8 +11,7 @@
 #ifndef GSID_WITH_NLOPT
 
 gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
-                            uint32_t *n_evaluations)
-{
+                            uint32_t *n_evaluations) {
     (void)data;
     (void)delay_max_s;
     (void)model;
@@ -31,8 +30,7 @@ gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_ratio
 /* One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
  *   domain s, order 2: (c0, c1), c2 = 1; order 1: (c0), c1 = 1: stable when all are positive.
  *   domain z, order 2: (t, c2) with c1 = t (1 + c2), c0 = 1; order 1: (c1), c0 = 1: stable when all are within +-1. */
-static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef)
-{
+static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef) {
     coef[2] = 0;
     if (domain == GSID_DOMAIN_S) {
         coef[0] = x[0];
@@ -46,8 +44,7 @@ static void section_coefficients(gsid_domain domain, uint32_t order, const doubl
 }
 
 /* Derivatives of the section by its parameters, at v. */
-static void section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by)
-{
+static void section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by) {
     const gsid_cplx v2 = gsid_cplx_mul(v, v);
     if (domain == GSID_DOMAIN_S) {
         by[0] = gsid_cplx_make(1, 0);
@@ -71,14 +68,12 @@ typedef struct {
     uint32_t n_evaluations;
 } search;
 
-static uint32_t section_order(const gsid_rational *model, uint32_t first)
-{
+static uint32_t section_order(const gsid_rational *model, uint32_t first) {
     return model->n_poles - first >= 2 ? 2 : 1;
 }
 
 /* Sections in x -> coefficients of the denominator. */
-static void multiply_sections(const double *x, gsid_rational *model)
-{
+static void multiply_sections(const double *x, gsid_rational *model) {
     double den[GSID_ORDER_MAX + 3] = {1};
     for (uint32_t first = 0; first < model->n_poles; first += 2) {
         double c[3];
@@ -89,8 +84,7 @@ static void multiply_sections(const double *x, gsid_rational *model)
     memcpy(model->den, den, sizeof model->den);
 }
 
-static void unpack(const search *s, const double *x, gsid_rational *model)
-{
+static void unpack(const search *s, const double *x, gsid_rational *model) {
     multiply_sections(x, model);
     for (uint32_t i = 0; i <= model->n_zeros; i++)
         model->num[i] = x[model->n_poles + i];
@@ -99,8 +93,7 @@ static void unpack(const search *s, const double *x, gsid_rational *model)
 }
 
 /* Weighted model output and its derivatives by every parameter, at one line. */
-static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by)
-{
+static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by) {
     const gsid_rational *m = &s->model;
     const double w_rad_s = GSID_TWO_PI * s->data->f_hz[k];
     const double weight = s->data->sigma == NULL ? 1 : 1 / s->data->sigma[k];
@@ -125,8 +118,7 @@ static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, 
     return g;
 }
 
-static double objective(unsigned n, const double *scaled, double *gradient, void *user)
-{
+static double objective(unsigned n, const double *scaled, double *gradient, void *user) {
     search *s = user;
     double x[PARAMETERS_MAX], v = 0;
     gsid_cplx by[PARAMETERS_MAX];
@@ -149,8 +141,7 @@ static double objective(unsigned n, const double *scaled, double *gradient, void
 }
 
 /* Scale each parameter by the change of it that moves V by about 1. */
-static void set_scales(search *s, const double *x)
-{
+static void set_scales(search *s, const double *x) {
     double curvature[PARAMETERS_MAX] = {0};
     gsid_cplx by[PARAMETERS_MAX];
     unpack(s, x, &s->model);
@@ -163,15 +154,13 @@ static void set_scales(search *s, const double *x)
         s->scale[i] = curvature[i] > 0 && isfinite(curvature[i]) ? 1 / sqrt(curvature[i]) : 1;
 }
 
-static int by_magnitude(const void *a, const void *b)
-{
+static int by_magnitude(const void *a, const void *b) {
     const double x = gsid_cplx_abs2(*(const gsid_cplx *)a), y = gsid_cplx_abs2(*(const gsid_cplx *)b);
     return (x > y) - (x < y);
 }
 
 /* Reflect a pole into the stable region, and off its edge. */
-static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p)
-{
+static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p) {
     if (domain == GSID_DOMAIN_S) {
         p.re = -fmax(fabs(p.re), 10 * EDGE);
         return p;
@@ -183,8 +172,7 @@ static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p)
 }
 
 /* Poles as roots of den in v (domain s), or of z^n den(1/z) (domain z). */
-static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole)
-{
+static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole) {
     double coef[GSID_ORDER_MAX + 1];
     uint32_t n_found;
     for (uint32_t i = 0; i <= model->n_poles; i++)
@@ -194,8 +182,7 @@ static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole)
 }
 
 /* Write the section with roots p and q (p alone when the order is 1), the inverse of section_coefficients. */
-static void section_from_roots(gsid_domain domain, uint32_t order, gsid_cplx p, gsid_cplx q, double *x)
-{
+static void section_from_roots(gsid_domain domain, uint32_t order, gsid_cplx p, gsid_cplx q, double *x) {
     if (order == 1) {
         x[0] = -p.re;
         return;
@@ -211,8 +198,7 @@ static void section_from_roots(gsid_domain domain, uint32_t order, gsid_cplx p, 
 }
 
 /* Pairs first, then real poles two by two in order of size. */
-static void sections_from_poles(gsid_domain domain, uint32_t n, const gsid_cplx *pole, double *x)
-{
+static void sections_from_poles(gsid_domain domain, uint32_t n, const gsid_cplx *pole, double *x) {
     gsid_cplx real[GSID_ORDER_MAX];
     uint32_t n_real = 0, first = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -230,8 +216,7 @@ static void sections_from_poles(gsid_domain domain, uint32_t n, const gsid_cplx 
         section_from_roots(domain, 1, real[n_real - 1], real[n_real - 1], x + first);
 }
 
-static gsid_status start_from(const search *s, const gsid_rational *model, double *x)
-{
+static gsid_status start_from(const search *s, const gsid_rational *model, double *x) {
     gsid_cplx pole[GSID_ORDER_MAX];
     const gsid_status status = find_poles(model, pole);
     if (status != GSID_OK)
@@ -246,8 +231,7 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
     return GSID_OK;
 }
 
-static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper)
-{
+static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper) {
     for (uint32_t i = 0; i < s->n; i++) {
         lower[i] = -HUGE_VAL;
         upper[i] = HUGE_VAL;
@@ -264,8 +248,7 @@ static void set_bounds(const search *s, double delay_max_s, double *lower, doubl
 }
 
 gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
-                            uint32_t *n_evaluations)
-{
+                            uint32_t *n_evaluations) {
     search s = {.data = data, .model = *model, .free_delay = delay_max_s > 0};
     s.n = model->n_poles + model->n_zeros + 1 + (s.free_delay ? 1 : 0);
     double x[PARAMETERS_MAX], lower[PARAMETERS_MAX], upper[PARAMETERS_MAX], least;

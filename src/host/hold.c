@@ -13,8 +13,7 @@ typedef struct {
 /* Roots nearer than this (relative) are moved apart by it: the response changes by its square only. */
 #define POLE_SPLIT 1e-5
 
-static void part_repeated_poles(uint32_t n, gsid_cplx *pole)
-{
+static void part_repeated_poles(uint32_t n, gsid_cplx *pole) {
     for (uint32_t i = 0; i < n; i++) {
         for (uint32_t j = 0; j < i; j++) {
             const double size = sqrt(gsid_cplx_abs2(pole[i])) + 1e-3; /* a scaled pole at 0 still has room around it */
@@ -26,8 +25,7 @@ static void part_repeated_poles(uint32_t n, gsid_cplx *pole)
     }
 }
 
-static gsid_status expand(const gsid_rational *model, fractions *f)
-{
+static gsid_status expand(const gsid_rational *model, fractions *f) {
     const uint32_t n = model->n_poles;
     gsid_cplx pole[GSID_ORDER_MAX];
     uint32_t n_found;
@@ -58,14 +56,12 @@ static gsid_status expand(const gsid_rational *model, fractions *f)
 }
 
 /* exp(z) */
-static gsid_cplx exponential(gsid_cplx z)
-{
+static gsid_cplx exponential(gsid_cplx z) {
     return gsid_cplx_scale(exp(z.re), gsid_cplx_cis(z.im));
 }
 
 /* (exp(p t) - 1) / p, the integral of exp(p x) over 0..t; a series where the difference would cancel. */
-static gsid_cplx integral_of_exp(gsid_cplx p, double t)
-{
+static gsid_cplx integral_of_exp(gsid_cplx p, double t) {
     const gsid_cplx z = gsid_cplx_scale(t, p);
     if (gsid_cplx_abs2(z) > 0.01) {
         gsid_cplx e = exponential(z);
@@ -81,15 +77,16 @@ static gsid_cplx integral_of_exp(gsid_cplx p, double t)
 }
 
 /* Eq: MOD-2. A delay of q + d samples, 0 <= d < 1: within a sample the held input is u[n-q-1] for d T, then u[n-q]. */
-static gsid_cplx held_response(const fractions *f, double q, double d, double sample_s, double f_hz)
-{
+static gsid_cplx held_response(const fractions *f, double q, double d, double sample_s, double f_hz) {
     const double angle = GSID_TWO_PI * f_hz * sample_s;
     const gsid_cplx z = gsid_cplx_cis(angle), back = gsid_cplx_cis(-angle);
-    gsid_cplx sum = gsid_cplx_scale(f->direct, back); /* sampled just before the new command, so the direct path is one late */
+    gsid_cplx sum =
+        gsid_cplx_scale(f->direct, back); /* sampled just before the new command, so the direct path is one late */
     for (uint32_t i = 0; i < f->n; i++) {
         const gsid_cplx p = f->pole[i];
         const gsid_cplx late = integral_of_exp(p, (1 - d) * sample_s);
-        const gsid_cplx early = gsid_cplx_mul(exponential(gsid_cplx_scale((1 - d) * sample_s, p)), integral_of_exp(p, d * sample_s));
+        const gsid_cplx early =
+            gsid_cplx_mul(exponential(gsid_cplx_scale((1 - d) * sample_s, p)), integral_of_exp(p, d * sample_s));
         const gsid_cplx driven = gsid_cplx_mul(f->residue[i], gsid_cplx_add(late, gsid_cplx_mul(early, back)));
         sum = gsid_cplx_add(sum, gsid_cplx_div(driven, gsid_cplx_sub(z, exponential(gsid_cplx_scale(sample_s, p)))));
     }
@@ -97,8 +94,7 @@ static gsid_cplx held_response(const fractions *f, double q, double d, double sa
 }
 
 gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint32_t n_freq, const double *f_hz,
-                               gsid_cplx *g)
-{
+                               gsid_cplx *g) {
     if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL)))
         return GSID_E_NULL;
     if (model->domain != GSID_DOMAIN_S || model->n_zeros > model->n_poles || model->n_poles > GSID_ORDER_MAX ||

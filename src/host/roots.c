@@ -6,15 +6,13 @@
 #define ITERATIONS_MAX 500
 
 /* Where Aberth's iteration starts: on a circle of the roots' geometric mean, off the real axis so that pairs can part. */
-static void start_on_circle(uint32_t n, const double *coef, gsid_cplx *z)
-{
+static void start_on_circle(uint32_t n, const double *coef, gsid_cplx *z) {
     const double radius = coef[0] != 0 ? pow(fabs(coef[0] / coef[n]), 1.0 / n) : 1.0;
     for (uint32_t i = 0; i < n; i++)
         z[i] = gsid_cplx_scale(radius, gsid_cplx_cis(GSID_TWO_PI * (i + 0.25) / n + 0.1));
 }
 
-static gsid_cplx newton_step(uint32_t n, const double *coef, gsid_cplx z)
-{
+static gsid_cplx newton_step(uint32_t n, const double *coef, gsid_cplx z) {
     gsid_cplx p = {coef[n], 0}, dp = {0, 0};
     for (uint32_t i = n; i-- > 0;) {
         dp = gsid_cplx_add(gsid_cplx_mul(dp, z), p);
@@ -25,8 +23,7 @@ static gsid_cplx newton_step(uint32_t n, const double *coef, gsid_cplx z)
 }
 
 /* One simultaneous correction of every root; returns the largest relative correction. */
-static double aberth_sweep(uint32_t n, const double *coef, gsid_cplx *z)
-{
+static double aberth_sweep(uint32_t n, const double *coef, gsid_cplx *z) {
     double largest = 0;
     for (uint32_t i = 0; i < n; i++) {
         const gsid_cplx step = newton_step(n, coef, z[i]);
@@ -49,8 +46,7 @@ static double aberth_sweep(uint32_t n, const double *coef, gsid_cplx *z)
 
 /* Real coefficients have real roots and conjugate pairs: make them exactly so. Each root above the axis takes the nearest
  * one below as its partner; what is left over is real. */
-static void pair_conjugates(uint32_t n, gsid_cplx *z)
-{
+static void pair_conjugates(uint32_t n, gsid_cplx *z) {
     int paired[GSID_ORDER_MAX] = {0};
     for (uint32_t i = 0; i < n; i++)
         if (fabs(z[i].im) <= 1e-11 * sqrt(gsid_cplx_abs2(z[i])))
@@ -76,8 +72,7 @@ static void pair_conjugates(uint32_t n, gsid_cplx *z)
             z[i].im = 0;
 }
 
-gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *roots, uint32_t *n_roots)
-{
+gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *roots, uint32_t *n_roots) {
     if (coef == NULL || n_roots == NULL || (degree > 0 && roots == NULL))
         return GSID_E_NULL;
     if (degree > GSID_ORDER_MAX)
@@ -104,5 +99,6 @@ gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *root
     for (uint32_t i = 0; i < ITERATIONS_MAX && largest > 1e-15; i++)
         largest = aberth_sweep(n, reduced, z);
     pair_conjugates(n, z);
-    return largest <= 1e-10 ? GSID_OK : GSID_MAX_ITER; /* repeated roots stop near the square root of the rounding unit */
+    return largest <= 1e-10 ? GSID_OK
+                            : GSID_MAX_ITER; /* repeated roots stop near the square root of the rounding unit */
 }
