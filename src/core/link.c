@@ -2,9 +2,8 @@
 
 #include <string.h>
 
-/* Two sync bytes, kind, flags, tick, a, b, check: the same for every kind, so that the receiver never has to believe a
- * length it has not checked. The sync bytes share no prefix with each other, and a word of either alone does not start
- * a frame. */
+/* Two sync bytes, kind, flags, tick, a, b, check: the same length for every kind, so that the receiver never has to
+ * believe a length it has not checked. */
 #define SYNC_0 0xA5u
 #define SYNC_1 0x5Au
 #define AT_KIND 2u

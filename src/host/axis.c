@@ -153,7 +153,8 @@ static regime choose_side(gsid_axis *axis, double u) {
     return SLIP;
 }
 
-/* Time until the slipping axis comes to rest, in closed form: with constant torque the rate in the direction of motion is
+/* Time until the slipping axis comes to rest, in closed form: with constant torque the rate in the direction of motion
+ * is
  *   exp(-half t) (w cos(mu t) + (b / mu) sin(mu t)),  b = dw/dt + half w,  mu^2 = spring - half^2,
  * with the hyperbolic functions when mu^2 < 0. */
 static double time_to_rest(const gsid_axis *axis, double u) {
@@ -281,9 +282,9 @@ gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg) {
 }
 
 static gsid_status check_finite(const gsid_axis_cfg *c) {
-    const double all[] = {c->fs_hz,       c->gain,          c->viscous_rate,  c->coulomb_level, c->spring_stiffness,
-                          c->delay_s,     c->mode_f_hz,     c->mode_zeta,     c->mode_residue,  c->gyro_lag_s,
-                          c->command_limit, c->noise_rms,   c->noise_low_rms, c->noise_low_hz,  c->fan_f_hz,
+    const double all[] = {c->fs_hz,         c->gain,         c->viscous_rate,  c->coulomb_level, c->spring_stiffness,
+                          c->delay_s,       c->mode_f_hz,    c->mode_zeta,     c->mode_residue,  c->gyro_lag_s,
+                          c->command_limit, c->noise_rms,    c->noise_low_rms, c->noise_low_hz,  c->fan_f_hz,
                           c->fan_amplitude, c->fan_phase_rad};
     for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
         if (!isfinite(all[i]))
@@ -295,11 +296,11 @@ static gsid_status check_finite(const gsid_axis_cfg *c) {
 static gsid_status check(const gsid_axis_cfg *c) {
     if (check_finite(c) != GSID_OK)
         return GSID_E_NONFINITE;
-    const double positive[] = {c->viscous_rate, c->coulomb_level, c->spring_stiffness, c->delay_s,       c->mode_f_hz,
-                               c->mode_zeta,    c->gyro_lag_s,    c->command_limit,    c->noise_rms,     c->noise_low_rms,
-                               c->noise_low_hz};
-    for (size_t i = 0; i < sizeof positive / sizeof positive[0]; i++) {
-        if (positive[i] < 0.0)
+    const double magnitudes[] = {c->viscous_rate, c->coulomb_level, c->spring_stiffness, c->delay_s,
+                                 c->mode_f_hz,    c->mode_zeta,     c->gyro_lag_s,       c->command_limit,
+                                 c->noise_rms,    c->noise_low_rms, c->noise_low_hz};
+    for (size_t i = 0; i < sizeof magnitudes / sizeof magnitudes[0]; i++) {
+        if (magnitudes[i] < 0.0)
             return GSID_E_CONFIG;
     }
     if (c->fs_hz <= 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31)

@@ -204,8 +204,8 @@ static void energy_only_falls_once_the_command_is_zero(void **state) {
     assert_true(y[8999] == 0.0 && cfg.spring_stiffness * fabs(angle[8999]) <= cfg.coulomb_level);
 }
 
-/* Slow reference: Runge-Kutta at 1/64 of a tick. The states are angle, rate, q, q', gyro; a step in which the rate would
- * change sign is cut at the zero by bisection on the step's length. */
+/* Slow reference: Runge-Kutta at 1/64 of a tick. The states are angle, rate, q, q', gyro; a step in which the rate
+ * would change sign is cut at the zero by bisection on the step's length. */
 #define SUB 64
 typedef struct {
     double x[5];
@@ -376,7 +376,8 @@ static void noise_has_its_rms_and_its_colour(void **state) {
         assert_near(square / n, rms * rms, 4.0 * rms * rms * sqrt(2.0 / n_free));
         assert_near(inside / n, 0.6827, 4.0 * 0.47 / sqrt(n_free));
         /* the part that is new each tick is white: its size gives the pole to 1e-3 */
-        assert_near(innovation / n, rms * rms * (1.0 - pole * pole), 4.0 * rms * rms * (1 - pole * pole) * sqrt(2.0 / n));
+        const double fresh = rms * rms * (1.0 - pole * pole);
+        assert_near(innovation / n, fresh, 4.0 * fresh * sqrt(2.0 / n));
     }
 }
 
