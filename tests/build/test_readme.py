@@ -56,6 +56,17 @@ def test_the_python_program(run, root, tmp_path):
     assert_same_text(result.stdout, blocks(root, "text")[0])
 
 
+def test_the_run_over_a_serial_line(run, root, tmp_path):
+    script = re.sub(
+        r"^gsid ", f"{shlex.quote(str(root / '.venv/bin/gsid'))} ", blocks(root, "sh")[1], flags=re.M
+    )
+    wait_for_port = "until [ -e axis ]; do sleep 0.1; done\n"  # a person's fingers are slower than the start
+    first, rest = script.split("\n", 1)
+    result = run("sh", "-ec", f"{first}\n{wait_for_port}{rest}wait", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "<html" in (tmp_path / "rig.html").read_text()
+
+
 def test_the_session(run, root, tmp_path):
     data = os.environ.get("GSID_DATA") or root.parent / "shared/data"
     bench = os.path.join(data, "twomass_motor_bench")
@@ -68,3 +79,11 @@ def test_the_session(run, root, tmp_path):
         result = run("sh", "-c", re.sub(r"^gsid ", f"{gsid} ", command), cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert_same_text(result.stdout, shown)
+
+
+def test_links_between_pages_lead_somewhere(root):
+    pages = [*root.glob("*.md"), *(root / "docs").glob("*.md")]
+    links = [(page, link) for page in pages for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text())]
+    assert len(links) > 5
+    for page, link in links:
+        assert (page.parent / link).exists(), f"{page.name} links to {link}"
