@@ -177,6 +177,7 @@ lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers
 	    --host $(BUILD)/lint/libgsid_host.a
 	$(VENV)/bin/ruff check -q .
 	$(VENV)/bin/ruff format -q --check .
+	$(VENV)/bin/clang-format --dry-run -Werror $(C_FILES)
 
 .PHONY: format
 format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-format and pyproject.toml

@@ -107,7 +107,8 @@ static int is_ascending(uint32_t n_lines, const uint32_t *line) {
     return line[0] >= 1;
 }
 
-gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_real db_per_decade, gsid_real *amplitude) {
+gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_real db_per_decade,
+                                 gsid_real *amplitude) {
     if (line == NULL || amplitude == NULL) {
         return GSID_E_NULL;
     }

@@ -28,8 +28,7 @@ static gsid_status check_cfg(const gsid_frf_cfg *cfg) {
         return GSID_E_CONFIG;
     }
     gsid_spectrum_cfg s = spectrum_cfg(cfg);
-    if (gsid_spectrum_mem_size(&s) == 0 ||
-        cfg->n_lines > SIZE_MAX / GSID_FRF_MEM_SIZE(1, n_channels(cfg) - 1)) {
+    if (gsid_spectrum_mem_size(&s) == 0 || cfg->n_lines > SIZE_MAX / GSID_FRF_MEM_SIZE(1, n_channels(cfg) - 1)) {
         return GSID_E_CONFIG;
     }
     for (uint32_t i = 0; i < cfg->n_lines; i++) {

@@ -97,7 +97,7 @@ static matrix exponential(const matrix *a, double t_s) {
 
 static void fill_rates(const gsid_axis_cfg *cfg, regime how, matrix *rates) {
     const double w0 = 2.0 * PI * cfg->mode_f_hz;
-    double(*a)[N_ALL] = rates->m;
+    double (*a)[N_ALL] = rates->m;
     memset(rates, 0, sizeof *rates);
     if (how == SLIP) {
         a[THETA][RATE] = 1.0;
@@ -153,8 +153,8 @@ static regime choose_side(gsid_axis *axis, double u) {
     return SLIP;
 }
 
-/* Time until the slipping axis comes to rest, in closed form: with constant torque the rate in the direction of motion
- * is
+/* Time until the slipping axis comes to rest, in closed form: with constant torque the rate, counted in the direction
+ * of motion, is
  *   exp(-half t) (w cos(mu t) + (b / mu) sin(mu t)),  b = dw/dt + half w,  mu^2 = spring - half^2,
  * with the hyperbolic functions when mu^2 < 0. */
 static double time_to_rest(const gsid_axis *axis, double u) {

@@ -6,8 +6,8 @@
 #include "backend/backend.h"
 #include "gsid/excitation.h"
 
-static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                         const uint32_t *line, const gsid_cplx *lines) {
+static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines, const uint32_t *line,
+                         const gsid_cplx *lines) {
     if (x == NULL || line == NULL || lines == NULL) {
         return GSID_E_NULL;
     }

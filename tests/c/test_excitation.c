@@ -303,7 +303,8 @@ static void multisine_refuses(void **state) {
         bad.field = (value);                                                                                           \
         assert_int_equal(gsid_multisine_init(&m, &bad), status);                                                       \
     } while (0)
-    const uint32_t at_nyquist[F] = {1, 3, 9, 21, 47, 60}, zero[F] = {0, 3, 9, 21, 47, 59}, twice[F] = {1, 3, 3, 4, 5, 6};
+    const uint32_t at_nyquist[F] = {1, 3, 9, 21, 47, 60}, zero[F] = {0, 3, 9, 21, 47, 59},
+                   twice[F] = {1, 3, 3, 4, 5, 6};
     const gsid_real infinite[F] = {1, 1, 1, 1, 1, (gsid_real)INFINITY};
     REFUSED(line, NULL, GSID_E_NULL);
     REFUSED(amplitude, NULL, GSID_E_NULL);

@@ -285,11 +285,11 @@ static void assert_like_the_slow_one(double viscous_rate, double spring_stiffnes
 
 static void friction_agrees_with_a_slow_integrator(void **state) {
     (void)state;
-    assert_like_the_slow_one(11.0, 170.0, 40.0);  /* the spring rings */
-    assert_like_the_slow_one(60.0, 170.0, 30.0);  /* overdamped */
-    assert_like_the_slow_one(60.0, 900.0, 30.0);  /* critically damped */
-    assert_like_the_slow_one(11.0, 0.0, 50.0);    /* no spring */
-    assert_like_the_slow_one(0.0, 0.0, 60.0);     /* friction alone */
+    assert_like_the_slow_one(11.0, 170.0, 40.0); /* the spring rings */
+    assert_like_the_slow_one(60.0, 170.0, 30.0); /* overdamped */
+    assert_like_the_slow_one(60.0, 900.0, 30.0); /* critically damped */
+    assert_like_the_slow_one(11.0, 0.0, 50.0); /* no spring */
+    assert_like_the_slow_one(0.0, 0.0, 60.0); /* friction alone */
 }
 
 /* ---- command and sensor ---- */

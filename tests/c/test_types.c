@@ -31,8 +31,7 @@ static void each_status_has_a_sentence_of_its_own(void **state) {
 
 static void failures_are_negative(void **state) {
     (void)state;
-#define SIGN(name, code, meaning, hint)                                                                                \
-    assert_int_equal(strncmp(#name, "GSID_E_", 7) == 0, (name) < 0);
+#define SIGN(name, code, meaning, hint) assert_int_equal(strncmp(#name, "GSID_E_", 7) == 0, (name) < 0);
     GSID_STATUS_LIST(SIGN)
     assert_int_equal(GSID_OK, 0);
 }

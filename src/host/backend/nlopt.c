@@ -6,8 +6,7 @@
 #include "backend.h"
 
 gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const double *lower, const double *upper,
-                                double tolerance, int n_max, double *x, double *least)
-{
+                                double tolerance, int n_max, double *x, double *least) {
     nlopt_opt opt = nlopt_create(NLOPT_LD_SLSQP, n);
     if (opt == NULL)
         return GSID_E_NO_MEMORY;
@@ -35,8 +34,7 @@ gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const 
     return GSID_E_SINGULAR;
 }
 
-const char *gsid_nlopt_version_str(void)
-{
+const char *gsid_nlopt_version_str(void) {
     static char text[32];
     int major, minor, bugfix;
     nlopt_version(&major, &minor, &bugfix);
