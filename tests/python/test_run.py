@@ -1,10 +1,14 @@
 """Whole runs over a pseudo-terminal, as they are typed."""
 
+import contextlib
 import json
 import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from line import GSID, multisine, quiet_axis, simulator
 from gsid.frf import frf, spectra
 from gsid.io import read_record
 from gsid.link import Link, LinkError, run
+from gsid.simulate import Damage, Server, pseudo_terminal, serve_line
 
 EXCITE = ("--period", "600", "--band", "5:600", "--lines", "odd", "--amplitude", "8")
 
@@ -110,33 +115,54 @@ def test_paced_runs_by_the_clock(folder):
     assert "ms behind the clock" in words
 
 
+def started(port: str, *options: str) -> subprocess.Popen:
+    """`gsid run` for a long while."""
+    return subprocess.Popen(
+        [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def has_open(process: subprocess.Popen, path: str) -> bool:
+    for fd in Path(f"/proc/{process.pid}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed since it was listed
+            if os.readlink(fd) == path:
+                return True
+    return False
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end, "waited for 30 s"
+        time.sleep(0.01)
+
+
 def test_ctrl_c_leaves_the_command_at_zero_and_the_record(folder):
-    with simulator("--paced") as (_, port):
-        process = subprocess.Popen(
-            [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", "-o", "half.csv"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        time.sleep(2.5)
+    server = Server(quiet_axis(), paced=True)
+    with pseudo_terminal() as (axis_fd, host_fd, port):
+        line = Thread(target=serve_line, args=(server, axis_fd, host_fd, Damage(0), Damage(0), True))
+        line.start()
+        process = started(port, "-o", "half.csv")
+        wait_until(lambda: server.served.ticks > 3000)
         process.send_signal(signal.SIGINT)
         _, words = process.communicate(timeout=20)
+        line.join()
+    assert not server.running
     assert process.returncode == 130
     assert "stopped" in words
     record = read_record("half.csv")
-    assert len(record) > 0
+    assert len(record) >= 2400  # whole periods
     assert record.meta["command_zero_confirmed"] == "yes"
 
 
 def test_an_axis_that_disappears_is_a_clear_error(folder):
     with simulator("--paced") as (axis, port):
-        process = subprocess.Popen(
-            [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", "-o", "half.npz"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        time.sleep(2.5)
+        process = started(port, "-o", "half.npz")
+        wait_until(lambda: has_open(process, port))
+        time.sleep(1)  # 3000 ticks
         axis.terminate()
         _, words = process.communicate(timeout=20)
     assert process.returncode == 3
