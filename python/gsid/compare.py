@@ -88,8 +88,8 @@ class Comparison:
     @property
     def verdict(self) -> str:
         """One sentence for people."""
-        noise = f"{self.noise_floor_rms:.3g} of it explained by noise"
-        size = f"error {self.rms_error:.3g} {self.y_unit}".rstrip() + f" rms, {noise}"
+        floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
+        size = f"rms error {self.rms_error:.3g} where noise alone leaves {floor}"
         if self.adequate:
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
             return f"Adequate: what is left is noise ({size}; {rate})."

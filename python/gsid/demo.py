@@ -27,7 +27,7 @@ FS_HZ = 3000.0
 PERIOD = 6000
 BAND_HZ = (0.5, 250.0)
 AMPLITUDE = 3.0  # command per line, as the source's Schroeder multisine
-PERIODS = 10
+PERIODS = 12  # not a multiple of 5, over which the fan's 61.8 turns per period would cancel from the mean
 SETTLE_PERIODS = 2
 ORDER = "5/3"  # rigid body on a spring, flexible mode, gyro lag
 COULOMB_LEVEL = 2.0  # deg/s^2, about 1 % of the torque that the excitation peaks at
@@ -107,7 +107,15 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
     excitation = Multisine.design(FS_HZ, PERIOD, BAND_HZ, amplitude=AMPLITUDE)
     steps = (on_step, on_progress)
-    linear = _experiment("linear", "The axis without friction.", excitation, folder, seed, 0.0, steps)
+    linear = _experiment(
+        "linear",
+        "The axis without friction; the model stands beside the truth.",
+        excitation,
+        folder,
+        seed,
+        0.0,
+        steps,
+    )
     story = (
         f"The same axis with Coulomb friction of {COULOMB_LEVEL:g} deg/s², fitted by the same linear model."
     )
@@ -164,12 +172,13 @@ def simulated_axis(truth_file: Path, seed: int, coulomb_level: float) -> Iterato
     """Serve a simulated axis in a process of its own, as `gsid simulate` does; gives the port's path."""
     command = [sys.executable, "-m", "gsid.cli.main", "simulate", "--once", "--seed", str(seed)]
     command += ["--coulomb", str(coulomb_level), "--truth", str(truth_file)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
         try:
             port = process.stdout.readline().strip()
             if not port:
-                raise RuntimeError("the simulated axis did not start; what it said stands above")
+                raise RuntimeError(f"the simulated axis did not start: {process.stderr.read()}")
             yield port
             process.wait(timeout=10)  # it ends by itself when the port is closed
         finally:
@@ -209,6 +218,7 @@ def beside_truth(model: RationalModel, truth: dict[str, Any]) -> list[Truth]:
             "mode", "Hz", f_mode, abs(pole) / (2 * np.pi), float(np.sqrt(along @ cov @ along)) / (2 * np.pi)
         )
     )
+    n = model.n_poles
     for name, true, estimate, std in (
         ("den", truth["den"], model.den, model.std_den),
         ("num", truth["num"], model.num, model.std_num),
@@ -218,9 +228,14 @@ def beside_truth(model: RationalModel, truth: dict[str, Any]) -> list[Truth]:
             raise ValueError(f"the truth's {name} has degree {len(true) - 1}, the model's {degree}")
         padded = np.concatenate([np.zeros(degree + 1 - len(true)), true])
         for i in range(1 if name == "den" else 0, degree + 1):
-            unit = "" if name == "num" else f"s^-{i}"
-            rows.append(Truth(f"{name} s^{degree - i}", unit, padded[i], estimate[i], std[i]))
+            power = degree - i
+            unit = f"s{_raised(power - n)}" if name == "den" else f"deg s{_raised(power - n - 1)}/command"
+            rows.append(Truth(f"{name}, s{_raised(power)}", unit, padded[i], estimate[i], std[i]))
     return rows
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def _checks(linear: Experiment, friction: Experiment) -> dict[str, bool]:

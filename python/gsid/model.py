@@ -379,8 +379,8 @@ class RationalModel:
         Parameters
         ----------
         pade_order : int
-            Domain "s": the delay becomes a Pade approximant of this order; its phase is right to 0.1 degree
-            up to about pade_order / (2 delay_s) Hz. Domain "z": the delay must be a whole number of samples.
+            Domain "s": the delay becomes a Pade approximant of this order, its phase right to 0.1 degree up to
+            pade_order / (2 pi delay_s) Hz. Domain "z": the delay must be a whole number of samples.
 
         Returns
         -------

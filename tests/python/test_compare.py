@@ -1,0 +1,123 @@
+"""The adequacy test: its false-alarm rate, its power, and whether it says where."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gsid.compare import compare
+from gsid.frf import Spectra
+from gsid.model import RationalModel
+
+SEED = 20260303
+MODEL = RationalModel([900.0], [1.0, 30.0, 900.0], 0.003)
+N, FS = 600, 300.0
+
+
+def measured(rng, *, periods, truth=MODEL, extra=None, noise=0.01, odd_only=False, u_noise=0.0):
+    """Multisine over lines 1..60 (all or odd), white output noise; `extra` is added to the output."""
+    line = np.arange(N // 2 + 1)
+    excited = (line >= 1) & (line <= 60) & ((line % 2 == 1) | (not odd_only))
+    f = line * FS / N
+
+    def normal():
+        return (
+            rng.standard_normal((periods, len(line))) + 1j * rng.standard_normal((periods, len(line)))
+        ) / np.sqrt(2)
+
+    U0 = np.where(excited, np.exp(1j * np.pi * line**2 / 60), 0)
+    Y0 = np.zeros(len(line), complex)
+    Y0[1:-1] = truth.response(f[1:-1]) * U0[1:-1]
+    if extra is not None:
+        Y0 = Y0 + extra
+    return Spectra(
+        fs_hz=FS,
+        period_samples=N,
+        line=line,
+        U=U0 + u_noise * normal(),
+        Y=Y0 + noise * normal(),
+        n_spoiled=0,
+        settle_samples=0,
+        excited=excited,
+        y_unit="deg/s",
+        name="simulated",
+    )
+
+
+@pytest.mark.parametrize("periods", [2, 3, 4, 8])
+@pytest.mark.parametrize("u_noise", [0.0, 0.02])
+def test_false_alarm_rate_is_kept_with_few_periods(periods, u_noise):
+    """5 % of 1000 right models are rejected (binomial 99.9 % range); bands, taken together, too."""
+    print("seed", SEED, periods)
+    rng = np.random.default_rng([SEED, periods])
+    results = [compare(MODEL, measured(rng, periods=periods, u_noise=u_noise)) for _ in range(1000)]
+    lo, hi = stats.binom.interval(0.999, 1000, 0.05)
+    assert lo <= sum(not r.adequate for r in results) <= hi
+    assert sum(bool(r.where) for r in results) <= hi
+    assert stats.kstest([r.p_value for r in results], "uniform").pvalue > 1e-3
+
+
+def test_cost_per_dof_is_one_for_a_right_model():
+    rng = np.random.default_rng(SEED)
+    for periods in (2, 4, 10):
+        costs = [compare(MODEL, measured(rng, periods=periods)).cost_per_dof for _ in range(200)]
+        assert np.median(costs) == pytest.approx(1, abs=0.12), periods  # T has heavy tails with 4 periods
+
+
+def test_a_wrong_delay_is_rejected_where_it_matters():
+    truth = RationalModel(MODEL.num, MODEL.den, MODEL.delay_s + 0.002)
+    result = compare(MODEL, measured(np.random.default_rng(SEED), periods=6, truth=truth, noise=1e-3))
+    assert not result.adequate
+    assert result.cost_per_dof > 10
+    assert result.where[0]["lines"] == "excited"
+    assert sum(band["share"] for band in result.where) > 0.9
+    assert result.rms_error > 3 * result.noise_floor_rms
+    assert "Not adequate" in repr(result)
+    assert "<table>" in result._repr_html_()
+
+
+def test_distortion_on_detection_lines_is_named_by_its_kind():
+    extra = np.zeros(N // 2 + 1, complex)
+    extra[[10, 12, 14]] = 0.3
+    result = compare(MODEL, measured(np.random.default_rng(SEED), periods=6, extra=extra, odd_only=True))
+    assert not result.adequate
+    assert {band["lines"] for band in result.where} == {"even"}
+    band = result.where[0]
+    assert band["f_lo_hz"] <= 5.0
+    assert band["f_hi_hz"] >= 7.0
+    assert band["share"] > 0.9
+    kinds = dict(zip(result.line.tolist(), result.kind.tolist(), strict=True))
+    assert kinds[10] == "even"
+    assert kinds[11] == "excited"
+
+
+def test_band_and_several_records():
+    rng = np.random.default_rng(SEED)
+    records = [measured(rng, periods=4) for _ in range(3)]
+    result = compare(MODEL, records, band=(5, 20))
+    assert result.n_records == 3
+    assert result.n_periods == 12
+    assert result.f_hz[0] >= 5
+    assert result.f_hz[-1] <= 20
+    keys = {"adequate", "p_value", "cost_per_dof", "rms_error", "noise_floor_rms", "where"}
+    assert keys <= set(result.to_dict())
+
+
+def test_rms_error_is_that_of_the_time_signal():
+    """Parseval: rms of the mean output's error, computed here from its samples."""
+    extra = np.zeros(N // 2 + 1, complex)
+    extra[[3, 20]] = [0.5, 0.2j]
+    result = compare(MODEL, measured(np.random.default_rng(SEED), periods=4, extra=extra, noise=1e-6))
+    n = np.arange(N)
+    signal = 0.5 * np.cos(2 * np.pi * 3 * n / N) + (0.2j * np.exp(2j * np.pi * 20 * n / N)).real
+    assert result.rms_error == pytest.approx(np.sqrt(np.mean(signal**2)), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [({"alpha": 0}, "alpha"), ({"alpha": 1.5}, "alpha"), ({"band": (1000, 2000)}, "no line")],
+)
+def test_misuse_is_a_value_error(arguments, what):
+    with pytest.raises(ValueError, match=what):
+        compare(MODEL, measured(np.random.default_rng(SEED), periods=3), **arguments)
+    with pytest.raises(ValueError, match="no record"):
+        compare(MODEL, [])

@@ -1,0 +1,168 @@
+"""RationalModel against scipy.signal, python-control and Monte Carlo, none of which share code with it."""
+
+import json
+
+import control
+import numpy as np
+import pytest
+from scipy import signal
+
+from gsid.errors import GsidError, InputError
+from gsid.model import RationalModel
+
+SEED = 20260301
+NUM, DEN, DELAY = [8510.0, 2.6e5, 9.36e9, 0.0], [1.0, 1045.0, 1.31e6, 1.28e9, 1.41e10, 2.15e11], 0.0054
+F = np.linspace(0.5, 250, 60)
+
+
+def axis(**changes):
+    return RationalModel(NUM, DEN, DELAY, **changes)
+
+
+def test_response_is_that_of_scipy_times_the_delay():
+    w = 2 * np.pi * F
+    expected = signal.freqs(NUM, DEN, w)[1] * np.exp(-1j * w * DELAY)
+    np.testing.assert_allclose(axis().response(F), expected, rtol=1e-10)  # powers of s reach 1e27
+
+
+def test_response_in_z_is_that_of_scipy():
+    b, a = signal.butter(3, 0.2)
+    expected = signal.freqz(b, a, F, fs=3000)[1] * np.exp(-2j * np.pi * F * 1e-3)
+    model = RationalModel(b, a, 1e-3, "z", 3000.0)
+    np.testing.assert_allclose(model.response(F), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [0, 3, 16])
+def test_held_response_is_that_of_scipys_zero_order_hold(samples):
+    b, a, _ = signal.cont2discrete((NUM, DEN), 1 / 3000, "zoh")
+    expected = signal.freqz(b.ravel(), a, F, fs=3000)[1] * np.exp(-2j * np.pi * F * samples / 3000)
+    model = RationalModel(NUM, DEN, samples / 3000, fs_hz=3000.0, hold="zoh")
+    np.testing.assert_allclose(
+        model.response(F), expected, rtol=1e-7
+    )  # scipy's own rounding through its matrices
+
+
+def test_gradient_is_that_of_finite_differences():
+    model = axis(free_delay=True)
+    theta = np.concatenate([model.den[1:], model.num, [model.delay_s]])
+    n = model.n_poles
+
+    def response(t):
+        return RationalModel(t[n:-1], np.concatenate([[1.0], t[:n]]), t[-1]).response(F)
+
+    gradient = model.gradient(F)
+    for i in range(len(theta)):
+        step = 1e-6 * max(abs(theta[i]), abs(theta[n:-1]).max() * 1e-3 if i == len(theta) - 2 else 0)
+        up, down = theta.copy(), theta.copy()
+        up[i] += step
+        down[i] -= step
+        numeric = (response(up) - response(down)) / (up[i] - down[i])
+        assert np.max(np.abs(numeric - gradient[:, i])) < 1e-5 * np.max(np.abs(gradient[:, i])), i
+
+
+def test_standard_deviations_of_response_and_poles_are_those_of_drawn_parameters():
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    mean = np.array([20.0, 900.0, 50.0, 3000.0, 2e-3])  # den[1:], num, delay
+    spread = np.diag(1e-3 * np.abs(mean))
+    mix = np.eye(5) + 0.5 * rng.standard_normal((5, 5))
+    cov = spread @ mix @ mix.T @ spread
+    model = RationalModel(mean[2:4], [1.0, *mean[:2]], mean[4], cov=cov, free_delay=True)
+    f = np.array([1.0, 4.0, 20.0])
+    draws = rng.multivariate_normal(mean, cov, 4000)
+    models = [RationalModel(d[2:4], [1.0, *d[:2]], d[4]) for d in draws]
+    std = np.std([m.response(f) for m in models], axis=0)
+    # 4000 draws give a standard deviation to 1/sqrt(2 * 4000) = 1.1 %; 5 % also allows for the curvature.
+    np.testing.assert_allclose(model.response_std(f), std, rtol=0.05)
+    above = np.array([m.poles[np.argmax(m.poles.imag)] for m in models])
+    expected = np.cov(above.real, above.imag)
+    index = int(np.argmax(model.poles.imag))
+    np.testing.assert_allclose(model.pole_cov[index], expected, rtol=0.1, atol=0.05 * expected.max())
+    assert model.std_delay_s == pytest.approx(np.sqrt(cov[4, 4]))
+    assert model.std_den[0] == 0
+
+
+def test_a_file_gives_the_same_model_back(tmp_path):
+    cov = np.diag(np.arange(1.0, 11.0))
+    model = axis(cov=cov, free_delay=True, fs_hz=3000.0, hold="zoh", method="ml", cost=5.0, n_lines=4)
+    model.band_hz, model.converged, model.u_unit = (1.0, 2.0), True, "V"
+    model.save(tmp_path / "m.json")
+    back = RationalModel.load(tmp_path / "m.json")
+    assert back.to_dict() == model.to_dict()
+    assert json.loads((tmp_path / "m.json").read_text())["gsid_model"] == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["m.json"]
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("{", "not JSON"),
+        ("[]", "not a model file"),
+        ('{"gsid_model": 1, "effects": []}', "no transfer function"),
+        ('{"gsid_model": 1, "rational": {"num": [1]}}', "key is missing"),
+        ('{"gsid_model": 1, "rational": {"num": [1], "den": [0, 1]}}', "not usable"),
+        ('{"gsid_model": 1, "rational": {"num": [1], "den": ["a"]}}', "not usable"),
+        ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "covariance": [1, 2]}}', "not usable"),
+    ],
+)
+def test_a_bad_model_file_says_what_and_where(tmp_path, text, what):
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=what) as caught:
+        RationalModel.load(path)
+    assert "bad.json" in caught.value.where
+    assert caught.value.hint
+
+
+def test_python_control_and_back():
+    system = axis().to_control()
+    for f in (2.0, 6 / (2 * np.pi * DELAY)):  # the documented limit of a Pade approximant of order 6
+        turn = system(2j * np.pi * f) / axis().response([f])[0]
+        assert abs(turn) == pytest.approx(1)
+        assert abs(np.degrees(np.angle(turn))) < 0.1
+    plain = RationalModel(NUM, DEN)
+    back = RationalModel.from_control(plain.to_control())
+    np.testing.assert_allclose(back.response(F), plain.response(F), rtol=1e-12)
+
+    discrete = RationalModel([0.1, 0.2], [1.0, -0.5, 0.1], 2 / 3000, "z", 3000.0)
+    assert discrete.to_control()(np.exp(2j * np.pi * 10 / 3000)) == pytest.approx(
+        discrete.response([10.0])[0]
+    )
+    back = RationalModel.from_control(control.tf([0.2], [1.0, -0.5], 1e-3))
+    assert back.domain == "z"
+    assert back.response([50.0])[0] == pytest.approx(0.2 / (np.exp(2j * np.pi * 0.05) - 0.5))
+    with pytest.raises(ValueError, match="whole samples"):
+        RationalModel([1.0], [1.0, 0.5], 0.4e-3, "z", 3000.0).to_control()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        ({"num": [np.nan], "den": [1]}, "finite"),
+        ({"num": [1], "den": [0, 1]}, "zero"),
+        ({"num": [1], "den": np.ones(40)}, "degree"),
+        ({"num": [1], "den": [1], "domain": "w"}, "domain"),
+        ({"num": [1], "den": [1], "domain": "z"}, "fs_hz"),
+        ({"num": [1], "den": [1], "hold": "foh"}, "hold"),
+        ({"num": [1], "den": [1], "cov": np.eye(3)}, "shape"),
+    ],
+)
+def test_misuse_is_a_value_error(arguments, what):
+    with pytest.raises(ValueError, match=what):
+        RationalModel(**arguments)
+
+
+def test_a_frequency_on_a_pole_is_refused():
+    with pytest.raises(GsidError, match="finite"):
+        RationalModel([1.0], [1.0, 0.0]).response([0.0])
+
+
+def test_stability_and_roots():
+    model = RationalModel([1.0, 2.0], [1.0, 2.0, 26.0])
+    np.testing.assert_allclose(sorted(model.poles.imag), [-5, 5])
+    np.testing.assert_allclose(model.zeros, [-2])
+    assert model.stable
+    assert not RationalModel([1.0], [1.0, -2.0, 26.0]).stable
+    assert len(RationalModel([3.0], [1.0]).poles) == 0
+    assert "UNSTABLE" in repr(RationalModel([1.0], [1.0, -1.0]))
+    assert "<table>" in model._repr_html_()
