@@ -4,19 +4,23 @@
 
 #include "gsid/types.h"
 
+#define GSID_LSQ_COLUMNS_MAX 1024
+
 typedef struct {
     uint32_t n_columns; /* unknowns */
     uint32_t n_rows;    /* rows taken so far */
+    uint32_t n_pinned;  /* unknowns that gsid_lsq_solve has pinned to 0 */
     gsid_real *r;       /* private: [n_columns + 1][n_columns + 1] upper triangle of (A | b), row by row */
     gsid_real *row;     /* private: [n_columns + 1] */
 } gsid_lsq;
 
 #define GSID_LSQ_MEM_SIZE(n_columns) (((size_t)(n_columns) + 1) * ((size_t)(n_columns) + 2) * sizeof(gsid_real))
 
-/** Bytes that gsid_lsq_init needs; 0 for no columns. */
+/** Bytes that gsid_lsq_init needs; 0 for no columns and for more than GSID_LSQ_COLUMNS_MAX. */
 size_t gsid_lsq_mem_size(uint32_t n_columns);
 
 /** Lay out an empty problem min |A x - b|.
+ *  @param[in] n_columns  1 .. GSID_LSQ_COLUMNS_MAX
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY */
 gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size);
 
@@ -31,18 +35,26 @@ gsid_status gsid_lsq_reset(gsid_lsq *q);
 gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
 
 /** Solve. A column that its predecessors explain, but for rank_tol of its own length, says nothing more: its
- *  unknown is pinned to 0.
- *  @param[in]  rank_tol  0: 8 (n_columns + 1) times the rounding unit
+ *  unknown is pinned to 0. Rows added later do not free it: gsid_lsq_reset does.
+ *  @param[in]  rank_tol  >= 0; 0: 8 (n_columns + 1) times the rounding unit
  *  @param[out] x         [n_columns]
  *  @param[out] cost      sum of squared residuals; may be NULL
- *  @return GSID_OK; GSID_RANK unknowns were pinned; GSID_E_NULL; GSID_E_TOO_FEW fewer rows than columns;
- *          GSID_E_NONFINITE the solution overflows: outputs untouched
+ *  @return GSID_OK; GSID_RANK unknowns are pinned; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW fewer rows than
+ *          columns; GSID_E_NONFINITE the solution overflows: outputs untouched
  *  Cost: n_columns^2 flops, and one gsid_lsq_add for each pin. */
 gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost);
 
+/** Solve A'A x = c.
+ *  @param[in]  c  [n_columns] finite
+ *  @param[out] x  [n_columns]; may be c
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
+ *  Cost: 3 n_columns^2 flops. */
+gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_real *x);
+
 /** Inverse of A'A: the covariance of x when the rows have unit variance.
  *  @param[out] cov  [n_columns][n_columns]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
+ *  Cost: n_columns^3 / 2 flops. */
 gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov);
 
 #endif

@@ -41,6 +41,7 @@
 #define gsid_lsq_reset GSID_NAME(gsid_lsq_reset)
 #define gsid_lsq_add GSID_NAME(gsid_lsq_add)
 #define gsid_lsq_solve GSID_NAME(gsid_lsq_solve)
+#define gsid_lsq_solve_normal GSID_NAME(gsid_lsq_solve_normal)
 #define gsid_lsq_covariance GSID_NAME(gsid_lsq_covariance)
 #define gsid_rational_init GSID_NAME(gsid_rational_init)
 #define gsid_rational_variable GSID_NAME(gsid_rational_variable)

@@ -225,6 +225,7 @@ static gsid_status solve_damped(workspace *w, gsid_real damping) {
     const uint32_t n = w->n;
     memcpy(w->damped.r, w->normal.r, ((size_t)n + 1) * ((size_t)n + 1) * sizeof(gsid_real));
     w->damped.n_rows = w->normal.n_rows;
+    w->damped.n_pinned = 0;
     for (uint32_t j = 0; j < n && damping > 0; j++) {
         gsid_real length2 = 0;
         for (uint32_t i = 0; i <= j; i++) {

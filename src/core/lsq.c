@@ -17,22 +17,20 @@ static gsid_real *triangle_row(const gsid_lsq *q, uint32_t i) {
 }
 
 static gsid_real column_length(const gsid_lsq *q, uint32_t column) {
-    gsid_real sum = 0;
-    for (uint32_t i = 0; i <= column; i++) {
-        const gsid_real r = triangle_row(q, i)[column];
-        sum += r * r;
-    }
-    return gsid_sqrt(sum);
+    gsid_real length = 0;
+    for (uint32_t i = 0; i <= column; i++)
+        length = gsid_hypot(length, triangle_row(q, i)[column]);
+    return length;
 }
 
 size_t gsid_lsq_mem_size(uint32_t n_columns) {
-    return n_columns == 0 ? 0 : GSID_LSQ_MEM_SIZE(n_columns);
+    return n_columns == 0 || n_columns > GSID_LSQ_COLUMNS_MAX ? 0 : GSID_LSQ_MEM_SIZE(n_columns);
 }
 
 gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size) {
     if (q == NULL || mem == NULL)
         return GSID_E_NULL;
-    if (n_columns == 0)
+    if (n_columns == 0 || n_columns > GSID_LSQ_COLUMNS_MAX)
         return GSID_E_CONFIG;
     if (mem_size < GSID_LSQ_MEM_SIZE(n_columns) || (uintptr_t)mem % sizeof(gsid_real) != 0)
         return GSID_E_MEMORY;
@@ -48,8 +46,22 @@ gsid_status gsid_lsq_reset(gsid_lsq *q) {
     const size_t n = (size_t)q->n_columns + 1;
     for (size_t i = 0; i < n * n; i++)
         q->r[i] = 0;
-    q->n_rows = 0;
+    q->n_rows = q->n_pinned = 0;
     return GSID_OK;
+}
+
+/* Rotation that turns (r, a), a not 0, into (length, 0). Only ratios are squared: nothing overflows that need not. */
+static gsid_real rotation(gsid_real r, gsid_real a, gsid_real *c, gsid_real *s) {
+    if (gsid_fabs(r) >= gsid_fabs(a)) {
+        const gsid_real t = a / r, root = gsid_sqrt(1 + t * t);
+        *c = 1 / root;
+        *s = t / root;
+        return r * root;
+    }
+    const gsid_real t = r / a, root = gsid_sqrt(1 + t * t);
+    *c = t / root;
+    *s = 1 / root;
+    return a * root;
 }
 
 /* Rotate q->row, from its column `first` on, into the triangle. */
@@ -59,10 +71,8 @@ static void rotate_in(gsid_lsq *q, uint32_t first) {
     for (uint32_t i = first; i <= n; i++) {
         if (a[i] == 0)
             continue;
-        gsid_real *r = triangle_row(q, i);
-        const gsid_real length = gsid_hypot(r[i], a[i]);
-        const gsid_real c = r[i] / length, s = a[i] / length;
-        r[i] = length;
+        gsid_real *r = triangle_row(q, i), c, s;
+        r[i] = rotation(r[i], a[i], &c, &s);
         for (uint32_t j = i + 1; j <= n; j++) {
             const gsid_real rj = r[j];
             r[j] = c * rj + s * a[j];
@@ -95,27 +105,25 @@ static void pin(gsid_lsq *q, uint32_t column) {
         r[j] = 0;
     r[column] = length > 0 ? length : 1;
     rotate_in(q, column + 1);
+    q->n_pinned++;
 }
 
-static int pin_undetermined(gsid_lsq *q, gsid_real rank_tol) {
-    int pinned = 0;
-    for (uint32_t j = 0; j < q->n_columns; j++) {
-        if (gsid_fabs(triangle_row(q, j)[j]) <= rank_tol * column_length(q, j)) {
+static void pin_undetermined(gsid_lsq *q, gsid_real rank_tol) {
+    for (uint32_t j = 0; j < q->n_columns; j++)
+        if (gsid_fabs(triangle_row(q, j)[j]) <= rank_tol * column_length(q, j))
             pin(q, j);
-            pinned = 1;
-        }
-    }
-    return pinned;
 }
 
 gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost) {
     if (q == NULL || x == NULL)
         return GSID_E_NULL;
+    if (!(rank_tol >= 0))
+        return GSID_E_CONFIG;
     const uint32_t n = q->n_columns;
     if (q->n_rows < n)
         return GSID_E_TOO_FEW;
     const gsid_real tol = rank_tol > 0 ? rank_tol : 8 * (gsid_real)(n + 1) * ROUNDING_UNIT;
-    const int pinned = pin_undetermined(q, tol);
+    pin_undetermined(q, tol);
 
     gsid_real *y = q->row; /* so that x is untouched when the solution overflows */
     for (uint32_t i = n; i-- > 0;) {
@@ -132,7 +140,40 @@ gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_r
         const gsid_real residual = triangle_row(q, n)[n];
         *cost = residual * residual;
     }
-    return pinned ? GSID_RANK : GSID_OK;
+    return q->n_pinned > 0 ? GSID_RANK : GSID_OK;
+}
+
+static gsid_status check_regular(const gsid_lsq *q) {
+    if (q->n_rows < q->n_columns)
+        return GSID_E_TOO_FEW;
+    if (q->n_pinned > 0)
+        return GSID_E_SINGULAR;
+    for (uint32_t j = 0; j < q->n_columns; j++)
+        if (!(gsid_fabs(triangle_row(q, j)[j]) > ROUNDING_UNIT * column_length(q, j)))
+            return GSID_E_SINGULAR;
+    return GSID_OK;
+}
+
+gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_real *x) {
+    if (q == NULL || c == NULL || x == NULL)
+        return GSID_E_NULL;
+    const gsid_status status = check_regular(q);
+    if (status != GSID_OK)
+        return status;
+    const uint32_t n = q->n_columns;
+    for (uint32_t i = 0; i < n; i++) { /* R' y = c */
+        gsid_real sum = c[i];
+        for (uint32_t j = 0; j < i; j++)
+            sum -= triangle_row(q, j)[i] * x[j];
+        x[i] = sum / triangle_row(q, i)[i];
+    }
+    for (uint32_t i = n; i-- > 0;) { /* R x = y */
+        gsid_real sum = x[i];
+        for (uint32_t j = i + 1; j < n; j++)
+            sum -= triangle_row(q, i)[j] * x[j];
+        x[i] = sum / triangle_row(q, i)[i];
+    }
+    return GSID_OK;
 }
 
 /* cov <- R^-1, upper triangular. */
@@ -151,12 +192,10 @@ static void invert_triangle(const gsid_lsq *q, gsid_real *cov) {
 gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov) {
     if (q == NULL || cov == NULL)
         return GSID_E_NULL;
+    const gsid_status status = check_regular(q);
+    if (status != GSID_OK)
+        return status;
     const uint32_t n = q->n_columns;
-    if (q->n_rows < n)
-        return GSID_E_TOO_FEW;
-    for (uint32_t j = 0; j < n; j++)
-        if (!(gsid_fabs(triangle_row(q, j)[j]) > ROUNDING_UNIT * column_length(q, j)))
-            return GSID_E_SINGULAR;
     invert_triangle(q, cov);
     /* R^-1 R^-T in place: entry (i, j) needs rows i and j from column j on, which later entries of row i do not touch. */
     for (uint32_t i = 0; i < n; i++) {
