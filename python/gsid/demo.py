@@ -174,7 +174,8 @@ def simulated_axis(truth_file: Path, seed: int, coulomb_level: float) -> Iterato
     command += ["--coulomb", str(coulomb_level), "--truth", str(truth_file)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
-        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
         try:
             port = process.stdout.readline().strip()
             if not port:

@@ -366,7 +366,12 @@ class RationalModel:
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
-            raise InputError(f"the model file cannot be read: {error.strerror}", str(path)) from error
+            raise InputError(
+                f"the model file cannot be read: {error.strerror}",
+                str(path),
+                None,
+                "`gsid fit -o` writes one",
+            ) from error
         except ValueError as error:
             raise InputError(
                 f"the model file is not JSON: {error}", str(path), None, "`gsid fit -o` writes one"
@@ -379,8 +384,8 @@ class RationalModel:
         Parameters
         ----------
         pade_order : int
-            Domain "s": the delay becomes a Pade approximant of this order, its phase right to 0.1 degree up to
-            pade_order / (2 pi delay_s) Hz. Domain "z": the delay must be a whole number of samples.
+            Domain "s": the delay becomes a Pade approximant of this order, its phase right to 0.1 degree up
+            to pade_order / (2 pi delay_s) Hz. Domain "z": the delay must be a whole number of samples.
 
         Returns
         -------

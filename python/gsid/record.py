@@ -193,7 +193,11 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"{len(record)} samples, period {period}, settle {settle}, {len(good) - n_good} spoiled",
             "measure longer, or give a shorter --settle or the right --period",
         )
-    share = _share_that_repeats(u[good])
+    n_spoiled = len(good) - n_good
+    kept = np.flatnonzero(good)
+    if n_spoiled:  # only then: choosing rows copies the record
+        u, y = u[good], y[good]
+    share = _share_that_repeats(u)
     if share < SHARE_GIVEN:
         raise InputError(
             f"u does not repeat every {period} samples",
@@ -201,7 +205,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"{max(share, 0):.0%} of its power does",
             _other_period(record),
         )
-    return Periods(u[good], y[good], np.flatnonzero(good), len(good) - n_good, int(period), int(settle))
+    return Periods(u, y, kept, n_spoiled, int(period), int(settle))
 
 
 def _other_period(record: Record) -> str:

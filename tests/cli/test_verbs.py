@@ -134,24 +134,6 @@ def test_fit_in_words(gsid, rec_csv):
     assert "= 1.5 samples" in out
 
 
-@pytest.mark.parametrize("domain", ["s", "z"])
-def test_bounds_of_frequency_and_damping(domain):
-    """First-order bounds against a sample of roots drawn from the covariance."""
-    from gsid.cli.fit import frequency_and_damping
-
-    rng = np.random.default_rng(50)
-    root = complex(-20, 300) if domain == "s" else np.exp(complex(-20, 300) / 1000)
-    covariance = np.array([[4.0, 1.5], [1.5, 2.0]]) * (1e-4 if domain == "s" else 1e-10)
-    f, f_bound, damping, damping_bound = frequency_and_damping(root, covariance, domain, 1000.0)
-    drawn = rng.multivariate_normal([root.real, root.imag], covariance, 20000) @ [1, 1j]
-    s = drawn if domain == "s" else 1000 * np.log(drawn)
-    assert f == pytest.approx(abs(complex(-20, 300)) / 2 / np.pi)
-    assert damping == pytest.approx(20 / abs(complex(-20, 300)))
-    # the standard deviation of 20000 draws is good to 0.5 %
-    assert f_bound == pytest.approx(1.96 * np.std(np.abs(s)) / 2 / np.pi, rel=0.02)
-    assert damping_bound == pytest.approx(1.96 * np.std(-s.real / np.abs(s)), rel=0.02)
-
-
 # ---------------------------------------------------------------- design
 
 

@@ -16,8 +16,10 @@ from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, json_option, print_json, 
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=1, help="Of the noise. [default: 1]")
 @json_option
 def demo(folder: str, seed: int, as_json: bool) -> int:
-    """Excite a simulated gimbal axis over a serial line, fit a model and compare; once without friction, where
-    the model stands beside the truth, and once with Coulomb friction, where the same linear model fails.
+    """Excite a simulated gimbal axis over a serial line, fit a model and compare.
+
+    Once without friction, where the model stands beside the truth, and once with Coulomb friction, where a
+    linear model fails.
 
     Exit code 1 when the runs do not show what they should.
     """

@@ -157,48 +157,17 @@ def _coefficients(model: RationalModel) -> list[list[str]]:
 
 def _roots(kind: str, roots: np.ndarray, covariances: np.ndarray, model: RationalModel) -> list[list[str]]:
     """One row per real root or conjugate pair, in the continuous plane's frequency and damping."""
+    from gsid.confidence import NORMAL_95, root_quantities
+
     rows = []
     for root, covariance in zip(roots, covariances, strict=True):
         if root.imag < 0:
             continue
-        f, f_bound, damping, damping_bound = frequency_and_damping(
-            root, covariance, model.domain, model.fs_hz
+        f, damping, std_f, std_damping = root_quantities(
+            root, covariance, domain=model.domain, fs_hz=model.fs_hz
         )
         imaginary = f"+-{root.imag:.5g}" if root.imag else "0"
-        numbers = [f"{root.real:.5g}", imaginary, f"{f:.5g}", f"+-{f_bound:.2g}"]
-        dampings = [f"{damping:.4g}", f"+-{damping_bound:.2g}"] if root.imag else ["", ""]
+        numbers = [f"{root.real:.5g}", imaginary, f"{f:.5g}", f"+-{NORMAL_95 * std_f:.2g}"]
+        dampings = [f"{damping:.4g}", f"+-{NORMAL_95 * std_damping:.2g}"] if root.imag else ["", ""]
         rows.append([kind, *numbers, *dampings])
     return rows
-
-
-def frequency_and_damping(
-    root: complex, covariance: np.ndarray, domain: str, fs_hz: float
-) -> tuple[float, float, float, float]:
-    """Natural frequency [Hz] and damping ratio of a root, each with its 95 % bound.
-
-    To first order in the covariance.
-
-    Parameters
-    ----------
-    root : complex
-        rad/s in domain "s", a number in the unit circle's plane in domain "z".
-    covariance : (2, 2) array
-        Of its real and imaginary part.
-    domain : {"s", "z"}
-    fs_hz : float
-        Sample rate [Hz], used in domain "z": s = fs ln z.
-    """
-    import numpy as np
-
-    s, turn = root, np.eye(2)
-    if domain == "z":
-        slope = fs_hz / root
-        s, turn = fs_hz * np.log(root), np.array([[slope.real, -slope.imag], [slope.imag, slope.real]])
-    radius = abs(s)
-    if radius == 0:
-        return 0.0, float("nan"), float("nan"), float("nan")
-    towards = np.array([s.real, s.imag]) / radius
-    across = np.array([-s.imag, s.real]) * s.imag / radius**3  # gradient of -re/|s|
-    gradients = np.vstack([towards / (2 * np.pi), across]) @ turn
-    f_bound, damping_bound = 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", gradients, covariance, gradients))
-    return radius / (2 * np.pi), float(f_bound), -s.real / radius, float(damping_bound)
