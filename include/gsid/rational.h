@@ -34,7 +34,7 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
  *  @param[in]  n_freq, f_hz  [n_freq] Hz
  *  @param[out] g             [n_freq]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE a frequency is not finite or falls on a pole: outputs untouched
- *  Cost: n_poles + n_zeros complex multiply-adds and one sine and cosine per frequency. */
+ *  Cost: 2 (n_poles + n_zeros) complex multiply-adds and two sines and cosines per frequency; domain z: four. */
 gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g);
 
 /* Parameters of a rational model: den without the coefficient held at 1, num, delay. */
@@ -50,7 +50,9 @@ uint32_t gsid_rational_held(const gsid_rational *model);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE the frequency is not finite or falls on a pole: outputs untouched */
 gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient);
 
-/** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Jury's table).
+/** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Schur and Cohn's
+ *  recursion). A model whose den[n_poles] (domain s) or den[0] (domain z) is zero is not stable: it has fewer poles, or
+ *  answers before it is asked.
  *  @param[out] is_stable  1 or 0
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable);

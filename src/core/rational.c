@@ -80,13 +80,14 @@ gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, g
     return GSID_OK;
 }
 
-/* Routh's array: the first column has one sign exactly when every root has a negative real part. */
+/* Routh's array: its first column has one sign exactly when every root has a negative real part. */
 static int is_hurwitz(uint32_t degree, const gsid_real *coef) {
     gsid_real upper[GSID_ORDER_MAX + 2] = {0}, lower[GSID_ORDER_MAX + 2] = {0};
+    const gsid_real sign = coef[degree] < 0 ? GSID_R(-1.0) : GSID_R(1.0);
     for (uint32_t i = 0; i <= degree; i++)
-        (i % 2 == 0 ? upper : lower)[i / 2] = coef[degree - i];
+        (i % 2 == 0 ? upper : lower)[i / 2] = sign * coef[degree - i];
     for (uint32_t step = 0; step < degree; step++) {
-        if (!(upper[0] * lower[0] > 0))
+        if (!(upper[0] > 0 && lower[0] > 0))
             return 0;
         const gsid_real ratio = upper[0] / lower[0];
         for (uint32_t i = 0; i <= degree / 2; i++) {
