@@ -1,0 +1,139 @@
+"""Which of many directions explains a residual: score statistics with nuisance projection.
+
+r is the whitened residual of a fitted model, N(0, I) when the model is right; S the whitened sensitivities of
+its free parameters; D those of a candidate at its null value. What D says beyond S is its part orthogonal to
+S, Dp = D - Q Q'D. Then LM = |projection of r on Dp|^2 is the drop in cost (-2 log likelihood) that
+the candidate could bring, chi-square with as many degrees of freedom as columns (DIA-1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# A column of which less than this share survives the projection says nothing of its own.
+SURVIVAL_LEAST = 1e-3
+
+
+@dataclass(eq=False)
+class Score:
+    """What a candidate direction could bring.
+
+    Parameters
+    ----------
+    drop : float
+        LM: predicted drop of the cost.
+    size : (q,) ndarray
+        Coefficients of the candidate's columns.
+    survival : float
+        Length of the columns after the projection over their length before.
+    basis : (n, q') ndarray
+        Orthonormal basis of what the candidate says beyond the nuisances; empty when it says nothing.
+    """
+
+    drop: float
+    size: np.ndarray
+    survival: float
+    basis: np.ndarray
+
+
+def orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Basis of the span of columns, each scaled to unit length first; dependent ones are dropped.
+
+    Parameters
+    ----------
+    columns : (n, p) ndarray
+
+    Returns
+    -------
+    (n, <= p) ndarray
+    """
+    length = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, length > 0] / length[length > 0]
+    if scaled.shape[1] == 0:
+        return np.empty((len(columns), 0))
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, s > 1e-9 * s[0]]
+
+
+def project_out(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Part of the columns orthogonal to an orthonormal basis; done twice, so that rounding does not stay."""
+    once = columns - basis @ (basis.T @ columns)
+    return once - basis @ (basis.T @ once)
+
+
+def score(
+    residual: np.ndarray, nuisance: np.ndarray, columns: np.ndarray, *, one_sided: bool = False
+) -> Score:
+    """Score one candidate.
+
+    Parameters
+    ----------
+    residual : (n,) ndarray
+        Whitened.
+    nuisance : (n, p) ndarray
+        Orthonormal basis of the free parameters' sensitivities.
+    columns : (n, q) ndarray
+        Whitened sensitivities of the candidate.
+    one_sided : bool
+        Only coefficients >= 0 are physical; columns that want to be negative are left out.
+
+    Returns
+    -------
+    Score
+    """
+    size = np.zeros(columns.shape[1])
+    kept = np.arange(columns.shape[1])
+    before = float(np.linalg.norm(columns))
+    projected = project_out(nuisance, columns)
+    survival = float(np.linalg.norm(projected)) / before if before > 0 else 0.0
+    if survival < SURVIVAL_LEAST:
+        return Score(0.0, size, survival, np.empty((len(residual), 0)))
+    while len(kept):
+        length = np.linalg.norm(projected[:, kept], axis=0)
+        kept, length = kept[length > 0], length[length > 0]
+        u, s, vt = np.linalg.svd(projected[:, kept] / length, full_matrices=False)
+        good = s > 1e-6 * s[0]
+        coefficient = (vt.T[:, good] / s[good]) @ (u.T[good] @ residual) / length
+        if not one_sided or np.all(coefficient >= 0):
+            size[kept] = coefficient
+            basis = u[:, good]
+            return Score(float(np.sum((basis.T @ residual) ** 2)), size, survival, basis)
+        kept = np.delete(kept, np.argmin(coefficient * length))
+    return Score(0.0, size, survival, np.empty((len(residual), 0)))
+
+
+def family_wise_p(
+    residual: np.ndarray, scores: list[Score], *, draws: int = 999, seed: int = 0
+) -> np.ndarray:
+    """Probability that the best of all candidates scores so high by chance: random-phase bootstrap (DIA-2).
+
+    The residual's complex numbers keep their size and get random phases, which is what they are under a right
+    model; the largest score over all candidates and grids is noted. So the price of having looked at many is
+    paid, and correlations between candidates are kept. One-sided candidates are treated as two-sided here,
+    which is on the safe side.
+
+    Parameters
+    ----------
+    residual : (2 m,) ndarray
+        Whitened; real parts first, then imaginary parts.
+    scores : list of Score
+    draws : int
+    seed : int
+
+    Returns
+    -------
+    (len(scores),) ndarray
+    """
+    m = len(residual) // 2
+    complex_residual = residual[:m] + 1j * residual[m:]
+    turn = np.exp(2j * np.pi * np.random.default_rng(seed).random((m, draws)))
+    drawn = complex_residual[:, None] * turn
+    drawn = np.vstack([drawn.real, drawn.imag])
+    largest = np.zeros(draws)
+    for item in scores:
+        if item.basis.shape[1]:
+            largest = np.maximum(largest, np.sum((item.basis.T @ drawn) ** 2, axis=0))
+    drops = np.array([item.drop for item in scores])
+    return (1 + np.sum(largest[None, :] >= drops[:, None], axis=1)) / (draws + 1)
