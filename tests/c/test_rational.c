@@ -33,6 +33,7 @@ static double draw(double lo, double hi) {
 
 static gsid_rational new_model(gsid_domain domain, uint32_t n_poles, uint32_t n_zeros, double rate) {
     gsid_rational m;
+    memset(&m, 0, sizeof m); /* the padding too: whole objects are compared */
     assert_int_equal(gsid_rational_init(&m, domain, n_poles, n_zeros, (gsid_real)rate), GSID_OK);
     return m;
 }
