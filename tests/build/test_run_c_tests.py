@@ -9,6 +9,7 @@ PROGRAM = """
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <cmocka.h>
 
@@ -24,6 +25,7 @@ int main(void) {
 """
 PASSES = "assert_true(1);"
 FAILS = "assert_int_equal(1, 2);"
+SKIPS = 'puts("skipped: planted so"); skip();'
 LEAKS = "volatile char *lost = malloc(8); lost = NULL; (void)lost;"
 
 
@@ -44,6 +46,8 @@ def outcome(run, tmp_path):
 def test_plainly(outcome):
     status, said = outcome(PASSES)
     assert (status, "1 tests" in said) == (0, True)
+    status, said = outcome(SKIPS)
+    assert (status, "skipped: planted so" in said) == (0, True)
     status, said = outcome(FAILS)
     assert (status, "0x1 != 0x2" in said) == (1, True)
 
