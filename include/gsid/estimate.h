@@ -16,7 +16,7 @@ typedef struct {
 /** Bytes of work memory for the calls below; 0 for orders above GSID_ORDER_MAX. */
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 #define GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros)                                                                       \
-    (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + 3 * ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
+    (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + 5 * ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2.  Eq: EST-3 (source, eq. 7.28).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE */
@@ -40,15 +40,19 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
 
 typedef struct {
     uint32_t n_iterations; /* limit; 0: 50 */
-    gsid_real tolerance;   /* stop when a step lowers V by less; 0: 0.005, a hundredth of what one parameter may gain */
+    gsid_real tolerance;   /* >= 0: settled when the undamped step promises to lower V by less, or the best damped one does;
+                              0: 0.005, a hundredth of what one parameter gains on noise. Where V is below one per line it
+                              counts in proportion, so that the unit of unweighted data does not matter. */
     int free_delay;        /* 1: the delay is a parameter too */
 } gsid_ml_cfg;
 
-/** Gauss-Newton with Levenberg-Marquardt damping on V, from the model given.  Eq: EST-3 (source, eq. 7.28).
- *  @param[in,out] model  in: start; out: the model of least cost found
+/** Gauss-Newton on V with Levenberg-Marquardt damping and geodesic acceleration, from the model given.
+ *  Eq: EST-3 (source, eq. 7.28).
+ *  @param[in,out] model  in: start; out: the model of least cost found. The held coefficient (gsid_rational_held) stays
  *  @param[out]    cost   V; may be NULL
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY
- *  Cost: per iteration 2 n_lines rows of gsid_lsq_add and at least one evaluation of V.  Context: background. */
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add, and for each damping tried two passes over the lines (four on
+ *  average, 60 at most).  Context: background. */
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size);
 

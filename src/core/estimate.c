@@ -4,6 +4,12 @@
 
 #include "complex_math.h"
 
+#define DAMPING_FIRST GSID_R(1e-3)
+#define DAMPING_LEAST GSID_R(1e-13)
+#define DAMPING_MOST GSID_R(1e8)
+#define DAMPING_FACTOR 4
+#define BEND_MOST GSID_R(0.75) /* of the step's length: beyond it the expansion that gave both is not to be trusted */
+
 /* The cost of a model that cannot be evaluated: more than any that can. */
 #define UNUSABLE INFINITY
 
@@ -12,7 +18,8 @@ typedef struct {
     uint32_t n_den, n_num, n; /* n = n_den + n_num + free_delay */
     uint32_t held;            /* index of the denominator coefficient that is 1 */
     gsid_lsq normal, damped;
-    gsid_real *row_re, *row_im, *step; /* [n] */
+    gsid_real *row_re, *row_im, *step, *bend; /* [n] */
+    gsid_real *length;                        /* [n] of the columns of J */
 } workspace;
 
 static uint32_t den_index(const workspace *w, uint32_t column) {
@@ -42,9 +49,8 @@ static gsid_status check_model(const gsid_rational *model) {
         return GSID_E_NULL;
     if (model->n_poles > GSID_ORDER_MAX || model->n_zeros > GSID_ORDER_MAX || !gsid_is_finite(model->delay_s))
         return GSID_E_CONFIG;
-    if (model->domain == GSID_DOMAIN_S ? !(model->scale_rad_s > 0) : !(model->sample_s > 0))
-        return GSID_E_CONFIG;
-    return GSID_OK;
+    const gsid_real rate = model->domain == GSID_DOMAIN_S ? model->scale_rad_s : model->sample_s;
+    return rate > 0 && gsid_is_finite(rate) ? GSID_OK : GSID_E_CONFIG;
 }
 
 static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid_rational *model, int free_delay,
@@ -71,6 +77,8 @@ static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid
     w->row_re = (gsid_real *)(void *)(bytes + 2 * lsq_size);
     w->row_im = w->row_re + w->n;
     w->step = w->row_im + w->n;
+    w->bend = w->step + w->n;
+    w->length = w->bend + w->n;
     return GSID_OK;
 }
 
@@ -131,8 +139,9 @@ static gsid_status add_equation_error(workspace *w, const gsid_rational *model, 
     return status != GSID_OK ? status : gsid_lsq_add(&w->normal, w->row_im, rhs.im);
 }
 
-static void set_parameters(const workspace *w, const gsid_real *x, gsid_rational *model) {
-    model->den[w->held] = 1;
+/* Write x, in the order of the columns, into a model. */
+static void set_parameters(const workspace *w, const gsid_real *x, gsid_real held, gsid_rational *model) {
+    model->den[w->held] = held;
     for (uint32_t i = 0; i < w->n_den; i++)
         model->den[den_index(w, i)] = x[i];
     for (uint32_t i = 0; i < w->n_num; i++)
@@ -160,7 +169,7 @@ static gsid_status solve_reweighted(workspace *w, const gsid_frd *data, gsid_rea
     }
     const gsid_status status = gsid_lsq_solve(&w->normal, 0, w->step, NULL);
     if (status >= 0)
-        set_parameters(w, w->step, model);
+        set_parameters(w, w->step, 1, model);
     return status;
 }
 
@@ -181,6 +190,8 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     gsid_status best_status = GSID_E_SINGULAR;
     for (uint32_t i = 0; i <= cfg->n_iterations; i++) {
         status = solve_reweighted(&w, data, exponent, i > 0, &trial);
+        if (status < 0 && i == 0)
+            return status;
         if (status < 0)
             break; /* a denominator that vanishes on a line: what was found before stands */
         const gsid_real v = cost_of(data, &trial);
@@ -191,7 +202,7 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
         }
     }
     if (best_cost >= UNUSABLE)
-        return status < 0 ? status : GSID_E_SINGULAR;
+        return GSID_E_SINGULAR;
     *model = best;
     if (cost != NULL)
         *cost = best_cost;
@@ -220,25 +231,91 @@ static gsid_status linearise_all(workspace *w, const gsid_frd *data, const gsid_
     return status;
 }
 
+/* w->length <- the lengths of J's columns; a column of zeros counts as 1, which holds its parameter where it is.
+ * Returns by how much the undamped step lowers the linearised V. */
+static gsid_real measure(const workspace *w) {
+    const uint32_t n = w->n;
+    gsid_real promised = 0;
+    memset(w->length, 0, n * sizeof(*w->length));
+    for (uint32_t i = 0; i < n; i++) {
+        const gsid_real *r = w->normal.r + (size_t)i * (n + 1);
+        for (uint32_t j = i; j < n; j++)
+            w->length[j] = gsid_hypot(w->length[j], r[j]);
+        promised += r[n] * r[n];
+    }
+    for (uint32_t j = 0; j < n; j++)
+        if (w->length[j] == 0)
+            w->length[j] = 1;
+    return promised;
+}
+
 /* w->step <- the minimiser of |J step - error|^2 + damping |D step|^2, D the lengths of J's columns. */
 static gsid_status solve_damped(workspace *w, gsid_real damping) {
     const uint32_t n = w->n;
     memcpy(w->damped.r, w->normal.r, ((size_t)n + 1) * ((size_t)n + 1) * sizeof(gsid_real));
     w->damped.n_rows = w->normal.n_rows;
     w->damped.n_pinned = 0;
-    for (uint32_t j = 0; j < n && damping > 0; j++) {
-        gsid_real length2 = 0;
-        for (uint32_t i = 0; i <= j; i++) {
-            const gsid_real r = w->normal.r[(size_t)i * (n + 1) + j];
-            length2 += r * r;
-        }
+    const gsid_real weight = gsid_sqrt(damping);
+    for (uint32_t j = 0; j < n; j++) {
         memset(w->row_re, 0, n * sizeof(*w->row_re));
-        w->row_re[j] = gsid_sqrt(damping * length2);
+        w->row_re[j] = weight * w->length[j];
         const gsid_status status = gsid_lsq_add(&w->damped, w->row_re, 0);
         if (status != GSID_OK)
             return status;
     }
     return gsid_lsq_solve(&w->damped, 0, w->step, NULL);
+}
+
+/* Second derivative of G = e B / A along a step (dA, dB, dtau): G (s^2 + (dA/A)^2) - 2 s e dB / A, s = dA/A + j w dtau. */
+static gsid_cplx second_derivative(const gsid_rational *model, const gsid_rational *step, gsid_real f_hz) {
+    const gsid_real w_rad_s = GSID_TWO_PI * f_hz;
+    const gsid_cplx v = gsid_rational_variable(model, w_rad_s);
+    const gsid_cplx a = gsid_cplx_polynomial(model->n_poles, model->den, v);
+    const gsid_cplx by_num = gsid_cplx_div(gsid_cplx_cis(-w_rad_s * model->delay_s), a);
+    const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(model->n_zeros, model->num, v));
+    const gsid_cplx db = gsid_cplx_mul(by_num, gsid_cplx_polynomial(model->n_zeros, step->num, v));
+    const gsid_cplx da = gsid_cplx_div(gsid_cplx_polynomial(model->n_poles, step->den, v), a);
+    const gsid_cplx s = gsid_cplx_add(da, gsid_cplx_make(0, w_rad_s * step->delay_s));
+    const gsid_cplx squares = gsid_cplx_add(gsid_cplx_mul(s, s), gsid_cplx_mul(da, da));
+    return gsid_cplx_sub(gsid_cplx_mul(g, squares), gsid_cplx_scale(2, gsid_cplx_mul(s, db)));
+}
+
+/* w->bend <- J' times the second derivative of G along w->step. */
+static gsid_status project_bend(workspace *w, const gsid_frd *data, const gsid_rational *model) {
+    gsid_rational step = {0};
+    set_parameters(w, w->step, 0, &step);
+    memset(w->bend, 0, w->n * sizeof(*w->bend));
+    for (uint32_t k = 0; k < data->n_lines; k++) {
+        const gsid_real weight = weight_of(data, k);
+        gsid_cplx g, gradient[GSID_RATIONAL_PARAMETERS_MAX];
+        const gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &g, gradient);
+        if (status != GSID_OK)
+            return status;
+        const gsid_cplx second = gsid_cplx_scale(weight * weight, second_derivative(model, &step, data->f_hz[k]));
+        for (uint32_t i = 0; i < w->n; i++)
+            w->bend[i] += gradient[i].re * second.re + gradient[i].im * second.im;
+    }
+    return GSID_OK;
+}
+
+static gsid_real scaled_length(const workspace *w, const gsid_real *x) {
+    gsid_real length = 0;
+    for (uint32_t i = 0; i < w->n; i++)
+        length = gsid_hypot(length, w->length[i] * x[i]);
+    return length;
+}
+
+/* Geodesic acceleration (Transtrum and Sethna): the straight step plus what the model's curvature along it asks for. In the
+ * curved valleys of over-parameterised models straight steps must be tiny, and there are hundreds of them. */
+static gsid_status bend_step(workspace *w, const gsid_frd *data, const gsid_rational *model) {
+    gsid_status status = project_bend(w, data, model);
+    if (status == GSID_OK)
+        status = gsid_lsq_solve_normal(&w->damped, w->bend, w->bend);
+    if (status == GSID_OK && !(scaled_length(w, w->bend) <= BEND_MOST * scaled_length(w, w->step)))
+        status = GSID_E_NONFINITE;
+    for (uint32_t i = 0; i < w->n && status == GSID_OK; i++)
+        w->step[i] -= w->bend[i] / 2;
+    return status;
 }
 
 static void add_step(const workspace *w, const gsid_rational *from, gsid_rational *to) {
@@ -251,14 +328,45 @@ static void add_step(const workspace *w, const gsid_rational *from, gsid_rationa
         to->delay_s += w->step[w->n - 1];
 }
 
-#define DAMPING_FIRST GSID_R(1e-3)
-#define DAMPING_LEAST GSID_R(1e-12)
-#define DAMPING_MOST GSID_R(1e8)
+/* V after a step with this damping, or UNUSABLE. */
+static gsid_real try_damping(workspace *w, const gsid_frd *data, const gsid_rational *from, gsid_real damping,
+                             gsid_rational *to) {
+    if (solve_damped(w, damping) < 0 || bend_step(w, data, from) < 0)
+        return UNUSABLE;
+    add_step(w, from, to);
+    return cost_of(data, to);
+}
+
+/* The best step from where w->normal was linearised, with V = v: the damping is raised until V falls, or lowered as long as
+ * V falls further. Returns the new V; not below v when no damping lowers it. */
+static gsid_real best_step(workspace *w, const gsid_frd *data, const gsid_rational *from, gsid_real v,
+                           gsid_real *damping, gsid_rational *to) {
+    gsid_real least = try_damping(w, data, from, *damping, to);
+    if (!(least < v)) {
+        while (!(least < v) && *damping < DAMPING_MOST) {
+            *damping *= DAMPING_FACTOR;
+            least = try_damping(w, data, from, *damping, to);
+        }
+        return least;
+    }
+    gsid_rational further;
+    while (*damping > DAMPING_LEAST) {
+        const gsid_real further_v = try_damping(w, data, from, *damping / DAMPING_FACTOR, &further);
+        if (!(further_v < least))
+            break;
+        *damping /= DAMPING_FACTOR;
+        least = further_v;
+        *to = further;
+    }
+    return least;
+}
 
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size) {
     if (cfg == NULL)
         return GSID_E_NULL;
+    if (!(cfg->tolerance >= 0))
+        return GSID_E_CONFIG;
     workspace w;
     gsid_status status = workspace_init(&w, data, model, cfg->free_delay, mem, mem_size);
     if (status != GSID_OK)
@@ -275,21 +383,17 @@ gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_
         status = linearise_all(&w, data, &best);
         if (status != GSID_OK)
             return status;
-        gsid_real trial_v = UNUSABLE;
-        for (; damping <= DAMPING_MOST; damping *= 10) {
-            if (solve_damped(&w, damping) < 0)
-                continue;
-            add_step(&w, &best, &trial);
-            trial_v = cost_of(data, &trial);
-            if (trial_v < v)
-                break;
-        }
-        /* No damping lowers the cost: the point is a minimum to rounding. */
-        settled = !(trial_v < v) || (v - trial_v < tolerance && damping <= DAMPING_FIRST);
+        const gsid_real v_per_line = v / (gsid_real)data->n_lines;
+        const gsid_real little = tolerance * (v_per_line < 1 ? v_per_line : GSID_R(1.0));
+        settled = measure(&w) <= little;
+        const gsid_real trial_v = best_step(&w, data, &best, v, &damping, &trial);
+        if (trial_v >= UNUSABLE)
+            return GSID_E_NONFINITE;
+        if (!(v - trial_v > little)) /* also when no damping lowers it: a minimum to rounding */
+            settled = 1;
         if (trial_v < v) {
             best = trial;
             v = trial_v;
-            damping = damping / 10 > DAMPING_LEAST ? damping / 10 : DAMPING_LEAST;
         }
     }
     *model = best;
