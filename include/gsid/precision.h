@@ -54,6 +54,19 @@
 #define gsid_estimate_iwls GSID_NAME(gsid_estimate_iwls)
 #define gsid_estimate_ml GSID_NAME(gsid_estimate_ml)
 #define gsid_estimate_covariance GSID_NAME(gsid_estimate_covariance)
+#define gsid_linear_state GSID_NAME(gsid_linear_state)
+#define gsid_linear_add GSID_NAME(gsid_linear_add)
+#define gsid_linear_slope GSID_NAME(gsid_linear_slope)
+#define gsid_linear_delay GSID_NAME(gsid_linear_delay)
+#define gsid_plant_mem_size GSID_NAME(gsid_plant_mem_size)
+#define gsid_plant_init GSID_NAME(gsid_plant_init)
+#define gsid_plant_update GSID_NAME(gsid_plant_update)
+#define gsid_plant_reset GSID_NAME(gsid_plant_reset)
+#define gsid_plant_step GSID_NAME(gsid_plant_step)
+#define gsid_plant_periodic GSID_NAME(gsid_plant_periodic)
+#define gsid_catalogue GSID_NAME(gsid_catalogue)
+#define gsid_n_catalogue GSID_NAME(gsid_n_catalogue)
+#define gsid_catalogue_find GSID_NAME(gsid_catalogue_find)
 #endif
 
 #endif

@@ -15,6 +15,7 @@
 #define gsid_sin GSID_LIBM(sin)
 #define gsid_cos GSID_LIBM(cos)
 #define gsid_pow GSID_LIBM(pow)
+#define gsid_exp GSID_LIBM(exp)
 #define gsid_sqrt GSID_LIBM(sqrt)
 #define gsid_hypot GSID_LIBM(hypot)
 #define gsid_fabs GSID_LIBM(fabs)

@@ -1,0 +1,139 @@
+/* What one physical effect is: a descriptor, and its equations with their derivatives. src/effects has one file for each;
+ * the plant (plant.h) puts a stack of them together. An effect of your own is one more such struct. */
+#ifndef GSID_EFFECT_H
+#define GSID_EFFECT_H
+
+#include "gsid/types.h"
+
+#define GSID_EFFECT_PARAMETERS_MAX 4
+
+/* Where an effect acts. The plant takes the stages in this order, and within a stage the order of the stack. */
+typedef enum {
+    GSID_STAGE_CONTROLLER = 0, /* makes the command from a reference */
+    GSID_STAGE_ACTUATOR = 1,   /* between command and motor torque */
+    GSID_STAGE_TORQUE = 2,     /* on the axis */
+    GSID_STAGE_STRUCTURE = 3,  /* between the axis and the sensor */
+    GSID_STAGE_SENSOR = 4
+} gsid_stage;
+
+/* What the first derivative by the strength of an effect is worth where the effect vanishes. */
+typedef enum {
+    GSID_NULL_SMOOTH = 0,    /* a derivative, of either sign */
+    GSID_NULL_ONE_SIDED = 1, /* a derivative, but the strength cannot be negative */
+    GSID_NULL_THRESHOLD = 2, /* none that helps: compare with finite sizes */
+    GSID_NULL_NEVER = 3      /* the plant is not one without it, or it is known */
+} gsid_null_kind;
+
+typedef struct {
+    const char *name, *unit;
+    gsid_real typical;      /* of a gimbal like the source's */
+    gsid_real lower, upper; /* values outside are refused, except null_value */
+    gsid_real null_value;   /* the effect vanishes here; NaN: a shape, without meaning when the effect is absent */
+} gsid_effect_parameter;
+
+typedef struct gsid_effect gsid_effect;
+
+/* One effect in a stack, with its values. */
+typedef struct {
+    const gsid_effect *effect;
+    gsid_real value[GSID_EFFECT_PARAMETERS_MAX];
+    const void *data; /* for effects of your own; NULL otherwise */
+} gsid_plant_item;
+
+/* ---- torques that are not linear ---- */
+
+/* What a torque law may look at. Torques are divided by the inertia. */
+typedef struct {
+    gsid_real angle;    /* of the axis, or the twist of the joint that the effect makes */
+    gsid_real rate;     /* of the axis */
+    gsid_real side;     /* +1 or -1: the direction of motion; fixed between two reversals, whatever the sign of rate */
+    int zone;           /* -1, 0, +1: below -edge, between, above edge; fixed between two crossings */
+    gsid_real turned;   /* angle of the axis since memory was taken */
+    gsid_real memory;   /* the law's own state, when it has one */
+    gsid_real unit_rad; /* radians in a unit of angle */
+} gsid_motion;
+
+/* What it answers: the torque, the memory at the end, and their derivatives; the plant clears it before the call. */
+typedef struct {
+    gsid_real torque, by_angle, by_rate, by_turned, by_memory;
+    gsid_real by_value[GSID_EFFECT_PARAMETERS_MAX];
+    gsid_real memory, memory_by_turned, memory_by_memory;
+    gsid_real memory_by_value[GSID_EFFECT_PARAMETERS_MAX];
+} gsid_torque;
+
+/* ---- what is linear: z' = A z ---- */
+
+/* Entries of z that every plant has: what drives it, then its states. */
+enum { GSID_Z_COMMAND = 0, GSID_Z_ONE = 1, GSID_Z_ANGLE = 2, GSID_Z_RATE = 3, GSID_Z_FIRST = GSID_Z_ANGLE };
+
+/* The matrix A and its derivatives, while the effects put in what they add. */
+typedef struct {
+    uint32_t n;           /* entries of z so far */
+    uint32_t command;     /* column where the actuator chain ends so far */
+    uint32_t drive;       /* row that the motor torque acts on */
+    uint32_t item;        /* number of the item that is adding now */
+    uint32_t rigid_body;  /* number of the rigid body's item */
+    gsid_real gain;       /* of the rigid body */
+    gsid_real delay_s;    /* of the command so far */
+    gsid_real instant_s;  /* a lag shorter than this is a delay */
+    int output_angle;     /* the sensor sees the angle, not the rate */
+    uint32_t twist;       /* entry of the joint's twist, and the row that its torque reacts on; 0: no joint */
+    uint32_t reaction;
+    uint32_t width;       /* row length of the matrices */
+    gsid_real *a;         /* [width][width] */
+    gsid_real *by_free;   /* [n_free][width][width] */
+    gsid_real *signal;    /* [width] the sensor's signal is signal z */
+    uint32_t n_free;
+    const uint32_t *free_item, *free_parameter; /* [n_free] */
+    gsid_real *delay_by_free; /* [n_free] */
+} gsid_linear;
+
+/** Add a state.  @return its entry of z */
+uint32_t gsid_linear_state(gsid_linear *to);
+
+/** A[row][column] += value. */
+void gsid_linear_add(gsid_linear *to, uint32_t row, uint32_t column, gsid_real value);
+
+/** dA[row][column]/dp += slope, for a parameter p of any item; nothing happens when that parameter is not free. */
+void gsid_linear_slope(gsid_linear *to, uint32_t item, uint32_t parameter, uint32_t row, uint32_t column,
+                       gsid_real slope);
+
+/** Delay the command by one of the adding item's parameters.
+ *  The plant does not change with time: delaying its command or its output is the same. */
+void gsid_linear_delay(gsid_linear *to, uint32_t parameter, gsid_real delay_s);
+
+/* ---- the effect ---- */
+
+/* Functions that an effect does not need are NULL. All are pure, and safe for values within the bounds. */
+struct gsid_effect {
+    const char *id;
+    const char *sentence;      /* what it is, in one sentence */
+    const char *confused_with; /* ids, comma-separated: what it is easily taken for */
+    gsid_stage stage;
+    gsid_null_kind null_kind;
+    uint32_t n_parameters;
+    gsid_effect_parameter parameter[GSID_EFFECT_PARAMETERS_MAX];
+    uint32_t n_states; /* that linear adds, at most */
+    int looks_at_angle; /* 0: shifting the angle changes nothing */
+    int has_memory;     /* the torque has a state of its own, a function of the angle turned between two reversals */
+
+    /* What is linear. */
+    void (*linear)(const gsid_plant_item *item, gsid_linear *to);
+    /* Torque against the motion, smooth while side and zone stay. */
+    void (*torque)(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer);
+    /* The law is smooth on both sides of +-edge, but not across. */
+    gsid_real (*edge)(const gsid_plant_item *item);
+    /* Largest torque that the effect can hold at rest; a torque with side in it has one. */
+    gsid_real (*holding)(const gsid_plant_item *item);
+    /* Static map of the command; by_value [n_parameters]. */
+    gsid_real (*command)(const gsid_plant_item *item, gsid_real u, gsid_real *by_u, gsid_real *by_value);
+    /* Command from reference, angle and rate, once a sample; by_signal [3], by_value [n_parameters]. */
+    gsid_real (*control)(const gsid_plant_item *item, const gsid_real signal[3], gsid_real *by_signal,
+                         gsid_real *by_value);
+    /* Rate at which the sensor is refreshed [Hz]; 0: always. */
+    gsid_real (*refresh_hz)(const gsid_plant_item *item);
+    /* Added to the output, not locked to the excitation; by_value [n_parameters]. */
+    gsid_real (*disturbance)(const gsid_plant_item *item, gsid_real t_s, gsid_real *by_value);
+};
+
+#endif

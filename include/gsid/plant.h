@@ -1,0 +1,81 @@
+/* A plant is a stack of effects: simulated sample by sample, or in its periodic steady state, with the sensitivities of its
+ * output to every parameter asked.
+ *
+ * The command is held over each sample, passes static maps and a delay of any length, and drives a linear system that is
+ * integrated exactly; torques that are not linear by an exponential Runge-Kutta method of order 3 between their events. */
+#ifndef GSID_PLANT_H
+#define GSID_PLANT_H
+
+#include "gsid/effect.h"
+
+#define GSID_PLANT_DELAY_MAX 256 /* samples */
+
+/* A parameter whose sensitivity is wanted. */
+typedef struct {
+    uint32_t item, parameter;
+} gsid_plant_free;
+
+/* All pointers stay the caller's and must outlive the plant. */
+typedef struct {
+    gsid_real fs_hz;              /* samples per second, > 0 */
+    uint32_t n_items;             /* >= 1 */
+    const gsid_plant_item *item;  /* [n_items] with exactly one rigid_body */
+    uint32_t n_free;
+    const gsid_plant_free *free_parameter; /* [n_free] */
+    int output_angle;             /* 0: y is the rate, 1: y is the angle */
+    gsid_real unit_rad;           /* radians in a unit of angle, for laws with an angle inside a sine; 0: a degree */
+} gsid_plant_cfg;
+
+typedef struct gsid_plant_layout gsid_plant_layout;
+
+typedef struct {
+    gsid_plant_cfg cfg;
+    gsid_plant_layout *layout; /* private: in the caller's memory */
+} gsid_plant;
+
+/** Bytes that gsid_plant_init needs; 0 for a configuration that it refuses. */
+size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
+
+/** Lay a plant out in the caller's memory, at rest.
+ *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a value out of its bounds, too long a delay, no rigid body or two, two joints
+ *          or controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY.  Context: background. */
+gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size);
+
+/** Take over changed values of the items. The state is kept, unless it is a different one now.
+ *  @return as gsid_plant_init; after a refusal the plant is as it was.  Context: background. */
+gsid_status gsid_plant_update(gsid_plant *plant);
+
+/** Come to rest, with command 0.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
+gsid_status gsid_plant_reset(gsid_plant *plant);
+
+/** Advance one sample.
+ *  @param[in]  u   command, or the reference when the stack has a controller
+ *  @param[out] y   at the instant from which u is applied
+ *  @param[out] dy  [n_free] sensitivities of y, or NULL; give it in every step since the reset, or in none
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE u is not finite: nothing changed; or the plant left the range
+ *          of numbers: it is at rest now
+ *  Context: ISR-safe, one writer. */
+gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
+
+/** Find the periodic steady state by shooting: Newton's method on the state at the period's start, from the state the plant
+ *  is in. A state that no equation determines (the angle of an axis that nothing pulls back) stays where it is.
+ *  Effects that are not locked to the excitation (periodic_disturbance) are left out. A sensor's refresh starts at the
+ *  period's first sample: rate_hz n_period / fs_hz should be whole.
+ *  @param[in]  u         [n_period] one period
+ *  @param[in]  n_settle_periods  simulated first
+ *  @param[in]  n_newton  at most so many corrections
+ *  @param[out] y         [n_period]
+ *  @param[out] dy        [n_free][n_period] sensitivities of the periodic answer, the moving initial state included; or NULL
+ *  @param[out] angle     [n_period] of the axis; or NULL
+ *  @param[out] rate      [n_period] of the axis; or NULL
+ *  @param[out] residual  bound on how much y changes in one more period (to first order), in units of y; or NULL
+ *  @return GSID_OK; GSID_MAX_ITER the residual is above rounding: judge it; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period
+ *          is 0; GSID_E_NONFINITE u is not finite, or the plant left the range of numbers: it is at rest now, the outputs
+ *          hold what was found until then.  Context: background. */
+gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
+                                uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
+                                gsid_real *residual);
+
+#endif
