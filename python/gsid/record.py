@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
 
 _log = logging.getLogger("gsid.record")
 
@@ -114,6 +118,54 @@ class Record:
     def t_s(self) -> np.ndarray:
         """Time of each sample, (n,) [s], from 0."""
         return np.arange(len(self.u)) / self.fs_hz
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return one row per sample, indexed by t_s: u, y, valid and the other columns."""
+        import pandas
+
+        index = pandas.Index(self.t_s, name="t_s")
+        return pandas.DataFrame({"u": self.u, "y": self.y, "valid": self.valid, **self.columns}, index=index)
+
+    @classmethod
+    def from_pandas(
+        cls,
+        frame: pandas.DataFrame,
+        *,
+        u: str = "u",
+        y: str = "y",
+        fs_hz: float | None = None,
+        **facts: object,
+    ) -> Record:
+        """Make a record of a frame with one row per sample.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            A column `valid` marks lost samples; columns that are neither u, y nor valid are kept.
+        u, y : str
+            Names of the columns.
+        fs_hz : float, optional
+            Sample rate [Hz]; default from the index, which then holds equally spaced times [s].
+        **facts
+            Other fields of Record: period_samples, u_unit, hold, ...
+
+        Raises
+        ------
+        InputError
+            A column is missing, the times are not equally spaced, or as Record.
+        """
+        missing = [name for name in (u, y) if name not in frame.columns]
+        if missing:
+            there = ", ".join(map(str, frame.columns))
+            raise InputError("a column is missing", "frame", missing[0], f"the frame has {there}")
+        if fs_hz is None:
+            steps = np.diff(np.asarray(frame.index, dtype=float))
+            if len(steps) == 0 or not np.allclose(steps, steps.mean(), rtol=1e-3) or steps.mean() <= 0:
+                raise InputError("the index does not hold equally spaced times", "frame", None, "give fs_hz")
+            fs_hz = float(1 / steps.mean())
+        others = {str(name): frame[name].to_numpy() for name in frame.columns if name not in (u, y, "valid")}
+        valid = frame["valid"].to_numpy() if "valid" in frame.columns else None
+        return cls(frame[u].to_numpy(), frame[y].to_numpy(), fs_hz, valid=valid, columns=others, **facts)
 
     def __repr__(self) -> str:
         lost = int(np.count_nonzero(~self.valid))

@@ -267,3 +267,29 @@ def test_bench_period_and_settling(realisation, u):
     record = Record(arrays[u], arrays["omega_motor"], 2500.0)
     assert find_period(record.u) == 2500
     assert 2500 <= find_settling(record, 2500) <= 5000
+
+
+# ---------------------------------------------------------------- pandas
+
+
+def test_pandas_and_back():
+    rng = np.random.default_rng(7)
+    valid = np.ones(50, bool)
+    valid[3] = False
+    record = Record(rng.random(50), rng.random(50), 250.0, valid=valid, columns={"theta_deg": rng.random(50)})
+    frame = record.to_pandas()
+    assert list(frame.columns) == ["u", "y", "valid", "theta_deg"]
+    back = Record.from_pandas(frame, period_samples=25)
+    assert back.fs_hz == pytest.approx(250)
+    np.testing.assert_array_equal(back.u, record.u)
+    np.testing.assert_array_equal(back.valid, valid)
+    np.testing.assert_array_equal(back.columns["theta_deg"], record.columns["theta_deg"])
+    assert back.period_samples == 25
+
+
+def test_a_frame_without_the_column_or_with_unequal_times_is_refused():
+    frame = Record(np.zeros(5), np.zeros(5), 10.0).to_pandas()
+    with pytest.raises(InputError, match="missing"):
+        Record.from_pandas(frame, y="gyro")
+    with pytest.raises(InputError, match="equally spaced"):
+        Record.from_pandas(frame.set_index(np.array([0, 1, 2, 3, 9.0])))
