@@ -4,6 +4,7 @@ CFLAGS ?= -O2 -g
 PYTHON ?= python3
 WITH_FFTW ?= 1
 WITH_NLOPT ?= 1
+WITH_SUITESPARSE ?= 1
 BUILD ?= build
 
 VENV := .venv
@@ -29,6 +30,12 @@ HOST_SRC += $(wildcard src/host/backend/nlopt*.c)
 HOST_FLAGS += -DGSID_WITH_NLOPT
 HOST_LIBS += -lnlopt
 endif
+ifeq ($(WITH_SUITESPARSE),1)
+HOST_SRC += $(wildcard src/host/backend/suitesparse*.c)
+# Systems with a folder for its headers: as system headers, since they are not clean under our warnings.
+HOST_FLAGS += -DGSID_WITH_SUITESPARSE $(addprefix -isystem ,$(wildcard $(addsuffix /include/suitesparse,/usr /usr/local /opt/homebrew)))
+HOST_LIBS += -lspqr -lcholmod -lsuitesparseconfig
+endif
 HOST_LIBS += -lm
 
 HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
@@ -46,7 +53,7 @@ all: $(BUILD)/installed.stamp $(MODULES) ## build everything and make the comman
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  \1\t/p' $(MAKEFILE_LIST) | expand -t 16
 	@echo
-	@echo "  Variables: CC CXX AR CFLAGS LDFLAGS PYTHON; WITH_FFTW=0 and WITH_NLOPT=0 leave a library out."
+	@echo "  Variables: CC CXX AR CFLAGS LDFLAGS PYTHON; WITH_FFTW=0, WITH_NLOPT=0, WITH_SUITESPARSE=0 leave a library out."
 
 # ---- set-up ------------------------------------------------------------------------------------------------------
 
@@ -54,7 +61,8 @@ help: ## list the targets
 setup: build/setup.stamp $(VENV)/requirements.stamp ## install what is missing: system packages, then .venv
 
 build/setup.stamp: tools/setup build/with.txt
-	CC="$(CC)" CXX="$(CXX)" CFLAGS="$(CFLAGS)" PYTHON="$(PYTHON)" WITH_FFTW=$(WITH_FFTW) WITH_NLOPT=$(WITH_NLOPT) tools/setup
+	CC="$(CC)" CXX="$(CXX)" CFLAGS="$(CFLAGS)" PYTHON="$(PYTHON)" WITH_FFTW=$(WITH_FFTW) WITH_NLOPT=$(WITH_NLOPT) WITH_SUITESPARSE=$(WITH_SUITESPARSE) \
+	    tools/setup
 	@touch $@
 
 $(VENV)/requirements.stamp: requirements.txt | build/setup.stamp

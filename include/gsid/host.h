@@ -1,4 +1,4 @@
-/* Umbrella header for the desktop: the core and the host library (heap, FFTW, NLopt). Double precision only. */
+/* Umbrella header for the desktop: the core and the host library (heap, FFTW, NLopt, SuiteSparse). Double precision only. */
 #ifndef GSID_HOST_H
 #define GSID_HOST_H
 
@@ -7,6 +7,7 @@
 #include "gsid/host/batch.h"
 #include "gsid/host/build_info.h"
 #include "gsid/host/fit.h"
+#include "gsid/host/greybox.h"
 
 #ifdef GSID_SINGLE
 #error "the host library is double precision only"

@@ -453,5 +453,6 @@ def _versions() -> list[tuple[str, str]]:
         ("numpy", np.__version__),
         ("FFTW", library(b"fftw")),
         ("NLopt", library(b"nlopt")),
+        ("SuiteSparse", library(b"suitesparse")),
         ("Platform", platform.platform()),
     ]

@@ -24,5 +24,12 @@ const char *gsid_build_library_version(const char *library) {
         return "";
 #endif
     }
+    if (strcmp(library, "suitesparse") == 0) {
+#ifdef GSID_WITH_SUITESPARSE
+        return gsid_suitesparse_version_str();
+#else
+        return "";
+#endif
+    }
     return NULL;
 }

@@ -25,17 +25,25 @@ def test_what_is_missing_is_named_for_each_system(run, bare_path):
     assert result.returncode == 1
     assert "error: not found: a C compiler (nocc)" in result.stderr
     for line in (
-        "sudo apt-get install gcc libc6-dev python3 python3-venv python3-dev libfftw3-dev libnlopt-dev",
-        "sudo dnf install gcc glibc-devel python3 python3-devel fftw-devel NLopt-devel libcmocka-devel",
-        "sudo pacman -S --needed gcc glibc python fftw nlopt cmocka",
-        "brew install python fftw nlopt cmocka",
-        "make WITH_FFTW=0 WITH_NLOPT=0",
+        "sudo apt-get install gcc libc6-dev python3 python3-venv python3-dev libfftw3-dev libnlopt-dev libsuitesparse-dev",
+        "sudo dnf install gcc glibc-devel python3 python3-devel fftw-devel NLopt-devel suitesparse-devel",
+        "sudo pacman -S --needed gcc glibc python fftw nlopt suitesparse cmocka",
+        "brew install python fftw nlopt suite-sparse cmocka",
+        "make WITH_FFTW=0 WITH_NLOPT=0 WITH_SUITESPARSE=0",
     ):
         assert line in result.stderr
 
 
 def test_a_library_left_out_is_not_asked_for(run, bare_path):
-    result = run("tools/setup", PATH=bare_path, CC="nocc", PYTHON="nopython", WITH_FFTW="0", WITH_NLOPT="0")
+    result = run(
+        "tools/setup",
+        PATH=bare_path,
+        CC="nocc",
+        PYTHON="nopython",
+        WITH_FFTW="0",
+        WITH_NLOPT="0",
+        WITH_SUITESPARSE="0",
+    )
     assert "FFTW" not in result.stderr
     assert "nlopt" not in result.stderr
 
@@ -68,13 +76,14 @@ def test_second_make_does_nothing_and_other_settings_rebuild(run, tree):
 
 def test_the_host_builds_without_its_third_party_libraries(run, tree):
     flags = "CFLAGS=-O1 -Werror"
-    built = run("make", "-j4", "libs", "WITH_FFTW=0", "WITH_NLOPT=0", flags, cwd=tree)
+    built = run("make", "-j4", "libs", "WITH_FFTW=0", "WITH_NLOPT=0", "WITH_SUITESPARSE=0", flags, cwd=tree)
     assert built.returncode == 0, built.stderr
     needed = subprocess.run(
         ["nm", "-u", tree / "build/libgsid_host.a"], check=True, capture_output=True, text=True
     ).stdout
     assert "fftw" not in needed
     assert "nlopt" not in needed
+    assert "cholmod" not in needed
 
 
 def test_help_lists_the_targets(run):

@@ -14,7 +14,11 @@ import click
 from gsid.cli.common import EXIT_CRITERION, json_option, print_json, print_table, version
 
 CORES = {"double": "_gsid64", "float": "_gsid32"}
-BACKENDS = {"fftw": "spectra are then made by the slower streaming core", "nlopt": "`gsid fit` needs it"}
+BACKENDS = {
+    "fftw": "spectra are then made by the slower streaming core",
+    "nlopt": "`gsid fit` needs it",
+    "suitesparse": "fits of many records are then reduced by the slower dense way",
+}
 
 
 @dataclass

@@ -1,23 +1,26 @@
 /* What the third-party libraries do for the host library. Their own headers are included nowhere but in this folder.
- * fftw.c is compiled only with GSID_WITH_FFTW, nlopt.c only with GSID_WITH_NLOPT. */
+ * Each file is compiled only with its GSID_WITH_*. */
 #ifndef GSID_HOST_BACKEND_H
 #define GSID_HOST_BACKEND_H
 
+#include "gsid/host/greybox.h"
 #include "gsid/types.h"
 
 /* Version of the library as linked. */
 const char *gsid_fftw_version_str(void);
 const char *gsid_nlopt_version_str(void);
+const char *gsid_suitesparse_version_str(void);
 
 /* gsid_batch_spectra, its arguments checked already.
  * GSID_OK; GSID_E_NO_MEMORY. */
 gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                             const uint32_t *line, gsid_cplx *lines);
 
-#ifdef GSID_WITH_NLOPT
+/* gsid_arrow_reduce, its arguments checked already; signs of rows as they come.
+ * GSID_OK; GSID_E_NO_MEMORY. */
+gsid_status gsid_suitesparse_reduce(const gsid_arrow *arrow, double *triangle);
 
-/** A function to minimise: its value at x; its gradient too when gradient is not NULL. */
-typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, void *user);
+#ifdef GSID_WITH_NLOPT
 
 /** Minimise within bounds, by sequential quadratic programming (NLopt's LD_SLSQP).
  *  @param[in]     lower, upper  [n] bounds, infinite where there is none

@@ -1,0 +1,41 @@
+/* Algebra of grey-box fits: least squares of many records that share parameters, and a general minimiser. */
+#ifndef GSID_HOST_GREYBOX_H
+#define GSID_HOST_GREYBOX_H
+
+#include "gsid/types.h"
+
+/* Every record has n_local unknowns of its own; n_shared unknowns are common to all: the matrix is a block arrow. */
+typedef struct {
+    uint32_t n_records;          /* >= 1 */
+    uint32_t n_local, n_shared;  /* n_shared >= 1; both together < GSID_LSQ_COLUMNS_MAX */
+    const uint32_t *n_rows;      /* [n_records] */
+    const double *const *row;    /* [n_records] of [n_rows][n_local + n_shared + 1]: coefficients of the record's own
+                                    unknowns, of the shared ones, right-hand side; all finite */
+} gsid_arrow;
+
+/** Triangle R of the QR factors of all records' rows, and what it leaves: (R | Q'b; 0 | |rest|).  Eq: GBX-2.
+ *  Unknowns are those of record 0, of record 1, ..., then the shared ones, n in all; no pivoting, diagonal >= 0.
+ *  By SuiteSparse's SPQR; by Givens rotations, record by record, in a build without it. The two agree to rounding.
+ *  @param[out] triangle  [n + 1][n + 1]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW fewer rows than n + 1; GSID_E_NONFINITE;
+ *          GSID_E_NO_MEMORY */
+gsid_status gsid_arrow_reduce(const gsid_arrow *arrow, double *triangle);
+
+/** The same by Givens rotations, whatever the build. */
+gsid_status gsid_arrow_reduce_dense(const gsid_arrow *arrow, double *triangle);
+
+/** A function to minimise: its value at x, and its gradient too when gradient is not NULL. */
+typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, void *user);
+
+/** Minimise within bounds by sequential quadratic programming (NLopt's SLSQP).
+ *  @param[in]     lower, upper  [n] bounds, infinite where there is none
+ *  @param[in]     tolerance     stop when a step lowers the value by less
+ *  @param[in]     n_max         evaluations at most
+ *  @param[in,out] x             [n] start, within the bounds; least point found
+ *  @param[out]    least         value there
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start;
+ *          GSID_E_BACKEND without NLopt */
+gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, const double *lower, const double *upper,
+                          double tolerance, uint32_t n_max, double *x, double *least);
+
+#endif
