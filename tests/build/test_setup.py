@@ -25,7 +25,7 @@ def test_what_is_missing_is_named_for_each_system(run, bare_path):
     assert result.returncode == 1
     assert "error: not found: a C compiler (nocc)" in result.stderr
     for line in (
-        "sudo apt-get install gcc libc6-dev python3 python3-venv python3-dev libfftw3-dev libnlopt-dev libsuitesparse-dev",
+        "python3 python3-venv python3-dev libfftw3-dev libnlopt-dev libsuitesparse-dev libcmocka-dev",
         "sudo dnf install gcc glibc-devel python3 python3-devel fftw-devel NLopt-devel suitesparse-devel",
         "sudo pacman -S --needed gcc glibc python fftw nlopt suitesparse cmocka",
         "brew install python fftw nlopt suite-sparse cmocka",
