@@ -43,10 +43,12 @@ typedef struct {
  *          GSID_E_NO_MEMORY; GSID_E_NONFINITE */
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result);
 
-/** Response of a model to a held input, sampled: exact for any delay, by partial fractions.  Eq: MOD-2.
- *  @param[in]  sample_s  sample time [s]
- *  @param[out] g         [n_freq]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG domain z, or more zeros than poles; GSID_E_NONFINITE */
+/** Response of a model to a held input, sampled: exact for any delay, by the matrix exponential.  Eq: MOD-2.
+ *  @param[in]  sample_s      sample time [s]
+ *  @param[in]  n_freq, f_hz  [n_freq] Hz
+ *  @param[out] g             [n_freq]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG domain z, or more zeros than poles; GSID_E_NONFINITE
+ *          a frequency falls on a pole, or a number is not finite: outputs untouched */
 gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint32_t n_freq, const double *f_hz,
                                gsid_cplx *g);
 
