@@ -1,0 +1,725 @@
+"""Blind trials: records of an axis with something hidden in it, a model that lacks it, a sealed answer.
+
+A trial is drawn from (seed, index) alone. Kinds:
+
+null     nothing is hidden
+single   one effect of the catalogue
+two      two of them, neither absorbed by the other
+form     presliding friction, in the form of LuGre instead of Dahl
+foreign  an effect that is not in the catalogue
+dirty    one effect of the catalogue and an unlisted one, locked to the period, at -50 dB of the response
+fan      a disturbance that is not locked to the period, and nothing else
+
+Every file has coloured gyro noise, the gyro's word length, a constant bias, and something unlisted at
+-50 dB of the response; one file in four has a fan. The unlisted part is not locked to the period: at -50 dB
+it would else be found, rightly, in every file (its drop would be about 1e4), and no null file would be one.
+Locked to the period it comes in the kind "dirty".
+
+The size of what is hidden is such that the predicted drop of the cost comes out as drawn: with the variance s2
+of one period's line and P periods,
+
+    drop = min over the null's parameters of  2 P sum_k |Y(k) - Y_null(k)|^2 / s2(k)
+
+over all lines up to 200 Hz of the records to fit: the noncentrality of the likelihood ratio, in chi-square
+units.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import truth
+from scipy.signal import lfilter
+from truth import TruthError
+
+FS_HZ, N = 3000.0, 6000
+LINE_MAX, LINE_JUDGED = 389, 400  # 194.5 Hz and 200 Hz
+TRAVEL_LINES = 4  # lines below 2 Hz: they make the travel
+LEVELS = (6.0, 20.0)  # command rms
+UNLISTED = 10 ** (-50 / 20)  # of the response's rms
+TARGETS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 1024.0, 4096.0, 1e4)
+CLEAR_TARGETS = (128.0, 256.0, 1024.0, 4096.0, 1e4)
+FOREIGN_TARGETS = (1024.0, 4096.0, 1e4, 1e5)
+DIRTY_TARGET = 1e6
+KINDS = {"null": 0.30, "single": 0.35, "two": 0.10, "form": 0.03, "foreign": 0.12, "dirty": 0.05, "fan": 0.05}
+
+# Catalogue id -> its parameters' names in the simulator, by the catalogue's names.
+CATALOGUE: dict[str, dict[str, str]] = {
+    "rigid_body": {"gain": "gain"},
+    "transport_delay": {"delay_s": "delay_s"},
+    "motor_lag": {"time_constant_s": "motor_lag_s"},
+    "drive_quantization": {"step": "quantization_step"},
+    "drive_dead_zone": {"half_width": "dead_zone_half_width"},
+    "drive_saturation": {"limit": "saturation_limit"},
+    "viscous_friction": {"rate": "viscous_rate"},
+    "coulomb_friction": {"level": "coulomb_level"},
+    "stribeck_friction": {
+        "level": "coulomb_level",
+        "extra": "stribeck_extra",
+        "velocity": "stribeck_velocity",
+    },
+    "presliding_friction": {"level": "presliding_level", "stiffness": "presliding_stiffness"},
+    "quadratic_drag": {"rate": "quadratic_drag_rate"},
+    "cable_spring": {"stiffness": "spring_stiffness"},
+    "cubic_spring": {"stiffness": "cubic_stiffness"},
+    "mass_unbalance": {"level": "unbalance_level", "angle_deg": "unbalance_angle_deg"},
+    "motor_cogging": {
+        "level": "cogging_level",
+        "cycles_per_rev": "cogging_cycles",
+        "phase_rad": "cogging_phase_rad",
+    },
+    "hard_stop": {"angle_deg": "stop_angle_deg", "stiffness": "stop_stiffness"},
+    "gear_backlash": {
+        "gap_deg": "gear_gap_deg",
+        "stiffness": "gear_stiffness",
+        "inertia_ratio": "gear_inertia_ratio",
+    },
+    "flexible_mode": {"f_hz": "mode_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
+    "sensor_lag": {"time_constant_s": "sensor_lag_s"},
+    "sensor_sample_hold": {"rate_hz": "sample_hold_hz"},
+}
+BASE = ("rigid_body", "transport_delay", "viscous_friction", "cable_spring", "flexible_mode", "sensor_lag")
+# torque_bias only shifts the rest position of a linear axis: alone it leaves no trace in the rate.
+PAIRED = (
+    "coulomb_friction",
+    "cubic_spring",
+    "drive_dead_zone",
+    "drive_saturation",
+    "quadratic_drag",
+    "mass_unbalance",
+    "motor_cogging",
+    "presliding_friction",
+)
+
+Params = dict[str, float]
+Rng = np.random.Generator
+
+
+@dataclass
+class Hidden:
+    """A hidden effect on its way from nothing (size 0) to much; what is not its size is drawn once."""
+
+    params: Callable[[float], Params]
+    size: float  # first guess
+    size_max: float
+
+
+@dataclass
+class Axis:
+    """What a hidden effect may look at when it is drawn."""
+
+    gain: float
+    peak_command: float
+    peak_angle: float
+
+
+# ---- what can be hidden --------------------------------------------------------------------------
+
+
+def _plain(name: str, size: float, size_max: float) -> Callable[[Rng, Axis], Hidden]:
+    return lambda rng, axis: Hidden(lambda s: {name: s}, size, size_max)
+
+
+def _signed(rng: Rng, low: float, high: float) -> float:
+    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+
+
+def _log_uniform(rng: Rng, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _stribeck(rng: Rng, axis: Axis) -> Hidden:
+    extra, velocity = rng.uniform(0.3, 1.0), rng.uniform(0.5, 3.0)
+    return Hidden(
+        lambda s: {"coulomb_level": s, "stribeck_extra": s * extra, "stribeck_velocity": velocity}, 0.1, 50.0
+    )
+
+
+def _presliding(rng: Rng, axis: Axis) -> Hidden:
+    stiffness = _log_uniform(rng, 10, 100)
+    return Hidden(lambda s: {"presliding_level": s, "presliding_stiffness": stiffness}, 0.1, 50.0)
+
+
+def _lugre(rng: Rng, axis: Axis) -> Hidden:
+    stiffness, extra, velocity = _log_uniform(rng, 10, 60), rng.uniform(0.1, 0.4), rng.uniform(0.5, 2.0)
+    damping = rng.uniform(0.05, 0.3)
+    return Hidden(
+        lambda s: {
+            "presliding_level": s,
+            "presliding_stiffness": stiffness,
+            "lugre_extra": extra,
+            "lugre_velocity": velocity,
+            "lugre_damping": damping * s,
+        },
+        0.1,
+        50.0,
+    )
+
+
+def _unbalance(rng: Rng, axis: Axis) -> Hidden:
+    angle = _signed(rng, 20, 80)
+    return Hidden(lambda s: {"unbalance_level": s, "unbalance_angle_deg": angle}, 1.0, 2000.0)
+
+
+def _cogging(rng: Rng, axis: Axis) -> Hidden:
+    cycles, phase = float(rng.integers(24, 145)), rng.uniform(-np.pi, np.pi)
+    return Hidden(
+        lambda s: {"cogging_level": s, "cogging_cycles": cycles, "cogging_phase_rad": phase}, 0.1, 50.0
+    )
+
+
+def _stop(rng: Rng, axis: Axis) -> Hidden:
+    # A stiff stop without losses bounces: whether the axis touches or rattles depends on how it got there.
+    stiffness = _log_uniform(rng, 100, 1000)
+    return Hidden(
+        lambda s: {"stop_angle_deg": axis.peak_angle / (1 + s), "stop_stiffness": stiffness}, 0.003, 0.6
+    )
+
+
+def _backlash(rng: Rng, axis: Axis) -> Hidden:
+    """The less play, the stiffer the gear: without a gap a soft gear would still be a second mode."""
+    ratio, f_hz = rng.uniform(0.1, 0.6), rng.uniform(250, 450)
+    return Hidden(
+        lambda s: {
+            "gear_gap_deg": 0.01 * s,
+            "gear_stiffness": (2 * np.pi * f_hz) ** 2 / min(s, 1.0) ** 0.5 * ratio / (1 + ratio) ** 2,
+            "gear_inertia_ratio": ratio,
+            "gear_damping": 0.1,  # with much less the play rattles for ever and nothing is periodic
+        },
+        0.02,
+        5.0,
+    )
+
+
+def _mode(rng: Rng, axis: Axis) -> Hidden:
+    f_hz, zeta = rng.uniform(60, 185), rng.uniform(0.01, 0.03)
+    return Hidden(lambda s: {"mode_hz": f_hz, "mode_zeta": zeta, "mode_residue": s}, 1e-4, 2.0)
+
+
+SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
+    "transport_delay": _plain("delay_s", 1e-5, 0.012),
+    "motor_lag": _plain("motor_lag_s", 1e-5, 0.02),
+    "drive_quantization": _plain("quantization_step", 0.5, 8.0),
+    "drive_dead_zone": _plain("dead_zone_half_width", 0.05, 8.0),
+    "drive_saturation": lambda rng, axis: Hidden(
+        lambda s: {"saturation_limit": axis.peak_command / (1 + s)}, 0.02, 2.0
+    ),
+    "viscous_friction": _plain("viscous_rate", 1e-2, 20.0),
+    "coulomb_friction": _plain("coulomb_level", 0.1, 50.0),
+    "stribeck_friction": _stribeck,
+    "presliding_friction": _presliding,
+    "quadratic_drag": _plain("quadratic_drag_rate", 1e-3, 2.0),
+    "cable_spring": _plain("spring_stiffness", 1e-1, 60.0),
+    "cubic_spring": _plain("cubic_stiffness", 1e-1, 50.0),
+    "mass_unbalance": _unbalance,
+    "motor_cogging": _cogging,
+    "hard_stop": _stop,
+    "gear_backlash": _backlash,
+    "flexible_mode": _mode,
+    "sensor_lag": _plain("sensor_lag_s", 1e-5, 0.02),
+    # A rate whose refreshes repeat with the period; size 0 would be a refresh at every sample.
+    "sensor_sample_hold": lambda rng, axis: Hidden(
+        lambda s: {"sample_hold_hz": float(np.round(FS_HZ / (1 + s)))}, 3.0, 14.0
+    ),
+}
+
+
+def _snap(rng: Rng, axis: Axis) -> Hidden:
+    angle, width = _signed(rng, 0, 1), rng.uniform(0.1, 0.4)
+    return Hidden(lambda s: {"snap_level": s, "snap_angle_deg": angle, "snap_width_deg": width}, 0.1, 100.0)
+
+
+def _creep(rng: Rng, axis: Axis) -> Hidden:
+    time_s = rng.uniform(0.1, 1.0)
+    return Hidden(lambda s: {"creep_stiffness": s, "creep_time_s": time_s}, 0.1, 60.0)
+
+
+def _friction_of_angle(rng: Rng, axis: Axis) -> Hidden:
+    cycles, phase = rng.uniform(60, 200), rng.uniform(-np.pi, np.pi)
+    return Hidden(
+        lambda s: {
+            "coulomb_level": s,
+            "friction_ripple": 0.95,
+            "friction_ripple_cycles": cycles,
+            "friction_ripple_phase_rad": phase,
+        },
+        0.1,
+        50.0,
+    )
+
+
+FOREIGN: dict[str, Callable[[Rng, Axis], Hidden]] = {
+    "magnetic_snap": _snap,
+    "eddy_brake_by_command": _plain("eddy_rate", 1e-3, 1.0),
+    "creep": _creep,
+    # From the largest step of the command down.
+    "command_rate_limit": lambda rng, axis: Hidden(
+        lambda s: {"command_rate_limit": axis.peak_command / (1 + s)}, 0.05, 20.0
+    ),
+    "friction_of_angle": _friction_of_angle,
+    "command_even_gain": _plain("command_even", 1e-5, 3e-3),
+    "gyro_cubic": _plain("gyro_cubic", 1e-6, 1e-3),
+}
+
+# Locked to the period: unlisted effects of the kind "dirty".
+LOCKED: dict[str, Params] = {
+    "command_cubic": {"command_cubic": 1e-6},
+    "gyro_even": {"gyro_even": 1e-4},
+    "gyro_cubic": {"gyro_cubic": 1e-5},
+    "gain_ripple": {"gain_ripple": 1e-3, "gain_ripple_cycles": 90.0},
+}
+
+
+# ---- noise ---------------------------------------------------------------------------------------
+
+
+@dataclass
+class Noise:
+    """What a gyro and a bench add to a record; nothing of it but the word's steps repeats with the period."""
+
+    std: float  # deg/s
+    share_low: float  # of the variance, below corner_hz
+    corner_hz: float
+    unlisted: str
+    lsb: float
+    bias: float
+    fan: tuple[float, float] | None  # f_hz, amplitude
+
+    @staticmethod
+    def drawn(rng: Rng) -> Noise:
+        std = rng.uniform(0.03, 0.08)
+        fan = None
+        if rng.random() < 0.25:
+            fan = (
+                float(np.round(rng.uniform(30, 32) * 2) / 2 + rng.uniform(0.1, 0.4)),
+                std * rng.uniform(0.3, 1.5),
+            )
+        return Noise(
+            std,
+            rng.uniform(0.1, 0.5),
+            rng.uniform(5, 40),
+            str(rng.choice(list(_UNLISTED))),
+            std * rng.uniform(0.3, 1.0),
+            rng.normal(0, 0.2),
+            fan,
+        )
+
+    def random(self, rng: Rng, y: np.ndarray, n_periods: int) -> np.ndarray:
+        """The noise that is independent from period to period, (n_periods * n,); y is one clean period."""
+        n = len(y) * n_periods
+        noise = self.std * (
+            np.sqrt(1 - self.share_low) * rng.standard_normal(n)
+            + np.sqrt(self.share_low) * low_passed(rng, n, self.corner_hz)
+        )
+        rough = _UNLISTED[self.unlisted](rng, np.tile(y, n_periods))
+        return noise + rough * (UNLISTED * np.std(y) / np.std(rough))
+
+    def measured(self, rng: Rng, y: np.ndarray, n_periods: int) -> np.ndarray:
+        """What the gyro says of n_periods periods of the clean y."""
+        total = np.tile(y, n_periods) + self.random(rng, y, n_periods) + self.bias
+        if self.fan:
+            phase = 2 * np.pi * (self.fan[0] * np.arange(len(total)) / FS_HZ + rng.random())
+            total += self.fan[1] * np.sin(phase)
+        return self.lsb * np.rint(total / self.lsb)
+
+    def variance(self, rng: Rng, y: np.ndarray) -> np.ndarray:
+        """Variance of one period's complex line, (n/2+1,), amplitude normalised, from 48 periods."""
+        spectra = amplitudes(self.random(rng, y, 48).reshape(48, -1))
+        step = self.lsb**2 / 12 * 4 / len(y)
+        return np.mean(np.abs(spectra) ** 2, axis=0) + step
+
+
+def low_passed(rng: Rng, n: int, corner_hz: float) -> np.ndarray:
+    """First-order noise of unit variance, stationary from its first sample."""
+    pole = np.exp(-2 * np.pi * corner_hz / FS_HZ)
+    white = rng.standard_normal(n) * np.sqrt(1 - pole**2)
+    return lfilter([1.0], [1.0, -pole], white, zi=[pole * rng.standard_normal()])[0]
+
+
+def _torque_noise(rng: Rng, y: np.ndarray) -> np.ndarray:
+    return low_passed(rng, len(y), 3.0)
+
+
+def _gain_flutter(rng: Rng, y: np.ndarray) -> np.ndarray:
+    """Supply noise between about 20 and 200 Hz: it leaves the mean gain alone."""
+    return y * (low_passed(rng, len(y), 200.0) - 0.3 * low_passed(rng, len(y), 20.0))
+
+
+def _clock_jitter(rng: Rng, y: np.ndarray) -> np.ndarray:
+    return np.gradient(y) * rng.standard_normal(len(y))
+
+
+def _structure_noise(rng: Rng, y: np.ndarray) -> np.ndarray:
+    """A light structure that something random shakes at 73 Hz."""
+    pole = np.exp((-0.03 + 1j) * 2 * np.pi * 73.0 / FS_HZ)
+    return lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], rng.standard_normal(len(y) + 3000))[3000:]
+
+
+def _spikes(rng: Rng, y: np.ndarray) -> np.ndarray:
+    """Rare and large, some 50 a period."""
+    hits = (rng.random(len(y)) < 50 / N) * rng.standard_normal(len(y))
+    return lfilter([1.0], [1.0, -0.6], hits)
+
+
+_UNLISTED = {
+    "torque_noise": _torque_noise,
+    "gain_flutter": _gain_flutter,
+    "clock_jitter": _clock_jitter,
+    "structure_noise": _structure_noise,
+    "spikes": _spikes,
+}
+
+
+# ---- the experiment ------------------------------------------------------------------------------
+
+
+def amplitudes(samples: np.ndarray) -> np.ndarray:
+    """One-sided spectra in amplitudes of sines."""
+    return np.fft.rfft(samples) * 2 / samples.shape[-1]
+
+
+def draw_base(rng: Rng, without: str | None) -> Params:
+    """The axis everybody knows, less the effect that is to be hidden."""
+    base = {
+        "fs_hz": FS_HZ,
+        "gain": rng.uniform(5, 20),
+        "delay_s": rng.uniform(1e-3, 6e-3),
+        "viscous_rate": rng.uniform(1, 5),
+        "spring_stiffness": rng.uniform(15, 40),
+        "mode_hz": rng.uniform(150, 185),
+        "mode_zeta": rng.uniform(0.01, 0.03),
+        "mode_residue": rng.uniform(0.1, 0.4),
+        "sensor_lag_s": 1 / (2 * np.pi * rng.uniform(80, 160)),
+    }
+    for name in CATALOGUE.get(without or "", {}).values():
+        base.pop(name, None)
+    return base
+
+
+def draw_commands(rng: Rng, base: Params, n_each: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Odd random-phase multisines: (lines, commands), n_each realisations of each level, low level first.
+
+    One odd line of four is left out at random; those below 2 Hz stay and are so large that the higher level
+    moves the axis by 2..3 deg.
+    """
+    odd = np.arange(1, LINE_MAX + 1, 2)
+    lines = odd[(odd < TRAVEL_LINES) | (rng.random(len(odd)) > 0.25)]
+    low = lines < TRAVEL_LINES
+    angle = np.abs(truth.linear_response(base, lines[low] * FS_HZ / N, output="theta"))
+    travel = rng.uniform(2.0, 3.0)
+    shape = np.ones(len(lines))
+    # Two lines seldom peak together: 0.85 of their sum.
+    shape[low] = travel / 0.85 / len(angle) / angle
+    rest = 2 * LEVELS[-1] ** 2 - np.sum(shape[low] ** 2)
+    if rest < LEVELS[-1] ** 2 / 2:
+        raise TruthError("too little command is left above 2 Hz")
+    shape[~low] = np.sqrt(rest / np.count_nonzero(~low))
+    commands = []
+    for level in LEVELS:
+        for _ in range(n_each):
+            spectrum = np.zeros(N // 2 + 1, complex)
+            spectrum[lines] = shape * level / LEVELS[-1] * np.exp(2j * np.pi * rng.random(len(lines)))
+            commands.append(np.fft.irfft(spectrum) * N / 2)
+    return lines, commands
+
+
+class Nulls:
+    """The linear null, refitted to noise-free answers: what is left is what the hidden effect can bring."""
+
+    def __init__(
+        self, base: Params, lines: np.ndarray, commands: list[np.ndarray], s2: np.ndarray, n_periods: int
+    ):
+        self.base, self.lines = base, lines
+        self.free = [name for name in base if name != "fs_hz"]
+        self.scale = np.ones(len(self.free))  # of the last refit, where the next one begins
+        self.u = np.array([amplitudes(u) for u in commands])
+        self.weight = np.sqrt(2 * n_periods / s2)[:, 1 : LINE_JUDGED + 1]
+
+    def _answer(self, scale: np.ndarray) -> np.ndarray:
+        params = self.base | {name: self.base[name] * s for name, s in zip(self.free, scale, strict=True)}
+        y = np.zeros((len(self.u), LINE_JUDGED), complex)
+        y[:, self.lines - 1] = self.u[:, self.lines] * truth.linear_response(params, self.lines * FS_HZ / N)
+        return self._whitened(y)
+
+    def _whitened(self, y: np.ndarray) -> np.ndarray:
+        y = (self.weight * y).ravel()
+        return np.concatenate([y.real, y.imag])
+
+    def slopes(self, scale: np.ndarray, at: np.ndarray) -> np.ndarray:
+        moved = scale + 1e-5 * np.eye(len(scale))
+        return np.array([self._answer(m) - at for m in moved]).T / 1e-5
+
+    def refit(self, ys: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
+        """(drop, whitened residual, whitened slopes) of the best null, by Levenberg-Marquardt."""
+        target = self._whitened(np.array([amplitudes(y) for y in ys])[:, 1 : LINE_JUDGED + 1])
+        scale, damping = self.scale, 1e-6
+        at = self._answer(scale)
+        residual = target - at
+        for _ in range(40):
+            slopes = self.slopes(scale, at)
+            size = np.linalg.norm(slopes, axis=0)
+            full = np.vstack([slopes / size, np.sqrt(damping) * np.eye(len(size))])
+            step = (
+                np.linalg.lstsq(full, np.concatenate([residual, np.zeros(len(size))]), rcond=None)[0] / size
+            )
+            step = np.clip(step, -0.3 * np.abs(scale), 0.3 * np.abs(scale))
+            tried = self._answer(scale + step)
+            gain = residual @ residual - (target - tried) @ (target - tried)
+            if gain < 0:
+                damping = max(damping * 100, 1e-6)
+                if damping > 1e6:
+                    break
+                continue
+            scale, at, damping = scale + step, tried, damping / 10
+            residual = target - at
+            if gain < 1e-3 * (1 + residual @ residual):
+                break
+        self.scale = scale
+        return float(residual @ residual), residual, slopes
+
+
+# ---- a trial -------------------------------------------------------------------------------------
+
+
+@dataclass
+class Trial:
+    """Records to fit and to hold out, as arrays of y and u; the model that lacks something; the answer."""
+
+    name: str
+    fit: list[tuple[np.ndarray, np.ndarray]]
+    held: list[tuple[np.ndarray, np.ndarray]]
+    model: dict
+    key: dict = field(repr=False)
+
+
+class Bench:
+    """The commands, and where each one's periodic answer was last found: the next is not far."""
+
+    def __init__(self, commands: list[np.ndarray], tolerance: float):
+        self.commands, self.tolerance = commands, tolerance
+        self.starts: list[truth.Start | None] = [None] * len(commands)
+
+    def answers(
+        self, params: Params, n_steps: int, which: slice = slice(None)
+    ) -> list[tuple[np.ndarray, ...]]:
+        """(y, theta, rate) of each command in steady state."""
+        found = []
+        for i in range(len(self.commands))[which]:
+            start = self.starts[i] or next(filter(None, self.starts), None)
+            *signals, self.starts[i] = truth.steady(
+                params, self.commands[i], tolerance=self.tolerance, start=start, n_steps=n_steps
+            )
+            found.append(tuple(signals))
+        return found
+
+
+def calibrate(nulls: Nulls, hidden: Hidden, bench: Bench, n_fit: int, target: float):
+    """(size, whitened residual, slopes) at which the predicted drop is the target, or as near as it gets.
+
+    Secant steps on the logarithms, kept between the sizes known to be too small and too large.
+    """
+    n_steps = truth.FINE if "gear_stiffness" in hidden.params(1.0) else truth.COARSE
+    size, slope, last = hidden.size, 2.0, None
+    low, high = 0.0, np.inf
+    for _ in range(12):
+        answers = bench.answers(nulls.base | hidden.params(size), n_steps, slice(n_fit))
+        drop, residual, slopes = nulls.refit([y for y, *_ in answers])
+        drop = max(drop, 1e-9)
+        if abs(np.log(drop / target)) < 0.15 or (size == hidden.size_max and drop < target):
+            break
+        low, high = (size, high) if drop < target else (low, size)
+        if last and size != last[0]:
+            slope = np.clip(np.log(drop / last[1]) / np.log(size / last[0]), 0.5, 8.0)
+        last = size, drop
+        size *= np.clip((target / drop) ** (1 / slope), 0.03, 30.0)
+        if not low < size < high:
+            size = np.sqrt(low * high)
+        size = float(min(size, hidden.size_max))
+    return size, residual, slopes
+
+
+def _draw_kind(rng: Rng, kinds: dict[str, float]) -> str:
+    share = np.array(list(kinds.values()))
+    return str(rng.choice(list(kinds), p=share / share.sum()))
+
+
+def _named(effect: str, params: Params) -> dict:
+    names = CATALOGUE.get(effect) or {name: name for name in params}
+    return {"id": effect, "params": {n: params[p] for n, p in names.items() if p in params}}
+
+
+def null_model(rng: Rng, base: Params, error: float = 0.05) -> dict:
+    """The model file of what is known, each value off by the error, up or down."""
+    effects = []
+    for effect in BASE:
+        known = {n: base[p] for n, p in CATALOGUE[effect].items() if p in base}
+        if known:
+            wrong = {
+                n: {"value": v * (1 + error * rng.choice([-1, 1])), "free": True} for n, v in known.items()
+            }
+            effects.append({"effect": effect, "params": wrong})
+    return {"gsid_model": 1, "fs_hz": FS_HZ, "output": "rate", "effects": effects}
+
+
+def make_trial(seed: int, index: int, kinds: dict[str, float] | None = None) -> Trial:
+    """Draw one trial; draws that cannot be simulated or sized are thrown away and drawn anew."""
+    kind = _draw_kind(np.random.default_rng([seed, index]), kinds or KINDS)
+    for attempt in range(50):
+        rng = np.random.default_rng([seed, index, attempt])
+        try:
+            return _draw(rng, f"trial_{seed}_{index:05d}", kind)
+        except TruthError:
+            continue
+    raise TruthError(f"trial {index} of seed {seed}: no draw of 50 could be simulated")
+
+
+def _choose(rng: Rng, kind: str) -> list[str]:
+    match kind:
+        case "single" | "dirty":
+            return [str(rng.choice(list(SINGLE)))]
+        case "two":
+            return [str(name) for name in rng.choice(PAIRED, 2, replace=False)]
+        case "form":
+            return ["presliding_friction"]
+        case "foreign":
+            return [str(rng.choice(list(FOREIGN)))]
+    return []
+
+
+def _draw(rng: Rng, name: str, kind: str) -> Trial:
+    effects = _choose(rng, kind)
+    n_periods = int(rng.choice([2, 4, 8])) if kind == "null" else 8
+    base = draw_base(rng, effects[0] if kind in ("single", "dirty") else None)
+    lines, commands = draw_commands(rng, base, 3)
+    fit = [u for i, u in enumerate(commands) if i % 3 < 2]
+    held = [u for i, u in enumerate(commands) if i % 3 == 2]
+    noise = Noise.drawn(rng)
+    bench = Bench(fit + held, tolerance=1e-4 * noise.std)
+    clean = bench.answers(base, truth.COARSE, slice(len(fit)))
+    s2 = np.array([noise.variance(rng, y) for y, *_ in clean])
+    nulls = Nulls(base, lines, fit, s2, n_periods)
+    axis = Axis(
+        base["gain"], max(np.abs(u).max() for u in fit), max(np.abs(angle).max() for _, angle, *_ in clean)
+    )
+
+    targets = {"single": TARGETS, "two": CLEAR_TARGETS, "form": CLEAR_TARGETS, "foreign": FOREIGN_TARGETS}
+    added: list[Params] = []
+    traces = []
+    for effect in effects:
+        draw = _lugre if kind == "form" else (FOREIGN if kind == "foreign" else SINGLE)[effect]
+        hidden = draw(rng, axis)
+        target = DIRTY_TARGET if kind == "dirty" else float(rng.choice(targets[kind]))
+        size, residual, slopes = calibrate(nulls, hidden, bench, len(fit), target)
+        added.append(hidden.params(size))
+        traces.append(residual)
+        if residual @ residual < 2.0 or (kind == "foreign" and residual @ residual < target / 2):
+            raise TruthError("the effect cannot be made large enough")
+    params = base.copy()
+    for extra in added:
+        params |= extra
+    drops = _drops_beside_each_other(traces, slopes) if traces else []
+    if kind == "two" and min(drops) < 64:
+        raise TruthError("one of the two would hide behind the other")
+
+    locked = str(rng.choice(list(LOCKED))) if kind == "dirty" else None
+    if locked:
+        params |= _locked_at_50_db(params, LOCKED[locked], bench, len(fit) - 1)
+    if kind == "fan" and noise.fan is None:
+        noise.fan = (float(rng.integers(25, 60) + rng.uniform(0.1, 0.4)), noise.std * rng.uniform(0.3, 3.0))
+
+    measured = [noise.measured(rng, y, n_periods) for y, *_ in bench.answers(params, truth.FINE)]
+    records = [(np.tile(u, n_periods), y) for u, y in zip(fit + held, measured, strict=True)]
+    if kind == "null" and rng.random() < 0.25:
+        keep = rng.integers(len(fit))
+        fit, records = [fit[keep]], [records[keep], *records[len(fit) :]]
+    key = {
+        "name": name,
+        "kind": kind,
+        "effects": [_named(effect, extra) for effect, extra in zip(effects, added, strict=True)],
+        "predicted_drop": drops,
+        "n_periods": n_periods,
+        "n_realisations": len(fit),
+        "truth": params,
+        "noise": noise.__dict__,
+        "locked": locked,
+    }
+    return Trial(name, records[: len(fit)], records[len(fit) :], null_model(rng, base), key)
+
+
+def _drops_beside_each_other(traces: list[np.ndarray], slopes: np.ndarray) -> list[float]:
+    """Of each effect, what is left of its drop when the null's parameters and the other effect are there."""
+    drops = []
+    for i, trace in enumerate(traces):
+        others = np.column_stack([slopes, *[t for j, t in enumerate(traces) if j != i]])
+        others = others / np.linalg.norm(others, axis=0)
+        left = trace - others @ np.linalg.lstsq(others, trace, rcond=None)[0] if len(traces) > 1 else trace
+        drops.append(float(left @ left))
+    return drops
+
+
+def _locked_at_50_db(params: Params, extra: Params, bench: Bench, record: int) -> Params:
+    which = slice(record, record + 1)
+    without, with_it = (bench.answers(params | p, truth.COARSE, which)[0][0] for p in ({}, extra))
+    factor = UNLISTED * np.std(without) / np.std(with_it - without)
+    return {n: v if n.endswith("cycles") else v * factor for n, v in extra.items()}
+
+
+# ---- files ---------------------------------------------------------------------------------------
+
+
+def seal(key: dict, seed: int) -> tuple[str, str]:
+    """(text of the key, its SHA-256). Salted, so that the hash of a short answer cannot be looked up."""
+    salt = hashlib.sha256(f"{seed} {key['name']} salt".encode()).hexdigest()
+    text = json.dumps({**key, "salt": salt}, sort_keys=True, indent=1, default=float)
+    return text, hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_trial(trial: Trial, folder: Path) -> Path:
+    """Write the records and the model (not the key) to folder/<name>."""
+    place = folder / trial.name
+    place.mkdir(parents=True, exist_ok=True)
+    for label, records in (("fit", trial.fit), ("held", trial.held)):
+        for i, (u, y) in enumerate(records):
+            np.savez(
+                place / f"{label}_{i}.npz",
+                u=u,
+                y=y,
+                valid=np.ones(len(y), bool),
+                fs_hz=FS_HZ,
+                period_samples=N,
+                settle_samples=0,
+                u_unit="command",
+                y_unit="deg/s",
+                hold="zoh",
+            )
+    (place / "null.json").write_text(json.dumps(trial.model, indent=1))
+    return place
+
+
+def main() -> None:
+    """Write trials, their keys apart; the manifest of sealed keys goes first to standard output."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--output", type=Path, required=True)
+    args = parser.parse_args()
+    keys = args.output / "keys"
+    keys.mkdir(parents=True, exist_ok=True)
+    for index in range(args.trials):
+        trial = make_trial(args.seed, index)
+        text, digest = seal(trial.key, args.seed)
+        print(digest, trial.name, flush=True)
+        (keys / f"{trial.name}.json").write_text(text)
+        write_trial(trial, args.output)
+    print(f"{args.trials} trials in {args.output}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
