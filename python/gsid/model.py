@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
     from gsid.frf import Frf
+    from gsid.plant import PlantModel
 
 FORMAT = 1
 
@@ -320,7 +321,7 @@ class RationalModel:
                 f'a model file is JSON with "gsid_model": {FORMAT}; `gsid fit -o` writes one',
             )
         if "rational" not in data:
-            hint = 'this version reads fitted transfer functions ("rational")'
+            hint = 'a fitted transfer function ("rational") is needed here'
             raise InputError("the model file has no transfer function", where, ", ".join(data), hint)
         rational, fit = data["rational"], data.get("fit") or {}
         try:
@@ -363,20 +364,7 @@ class RationalModel:
         InputError
             The file cannot be read, is not JSON, or is not a model.
         """
-        try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(
-                f"the model file cannot be read: {error.strerror}",
-                str(path),
-                None,
-                "`gsid fit -o` writes one",
-            ) from error
-        except ValueError as error:
-            raise InputError(
-                f"the model file is not JSON: {error}", str(path), None, "`gsid fit -o` writes one"
-            ) from error
-        return cls.from_dict(data, str(path))
+        return cls.from_dict(read_model_file(path), str(path))
 
     def to_control(self, pade_order: int = 6) -> control.TransferFunction:
         """Transfer function of python-control, which knows no delay and no hold.
@@ -474,6 +462,40 @@ class RationalModel:
             )
         )
         return f"<table><caption>{html.escape(self._lines()[0])}</caption>{rows}</table>"
+
+
+def read_model_file(path: str | Path) -> Any:
+    """Read the JSON of a model file, whatever kind of model it holds.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is not JSON.
+    """
+    hint = "`gsid fit -o` writes one"
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        what = f"the model file cannot be read: {error.strerror}"
+        raise InputError(what, str(path), None, hint) from error
+    except ValueError as error:
+        raise InputError(f"the model file is not JSON: {error}", str(path), None, hint) from error
+
+
+def load_model(path: str | Path) -> RationalModel | PlantModel:
+    """Read a model file of either kind: a fitted transfer function, or a stack of effects.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not JSON, or is not a model.
+    """
+    data = read_model_file(path)
+    if isinstance(data, dict) and "effects" in data:
+        from gsid.plant import PlantModel
+
+        return PlantModel.from_dict(data, str(path))
+    return RationalModel.from_dict(data, str(path))
 
 
 def _roots(coef: np.ndarray) -> np.ndarray:

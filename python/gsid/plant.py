@@ -1,0 +1,624 @@
+"""A plant as a stack of physical effects, and its periodic answer with sensitivities."""
+
+from __future__ import annotations
+
+import copy
+import html
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib, version
+from gsid.effects import EffectType, close, find
+from gsid.errors import GsidError, InputError
+from gsid.frf import Spectra
+from gsid.model import FORMAT, read_model_file
+
+OUTPUTS = ("rate", "angle")
+RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
+
+# An input that is not held is simulated at this many times the sample rate; see docs/decisions.md.
+OVERSAMPLING = 4
+
+SETTLE_PERIODS = 2  # before the first Newton step
+SETTLE_LONGER = 20  # where that did not lead to the steady state
+NEWTON_STEPS = 8
+SETTLED = 1e-7  # share of the output's rms that may still change in a period
+
+
+@dataclass
+class Param:
+    """Value of a parameter; whether a fit may move it; its standard deviation, None when it was not
+    estimated and NaN when the data do not determine it."""
+
+    value: float
+    free: bool = True
+    std: float | None = None
+
+    def __str__(self) -> str:
+        if not self.free:
+            return f"{self.value:.6g} (fixed)"
+        if self.std is None:
+            return f"{self.value:.6g}"
+        return (
+            f"{self.value:.6g} +- {self.std:.2g}"
+            if math.isfinite(self.std)
+            else f"{self.value:.6g} (undetermined)"
+        )
+
+
+@dataclass
+class Effect:
+    """One effect of a stack: id of the catalogue, and all its parameters by name."""
+
+    id: str
+    params: dict[str, Param]
+
+    @property
+    def type(self) -> EffectType:
+        """Its entry in the catalogue."""
+        return find(self.id)
+
+
+@dataclass(eq=False)
+class Prediction:
+    """A plant's periodic answer.
+
+    Attributes
+    ----------
+    y, angle, rate : (N,) float64
+        Output, angle and rate of the axis at each sample of one period.
+    Y : (K,) complex
+        Lines 0 .. N/2 of y, as in Spectra.
+    dY : (n_free, K) complex or None
+        Sensitivities of Y to the free parameters.
+    residual : float
+        Bound on how much y changes in one more period, unit of y: 0 in the steady state.
+    settled : bool
+        Whether that is below 1e-7 of the output's rms.
+    """
+
+    y: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    Y: np.ndarray
+    dY: np.ndarray | None
+    residual: float
+    settled: bool
+
+
+@dataclass(eq=False, repr=False)
+class PlantModel:
+    """A stack of effects.
+
+    Parameters
+    ----------
+    fs_hz : float
+        Rate at which commands are held and a controller runs [Hz]. Records bring their own.
+    effects : list of Effect
+        With exactly one rigid_body. Effects act by their stages, and within a stage in this order.
+    output : {"rate", "angle"}
+        What y is.
+    angle_unit : {"deg", "rad", "m"}
+        Unit of angle: the catalogue's units with degrees replaced by it.
+    u_unit, y_unit : str
+    cov : (n_free, n_free) ndarray or None
+        Covariance of the free parameters, in the order of `free_names`.
+    fit : dict or None
+        How it was fitted; see `gsid.greybox.PlantFit.summary`.
+    history : list of dict
+        Steps by which the stack came to be, oldest first.
+
+    Raises
+    ------
+    InputError
+        An unknown effect, an unknown, missing or impossible value, none or two rigid bodies.
+    """
+
+    fs_hz: float
+    effects: list[Effect]
+    output: str = "rate"
+    angle_unit: str = "deg"
+    u_unit: str = ""
+    y_unit: str = ""
+    cov: np.ndarray | None = None
+    fit: dict[str, Any] | None = None
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._check("")
+
+    def _check(self, where: str) -> None:
+        if not _is_number(self.fs_hz) or not self.fs_hz > 0:
+            raise InputError(
+                "fs_hz is not a positive number", where, self.fs_hz, "give the rate of the loop [Hz]"
+            )
+        for name, value, known in (
+            ("output", self.output, OUTPUTS),
+            ("angle_unit", self.angle_unit, tuple(RADIANS)),
+        ):
+            if value not in known:
+                raise InputError(f"{name} must be one of {', '.join(known)}", where, value)
+        for effect in self.effects:
+            _check_params(effect, where)
+        n_bodies = sum(effect.id == "rigid_body" for effect in self.effects)
+        if n_bodies != 1:
+            raise InputError(
+                "a plant has exactly one rigid_body",
+                where,
+                f"{n_bodies} of them",
+                "its gain is what moves the axis",
+            )
+
+    # ---- parameters ----------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> list[str]:
+        """All parameters: "effect.parameter"; the second effect of an id is "effect#2"."""
+        return [f"{label}.{name}" for label, effect in self.labels() for name in effect.params]
+
+    def labels(self) -> list[tuple[str, Effect]]:
+        """The effects with the names that stand before the point of their parameters'."""
+        seen: dict[str, int] = {}
+        labels = []
+        for effect in self.effects:
+            seen[effect.id] = seen.get(effect.id, 0) + 1
+            labels.append((effect.id if seen[effect.id] == 1 else f"{effect.id}#{seen[effect.id]}", effect))
+        return labels
+
+    @property
+    def free_names(self) -> list[str]:
+        """Parameters that a fit may move."""
+        return [name for name in self.names if self[name].free]
+
+    def __getitem__(self, name: str) -> Param:
+        """A parameter by "effect.parameter"."""
+        label, _, parameter = name.rpartition(".")
+        for other, effect in self.labels():
+            if other == label and parameter in effect.params:
+                return effect.params[parameter]
+        hint = close(name, self.names) or f"there are {', '.join(self.names)}"
+        raise InputError("the model has no such parameter", "", name, hint)
+
+    @property
+    def free_values(self) -> np.ndarray:
+        """(n_free,) values of the free parameters."""
+        return np.array([self[name].value for name in self.free_names])
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n_free,) least and largest values of the free parameters, their null values included."""
+        lower, upper = [], []
+        for effect in self.effects:
+            for name, param in effect.params.items():
+                if param.free:
+                    known = effect.type[name]
+                    null = [known.null_value] if known.null_value is not None else []
+                    lower.append(min([known.lower, *null]))
+                    upper.append(max([known.upper, *null]))
+        return np.array(lower), np.array(upper)
+
+    def with_values(self, values: Sequence[float]) -> PlantModel:
+        """A copy with other values of the free parameters, and without the marks of a fit.
+
+        Parameters
+        ----------
+        values : (n_free,) array_like
+        """
+        model = copy.deepcopy(self)
+        model.cov, model.fit = None, None
+        for name, value in zip(self.free_names, values, strict=True):
+            model[name].value, model[name].std = float(value), None
+        return model
+
+    def stack(self) -> dict[str, dict[str, float]]:
+        """{effect: {parameter: value}}."""
+        return {
+            label: {name: p.value for name, p in effect.params.items()} for label, effect in self.labels()
+        }
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether the loop is simulated closed: the record's input is then the reference."""
+        return any(effect.type.stage == "controller" for effect in self.effects)
+
+    @property
+    def looks_at_angle(self) -> bool:
+        """Whether anything depends on where the axis stands. If not, the mean angle is arbitrary."""
+        return any(lib.gsid_catalogue_find(effect.id.encode()).looks_at_angle for effect in self.effects)
+
+    # ---- prediction ----------------------------------------------------------------------------------
+
+    def simulate(self, u: np.ndarray) -> Prediction:
+        """Periodic answer to a command that is held over each sample (PLT-2).
+
+        Parameters
+        ----------
+        u : (N,) array_like
+            One period of the command, or of the reference when the stack has a controller.
+
+        Raises
+        ------
+        GsidError
+            The values cannot be simulated.
+        """
+        return PeriodicPlant(self, u, self.fs_hz).run()
+
+    def predict(self, measured: Spectra, *, sensitivities: bool = False) -> Prediction:
+        """Periodic answer to a record's mean input.
+
+        Parameters
+        ----------
+        measured : Spectra
+            Hold "zoh": its input is the command that was held over each sample. Hold "none": it is a signal
+            without lines above half the sample rate.
+        sensitivities : bool
+            Whether to give dY.
+
+        Raises
+        ------
+        GsidError
+            The values cannot be simulated.
+        InputError
+            The loop's rate is not the record's.
+        """
+        return PeriodicPlant.of(self, measured).run(sensitivities=sensitivities)
+
+    # ---- files ---------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model as the JSON of a model file."""
+
+        def plain(param: Param) -> dict[str, Any]:
+            std = {} if param.std is None else {"std": param.std if math.isfinite(param.std) else None}
+            return {"value": param.value, "free": param.free} | std
+
+        data: dict[str, Any] = {
+            "gsid_model": FORMAT,
+            "made_by": f"gsid {version()}",
+            "fs_hz": self.fs_hz,
+            "output": self.output,
+            "angle_unit": self.angle_unit,
+            "u_unit": self.u_unit,
+            "y_unit": self.y_unit,
+            "effects": [
+                {"effect": effect.id, "params": {name: plain(param) for name, param in effect.params.items()}}
+                for effect in self.effects
+            ],
+        }
+        if self.cov is not None:
+            data["covariance"] = {"names": self.free_names, "matrix": self.cov.tolist()}
+        if self.fit is not None:
+            data["fit"] = self.fit
+        if self.history:
+            data["history"] = self.history
+        return data
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], where: str = "") -> PlantModel:
+        """Make a model from the JSON of a model file.
+
+        Parameters
+        ----------
+        data : dict
+            As :meth:`to_dict` gives it. A parameter may be a plain number: free, but for a controller's,
+            which is known.
+        where : str
+            File name, for messages.
+
+        Raises
+        ------
+        InputError
+            Something is missing or has the wrong form.
+        """
+        if not isinstance(data, dict) or data.get("gsid_model") != FORMAT:
+            raise InputError(
+                "not a model file", where, None, f'a model file is JSON with "gsid_model": {FORMAT}'
+            )
+        entries = data.get("effects")
+        if not isinstance(entries, list):
+            raise InputError("the model file has no list of effects", where, ", ".join(data), EXAMPLE)
+        model = cls.__new__(cls)
+        model.fs_hz, model.effects = (
+            data.get("fs_hz"),
+            [_read_effect(entry, i, where) for i, entry in enumerate(entries)],
+        )
+        model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
+        model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
+        model.fit, model.history = data.get("fit"), data.get("history", [])
+        covariance = data.get("covariance")
+        model.cov = None if covariance is None else np.array(covariance["matrix"], dtype=float)
+        model._check(where)
+        if model.cov is not None and model.cov.shape != (len(model.free_names),) * 2:
+            hint = "leave the covariance out when parameters are made free or fixed by hand"
+            raise InputError(
+                "the covariance is not that of the free parameters", where, model.cov.shape, hint
+            )
+        return model
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        path = Path(path)
+        temporary = path.with_name(path.name + ".part")
+        temporary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> PlantModel:
+        """Read a model file.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, is not JSON, or is not a stack of effects.
+        """
+        return cls.from_dict(read_model_file(path), str(path))
+
+    # ---- print ---------------------------------------------------------------------------------------
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        rows = []
+        for effect in self.effects:
+            for i, (name, param) in enumerate(effect.params.items()):
+                rows.append((effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name)))
+        return rows
+
+    def unit_of(self, effect: Effect, name: str) -> str:
+        """Unit of a parameter in this model's unit of angle."""
+        return effect.type[name].unit.replace("deg", self.angle_unit)
+
+    def __repr__(self) -> str:
+        lines = [f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"]
+        lines += [
+            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in self._rows()
+        ]
+        if self.fit is not None:
+            lines.append(f"  cost per degree of freedom {self.fit['cost_per_dof']:.4g}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{title}</th>" for title in ("effect", "parameter", "value", "unit"))
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+            for row in self._rows()
+        )
+        caption = html.escape(repr(self).splitlines()[0])
+        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+
+
+EXAMPLE = 'write "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}, ...]'
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _read_effect(entry: Any, index: int, where: str) -> Effect:
+    where = f"{where} effects[{index}]".strip()
+    if not isinstance(entry, dict) or not isinstance(entry.get("effect"), str):
+        raise InputError("an effect is not an object with its id", where, entry, EXAMPLE)
+    params = entry.get("params", {})
+    if not isinstance(params, dict):
+        raise InputError("params is not an object of numbers", f"{where} {entry['effect']}", params, EXAMPLE)
+    known = find(entry["effect"], where)
+    free = known.stage != "controller"
+    return Effect(
+        entry["effect"],
+        {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
+    )
+
+
+def _read_param(value: Any, free: bool, where: str) -> Param:
+    std = None
+    if isinstance(value, Mapping):
+        if "std" in value:
+            std = math.nan if value["std"] is None else value["std"]
+        value, free = value.get("value"), value.get("free", free)
+    if (
+        not _is_number(value)
+        or not isinstance(free, bool)
+        or not (std is None or isinstance(std, int | float))
+    ):
+        raise InputError(
+            "a parameter is not a number", where, value, 'write 7.4 or {"value": 7.4, "free": true}'
+        )
+    return Param(float(value), free, std)
+
+
+def _check_params(effect: Effect, where: str) -> None:
+    known = find(effect.id, where)
+    where = f"{where} {effect.id}".strip()
+    for name in effect.params:
+        if name not in known.names:
+            hint = close(name, known.names) or f"it has {', '.join(known.names) or 'none'}"
+            raise InputError("unknown parameter", f"{where}.{name}", None, hint)
+    for parameter in known.parameters:
+        if parameter.name not in effect.params:
+            hint = f"a gimbal has {parameter.typical:g} {parameter.unit}".rstrip()
+            raise InputError("a parameter is missing", f"{where}.{parameter.name}", None, hint)
+        value = effect.params[parameter.name].value
+        if value != parameter.null_value and not parameter.lower <= value <= parameter.upper:
+            hint = f"it lies in {parameter.lower:g} .. {parameter.upper:g} {parameter.unit}".rstrip()
+            raise InputError("a value is out of its bounds", f"{where}.{parameter.name}", f"{value:g}", hint)
+    effect.params = {name: effect.params[name] for name in known.names}
+
+
+# ---- simulation --------------------------------------------------------------------------------------
+
+
+def lines_of(x: np.ndarray) -> np.ndarray:
+    """Lines 0 .. N/2 of one period, as Spectra has them: |line| is the amplitude of the sine.
+
+    Parameters
+    ----------
+    x : (..., N) ndarray
+
+    Returns
+    -------
+    (..., N // 2 + 1) complex ndarray
+    """
+    n = x.shape[-1]
+    lines = np.fft.rfft(x) * (2.0 / n)
+    lines[..., 0] /= 2
+    if n % 2 == 0:
+        lines[..., -1] /= 2
+    return lines
+
+
+def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
+    """One period of a record's mean input, held over each 1/oversampling of a sample (PLT-3).
+
+    With oversampling 1 these are the samples as they are. Else the input has no lines above half the sample
+    rate, and the held one is given the same lines: 1/oversampling of a sample's hold is taken out of each.
+
+    Parameters
+    ----------
+    measured : Spectra
+    oversampling : int
+
+    Returns
+    -------
+    (N oversampling,) float64
+    """
+    n = measured.period_samples
+    spectrum = measured.u * (n / 2)
+    spectrum[0] *= 2
+    if n % 2 == 0:
+        spectrum[-1] *= 2
+    if oversampling == 1:
+        return np.fft.irfft(spectrum, n)
+    below = spectrum[: (n + 1) // 2]  # without the line at half the rate, which has no phase
+    half = np.pi * np.arange(len(below)) / (n * oversampling)
+    fine = np.zeros(n * oversampling // 2 + 1, complex)
+    fine[: len(below)] = below * oversampling * np.exp(1j * half) / np.sinc(half / np.pi)
+    return np.fft.irfft(fine, n * oversampling)
+
+
+class PeriodicPlant:
+    """A plant bound to one period of its input: laid out once, then simulated with any values.
+
+    One thread at a time; different ones run beside each other.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Gives the effects, the free parameters and the values of the others.
+    u : (N oversampling,) array_like
+        One period of the input, held over each step.
+    fs_hz : float
+        Output samples per second [Hz].
+    oversampling : int
+        Steps of the input in one sample of the output.
+    """
+
+    def __init__(self, model: PlantModel, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
+        self._u = np.ascontiguousarray(u, dtype=np.float64)
+        self._m = oversampling
+        self._values = model.free_values
+        self._items = ffi.new("gsid_plant_item[]", len(model.effects))
+        self._free = []
+        for i, effect in enumerate(model.effects):
+            self._items[i].effect = lib.gsid_catalogue_find(effect.id.encode())
+            for j, param in enumerate(effect.params.values()):
+                self._items[i].value[j] = param.value
+                if param.free:
+                    self._free.append((i, j))
+        self._free_c = ffi.new("gsid_plant_free[]", self._free or 1)
+        self._cfg = ffi.new("gsid_plant_cfg *")
+        self._cfg.fs_hz, self._cfg.output_angle = fs_hz * oversampling, model.output == "angle"
+        self._cfg.n_items, self._cfg.item = len(model.effects), self._items
+        self._cfg.n_free, self._cfg.free_parameter = len(self._free), self._free_c
+        self._cfg.unit_rad = RADIANS[model.angle_unit]
+        self._plant = None
+
+    @classmethod
+    def of(cls, model: PlantModel, measured: Spectra) -> PeriodicPlant:
+        """Bind a model to a record's mean input.
+
+        Raises
+        ------
+        InputError
+            The loop's rate is not the record's.
+        """
+        if model.has_controller and abs(model.fs_hz / measured.fs_hz - 1) > 1e-6:
+            raise InputError(
+                "the controller does not run at the record's rate",
+                measured.name,
+                f"{model.fs_hz:g} and {measured.fs_hz:g} Hz",
+                "give the model the fs_hz of the record",
+            )
+        oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
+        return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
+
+    def run(self, values: Sequence[float] | None = None, *, sensitivities: bool = False) -> Prediction:
+        """Find the periodic answer, starting from the one found last.
+
+        Parameters
+        ----------
+        values : (n_free,) array_like, optional
+            Of the free parameters; default the model's.
+        sensitivities : bool
+            Whether to give dY.
+
+        Raises
+        ------
+        GsidError
+            The values are refused, or the plant leaves the range of numbers.
+        """
+        for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
+            self._items[i].value[j] = value
+        settle = 0
+        if self._plant is None:
+            self._lay_out()
+            settle = SETTLE_PERIODS
+        else:
+            check(lib.gsid_plant_update(self._plant), "simulating the plant")
+        try:
+            answer = self._run(settle, sensitivities)
+            if not answer.settled:
+                answer = self._run(SETTLE_LONGER, sensitivities)
+        except GsidError:
+            self._plant = None  # it is at rest, or half-way
+            raise
+        return answer
+
+    def _lay_out(self) -> None:
+        size = lib.gsid_plant_mem_size(self._cfg)
+        memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
+        plant = ffi.new("gsid_plant *")
+        self._memory = ffi.from_buffer(memory)
+        check(lib.gsid_plant_init(plant, self._cfg, self._memory, size), "laying out the plant")
+        self._plant = plant
+
+    def _run(self, settle: int, sensitivities: bool) -> Prediction:
+        n = len(self._u)
+        out = np.empty((3, n))
+        dy = np.empty((len(self._free), n)) if sensitivities and self._free else None
+        residual = ffi.new("gsid_real *")
+        pointers = [ffi.from_buffer("double[]", row) for row in (self._u, *out)]
+        dy_c = ffi.NULL if dy is None else ffi.cast("double *", ffi.from_buffer(dy))
+        u, y, angle, rate = pointers
+        status = lib.gsid_plant_periodic(
+            self._plant, n, u, settle, NEWTON_STEPS, y, dy_c, angle, rate, residual
+        )
+        check(status, "simulating the plant")
+        sampled = out[:, :: self._m]
+        if dy is None:
+            dY = np.empty((0, sampled.shape[1] // 2 + 1), complex) if sensitivities else None
+        else:
+            dY = lines_of(dy[:, :: self._m])
+        rms = float(np.sqrt(np.mean(sampled[0] ** 2)))
+        return Prediction(
+            y=sampled[0],
+            angle=sampled[1],
+            rate=sampled[2],
+            Y=lines_of(sampled[0]),
+            dY=dY,
+            residual=residual[0],
+            settled=status == lib.GSID_OK or residual[0] <= SETTLED * rms,
+        )
