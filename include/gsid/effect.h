@@ -64,28 +64,33 @@ typedef struct {
 /* ---- what is linear: z' = A z ---- */
 
 /* Entries of z that every plant has: what drives it, then its states. */
-enum { GSID_Z_COMMAND = 0, GSID_Z_ONE = 1, GSID_Z_ANGLE = 2, GSID_Z_RATE = 3, GSID_Z_FIRST = GSID_Z_ANGLE };
+enum { GSID_Z_COMMAND = 0, GSID_Z_ONE = 1, GSID_Z_ANGLE = 2, GSID_Z_RATE = 3, GSID_Z_STATES = GSID_Z_ANGLE };
+#define GSID_Z_MAX 32
+
+/* One entry of A, or of its derivative by a parameter that has the column `by` of the sensitivities. */
+typedef struct {
+    uint32_t row, column, by;
+    gsid_real value;
+} gsid_linear_entry;
 
 /* The matrix A and its derivatives, while the effects put in what they add. */
 typedef struct {
-    uint32_t n;           /* entries of z so far */
-    uint32_t command;     /* column where the actuator chain ends so far */
-    uint32_t drive;       /* row that the motor torque acts on */
-    uint32_t item;        /* number of the item that is adding now */
-    uint32_t rigid_body;  /* number of the rigid body's item */
-    gsid_real gain;       /* of the rigid body */
-    gsid_real delay_s;    /* of the command so far */
-    gsid_real instant_s;  /* a lag shorter than this is a delay */
-    int output_angle;     /* the sensor sees the angle, not the rate */
-    uint32_t twist;       /* entry of the joint's twist, and the row that its torque reacts on; 0: no joint */
-    uint32_t reaction;
-    uint32_t width;       /* row length of the matrices */
-    gsid_real *a;         /* [width][width] */
-    gsid_real *by_free;   /* [n_free][width][width] */
-    gsid_real *signal;    /* [width] the sensor's signal is signal z */
-    uint32_t n_free;
-    const uint32_t *free_item, *free_parameter; /* [n_free] */
-    gsid_real *delay_by_free; /* [n_free] */
+    uint32_t n;            /* entries of z so far */
+    uint32_t command;      /* entry of z where the actuator chain ends so far */
+    uint32_t drive;        /* row that the motor torque acts on */
+    uint32_t twist;        /* entry of the joint's twist; 0: no joint */
+    uint32_t reaction;     /* row that the joint's torque acts back on */
+    uint32_t item;         /* number of the item that is adding now */
+    uint32_t n_bodies;     /* rigid bodies so far: the number of the last one's item, and its gain */
+    uint32_t rigid_body;
+    gsid_real gain;
+    int output_angle;      /* the sensor sees the angle, not the rate */
+    gsid_real delay_s;     /* of the command so far */
+    gsid_real instant_s;   /* a lag shorter than this counts as a delay */
+    gsid_real signal[GSID_Z_MAX]; /* the sensor sees signal z */
+    const uint32_t *column;       /* private: [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
+    uint32_t n_entries, n_slopes, n_delays;     /* private */
+    gsid_linear_entry *entry, *slope, *delay;   /* private: NULL while they are counted */
 } gsid_linear;
 
 /** Add a state.  @return its entry of z */

@@ -2,11 +2,14 @@
 #ifndef GSID_H
 #define GSID_H
 
+#include "gsid/catalogue.h"
+#include "gsid/effect.h"
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
 #include "gsid/link.h"
 #include "gsid/lsq.h"
+#include "gsid/plant.h"
 #include "gsid/rational.h"
 #include "gsid/spectrum.h"
 #include "gsid/types.h"

@@ -1,0 +1,349 @@
+/* A plant's configuration, memory, and one sample of it. */
+#include "gsid/plant.h"
+
+#include <string.h>
+
+#include "gsid/lsq.h"
+
+#include "plant_private.h"
+
+/* A step of the Runge-Kutta method is at most this many radians of the stiffest law. */
+#define STEP_RAD GSID_R(0.2)
+#define STEPS_MAX 256
+/* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
+#define RATE_SAMPLES_MAX GSID_R(4000.0)
+#define UNIT_DEGREE GSID_R(0.0174532925199432958)
+
+/* ---- configuration ---- */
+
+static gsid_status check_item(const gsid_plant_item *item) {
+    if (item->effect == NULL)
+        return GSID_E_NULL;
+    if (item->effect->n_parameters > GSID_EFFECT_PARAMETERS_MAX)
+        return GSID_E_CONFIG;
+    for (uint32_t k = 0; k < item->effect->n_parameters; k++) {
+        const gsid_effect_parameter *p = &item->effect->parameter[k];
+        const gsid_real value = item->value[k];
+        if (!gsid_is_finite(value))
+            return GSID_E_NONFINITE;
+        if (value != p->null_value && !(value >= p->lower && value <= p->upper))
+            return GSID_E_CONFIG;
+    }
+    return GSID_OK;
+}
+
+static gsid_status check_free(const gsid_plant_cfg *cfg) {
+    for (uint32_t i = 0; i < cfg->n_free; i++) {
+        const gsid_plant_free f = cfg->free_parameter[i];
+        if (f.item >= cfg->n_items || f.parameter >= cfg->item[f.item].effect->n_parameters)
+            return GSID_E_CONFIG;
+        for (uint32_t j = 0; j < i; j++)
+            if (cfg->free_parameter[j].item == f.item && cfg->free_parameter[j].parameter == f.parameter)
+                return GSID_E_CONFIG;
+    }
+    return GSID_OK;
+}
+
+static int is_joint(const gsid_effect *effect) {
+    return effect->stage == GSID_STAGE_TORQUE && effect->n_states > 0;
+}
+
+/* What a configuration needs. */
+typedef struct {
+    gsid_linear linear; /* counted only */
+    uint32_t n_laws, n_memories, n_joints, n_controllers, n_samplers, n_states;
+    int holds, looks_at_angle, maps_command; /* maps_command: or makes it */
+} needs;
+
+static void count(const gsid_plant_cfg *cfg, needs *n) {
+    memset(n, 0, sizeof *n);
+    for (uint32_t i = 0; i < cfg->n_items; i++) {
+        const gsid_effect *effect = cfg->item[i].effect;
+        n->n_laws += effect->torque != NULL;
+        n->n_memories += effect->has_memory != 0;
+        n->n_joints += is_joint(effect) ? 1u : 0u;
+        n->n_controllers += effect->control != NULL;
+        n->n_samplers += effect->refresh_hz != NULL;
+        n->n_states += effect->n_states;
+        n->holds |= effect->holding != NULL;
+        n->looks_at_angle |= effect->looks_at_angle || effect->control != NULL;
+        n->maps_command |= effect->command != NULL || effect->control != NULL;
+    }
+    n->looks_at_angle |= cfg->output_angle != 0;
+}
+
+static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
+    if (cfg == NULL || cfg->item == NULL || (cfg->n_free > 0 && cfg->free_parameter == NULL))
+        return GSID_E_NULL;
+    if (!gsid_is_finite(cfg->fs_hz) || !gsid_is_finite(cfg->unit_rad))
+        return GSID_E_NONFINITE;
+    if (!(cfg->fs_hz > 0) || cfg->n_items == 0 || cfg->n_items > UINT16_MAX || cfg->n_free > UINT16_MAX)
+        return GSID_E_CONFIG;
+    for (uint32_t i = 0; i < cfg->n_items; i++) {
+        const gsid_status status = check_item(&cfg->item[i]);
+        if (status != GSID_OK)
+            return status;
+    }
+    count(cfg, n);
+    if (n->n_joints > 1 || n->n_controllers > 1 || n->n_samplers > 1 ||
+        GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX)
+        return GSID_E_CONFIG;
+    return check_free(cfg);
+}
+
+/* ---- layout ---- */
+
+/* Takes aligned blocks one after the other; without a base it only counts. */
+typedef struct {
+    unsigned char *base;
+    size_t used;
+} block;
+
+static void *take(block *b, size_t n, size_t size) {
+    void *const at = b->base == NULL ? NULL : b->base + b->used;
+    b->used += (n * size + GSID_ALIGN_CPLX - 1) / GSID_ALIGN_CPLX * GSID_ALIGN_CPLX;
+    return at;
+}
+
+static gsid_real *take_reals(block *b, size_t n) {
+    return take(b, n, sizeof(gsid_real));
+}
+
+static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, block *b) {
+    const size_t n_reals = (1 + (size_t)cfg->n_free) * l->width * l->width;
+    for (int piece = 0; piece < 2; piece++)
+        for (int how = SLIP; how <= (n->holds ? STICK : SLIP); how++)
+            for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++)
+                l->piece[piece].step.map[how][part] = take_reals(b, n_reals);
+    l->square = take_reals(b, 2 * n_reals);
+}
+
+static void take_lists(const needs *n, gsid_linear *linear, block *b) {
+    linear->entry = take(b, n->linear.n_entries, sizeof(gsid_linear_entry));
+    linear->slope = take(b, n->linear.n_slopes, sizeof(gsid_linear_entry));
+    linear->delay = take(b, n->linear.n_delays, sizeof(gsid_linear_entry));
+}
+
+static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, block *b) {
+    l->n_channels = n->n_laws > 0 ? 1 + n->n_joints : 0;
+    l->width = n->linear.n + FORCING * l->n_channels;
+    l->n_laws = n->n_laws;
+    l->n_memories = n->n_memories;
+    l->n_rows = l->width + n->n_memories;
+    l->n_shoot_max = n->linear.n - GSID_Z_STATES + n->n_memories;
+    l->n_columns = 1 + cfg->n_free + l->n_shoot_max;
+    l->ring_columns = n->maps_command ? l->n_columns : 1;
+
+    const size_t n_z = (size_t)l->n_rows * l->n_columns;
+    take_lists(n, &l->linear, b);
+    take_lists(n, &l->draft, b);
+    l->column = take(b, (size_t)cfg->n_items * GSID_EFFECT_PARAMETERS_MAX, sizeof(uint32_t));
+    l->law = take(b, n->n_laws, sizeof(plant_law));
+    l->slope_column = take(b, cfg->n_free, sizeof(uint32_t));
+    l->row = take(b, n->linear.n, sizeof(uint32_t));
+    l->shoot_row = take(b, l->n_shoot_max, sizeof(uint32_t));
+    lay_out_maps(cfg, n, l, b);
+    l->z = take_reals(b, n_z);
+    l->next = take_reals(b, n_z);
+    l->stage = take_reals(b, n_z);
+    l->peek = take_reals(b, n->n_samplers > 0 ? n_z : 0);
+    for (int i = 0; i < 3; i++) {
+        l->term[i] = take_reals(b, n_z);
+        l->torque[i] = take_reals(b, (size_t)CHANNELS_MAX * l->n_columns);
+    }
+    l->command = take_reals(b, l->n_columns);
+    l->y = take_reals(b, l->n_columns);
+    l->held = take_reals(b, l->n_columns);
+    l->under_way = take_reals(b, (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->ring_columns);
+    l->start = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
+    l->largest_dy = take_reals(b, l->n_columns);
+    l->correction = take_reals(b, l->n_shoot_max);
+    l->lsq_mem = take(b, GSID_LSQ_MEM_SIZE(l->n_shoot_max), 1);
+}
+
+/* Check, count and lay out; the size is in b->used. */
+static gsid_status plan(const gsid_plant_cfg *cfg, needs *n, gsid_plant_layout *l, block *b) {
+    gsid_status status = check(cfg, n);
+    if (status != GSID_OK)
+        return status;
+    gsid_plant_linear_build(cfg, &n->linear);
+    if (n->linear.n_bodies != 1)
+        return GSID_E_CONFIG;
+    take(b, 1, sizeof *l);
+    lay_out(cfg, n, l, b);
+    return GSID_OK;
+}
+
+size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg) {
+    needs n;
+    gsid_plant_layout l;
+    block b = {NULL, 0};
+    memset(&l, 0, sizeof l);
+    return plan(cfg, &n, &l, &b) == GSID_OK ? b.used : 0;
+}
+
+/* ---- values ---- */
+
+/* Square of the fastest rate that a law adds, by the slope of its torque at its steepest. */
+static gsid_real stiffness_of(const gsid_plant_layout *l, const plant_law *law) {
+    gsid_real steepest = 0;
+    for (int zone = -1; zone <= 1; zone++) {
+        const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
+        gsid_torque t;
+        memset(&t, 0, sizeof t);
+        law->item->effect->torque(law->item, &motion, &t);
+        const gsid_real slope = gsid_fabs(t.by_angle) + gsid_fabs(t.by_turned);
+        steepest = slope > steepest ? slope : steepest;
+    }
+    return steepest;
+}
+
+/* Steps that a length is cut into, and the delay's whole samples and fraction. */
+typedef struct {
+    uint32_t delay_samples, n_steps[2];
+    gsid_real length_s[2], fastest;
+} timing;
+
+static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layout *l, const gsid_linear *linear,
+                               timing *t) {
+    const gsid_real samples = linear->delay_s * cfg->fs_hz;
+    if (!(samples < GSID_PLANT_DELAY_MAX))
+        return GSID_E_CONFIG;
+    t->fastest = gsid_plant_fastest(linear);
+    if (!(t->fastest <= RATE_SAMPLES_MAX * cfg->fs_hz))
+        return GSID_E_CONFIG;
+    gsid_real stiffness = 0;
+    for (uint32_t i = 0; i < l->n_laws; i++)
+        stiffness += stiffness_of(l, &l->law[i]);
+    const gsid_real steps_per_s = gsid_sqrt(stiffness) / STEP_RAD;
+    if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz))
+        return GSID_E_CONFIG;
+    t->delay_samples = (uint32_t)samples;
+    t->length_s[0] = (samples - (gsid_real)t->delay_samples) / cfg->fs_hz;
+    t->length_s[1] = 1 / cfg->fs_hz - t->length_s[0];
+    for (int i = 0; i < 2; i++)
+        t->n_steps[i] = t->length_s[i] > 0 ? 1 + (uint32_t)(t->length_s[i] * steps_per_s) : 0;
+    return GSID_OK;
+}
+
+/* The rows of the states; first those that laws look at. */
+static void order_rows(gsid_plant_layout *l) {
+    const gsid_linear *a = &l->linear;
+    uint32_t n = 0;
+    l->row[n++] = GSID_Z_ANGLE;
+    l->row[n++] = GSID_Z_RATE;
+    if (a->twist != 0)
+        l->row[n++] = a->twist;
+    l->n_look = n;
+    for (uint32_t row = GSID_Z_RATE + 1; row < a->n; row++)
+        if (row != a->twist)
+            l->row[n++] = row;
+}
+
+/* The states that a period's start is searched in: the angle only where something depends on it. */
+static void order_shooting(gsid_plant_layout *l) {
+    l->n_shoot = 0;
+    for (uint32_t row = GSID_Z_STATES; row < l->linear.n; row++)
+        if (row != GSID_Z_ANGLE || l->looks_at_angle)
+            l->shoot_row[l->n_shoot++] = row;
+    for (uint32_t row = l->n_rows - l->n_memories; row < l->n_rows; row++)
+        l->shoot_row[l->n_shoot++] = row;
+}
+
+static void list_slope_columns(gsid_plant_layout *l, uint32_t n_free) {
+    l->n_slope_columns = 0;
+    for (uint32_t by = FIRST_FREE; by < FIRST_FREE + n_free; by++) {
+        uint32_t k = 0;
+        while (k < l->linear.n_slopes && l->linear.slope[k].by != by)
+            k++;
+        if (k < l->linear.n_slopes)
+            l->slope_column[l->n_slope_columns++] = by;
+    }
+}
+
+gsid_status gsid_plant_update(gsid_plant *plant) {
+    if (plant == NULL)
+        return GSID_E_NULL;
+    if (plant->layout == NULL)
+        return GSID_E_STATE;
+    gsid_plant_layout *l = plant->layout;
+    const gsid_plant_cfg *cfg = &plant->cfg;
+    needs n;
+    gsid_status status = check(cfg, &n);
+    if (status != GSID_OK)
+        return status;
+    timing t;
+    gsid_plant_linear_build(cfg, &l->draft);
+    status = plan_timing(cfg, l, &l->draft, &t);
+    if (status != GSID_OK)
+        return status;
+    const int same_states = l->draft.n == l->linear.n;
+    const gsid_linear built = l->draft;
+    l->draft = l->linear;
+    l->linear = built;
+    l->fastest = t.fastest;
+    l->delay_samples = t.delay_samples;
+    l->refresh_s = l->sampler != NULL ? l->sampler->effect->refresh_hz(l->sampler) : 0;
+    l->refresh_s = l->refresh_s > 0 ? 1 / l->refresh_s : 0;
+    l->width = l->linear.n + FORCING * l->n_channels;
+    order_rows(l);
+    order_shooting(l);
+    list_slope_columns(l, cfg->n_free);
+    for (int i = 0; i < 2; i++) {
+        l->piece[i].n_steps = t.n_steps[i];
+        if (t.n_steps[i] == 0)
+            continue;
+        l->piece[i].step.length_s = t.length_s[i] / (gsid_real)t.n_steps[i];
+        gsid_plant_flow_build(l, &l->piece[i].step);
+    }
+    return same_states ? GSID_OK : gsid_plant_reset(plant);
+}
+
+static void list_items(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
+    for (uint32_t p = 0; p < cfg->n_free; p++) {
+        const gsid_plant_free f = cfg->free_parameter[p];
+        l->column[(size_t)f.item * GSID_EFFECT_PARAMETERS_MAX + f.parameter] = FIRST_FREE + p;
+    }
+    uint32_t n_laws = 0, n_memories = 0;
+    for (uint32_t i = 0; i < cfg->n_items; i++) {
+        const gsid_plant_item *item = &cfg->item[i];
+        const uint32_t *column = l->column + (size_t)i * GSID_EFFECT_PARAMETERS_MAX;
+        if (item->effect->torque != NULL) {
+            const uint32_t channel = is_joint(item->effect) ? JOINT : AXIS;
+            const uint32_t memory = item->effect->has_memory ? l->n_rows - 1 - n_memories++ : NONE;
+            l->law[n_laws++] = (plant_law){item, column, channel, memory, 0};
+        }
+        if (item->effect->refresh_hz != NULL) {
+            l->sampler = item;
+            l->sampler_column = column;
+        }
+    }
+}
+
+gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size) {
+    if (plant == NULL || mem == NULL)
+        return GSID_E_NULL;
+    needs n;
+    gsid_plant_layout draft;
+    block b = {mem, 0};
+    memset(&draft, 0, sizeof draft);
+    gsid_status status = plan(cfg, &n, &draft, &b);
+    if (status != GSID_OK)
+        return status;
+    if (mem_size < b.used || !gsid_is_aligned(mem))
+        return GSID_E_MEMORY;
+    memset(mem, 0, b.used);
+    gsid_plant_layout *l = mem;
+    *l = draft;
+    l->holds = n.holds;
+    l->has_side = n.holds || n.n_memories > 0;
+    l->looks_at_angle = n.looks_at_angle;
+    l->unit_rad = cfg->unit_rad > 0 ? cfg->unit_rad : UNIT_DEGREE;
+    l->linear.column = l->draft.column = l->column;
+    list_items(cfg, l);
+    gsid_plant made = {*cfg, l};
+    status = gsid_plant_update(&made);
+    if (status == GSID_OK)
+        *plant = made;
+    return status;
+}

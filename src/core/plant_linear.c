@@ -1,0 +1,315 @@
+/* The linear part of a plant: the matrix A with its derivatives, and the motion z(t) = exp(A t) z(0). */
+#include <string.h>
+
+#include "plant_private.h"
+
+/* Lags shorter than this part of a sample are taken as delays: the difference is of second order. It also bounds the
+ * rates that the series below have to follow. */
+#define INSTANT GSID_R(1e-3)
+
+/* With |A t| <= 1/2 the next term, 0.5^15 / 15!, is below the rounding of double. */
+#define SERIES_TERMS 14
+#define SERIES_REACH GSID_R(0.5)
+
+uint32_t gsid_linear_state(gsid_linear *to) {
+    return to->n++;
+}
+
+static void append(gsid_linear_entry *list, uint32_t *n, gsid_linear_entry entry) {
+    if (list != NULL)
+        list[*n] = entry;
+    (*n)++;
+}
+
+void gsid_linear_add(gsid_linear *to, uint32_t row, uint32_t column, gsid_real value) {
+    const gsid_linear_entry entry = {row, column, 0, value};
+    append(to->entry, &to->n_entries, entry);
+}
+
+/* While entries are only counted, every parameter counts as free. */
+static uint32_t column_of(const gsid_linear *to, uint32_t item, uint32_t parameter) {
+    if (to->column == NULL)
+        return 1;
+    return to->column[(size_t)item * GSID_EFFECT_PARAMETERS_MAX + parameter];
+}
+
+void gsid_linear_slope(gsid_linear *to, uint32_t item, uint32_t parameter, uint32_t row, uint32_t column,
+                       gsid_real slope) {
+    const gsid_linear_entry entry = {row, column, column_of(to, item, parameter), slope};
+    if (entry.by != 0)
+        append(to->slope, &to->n_slopes, entry);
+}
+
+void gsid_linear_delay(gsid_linear *to, uint32_t parameter, gsid_real delay_s) {
+    const gsid_linear_entry entry = {0, 0, column_of(to, to->item, parameter), GSID_R(1.0)};
+    to->delay_s += delay_s;
+    if (entry.by != 0)
+        append(to->delay, &to->n_delays, entry);
+}
+
+static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage stage, int joints) {
+    for (uint32_t i = 0; i < cfg->n_items; i++) {
+        const gsid_effect *effect = cfg->item[i].effect;
+        const int is_joint = stage == GSID_STAGE_TORQUE && effect->n_states > 0;
+        if (effect->stage != stage || effect->linear == NULL || is_joint != joints)
+            continue;
+        to->item = i;
+        effect->linear(&cfg->item[i], to);
+    }
+}
+
+/* Torques that are not linear drive the axis, and react on the motor when they act in the joint; their entries of z follow
+ * the states. */
+static void add_channels(const gsid_plant_cfg *cfg, gsid_linear *to) {
+    uint32_t n_laws = 0;
+    for (uint32_t i = 0; i < cfg->n_items; i++)
+        n_laws += cfg->item[i].effect->torque != NULL;
+    if (n_laws == 0)
+        return;
+    gsid_linear_add(to, GSID_Z_RATE, to->n, -1);
+    if (to->twist != 0) {
+        gsid_linear_add(to, GSID_Z_RATE, to->n + FORCING, -1);
+        gsid_linear_add(to, to->reaction, to->n + FORCING, 1);
+    }
+}
+
+/* A joint comes first: it decides which row the motor drives. `to` brings its lists and the columns of the free
+ * parameters, or NULL for each to count the most that any values need: then every lag has its state. */
+void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to) {
+    to->n = GSID_Z_RATE + 1;
+    to->command = GSID_Z_COMMAND;
+    to->drive = GSID_Z_RATE;
+    to->twist = to->reaction = to->n_bodies = to->rigid_body = 0;
+    to->gain = 0;
+    to->delay_s = 0;
+    to->instant_s = to->column == NULL ? GSID_R(-1.0) : INSTANT / cfg->fs_hz;
+    to->output_angle = cfg->output_angle;
+    to->n_entries = to->n_slopes = to->n_delays = 0;
+    memset(to->signal, 0, sizeof to->signal);
+    to->signal[cfg->output_angle ? GSID_Z_ANGLE : GSID_Z_RATE] = 1;
+    gsid_linear_add(to, GSID_Z_ANGLE, GSID_Z_RATE, 1);
+    add_stage(cfg, to, GSID_STAGE_TORQUE, 1);
+    add_stage(cfg, to, GSID_STAGE_ACTUATOR, 0);
+    add_stage(cfg, to, GSID_STAGE_TORQUE, 0);
+    add_stage(cfg, to, GSID_STAGE_STRUCTURE, 0);
+    add_stage(cfg, to, GSID_STAGE_SENSOR, 0);
+    add_channels(cfg, to);
+}
+
+/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. What
+ * drives the states from outside cannot make them faster. */
+gsid_real gsid_plant_fastest(const gsid_linear *a) {
+    gsid_real spring = 1, largest = 0, scale[GSID_Z_MAX], sum[GSID_Z_MAX] = {0};
+    for (uint32_t k = 0; k < a->n_entries; k++) {
+        const gsid_linear_entry e = a->entry[k];
+        const int is_spring = e.column == GSID_Z_ANGLE || (e.column == a->twist && a->twist != 0);
+        if (is_spring && gsid_fabs(e.value) > spring)
+            spring = gsid_fabs(e.value);
+    }
+    for (uint32_t i = 0; i < a->n; i++)
+        scale[i] = i == GSID_Z_ANGLE || (i == a->twist && i != 0) ? gsid_sqrt(spring) : GSID_R(1.0);
+    for (uint32_t k = 0; k < a->n_entries; k++) {
+        const gsid_linear_entry e = a->entry[k];
+        if (e.column >= GSID_Z_STATES && e.column < a->n)
+            sum[e.row] += gsid_fabs(e.value) * scale[e.row] / scale[e.column];
+    }
+    for (uint32_t i = 0; i < a->n; i++)
+        largest = sum[i] > largest ? sum[i] : largest;
+    return largest;
+}
+
+/* ---- maps over a fixed length ---- */
+
+typedef struct {
+    const gsid_plant_layout *l;
+    int sticks;
+    gsid_real scale;   /* of A */
+    gsid_real forcing; /* time scale of the forcing parabola: its length is that of the whole step */
+} generator;
+
+/* to += factor from G, G = scale A with the forcing's shift, columns as in z. */
+static void add_times(const generator *g, gsid_real factor, const gsid_real *from, gsid_real *to) {
+    const gsid_plant_layout *l = g->l;
+    const uint32_t w = l->width;
+    for (uint32_t k = 0; k < l->linear.n_entries; k++) {
+        const gsid_linear_entry e = l->linear.entry[k];
+        if (g->sticks && e.row == GSID_Z_RATE)
+            continue;
+        const gsid_real value = factor * g->scale * e.value;
+        for (uint32_t i = 0; i < w; i++)
+            to[i * w + e.column] += value * from[i * w + e.row];
+    }
+    for (uint32_t at = l->linear.n; at < w; at += FORCING) {
+        for (uint32_t i = 0; i < w; i++) {
+            to[i * w + at + 1] += factor * g->forcing * from[i * w + at];
+            to[i * w + at + 2] += 2 * factor * g->forcing * from[i * w + at + 1];
+        }
+    }
+}
+
+/* to += factor from dG, by the parameter of a column. */
+static void add_times_slope(const generator *g, uint32_t by, gsid_real factor, const gsid_real *from, gsid_real *to) {
+    const gsid_plant_layout *l = g->l;
+    const uint32_t w = l->width;
+    for (uint32_t k = 0; k < l->linear.n_slopes; k++) {
+        const gsid_linear_entry e = l->linear.slope[k];
+        if (e.by != by || (g->sticks && e.row == GSID_Z_RATE))
+            continue;
+        const gsid_real value = factor * g->scale * e.value;
+        for (uint32_t i = 0; i < w; i++)
+            to[i * w + e.column] += value * from[i * w + e.row];
+    }
+}
+
+/* to += a b */
+static void add_product(uint32_t w, const gsid_real *a, const gsid_real *b, gsid_real *to) {
+    for (uint32_t i = 0; i < w; i++) {
+        for (uint32_t k = 0; k < w; k++) {
+            const gsid_real aik = a[i * w + k];
+            if (aik == 0)
+                continue;
+            for (uint32_t j = 0; j < w; j++)
+                to[i * w + j] += aik * b[k * w + j];
+        }
+    }
+}
+
+/* exp(G) = sum G^k / k!, and its derivatives: T <- T G / k, dT <- (dT G + T dG) / k. */
+static void sum_series(const generator *g, gsid_real *map) {
+    const gsid_plant_layout *l = g->l;
+    const size_t w = l->width, n = w * w, n_maps = 1 + (size_t)l->n_slope_columns;
+    gsid_real *term = l->square, *next = l->square + n_maps * n;
+    memset(map, 0, n_maps * n * sizeof *map);
+    memset(term, 0, n_maps * n * sizeof *term);
+    for (size_t i = 0; i < w; i++)
+        map[i * w + i] = term[i * w + i] = 1;
+    for (int k = 1; k <= SERIES_TERMS; k++) {
+        const gsid_real factor = 1 / (gsid_real)k;
+        memset(next, 0, n_maps * n * sizeof *next);
+        add_times(g, factor, term, next);
+        for (size_t p = 0; p + 1 < n_maps; p++) {
+            add_times(g, factor, term + (p + 1) * n, next + (p + 1) * n);
+            add_times_slope(g, l->slope_column[p], factor, term, next + (p + 1) * n);
+        }
+        for (size_t i = 0; i < n_maps * n; i++)
+            map[i] += next[i];
+        gsid_real *spare = term;
+        term = next;
+        next = spare;
+    }
+}
+
+/* exp(2 G) = exp(G)^2 */
+static void square(const gsid_plant_layout *l, gsid_real *map) {
+    const size_t w = l->width, n = w * w, n_maps = 1 + (size_t)l->n_slope_columns;
+    gsid_real *to = l->square;
+    memset(to, 0, n_maps * n * sizeof *to);
+    add_product(l->width, map, map, to);
+    for (size_t p = 1; p < n_maps; p++) {
+        add_product(l->width, map, map + p * n, to + p * n);
+        add_product(l->width, map + p * n, map, to + p * n);
+    }
+    memcpy(map, to, n_maps * n * sizeof *to);
+}
+
+static void build_map(const gsid_plant_layout *l, gsid_real length_s, int sticks, gsid_real *map) {
+    uint32_t n_doublings = 0;
+    gsid_real part = 1;
+    for (; l->fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5))
+        n_doublings++;
+    const generator g = {l, sticks, length_s * part, part};
+    sum_series(&g, map);
+    for (uint32_t k = 0; k < n_doublings; k++)
+        square(l, map);
+}
+
+void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow) {
+    for (int how = SLIP; how <= STICK; how++)
+        for (int part = WHOLE; part <= HALF; part++)
+            if (flow->map[how][part] != NULL)
+                build_map(l, part == WHOLE ? flow->length_s : flow->length_s / 2, how == STICK, flow->map[how][part]);
+}
+
+/* to = exp(A length) z in the first n_rows of l->row. */
+void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
+                          gsid_real *to) {
+    const size_t w = l->width, n_columns = l->n_columns;
+    const uint32_t n_active = l->n_active;
+    for (uint32_t i = 0; i < n_rows; i++) {
+        const gsid_real *m = map + l->row[i] * w;
+        gsid_real *out = to + l->row[i] * n_columns;
+        memset(out, 0, n_active * sizeof *out);
+        for (size_t k = 0; k < w; k++) {
+            const gsid_real mk = m[k], *from = z + k * n_columns;
+            if (mk == 0)
+                continue;
+            for (uint32_t c = 0; c < n_active; c++)
+                out[c] += mk * from[c];
+        }
+        if (l->n_free == 0)
+            continue;
+        for (uint32_t p = 0; p < l->n_slope_columns; p++) {
+            const gsid_real *slope = m + (p + 1) * w * w;
+            gsid_real sum = 0;
+            for (size_t k = 0; k < w; k++)
+                sum += slope[k] * z[k * n_columns];
+            out[l->slope_column[p]] += sum;
+        }
+    }
+}
+
+/* ---- motion over any length ---- */
+
+/* next = G term / k in all active columns. */
+static void next_term(const generator *g, gsid_real factor, const gsid_real *term, gsid_real *next) {
+    const gsid_plant_layout *l = g->l;
+    const size_t n_columns = l->n_columns;
+    for (uint32_t i = 0; i < l->width; i++)
+        memset(next + i * n_columns, 0, l->n_active * sizeof *next);
+    for (uint32_t k = 0; k < l->linear.n_entries; k++) {
+        const gsid_linear_entry e = l->linear.entry[k];
+        if (g->sticks && e.row == GSID_Z_RATE)
+            continue;
+        const gsid_real value = factor * g->scale * e.value, *from = term + e.column * n_columns;
+        gsid_real *to = next + e.row * n_columns;
+        for (uint32_t c = 0; c < l->n_active; c++)
+            to[c] += value * from[c];
+    }
+    for (uint32_t k = 0; l->n_free > 0 && k < l->linear.n_slopes; k++) {
+        const gsid_linear_entry e = l->linear.slope[k];
+        if (!(g->sticks && e.row == GSID_Z_RATE))
+            next[e.row * n_columns + e.by] += factor * g->scale * e.value * term[e.column * n_columns];
+    }
+    for (uint32_t at = l->linear.n; at < l->width; at += FORCING) {
+        gsid_real *to = next + at * n_columns;
+        const gsid_real *from = term + at * n_columns;
+        for (uint32_t c = 0; c < l->n_active; c++) {
+            to[c] = factor * g->forcing * from[n_columns + c];
+            to[n_columns + c] = 2 * factor * g->forcing * from[2 * n_columns + c];
+        }
+    }
+}
+
+/* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
+void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
+                            gsid_real *to) {
+    const size_t n_columns = l->n_columns;
+    const uint32_t n_parts = 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
+    const generator g = {l, l->sticks, length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
+    gsid_real *sum = l->term[0], *term = l->term[1], *next = l->term[2];
+    memcpy(sum, z, l->width * n_columns * sizeof *sum);
+    for (uint32_t part = 0; part < n_parts; part++) {
+        memcpy(term, sum, l->width * n_columns * sizeof *sum);
+        for (int k = 1; k <= SERIES_TERMS; k++) {
+            next_term(&g, 1 / (gsid_real)k, term, next);
+            for (uint32_t i = 0; i < l->width; i++)
+                for (uint32_t c = 0; c < l->n_active; c++)
+                    sum[i * n_columns + c] += next[i * n_columns + c];
+            gsid_real *spare = term;
+            term = next;
+            next = spare;
+        }
+    }
+    for (uint32_t i = 0; i < n_rows; i++)
+        memcpy(to + l->row[i] * n_columns, sum + l->row[i] * n_columns, l->n_active * sizeof *sum);
+}

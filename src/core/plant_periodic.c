@@ -1,0 +1,219 @@
+/* The periodic steady state: Newton's method on the state at the period's start (shooting), with the sensitivities of that
+ * fixed point. */
+#include <string.h>
+
+#include "gsid/lsq.h"
+#include "plant_private.h"
+
+/* The answer is settled when one more period changes it by less than this part of its peak. */
+#ifdef GSID_SINGLE
+#define SETTLED 1e-5f
+#define SETTLED_SLOPE 1e-3f
+#define RANK_TOL 1e-5f
+#else
+#define SETTLED 1e-11
+#define SETTLED_SLOPE 1e-8
+#define RANK_TOL 1e-10
+#endif
+
+typedef struct {
+    gsid_plant *plant;
+    gsid_plant_layout *l;
+    uint32_t n_period;
+    const gsid_real *u;
+    gsid_real *y, *dy, *angle, *rate;
+    uint32_t first_shoot; /* column */
+    int closed_loop;
+} shooting;
+
+static int has_controller(const gsid_plant_cfg *cfg) {
+    for (uint32_t i = 0; i < cfg->n_items; i++)
+        if (cfg->item[i].effect->control != NULL)
+            return 1;
+    return 0;
+}
+
+/* The commands on their way at the start are the period's last; in closed loop, those of the period before. */
+static void fill_delay(shooting *s) {
+    gsid_plant_layout *l = s->l;
+    if (s->closed_loop)
+        return;
+    for (uint32_t k = l->delay_samples + 1; k > 0; k--)
+        gsid_plant_give(s->plant, s->u[(s->n_period - k % s->n_period) % s->n_period]);
+    gsid_plant_take_command(l);
+}
+
+static void keep_largest(gsid_plant_layout *l) {
+    for (uint32_t c = 0; c < l->n_active; c++) {
+        const gsid_real size = gsid_fabs(l->y[c]);
+        if (size > l->largest_dy[c])
+            l->largest_dy[c] = size;
+    }
+}
+
+static void run_period(shooting *s) {
+    gsid_plant_layout *l = s->l;
+    memset(l->largest_dy, 0, l->n_active * sizeof *l->largest_dy);
+    fill_delay(s);
+    gsid_plant_start_refresh(l);
+    for (uint32_t n = 0; n < s->n_period; n++) {
+        gsid_plant_output(l, l->y);
+        keep_largest(l);
+        s->y[n] = l->y[VALUE];
+        for (uint32_t p = 0; p < l->n_free; p++)
+            s->dy[(size_t)p * s->n_period + n] = l->y[FIRST_FREE + p];
+        if (s->angle != NULL)
+            s->angle[n] = l->z[GSID_Z_ANGLE * l->n_columns];
+        if (s->rate != NULL)
+            s->rate[n] = l->z[GSID_Z_RATE * l->n_columns];
+        gsid_plant_sample(s->plant, s->u[n]);
+    }
+}
+
+/* ---- the state at the start ---- */
+
+static gsid_real *state(const shooting *s, uint32_t j) {
+    return s->l->z + (size_t)s->l->shoot_row[j] * s->l->n_columns;
+}
+
+static gsid_real *start(const shooting *s, uint32_t j) {
+    return s->l->start + (size_t)j * s->l->n_columns;
+}
+
+/* Value and free columns come from the start that was found; each further column is one state's derivative by itself. */
+static void enter_start(shooting *s) {
+    gsid_plant_layout *l = s->l;
+    for (uint32_t row = GSID_Z_STATES; row < l->n_rows; row++)
+        memset(l->z + (size_t)row * l->n_columns + 1, 0, (l->n_active - 1) * sizeof *l->z);
+    for (uint32_t j = 0; j < l->n_shoot; j++) {
+        memcpy(state(s, j), start(s, j), s->first_shoot * sizeof *l->z);
+        state(s, j)[s->first_shoot + j] = 1;
+    }
+    gsid_plant_choose_zones(l);
+    gsid_plant_choose_regime(l);
+    if (l->sticks)
+        memset(l->z + GSID_Z_RATE * l->n_columns + 1, 0, (l->n_active - 1) * sizeof *l->z);
+    if (s->closed_loop)
+        gsid_plant_clear_ring(l, s->first_shoot);
+}
+
+static void leave_as_start(shooting *s) {
+    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+        memcpy(start(s, j), state(s, j), s->first_shoot * sizeof *s->l->start);
+}
+
+/* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
+static gsid_real change_of(const shooting *s, uint32_t column) {
+    gsid_real sum = 0;
+    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+        sum += s->l->largest_dy[s->first_shoot + j] * gsid_fabs(state(s, j)[column] - start(s, j)[column]);
+    return sum;
+}
+
+static int is_settled(const shooting *s, gsid_real change) {
+    const gsid_real *largest = s->l->largest_dy;
+    if (!(change <= SETTLED * largest[VALUE]))
+        return 0;
+    for (uint32_t c = FIRST_FREE; c < s->first_shoot; c++)
+        if (!(change_of(s, c) <= SETTLED_SLOPE * largest[c]))
+            return 0;
+    return 1;
+}
+
+/* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
+ * direction with eigenvalue 1 is determined by nothing: it stays. */
+static void correct_start(shooting *s) {
+    gsid_plant_layout *l = s->l;
+    const uint32_t n = l->n_shoot;
+    gsid_lsq q;
+    if (gsid_lsq_init(&q, n, l->lsq_mem, GSID_LSQ_MEM_SIZE(l->n_shoot_max)) != GSID_OK)
+        return;
+    for (uint32_t c = 0; c < s->first_shoot; c++) {
+        gsid_lsq_reset(&q);
+        for (uint32_t i = 0; i < n; i++) {
+            for (uint32_t j = 0; j < n; j++)
+                l->correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
+            if (gsid_lsq_add(&q, l->correction, state(s, i)[c] - start(s, i)[c]) != GSID_OK)
+                return;
+        }
+        if (gsid_lsq_solve(&q, RANK_TOL, l->correction, NULL) < 0)
+            continue;
+        for (uint32_t j = 0; j < n; j++)
+            start(s, j)[c] += l->correction[j];
+    }
+}
+
+/* ---- the search ---- */
+
+static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *residual) {
+    gsid_plant_layout *l = s->l;
+    gsid_real before = INFINITY;
+    for (uint32_t i = 0;; i++) {
+        enter_start(s);
+        run_period(s);
+        if (!gsid_plant_is_finite(l))
+            return GSID_E_NONFINITE;
+        *residual = change_of(s, VALUE);
+        if (is_settled(s, *residual))
+            return GSID_OK;
+        if (i == n_newton)
+            return GSID_MAX_ITER;
+        /* Where Newton's method does not help (an orbit that sticks can be one of many), time does. */
+        const int helps = *residual <= GSID_R(0.5) * before;
+        before = helps ? *residual : (gsid_real)INFINITY;
+        if (helps)
+            correct_start(s);
+        else
+            leave_as_start(s);
+    }
+}
+
+static gsid_status settle(shooting *s, uint32_t n_periods) {
+    gsid_plant_layout *l = s->l;
+    l->n_active = 1;
+    l->n_free = 0;
+    gsid_plant_choose_zones(l);
+    gsid_plant_choose_regime(l);
+    for (uint32_t p = 0; p < n_periods; p++) {
+        run_period(s);
+        if (!gsid_plant_is_finite(l))
+            return GSID_E_NONFINITE;
+    }
+    return GSID_OK;
+}
+
+gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
+                                uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
+                                gsid_real *residual) {
+    if (plant == NULL || u == NULL || y == NULL)
+        return GSID_E_NULL;
+    if (plant->layout == NULL)
+        return GSID_E_STATE;
+    if (n_period == 0)
+        return GSID_E_CONFIG;
+    for (uint32_t n = 0; n < n_period; n++)
+        if (!gsid_is_finite(u[n]))
+            return GSID_E_NONFINITE;
+    gsid_plant_layout *l = plant->layout;
+    shooting s = {plant, l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg)};
+    gsid_real change = INFINITY;
+    gsid_status status = settle(&s, n_settle_periods);
+    if (status == GSID_OK) {
+        l->n_free = dy != NULL ? plant->cfg.n_free : 0;
+        l->n_active = 1 + l->n_free + l->n_shoot;
+        s.first_shoot = FIRST_FREE + l->n_free;
+        memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
+        for (uint32_t j = 0; j < l->n_shoot; j++)
+            start(&s, j)[VALUE] = state(&s, j)[VALUE];
+        if (s.closed_loop)
+            gsid_plant_clear_ring(l, FIRST_FREE);
+        status = shoot(&s, n_newton, &change);
+    }
+    l->n_free = 0;
+    l->n_active = 1;
+    if (status < 0)
+        gsid_plant_reset(plant);
+    else if (residual != NULL)
+        *residual = change;
+    return status;
+}

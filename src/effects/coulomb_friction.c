@@ -1,0 +1,22 @@
+#include "effects.h"
+
+static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer) {
+    answer->torque = item->value[0] * motion->side;
+    answer->by_value[0] = motion->side;
+}
+
+static gsid_real holding(const gsid_plant_item *item) {
+    return item->value[0];
+}
+
+const gsid_effect EFFECT(coulomb_friction) = {
+    .id = "coulomb_friction",
+    .sentence = "A constant torque against the motion, which also holds the axis at rest (dry friction).",
+    .confused_with = "viscous_friction,stribeck_friction,presliding_friction,drive_dead_zone",
+    .stage = GSID_STAGE_TORQUE,
+    .null_kind = GSID_NULL_ONE_SIDED,
+    .n_parameters = 1,
+    .parameter = {{"level", "deg/s^2", R(15.0), R(0.0), ANY, R(0.0)}},
+    .torque = torque,
+    .holding = holding,
+};

@@ -1,0 +1,27 @@
+#include "effects.h"
+
+static void linear(const gsid_plant_item *item, gsid_linear *to) {
+    const gsid_real lag = item->value[0], pole = 1 / lag;
+    if (lag < to->instant_s) {
+        gsid_linear_delay(to, 0, lag);
+        return;
+    }
+    const uint32_t out = gsid_linear_state(to);
+    gsid_linear_add(to, out, to->command, pole);
+    gsid_linear_add(to, out, out, -pole);
+    gsid_linear_slope(to, to->item, 0, out, to->command, -pole * pole);
+    gsid_linear_slope(to, to->item, 0, out, out, pole * pole);
+    to->command = out;
+}
+
+const gsid_effect EFFECT(motor_lag) = {
+    .id = "motor_lag",
+    .sentence = "The motor's torque follows the command as a first-order lag (current loop, winding).",
+    .confused_with = "transport_delay,sensor_lag",
+    .stage = GSID_STAGE_ACTUATOR,
+    .null_kind = GSID_NULL_ONE_SIDED,
+    .n_parameters = 1,
+    .parameter = {{"time_constant_s", "s", R(0.001), R(0.0), R(10.0), R(0.0)}},
+    .n_states = 1,
+    .linear = linear,
+};

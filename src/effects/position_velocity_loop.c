@@ -1,0 +1,32 @@
+#include "effects.h"
+
+/* u = kv (kp (reference - angle) - rate), clipped at +-limit; a limit of 0 is none. */
+static gsid_real control(const gsid_plant_item *item, const gsid_real signal[3], gsid_real *by_signal,
+                         gsid_real *by_value) {
+    const gsid_real kp = item->value[0], kv = item->value[1], limit = item->value[2];
+    const gsid_real error = signal[0] - signal[1], u = kv * (kp * error - signal[2]);
+    if (limit > 0 && gsid_fabs(u) > limit) {
+        by_value[2] = u < 0 ? R(-1.0) : R(1.0);
+        return by_value[2] * limit;
+    }
+    by_signal[0] = kv * kp;
+    by_signal[1] = -kv * kp;
+    by_signal[2] = -kv;
+    by_value[0] = kv * error;
+    by_value[1] = kp * error - signal[2];
+    return u;
+}
+
+const gsid_effect EFFECT(position_velocity_loop) = {
+    .id = "position_velocity_loop",
+    .sentence = "A known controller: position loop around a velocity loop, computed once a sample from angle and rate.",
+    .confused_with = "",
+    .stage = GSID_STAGE_CONTROLLER,
+    .null_kind = GSID_NULL_NEVER,
+    .n_parameters = 3,
+    .parameter = {{"kp", "1/s", R(20.0), R(0.0), ANY, NAN},
+                  {"kv", "command per deg/s", R(5.0), -ANY, ANY, NAN},
+                  {"limit", "command", R(179.0), R(1e-6), ANY, R(0.0)}},
+    .looks_at_angle = 1,
+    .control = control,
+};
