@@ -17,6 +17,7 @@ PRECISION_double :=
 PRECISION_float := -DGSID_SINGLE -Wdouble-promotion -Wunsuffixed-float-constants
 
 CORE_SRC := $(wildcard src/core/*.c)
+EFFECTS_SRC := $(wildcard src/effects/*.c)
 HOST_SRC := $(wildcard src/host/*.c)
 HOST_FLAGS :=
 HOST_LIBS :=
@@ -41,6 +42,7 @@ HOST_LIBS += -lm
 HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
 C_FILES := $(wildcard src/*/*.[ch] src/*/*/*.[ch] tests/c/*.[ch])
 CORE_LIBS := $(BUILD)/double/libgsid_core.a $(BUILD)/float/libgsid_core.a
+EFFECTS_LIBS := $(BUILD)/double/libgsid_effects.a $(BUILD)/float/libgsid_effects.a
 HOST_LIB := $(BUILD)/libgsid_host.a
 MODULES := python/gsid/_gsid64.abi3.so python/gsid/_gsid32.abi3.so
 
@@ -76,7 +78,7 @@ $(VENV)/requirements.stamp: requirements.txt | build/setup.stamp
 # ---- C libraries -------------------------------------------------------------------------------------------------
 
 .PHONY: libs
-libs: $(CORE_LIBS) $(HOST_LIB) ## build the C libraries only (no Python needed)
+libs: $(CORE_LIBS) $(EFFECTS_LIBS) $(HOST_LIB) ## build the C libraries only (no Python needed)
 
 # Files that change only when the settings do, so that other settings rebuild and the same ones do not.
 settings = @mkdir -p $(@D); echo '$(1)' | cmp -s - $@ || echo '$(1)' > $@
@@ -88,6 +90,8 @@ build/with.txt: FORCE
 
 $(BUILD)/core.txt: FORCE
 	$(call settings,$(CORE_SRC))
+$(BUILD)/effects.txt: FORCE
+	$(call settings,$(EFFECTS_SRC))
 $(BUILD)/host.txt: FORCE
 	$(call settings,$(HOST_SRC))
 
@@ -95,7 +99,10 @@ define core_rules
 $(BUILD)/$(1)/libgsid_core.a: $(CORE_SRC:src/%.c=$(BUILD)/$(1)/%.o) $(BUILD)/core.txt
 	@rm -f $$@
 	$(AR) rcs $$@ $$(filter %.o,$$^)
-$(BUILD)/$(1)/core/%.o: src/core/%.c $(BUILD)/flags.txt
+$(BUILD)/$(1)/libgsid_effects.a: $(EFFECTS_SRC:src/%.c=$(BUILD)/$(1)/%.o) $(BUILD)/effects.txt
+	@rm -f $$@
+	$(AR) rcs $$@ $$(filter %.o,$$^)
+$(BUILD)/$(1)/%.o: src/%.c $(BUILD)/flags.txt
 	@mkdir -p $$(@D)
 	$(CC) $(BASE_FLAGS) $(WARN) $(PRECISION_$(1)) $(CFLAGS) -c -o $$@ $$<
 endef
@@ -123,9 +130,9 @@ MODULE_LINK := -shared
 endif
 module = $(CC) -fPIC $(MODULE_LINK) $(CFLAGS) -Iinclude -I$$($(PY) -c 'import sysconfig; print(sysconfig.get_path("include"))') \
 	-o $@ $(filter %.c %.a,$^) $(LDFLAGS)
-python/gsid/_gsid64.abi3.so: $(BUILD)/python/_gsid64.c $(HOST_LIB) $(BUILD)/double/libgsid_core.a
+python/gsid/_gsid64.abi3.so: $(BUILD)/python/_gsid64.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BUILD)/double/libgsid_core.a
 	$(module) $(HOST_LIBS)
-python/gsid/_gsid32.abi3.so: $(BUILD)/python/_gsid32.c $(BUILD)/float/libgsid_core.a
+python/gsid/_gsid32.abi3.so: $(BUILD)/python/_gsid32.c $(BUILD)/float/libgsid_effects.a $(BUILD)/float/libgsid_core.a
 	$(module) -lm
 
 $(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
@@ -139,7 +146,7 @@ demo: all ## excite, measure, fit and compare a simulated axis, twice, and write
 	$(VENV)/bin/gsid demo
 
 # ---- tests -------------------------------------------------------------------------------------------------------
-# tests/c/test_host_*.c link the host library, the others the core, once in each precision.
+# tests/c/test_host_*.c link the host library, the others core and effects, once in each precision.
 
 HOST_TESTS := $(patsubst tests/c/%.c,$(BUILD)/tests/%,$(wildcard tests/c/test_host_*.c))
 CORE_TESTS := $(filter-out test_host_%,$(patsubst tests/c/%.c,%,$(wildcard tests/c/test_*.c)))
@@ -147,13 +154,13 @@ C_TESTS := $(CORE_TESTS:%=$(BUILD)/double/tests/%) $(CORE_TESTS:%=$(BUILD)/float
 TEST_FLAGS := $(BASE_FLAGS) -Wall -Wextra
 
 define test_rule
-$(BUILD)/$(1)/tests/%: tests/c/%.c $(BUILD)/$(1)/libgsid_core.a | build/setup.stamp
+$(BUILD)/$(1)/tests/%: tests/c/%.c $(BUILD)/$(1)/libgsid_effects.a $(BUILD)/$(1)/libgsid_core.a | build/setup.stamp
 	@mkdir -p $$(@D)
 	$(CC) $(TEST_FLAGS) $(filter -D%,$(PRECISION_$(1))) $(CFLAGS) -o $$@ $$(filter %.c %.a,$$^) $(LDFLAGS) -lcmocka -lm
 endef
 $(foreach precision,double float,$(eval $(call test_rule,$(precision))))
 
-$(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_core.a | build/setup.stamp
+$(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BUILD)/double/libgsid_core.a | build/setup.stamp
 	@mkdir -p $(@D)
 	$(CC) $(TEST_FLAGS) $(HOST_FLAGS) $(CFLAGS) -o $@ $(filter %.c %.a,$^) $(LDFLAGS) -lcmocka $(HOST_LIBS)
 
@@ -176,12 +183,15 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 	    tools/run_c_tests --valgrind $(C_TESTS); \
 	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
 
+include tests/blind/blind.mk
+
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
 LINT_FLAGS := -O2 -Werror -fno-stack-protector -U_FORTIFY_SOURCE
 .PHONY: lint
 lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, Python style
 	$(MAKE) BUILD=$(BUILD)/lint CFLAGS='$(LINT_FLAGS)' libs
 	CC="$(CC)" CXX="$(CXX)" $(PY) tools/check_layers $(CORE_LIBS:$(BUILD)/%=--core $(BUILD)/lint/%) \
+	    $(EFFECTS_LIBS:$(BUILD)/%=--effects $(BUILD)/lint/%) \
 	    --host $(BUILD)/lint/libgsid_host.a
 	$(VENV)/bin/ruff check -q .
 	$(VENV)/bin/ruff format -q --check .

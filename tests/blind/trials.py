@@ -15,13 +15,12 @@ Every file has coloured gyro noise, the gyro's word length, a constant bias, and
 it would else be found, rightly, in every file (its drop would be about 1e4), and no null file would be one.
 Locked to the period it comes in the kind "dirty".
 
-The size of what is hidden is such that the predicted drop of the cost comes out as drawn: with the variance s2
-of one period's line and P periods,
+The size of what is hidden is such that the predicted drop of the cost comes out as drawn: with the variance
+s2 of one period's line and P periods,
 
     drop = min over the null's parameters of  2 P sum_k |Y(k) - Y_null(k)|^2 / s2(k)
 
-over all lines up to 200 Hz of the records to fit: the noncentrality of the likelihood ratio, in chi-square
-units.
+over all lines up to 200 Hz of the records to fit: the likelihood ratio's noncentrality, as chi-square.
 """
 
 from __future__ import annotations
@@ -619,8 +618,9 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         size, residual, slopes = calibrate(nulls, hidden, bench, len(fit), target)
         added.append(hidden.params(size))
         traces.append(residual)
-        if residual @ residual < 2.0 or (kind == "foreign" and residual @ residual < target / 2):
-            raise TruthError("the effect cannot be made large enough")
+        drop = residual @ residual
+        if drop < 2.0 or (kind in ("foreign", "dirty") and not target / 4 < drop < 4 * target):
+            raise TruthError("the effect cannot be given the size that was drawn")
     params = base.copy()
     for extra in added:
         params |= extra

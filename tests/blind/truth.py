@@ -88,9 +88,12 @@ def run(params: dict[str, float], u: np.ndarray, x: np.ndarray | None = None, *,
     u = np.ascontiguousarray(u, float)
     x = np.zeros(len(STATES)) if x is None else np.array(x, float)
     y, theta, rate = np.empty((3, len(u)))
+    # Stable lags: steps of two time constants. Short ones act as delays, which Runge-Kutta keeps exactly.
+    lags = [params[name] for name in ("motor_lag_s", "sensor_lag_s") if params.get(name)]
+    n_steps = max([n_steps, *(int(np.ceil(0.5 / (lag * params["fs_hz"]))) for lag in lags)])
     status = _lib.truth_run(vector(params), len(u), u, n_periods, n_steps, x, y, theta, rate)
-    if status != 0:
-        raise TruthError(f"truth_run: {_STATUS[status]}")
+    if status != 0 or not np.all(np.isfinite(x)):
+        raise TruthError(f"truth_run: {_STATUS.get(status, 'not finite')}")
     return y, theta, rate, x
 
 

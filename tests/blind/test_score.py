@@ -1,0 +1,185 @@
+"""The scorer, with tools that are known to be right, wrong or broken."""
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+import score
+import trials
+
+
+def step(verdict, effects=(), probability=0.99, p_value=0.3):
+    ranking = [{"effects": list(effects), "probability": probability}] if effects else []
+    return {
+        "adequate": verdict == "adequate",
+        "p_value": p_value,
+        "verdict": verdict,
+        "ranking": ranking,
+        "seconds": 1.0,
+    }
+
+
+def row(kind, hidden=(), drops=(), steps=(), ratio=None, **key):
+    answer = {
+        "kind": kind,
+        "effects": [{"id": effect} for effect in hidden],
+        "predicted_drop": list(drops),
+        "n_periods": 8,
+        "n_realisations": 4,
+        "noise": {"fan": None, "unlisted": "spikes"},
+    } | key
+    added = [s["ranking"][0]["effects"][0] for s in steps if s["ranking"]]
+    return score.Row(
+        answer, {"name": "trial", "steps": list(steps), "added": added, "error_over_floor": ratio}
+    )
+
+
+GOOD = step("adequate")
+
+
+def single(said, drop=100.0, probability=0.99):
+    steps = [step("missing_effect", said, probability), GOOD]
+    return row("single", ["coulomb_friction"], [drop], steps, ratio=1.0)
+
+
+def met(figures):
+    return {v["text"]: v["met"] for v in score.verdicts(figures)}
+
+
+def test_single_effects_are_counted_by_group_and_drop():
+    rows = [single(["coulomb_friction"])] * 6 + [single(["stribeck_friction", "coulomb_friction"])] * 2
+    rows += [single(["cubic_spring"], probability=0.6), single(["cubic_spring"])]
+    rows += [row("single", ["coulomb_friction"], [5.0], [GOOD])] * 3  # too small to be missed
+    figures = score.summary(rows)
+    assert figures["first_group"]["hits"] == 8
+    assert figures["first_group"]["n"] == 10
+    assert figures["alone"]["hits"] == 6
+    assert figures["confidently_wrong"]["hits"] == 1
+    assert figures["confusion"] == {
+        "coulomb_friction": {
+            "coulomb_friction": 6,
+            "coulomb_friction or stribeck_friction": 2,
+            "cubic_spring": 2,
+        }
+    }
+    power = {tuple(line["drop"]): line for line in figures["power"]}
+    assert (power[0, 6]["n"], power[0, 6]["detected"]["hits"]) == (3, 0)
+    assert (power[96, 192]["n"], power[96, 192]["in_first_group"]["hits"]) == (10, 8)
+
+
+def test_stated_probabilities_are_set_against_what_came_true():
+    rows = [single(["coulomb_friction"], probability=0.75)] * 3 + [single(["cubic_spring"], probability=0.75)]
+    rows += [single(["coulomb_friction"], probability=1.0)]
+    table = {(line["from"], line["to"]): line for line in score.summary(rows)["reliability"]}
+    assert table[0.7, 0.8]["stated"] == pytest.approx(0.75)
+    assert table[0.7, 0.8]["right"]["share"] == 0.75
+    assert table[0.99, 1.0]["right"]["n"] == 1
+
+
+@pytest.mark.parametrize(("n_rejected", "kept"), [(5, True), (0, False), (40, False)])
+def test_false_alarms_are_held_against_the_binomial_interval(n_rejected, kept):
+    rejected = row("null", steps=[step("missing_effect", ["cubic_spring"], p_value=0.01)])
+    rows = [rejected] * n_rejected + [row("null", steps=[GOOD])] * (120 - n_rejected)
+    figures = score.summary(rows)
+    assert met(figures)["null files rejected"] is kept
+    assert figures["false_alarms"]["effect_named"]["hits"] == n_rejected
+
+
+def test_two_effects_count_when_both_are_named_at_some_step():
+    def two(*said):
+        steps = [*(step("missing_effect", [effect]) for effect in said), GOOD]
+        return row("two", ["coulomb_friction", "cubic_spring"], [100, 200], steps, ratio=1.0)
+
+    figures = score.summary(
+        [
+            two("cubic_spring", "coulomb_friction"),
+            two("cubic_spring", "quadratic_drag", "coulomb_friction"),
+            two("cubic_spring"),
+        ]
+    )
+    assert figures["both_found"]["hits"] == 2
+    assert figures["nothing_else_added"]["hits"] == 1
+
+
+def test_foreign_effects_have_to_be_flagged_at_some_step():
+    flagged = row(
+        "foreign", ["creep"], [1e4], [step("missing_effect", ["motor_lag"]), step("unknown_effect")]
+    )
+    missed = row("foreign", ["creep"], [1e4], [step("missing_effect", ["motor_lag"]), GOOD])
+    figures = score.summary([flagged, missed])
+    assert figures["foreign_flagged"]["share"] == 0.5
+    assert figures["foreign_by_effect"]["creep"]["n"] == 2
+    assert met(figures)["foreign effect flagged"] is False
+
+
+def test_a_broken_tool_has_not_found_anything():
+    broken = row("single", ["coulomb_friction"], [100.0])
+    broken.result["broken"] = "ValueError: no"
+    figures = score.summary([broken])
+    assert figures["first_group"]["hits"] == 0
+    assert figures["held_out_at_floor"]["hits"] == 0
+    assert "ValueError: no (1)" in score.page(figures, "make blind")
+
+
+def test_what_was_not_tried_is_not_called_met():
+    figures = score.summary([single(["coulomb_friction"])])
+    assert met(figures)["foreign effect flagged"] is None
+    assert met(figures)["effect in the first group, drop >= 64"] is True
+    assert "not tested" in score.page(figures, "make blind")
+
+
+def test_held_out_error_is_one_noise_floor_for_the_truth():
+    trial = trials.make_trial(2, 1, {"null": 1})
+
+    class Truth:
+        def simulate(self, u):
+            return trials.truth.steady(trial.key["truth"], u, tolerance=1e-6)[0]
+
+    class Record:
+        def __init__(self, u, y):
+            self.u, self.y = u, y
+
+    ratio = score.error_over_floor(Truth(), [Record(u, y) for u, y in trial.held])
+    # 2 x 400 complex lines, each a ratio of means with at least one degree of freedom for its floor
+    assert ratio == pytest.approx(1, abs=0.12)
+
+
+def honest_tool(place: Path) -> dict:
+    """Peeps at the key: what it says is right."""
+    key = json.loads((place.parents[1] / "keys" / f"{place.name}.json").read_text())
+    records = sorted(path.name for path in place.iterdir())
+    assert records == sorted([f"fit_{i}.npz" for i in range(key["n_realisations"])] + HELD)
+    if not key["effects"]:
+        return {"steps": [GOOD], "added": [], "error_over_floor": None}
+    effects = [effect["id"] for effect in key["effects"]]
+    return {"steps": [step("missing_effect", effects), GOOD], "added": effects[:1], "error_over_floor": 1.0}
+
+
+HELD = ["held_0.npz", "held_1.npz", "null.json"]
+
+
+def failing_tool(place: Path) -> dict:
+    raise ArithmeticError(place.name)
+
+
+def test_run_goes_on_where_it_stopped_and_opens_sealed_keys(tmp_path):
+    kinds = {"null": 1, "single": 1}
+    score.run(tmp_path, 2, 7, kinds, tool=honest_tool)
+    rows = score.run(tmp_path, 4, 7, kinds, tool=failing_tool)
+    assert [("broken" in r.result) for r in rows] == [False, False, True, True]
+    assert all(r.right for r in rows[:2] if r.hidden)
+    assert not list((tmp_path / "records").iterdir())
+    with pytest.raises(click.UsageError, match="other settings"):
+        score.run(tmp_path, 4, 8, kinds, tool=honest_tool)
+    path = tmp_path / "keys" / "trial_7_00000.json"
+    path.write_text(path.read_text().replace('"kind"', '"Kind"'))
+    with pytest.raises(RuntimeError, match="not the one that was sealed"):
+        score.run(tmp_path, 2, 7, kinds, tool=honest_tool)
+
+
+def test_kinds_come_in_their_shares():
+    kinds = [trials._draw_kind(np.random.default_rng([1, i]), trials.KINDS) for i in range(400)]
+    for kind, part in trials.KINDS.items():
+        assert abs(kinds.count(kind) - 400 * part) < 4 * np.sqrt(400 * part)
