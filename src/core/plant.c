@@ -8,7 +8,7 @@
 #include "plant_private.h"
 
 /* A step of the Runge-Kutta method is at most this many radians of the stiffest law. */
-#define STEP_RAD GSID_R(0.2)
+#define STEP_RAD GSID_R(0.1)
 #define STEPS_MAX 256
 /* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
 #define RATE_SAMPLES_MAX GSID_R(4000.0)
@@ -156,6 +156,7 @@ static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout
     l->held = take_reals(b, l->n_columns);
     l->under_way = take_reals(b, (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->ring_columns);
     l->start = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
+    l->fallback = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
     l->largest_dy = take_reals(b, l->n_columns);
     l->correction = take_reals(b, l->n_shoot_max);
     l->lsq_mem = take(b, GSID_LSQ_MEM_SIZE(l->n_shoot_max), 1);
@@ -184,8 +185,17 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg) {
 
 /* ---- values ---- */
 
+/* What one unit of torque in a channel accelerates: the axis, or both sides of the joint against each other. */
+static gsid_real acceleration(const gsid_linear *linear, uint32_t channel) {
+    gsid_real sum = 1;
+    for (uint32_t k = 0; channel == JOINT && k < linear->n_entries; k++)
+        if (linear->entry[k].row == linear->twist && linear->entry[k].column == linear->reaction)
+            sum += linear->entry[k].value;
+    return sum;
+}
+
 /* Square of the fastest rate that a law adds, by the slope of its torque at its steepest. */
-static gsid_real stiffness_of(const gsid_plant_layout *l, const plant_law *law) {
+static gsid_real stiffness_of(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
     gsid_real steepest = 0;
     for (int zone = -1; zone <= 1; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
@@ -195,7 +205,7 @@ static gsid_real stiffness_of(const gsid_plant_layout *l, const plant_law *law) 
         const gsid_real slope = gsid_fabs(t.by_angle) + gsid_fabs(t.by_turned);
         steepest = slope > steepest ? slope : steepest;
     }
-    return steepest;
+    return steepest * acceleration(linear, law->channel);
 }
 
 /* Steps that a length is cut into, and the delay's whole samples and fraction. */
@@ -214,7 +224,7 @@ static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layou
         return GSID_E_CONFIG;
     gsid_real stiffness = 0;
     for (uint32_t i = 0; i < l->n_laws; i++)
-        stiffness += stiffness_of(l, &l->law[i]);
+        stiffness += stiffness_of(l, linear, &l->law[i]);
     const gsid_real steps_per_s = gsid_sqrt(stiffness) / STEP_RAD;
     if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz))
         return GSID_E_CONFIG;
@@ -285,6 +295,8 @@ gsid_status gsid_plant_update(gsid_plant *plant) {
     l->delay_samples = t.delay_samples;
     l->refresh_s = l->sampler != NULL ? l->sampler->effect->refresh_hz(l->sampler) : 0;
     l->refresh_s = l->refresh_s > 0 ? 1 / l->refresh_s : 0;
+    l->sample_s = 1 / cfg->fs_hz;
+    l->refresh = l->refresh_s * cfg->fs_hz;
     l->width = l->linear.n + FORCING * l->n_channels;
     order_rows(l);
     order_shooting(l);

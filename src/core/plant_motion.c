@@ -11,8 +11,10 @@
 
 #ifdef GSID_SINGLE
 #define ROUNDING_UNIT FLT_EPSILON
+#define NEARLY 1e-5f /* samples: instants that rounding has parted are one */
 #else
 #define ROUNDING_UNIT DBL_EPSILON
+#define NEARLY 1e-9
 #endif
 
 /* After so many events in one step the rest of it runs without looking for more: bounded time. */
@@ -322,16 +324,15 @@ static void swap(gsid_real **a, gsid_real **b) {
 
 /* Take the step to l->next, with the refreshes of the sensor that fall in it. */
 static void accept(gsid_plant_layout *l, gsid_real length_s) {
-    const gsid_real nearly = l->refresh_s * 64 * ROUNDING_UNIT;
-    for (; l->sampler != NULL && l->to_refresh_s <= length_s + nearly; l->to_refresh_s += l->refresh_s) {
-        gsid_real *peek = l->next;
-        if (l->to_refresh_s < length_s - nearly) {
-            peek = l->peek;
-            advance(l, NULL, l->to_refresh_s > 0 ? l->to_refresh_s : 0, peek);
-        }
-        gsid_plant_refresh(l, peek);
+    const gsid_real end_s = l->at_s + length_s;
+    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s; l->to_refresh += l->refresh) {
+        const gsid_real at_s = l->to_refresh * l->sample_s - l->at_s;
+        const int is_at_end = at_s >= length_s - NEARLY * l->sample_s;
+        if (!is_at_end)
+            advance(l, NULL, at_s > 0 ? at_s : 0, l->peek);
+        gsid_plant_refresh(l, is_at_end ? l->next : l->peek);
     }
-    l->to_refresh_s -= length_s;
+    l->at_s = end_s;
     swap(&l->z, &l->next);
 }
 

@@ -97,9 +97,9 @@ static void enter_start(shooting *s) {
         gsid_plant_clear_ring(l, s->first_shoot);
 }
 
-static void leave_as_start(shooting *s) {
+static void keep(const shooting *s, gsid_real *kept) {
     for (uint32_t j = 0; j < s->l->n_shoot; j++)
-        memcpy(start(s, j), state(s, j), s->first_shoot * sizeof *s->l->start);
+        memcpy(kept + (size_t)j * s->l->n_columns, state(s, j), s->first_shoot * sizeof *kept);
 }
 
 /* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
@@ -145,27 +145,39 @@ static void correct_start(shooting *s) {
 
 /* ---- the search ---- */
 
-static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *residual) {
+static gsid_status pass(shooting *s, gsid_real *change) {
+    enter_start(s);
+    run_period(s);
+    *change = change_of(s, VALUE);
+    return gsid_plant_is_finite(s->l) ? GSID_OK : GSID_E_NONFINITE;
+}
+
+/* Where Newton's method does not help (an orbit that sticks can be one of many, one with impacts can be unstable), time may:
+ * the search goes on from where the last good period ended. */
+static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *change) {
     gsid_plant_layout *l = s->l;
+    const size_t size = (size_t)l->n_shoot * l->n_columns * sizeof *l->start;
     gsid_real before = INFINITY;
-    for (uint32_t i = 0;; i++) {
-        enter_start(s);
-        run_period(s);
-        if (!gsid_plant_is_finite(l))
-            return GSID_E_NONFINITE;
-        *residual = change_of(s, VALUE);
-        if (is_settled(s, *residual))
+    for (uint32_t i = 0; i <= n_newton; i++) {
+        const gsid_status status = pass(s, change);
+        const int helped = status == GSID_OK && *change <= GSID_R(0.5) * before;
+        if (helped && is_settled(s, *change))
             return GSID_OK;
-        if (i == n_newton)
-            return GSID_MAX_ITER;
-        /* Where Newton's method does not help (an orbit that sticks can be one of many), time does. */
-        const int helps = *residual <= GSID_R(0.5) * before;
-        before = helps ? *residual : (gsid_real)INFINITY;
-        if (helps)
+        if (!helped && i == 0)
+            return status;
+        if (!helped) {
+            memcpy(l->start, l->fallback, size);
+            before = INFINITY;
+        } else if (i < n_newton) {
+            keep(s, l->fallback);
             correct_start(s);
-        else
-            leave_as_start(s);
+            before = *change;
+        } else {
+            return GSID_MAX_ITER;
+        }
     }
+    const gsid_status status = pass(s, change);
+    return status == GSID_OK ? GSID_MAX_ITER : status;
 }
 
 static gsid_status settle(shooting *s, uint32_t n_periods) {

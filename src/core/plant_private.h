@@ -53,7 +53,7 @@ struct gsid_plant_layout {
     gsid_real fastest;           /* bound on the rates of A [1/s] */
     uint32_t delay_samples;      /* whole ones; the fraction is the first piece */
     plant_piece piece[2];
-    gsid_real refresh_s;
+    gsid_real sample_s, refresh_s, refresh; /* time between refreshes [s], [samples]; 0: no sampler */
     uint32_t n_slope_columns, *slope_column; /* columns with a derivative of A */
 
     /* Shape of z: [n_rows][n_columns]. */
@@ -71,7 +71,9 @@ struct gsid_plant_layout {
     gsid_real *under_way;        /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
     uint32_t ring_columns, newest;
     gsid_real *held;             /* [n_columns] what the sensor shows until it is refreshed */
-    gsid_real to_refresh_s, since_start_s; /* until the next refresh; of the refreshes so far */
+    gsid_real to_refresh;        /* from this sample's start to the next refresh [samples] */
+    gsid_real since_start_s;     /* of the refreshes so far */
+    gsid_real at_s;              /* time within the sample */
     gsid_real time_s;            /* of the disturbances */
 
     /* Work space. */
@@ -79,7 +81,7 @@ struct gsid_plant_layout {
     gsid_real *torque[3];        /* [CHANNELS_MAX][n_columns] */
     gsid_real *square;           /* [2][1 + n_free][width][width] */
     gsid_real *command, *y;      /* [n_columns] */
-    gsid_real *start, *largest_dy, *correction; /* [n_shoot][n_columns], [n_columns], [n_shoot] */
+    gsid_real *start, *fallback, *largest_dy, *correction; /* [n_shoot][n_columns] twice, [n_columns], [n_shoot] */
     void *lsq_mem;
 };
 

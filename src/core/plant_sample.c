@@ -50,7 +50,7 @@ void gsid_plant_refresh(gsid_plant_layout *l, const gsid_real *z) {
 
 void gsid_plant_start_refresh(gsid_plant_layout *l) {
     l->since_start_s = 0;
-    l->to_refresh_s = l->refresh_s;
+    l->to_refresh = l->refresh;
     if (l->refresh_s > 0)
         gsid_plant_refresh(l, l->z);
 }
@@ -164,10 +164,12 @@ static void switch_command(gsid_plant_layout *l) {
 void gsid_plant_sample(gsid_plant *plant, gsid_real u) {
     gsid_plant_layout *l = plant->layout;
     gsid_plant_give(plant, u);
+    l->at_s = 0;
     gsid_plant_run_piece(l, &l->piece[0]);
     switch_command(l);
     gsid_plant_run_piece(l, &l->piece[1]);
-    l->time_s += 1 / plant->cfg.fs_hz;
+    l->to_refresh -= 1;
+    l->time_s += l->sample_s;
 }
 
 int gsid_plant_is_finite(const gsid_plant_layout *l) {
