@@ -3,8 +3,8 @@
 Each trial is drawn, its key sealed and the key's SHA-256 put in the manifest before the tool sees the
 records; the keys are opened when all trials have run. A run that was broken off goes on where it stopped.
 
-The tool is judged by what it says at each step of: diagnose; while an effect is named, add the first of the
-first group, and diagnose again. "First group" below is that of the first step.
+"First group" is the most probable one of the first round of the search, "found" what the tool adds in all its
+rounds. An effect counts as named only when the verdict is that a catalogue effect is missing.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy import stats
 
-STEPS_MAX = 4  # effects that are peeled off: two are hidden at most
 ALPHA = 0.05  # nominal rate of false alarms
 CLEAR_DROP = 64.0  # from here on a hidden effect has to be named
 CONFIDENT = 0.95
@@ -46,7 +45,6 @@ PROBABILITY_EDGES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 def gsid_tool(place: Path) -> dict:
     """What gsid says of the records in a folder; the only place here that knows its interface."""
-    from gsid.ladder import add
 
     from gsid.diagnose import diagnose
     from gsid.io import read_record
@@ -55,40 +53,23 @@ def gsid_tool(place: Path) -> dict:
     fit, held = (
         [read_record(path) for path in sorted(place.glob(f"{kind}_*.npz"))] for kind in ("fit", "held")
     )
-    model = load_model(place / "null.json")
-    steps, added = [], []
-    for _ in range(STEPS_MAX):
-        begin = time.perf_counter()
-        found = diagnose(model, fit)
-        steps.append(
-            {
-                "adequate": bool(found.adequate),
-                "p_value": float(found.p_value),
-                "verdict": str(found.verdict),
-                "ranking": [
-                    {"effects": list(_get(g, "effects")), "probability": float(_get(g, "probability"))}
-                    for g in found.ranking[:5]
-                ],
-                "seconds": time.perf_counter() - begin,
-            }
-        )
-        if found.verdict != "missing_effect" or not found.ranking:
-            break
-        added.append(steps[-1]["ranking"][0]["effects"][0])
-        model = add(model, added[-1], fit, held_out=held).model
+    begin = time.perf_counter()
+    diagnosis = diagnose(load_model(place / "null.json"), fit)
+    seconds = time.perf_counter() - begin
+    ranking = [{"effects": group.effects, "probability": group.probability} for group in diagnosis.ranking]
     return {
-        "steps": steps,
-        "added": added,
-        "error_over_floor": error_over_floor(model, held) if added else None,
+        "adequate": diagnosis.adequate,
+        "p_value": diagnosis.p_value,
+        "verdict": diagnosis.verdict,
+        "ranking": ranking[:5],
+        "found": [group.effects for group in diagnosis.found],
+        "seconds": seconds,
+        "error_over_floor": error_over_floor(lambda u: diagnosis.model.simulate(u).y, held),
     }
 
 
-def _get(group: object, name: str) -> object:
-    return group[name] if isinstance(group, dict) else getattr(group, name)
-
-
-def error_over_floor(model: object, records: Iterable) -> float:
-    """RMS error of the model's answer over the noise floor of the mean, on records that were held out.
+def error_over_floor(simulate: Callable[[np.ndarray], np.ndarray], records: Iterable) -> float:
+    """RMS error of the periodic answer over the noise floor of the mean, on records that were held out.
 
     Judged here, not by the tool: over lines up to 200 Hz, the floor from the scatter of the periods.
     """
@@ -96,13 +77,24 @@ def error_over_floor(model: object, records: Iterable) -> float:
     lines = slice(1, trials.LINE_JUDGED + 1)
     for record in records:
         spectra = trials.amplitudes(record.y.reshape(-1, trials.N))[:, lines]
-        answer = trials.amplitudes(np.asarray(model.simulate(record.u[: trials.N])))[lines]
+        answer = trials.amplitudes(np.asarray(simulate(record.u[: trials.N])))[lines]
         error += np.sum(np.abs(spectra.mean(0) - answer) ** 2)
         floor += np.sum(np.var(spectra, axis=0, ddof=1)) / len(spectra)
     return float(np.sqrt(error / floor))
 
 
 # ---- running ---------------------------------------------------------------------------------------
+
+
+NOTHING_SAID = {
+    "adequate": True,
+    "p_value": None,
+    "verdict": "broken",
+    "ranking": [],
+    "found": [],
+    "seconds": None,
+    "error_over_floor": None,
+}
 
 
 def run_trial(
@@ -118,12 +110,7 @@ def run_trial(
     try:
         result = tool(place)
     except Exception as error:  # a tool that breaks has not found the effect: that is its result
-        result = {
-            "steps": [],
-            "added": [],
-            "error_over_floor": None,
-            "broken": f"{type(error).__name__}: {error}",
-        }
+        result = NOTHING_SAID | {"broken": f"{type(error).__name__}: {error}"}
     shutil.rmtree(place)
     path = _result_path(folder, seed, index)
     part = path.with_suffix(".part")
@@ -186,49 +173,42 @@ class Row:
         return min(self.key["predicted_drop"], default=0.0)
 
     @property
-    def first(self) -> dict:
-        """First step; of a tool that broke, one that says nothing."""
-        nothing = {
-            "adequate": True,
-            "p_value": math.nan,
-            "verdict": "broken",
-            "ranking": [],
-            "seconds": math.nan,
-        }
-        return self.result["steps"][0] if self.result["steps"] else nothing
-
-    @property
-    def named(self) -> bool:
-        return self.first["verdict"] == "missing_effect" and bool(self.first["ranking"])
+    def rejected(self) -> bool:
+        return not self.result["adequate"]
 
     @property
     def group(self) -> list[str]:
-        return self.first["ranking"][0]["effects"] if self.named else []
+        """The first group, whatever the verdict."""
+        return self.result["ranking"][0]["effects"] if self.rejected and self.result["ranking"] else []
 
     @property
     def probability(self) -> float:
-        return self.first["ranking"][0]["probability"] if self.named else 0.0
+        return self.result["ranking"][0]["probability"] if self.group else 0.0
 
     @property
-    def right(self) -> bool:
+    def in_group(self) -> bool:
         return bool(set(self.group) & set(self.hidden))
 
     @property
+    def named(self) -> bool:
+        """The tool says that it knows what is missing."""
+        return self.result["verdict"] == "missing_effect" and bool(self.group)
+
+    @property
+    def right(self) -> bool:
+        return self.named and self.in_group
+
+    @property
     def all_found(self) -> bool:
-        groups = [s["ranking"][0]["effects"] for s in self.result["steps"] if _names_one(s)]
-        return all(any(effect in group for group in groups) for effect in self.hidden)
+        return all(any(effect in group for group in self.result["found"]) for effect in self.hidden)
 
     @property
     def flagged(self) -> bool:
-        return any(step["verdict"] == "unknown_effect" for step in self.result["steps"])
+        return self.result["verdict"] == "unknown_effect"
 
     @property
     def confidently_wrong(self) -> bool:
-        return self.named and not self.right and self.probability >= CONFIDENT
-
-
-def _names_one(step: dict) -> bool:
-    return step["verdict"] == "missing_effect" and bool(step["ranking"])
+        return self.named and not self.in_group and self.probability >= CONFIDENT
 
 
 def open_key(folder: Path, path: Path) -> Row:
@@ -259,9 +239,9 @@ def false_alarms(rows: list[Row]) -> dict:
     nulls = [row for row in rows if row.kind == "null"]
 
     def rejected(some: Iterable[Row]) -> dict:
-        return share(not row.first["adequate"] for row in some)
+        return share(row.rejected for row in some)
 
-    p_values = [row.first["p_value"] for row in nulls if np.isfinite(row.first["p_value"])]
+    p_values = [row.result["p_value"] for row in nulls if row.result["p_value"] is not None]
     parts = {}
     for n in (2, 4, 8):
         parts[f"{n} periods"] = rejected(row for row in nulls if row.key["n_periods"] == n)
@@ -290,7 +270,7 @@ def power(rows: list[Row]) -> list[dict]:
             {
                 "drop": [low, None if math.isinf(high) else high],
                 "n": len(some),
-                "detected": share(not row.first["adequate"] for row in some),
+                "detected": share(row.rejected for row in some),
                 "in_first_group": share(row.right for row in some),
                 "alone_in_it": share(row.right and len(row.group) == 1 for row in some),
                 "confidently_wrong": share(row.confidently_wrong for row in some),
@@ -307,7 +287,7 @@ def confusion(rows: list[Row]) -> dict[str, dict[str, int]]:
             continue
         effect = row.hidden[0]
         if not row.named:
-            said = row.first["verdict"]
+            said = row.result["verdict"]
         elif effect in row.group:
             said = effect if len(row.group) == 1 else " or ".join(sorted(row.group))
         else:
@@ -335,7 +315,7 @@ def summary(rows: list[Row]) -> dict:
 
     clear = [row for row in kind("single") if row.drop >= CLEAR_DROP]
     ratios = [row.result["error_over_floor"] for row in clear + kind("two")]
-    seconds = [step["seconds"] for row in rows for step in row.result["steps"]]
+    seconds = [row.result["seconds"] for row in rows if row.result["seconds"] is not None]
     return {
         "n_trials": len(rows),
         "false_alarms": false_alarms(rows),
@@ -343,16 +323,16 @@ def summary(rows: list[Row]) -> dict:
         "alone": share(row.right and len(row.group) == 1 for row in clear),
         "confidently_wrong": share(row.confidently_wrong for row in kind("single", "two", "form", "dirty")),
         "both_found": share(row.all_found for row in kind("two")),
-        "nothing_else_added": share(row.all_found and len(row.result["added"]) == 2 for row in kind("two")),
+        "nothing_else_added": share(row.all_found and len(row.result["found"]) == 2 for row in kind("two")),
         "foreign_flagged": share(row.flagged for row in kind("foreign")),
         "foreign_by_effect": {
             effect: share(row.flagged for row in kind("foreign") if effect in row.hidden)
             for effect in trials.FOREIGN
         },
-        "other_form_named": share(row.right for row in kind("form")),
-        "dirty_named": share(row.right for row in kind("dirty")),
+        "other_form_named": share(row.in_group for row in kind("form")),
+        "dirty_named": share(row.in_group for row in kind("dirty")),
         "fan_named": share("periodic_disturbance" in row.group for row in kind("fan")),
-        "fan_rejected": share(not row.first["adequate"] for row in kind("fan")),
+        "fan_rejected": share(row.rejected for row in kind("fan")),
         "held_out_at_floor": share(ratio is not None and ratio <= 1.1 for ratio in ratios),
         "error_over_floor": _spread([r for r in ratios if r is not None]),
         "power": power(rows),
