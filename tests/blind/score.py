@@ -173,6 +173,10 @@ class Row:
         return min(self.key["predicted_drop"], default=0.0)
 
     @property
+    def broken(self) -> bool:
+        return "broken" in self.result
+
+    @property
     def rejected(self) -> bool:
         return not self.result["adequate"]
 
@@ -236,7 +240,7 @@ def share(hits: Iterable[bool]) -> dict:
 
 def false_alarms(rows: list[Row]) -> dict:
     """Rejections of null files, in all and by what the file is like."""
-    nulls = [row for row in rows if row.kind == "null"]
+    nulls = [row for row in rows if row.kind == "null" and not row.broken]
 
     def rejected(some: Iterable[Row]) -> dict:
         return share(row.rejected for row in some)
@@ -339,7 +343,8 @@ def summary(rows: list[Row]) -> dict:
         "confusion": confusion(rows),
         "reliability": reliability(rows),
         "seconds": _spread(seconds),
-        "broken": Counter(row.result["broken"] for row in rows if "broken" in row.result),
+        "worked": share(not row.broken for row in rows),
+        "broken": Counter(row.result["broken"] for row in rows if row.broken),
     }
 
 
@@ -353,6 +358,7 @@ def _spread(values: list[float]) -> dict | None:
 
 # What issue 3 asks: figure, name, bound, whether it is a lower bound.
 REQUIRED = [
+    ("worked", "trials that diagnose did not break off", 1.0, True),
     ("first_group", f"effect in the first group, drop >= {CLEAR_DROP:g}", 0.98, True),
     ("confidently_wrong", f"wrong with a stated probability >= {CONFIDENT:g}", 0.01, False),
     ("both_found", "both of two effects found", 0.92, True),

@@ -123,6 +123,8 @@ def test_a_broken_tool_has_not_found_anything():
     figures = score.summary([row("single", said, ["coulomb_friction"], [100.0])])
     assert figures["first_group"]["hits"] == 0
     assert figures["held_out_at_floor"]["hits"] == 0
+    assert met(figures)["trials that diagnose did not break off"] is False
+    assert score.summary([row("null", said)])["false_alarms"]["n"] == 0
     assert "ValueError: no (1)" in score.page(figures, "make blind")
 
 
