@@ -33,6 +33,7 @@ _log = logging.getLogger("gsid.greybox")
 
 DOF_WANTED = 20  # variances with fewer degrees of freedom are pooled over neighbouring lines
 SAME_LEVEL = 1.05  # records whose inputs' rms differ by less are of one level
+SETTLED, UNSETTLED = 1e-3, 0.1  # what may change in a period, over the mean's noise: sought, and reported
 FLOOR = 1e-7  # of the largest line: an output repeats no better than this
 
 DECREASE = 0.01  # stop when a step promises less, in units of the cost
@@ -40,7 +41,7 @@ SINGULAR = 1e-6  # directions with a singular value this far below the largest a
 INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
 DAMPING_START, DAMPING_MOST = 1e-3, 1e10
 
-NUISANCES = ("offset", "drift")
+DRIFT = "drift"
 SOLVERS = ("lm", "nlopt")
 
 
@@ -125,7 +126,7 @@ class PlantFit:
         keys = ("cost", "n_dof", "cost_per_dof", "converged", "n_iterations", "undetermined", "at_bound")
         keys += ("unsettled", "variance_dof", "solver")
         own = [
-            {"name": r.name} | {name: [p.value, p.std] for name, p in r.params.items()}
+            {"name": r.name} | {name: _plain(p) for name, p in r.params.items()}
             for r in self.records
             if r.params
         ]
@@ -166,13 +167,13 @@ def fit_plant(
     records : Record or Spectra, or a sequence of them
         All share the physics.
     band : (lo, hi), optional
-        Hz; default for each record from its first to its last excited line. A band from 0 on has the mean
-        in it.
+        Hz; default for each record from its first to its last excited line. As long as the band leaves
+        0 Hz out, each record has an offset of its own.
     fixed : sequence of str
         Parameters ("effect.parameter") to leave as they are, besides those that the model holds fixed.
     per_record : sequence of str
-        What each record has for itself: free parameters of the model, "offset" (constant in the output),
-        "drift" (change of the output over a period).
+        What each record has for itself: free parameters of the model, and "drift": by how much the output
+        moves away in a period.
     solver : {"lm", "nlopt"}
         Levenberg-Marquardt, or NLopt's sequential quadratic programming.
     max_iter : int
@@ -285,7 +286,7 @@ class _Part:
         measured: Spectra,
         variance: tuple[np.ndarray, float],
         band: tuple[float, float] | None,
-        nuisances: tuple[str, ...],
+        has_drift: bool,
     ) -> None:
         s = measured
         self.name = s.name
@@ -295,14 +296,16 @@ class _Part:
         self.dof = variance[1]
         floor = (FLOOR * float(np.max(np.abs(self.y)))) ** 2
         self.variance = np.maximum(variance[0][self.line], max(floor, np.finfo(float).tiny))
-        self.n_periods = s.n_periods
+        self.noise_rms = float(np.sqrt(np.sum(self.variance) / (2 * s.n_periods)))  # of the mean, over time
+        self.plant.tolerance = SETTLED * self.noise_rms
         real = self.line == 0
         # The mean of 1/s^2 is nu / (nu - 1) times that of 1/variance.
         scale = (self.dof - 1) / self.dof * np.where(real, 1, 2)
         self.weight = np.sqrt(scale * s.n_periods / self.variance)
         self.n_rows = 2 * len(self.line) - int(np.count_nonzero(real))
-        self.nuisance = np.array([_nuisance(name, s.period_samples)[self.line] for name in nuisances])
-        self.nuisance = self.nuisance.reshape(len(nuisances), len(self.line))
+        n = s.period_samples
+        ramps = np.tile(np.arange(n) / n - (n - 1) / (2 * n), (int(has_drift), 1))
+        self.drift = lines_of(ramps)[:, self.line]  # no row without drift
 
     def whiten(self, lines: np.ndarray) -> np.ndarray:
         """[Re; Im] of (..., k) lines times the weight."""
@@ -321,11 +324,6 @@ def _lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None)
     return use
 
 
-def _nuisance(name: str, n: int) -> np.ndarray:
-    """Lines of what a unit of a nuisance adds to the output."""
-    return lines_of(np.ones(n) if name == "offset" else np.arange(n) / n - (n - 1) / (2 * n))
-
-
 @dataclass(eq=False)
 class _Point:
     """Residuals and Jacobian at one set of unknowns, reduced to a triangle."""
@@ -340,7 +338,7 @@ class _Point:
 
 
 class _Problem:
-    """Unknowns x: those of each record in turn (parameters, then nuisances), then the shared ones."""
+    """Unknowns x: those of each record in turn (parameters, then the drift), then the shared ones."""
 
     def __init__(
         self,
@@ -353,17 +351,17 @@ class _Problem:
         self.model, self.pool = model, pool
         free = model.free_names
         for name in per_record:
-            if name not in NUISANCES and name not in free:
-                known = ", ".join([*free, *NUISANCES])
+            if name != DRIFT and name not in free:
+                known = ", ".join([*free, DRIFT])
                 raise ValueError(f"per_record names {name!r}, which is none of the free parameters: {known}")
         self.local = [i for i, name in enumerate(free) if name in per_record]
         self.shared = [i for i, name in enumerate(free) if name not in per_record]
         if not self.shared:
             raise ValueError("no free parameter is shared by the records: there is nothing to fit in common")
-        nuisances = tuple(name for name in NUISANCES if name in per_record)
-        self.own_names = [free[i] for i in self.local] + list(nuisances)
+        has_drift = DRIFT in per_record
+        self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
         variances = pooled_variance(measured)
-        self.parts = [_Part(model, s, v, band, nuisances) for s, v in zip(measured, variances, strict=True)]
+        self.parts = [_Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
@@ -422,11 +420,11 @@ class _Problem:
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
         part, n_local = self.parts[i], len(self.local)
         answer = part.plant.run(self.values(x, i), sensitivities=True)
-        error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.nuisance
+        error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
         residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
         columns = [
             jacobian[:, self.local],
-            part.whiten(part.nuisance).T,
+            part.whiten(part.drift).T,
             jacobian[:, self.shared],
             residual[:, None],
         ]
@@ -591,8 +589,7 @@ def _fitted(problem: _Problem, minimum: _Minimum, solver: str) -> PlantFit:
         unsettled=[
             part.name or f"record {i}"
             for i, (part, answer) in enumerate(zip(problem.parts, point.predictions, strict=True))
-            if not answer.settled
-            and answer.residual > 0.1 * np.sqrt(np.sum(part.variance) / (2 * part.n_periods))
+            if answer.residual > UNSETTLED * part.noise_rms
         ],
         records=[_record_fit(problem, point, std, i) for i in range(problem.n_records)],
         band_hz=problem.band_hz,
@@ -616,6 +613,10 @@ def _covariance(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return half @ half.T, vt[~good]
 
 
+def _plain(param: Param) -> list[float | None]:
+    return [param.value, param.std if np.isfinite(param.std) else None]
+
+
 def _with_result(problem: _Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarray) -> PlantModel:
     """The model with the shared values, and the mean over records of those that each has for itself."""
     model = copy.deepcopy(problem.model)
@@ -637,7 +638,7 @@ def _with_result(problem: _Problem, x: np.ndarray, std: np.ndarray, cov: np.ndar
 def _undetermined(problem: _Problem, x: np.ndarray, std: np.ndarray) -> list[str]:
     names = []
     for name, value, sigma in zip(problem.names, x, std, strict=True):
-        if np.isnan(sigma) or (name not in NUISANCES and sigma > _size(problem.model, name, value)):
+        if np.isnan(sigma) or (name != DRIFT and sigma > _size(problem.model, name, value)):
             names.append(name)
     return list(dict.fromkeys(names))
 

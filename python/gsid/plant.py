@@ -22,6 +22,9 @@ from gsid.model import FORMAT, read_model_file
 
 OUTPUTS = ("rate", "angle")
 RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
+UNITS = {
+    unit + per for unit in RADIANS for per in ("", "/s")
+}  # of outputs: a record with another is believed
 
 # An input that is not held is simulated at this many times the sample rate; see docs/decisions.md.
 OVERSAMPLING = 4
@@ -81,7 +84,7 @@ class Prediction:
     residual : float
         Bound on how much y changes in one more period, unit of y: 0 in the steady state.
     settled : bool
-        Whether that is below 1e-7 of the output's rms.
+        Whether that is below 1e-7 of the output's rms, or below what was asked for.
     """
 
     y: np.ndarray
@@ -331,14 +334,10 @@ class PlantModel:
         model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
         model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
         model.fit, model.history = data.get("fit"), data.get("history", [])
-        covariance = data.get("covariance")
-        model.cov = None if covariance is None else np.array(covariance["matrix"], dtype=float)
+        model.cov = None
         model._check(where)
-        if model.cov is not None and model.cov.shape != (len(model.free_names),) * 2:
-            hint = "leave the covariance out when parameters are made free or fixed by hand"
-            raise InputError(
-                "the covariance is not that of the free parameters", where, model.cov.shape, hint
-            )
+        if "covariance" in data:
+            model.cov = _read_covariance(data["covariance"], model.free_names, where)
         return model
 
     def save(self, path: str | Path) -> None:
@@ -378,7 +377,7 @@ class PlantModel:
             f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in self._rows()
         ]
         if self.fit is not None:
-            lines.append(f"  cost per degree of freedom {self.fit['cost_per_dof']:.4g}")
+            lines.append(f"  cost per degree of freedom {self.fit.get('cost_per_dof', math.nan):.4g}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -411,6 +410,17 @@ def _read_effect(entry: Any, index: int, where: str) -> Effect:
         entry["effect"],
         {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
     )
+
+
+def _read_covariance(covariance: Any, free_names: list[str], where: str) -> np.ndarray:
+    try:
+        matrix = np.array(covariance["matrix"], dtype=float)
+        if covariance["names"] == free_names and matrix.shape == (len(free_names),) * 2:
+            return matrix
+    except (KeyError, TypeError, ValueError):
+        pass
+    hint = "leave the covariance out when parameters are added, made free or fixed by hand"
+    raise InputError("the covariance is not that of the free parameters", where, ", ".join(free_names), hint)
 
 
 def _read_param(value: Any, free: bool, where: str) -> Param:
@@ -514,11 +524,17 @@ class PeriodicPlant:
         Output samples per second [Hz].
     oversampling : int
         Steps of the input in one sample of the output.
+
+    Attributes
+    ----------
+    tolerance : float
+        By how much y may change in a period when it counts as settled, if that is more than 1e-7 of its rms.
     """
 
     def __init__(self, model: PlantModel, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
         self._u = np.ascontiguousarray(u, dtype=np.float64)
         self._m = oversampling
+        self.tolerance = 0.0
         self._values = model.free_values
         self._items = ffi.new("gsid_plant_item[]", len(model.effects))
         self._free = []
@@ -543,7 +559,7 @@ class PeriodicPlant:
         Raises
         ------
         InputError
-            The loop's rate is not the record's.
+            The loop's rate or the output's unit is not the record's.
         """
         if model.has_controller and abs(model.fs_hz / measured.fs_hz - 1) > 1e-6:
             raise InputError(
@@ -551,6 +567,14 @@ class PeriodicPlant:
                 measured.name,
                 f"{model.fs_hz:g} and {measured.fs_hz:g} Hz",
                 "give the model the fs_hz of the record",
+            )
+        unit = model.angle_unit + ("/s" if model.output == "rate" else "")
+        if measured.y_unit in UNITS and measured.y_unit != unit:
+            raise InputError(
+                "the record's unit is not the model's",
+                measured.name,
+                f"{measured.y_unit} and {unit}",
+                'set "output" and "angle_unit" of the model to what was measured',
             )
         oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
         return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
@@ -620,5 +644,5 @@ class PeriodicPlant:
             Y=lines_of(sampled[0]),
             dY=dY,
             residual=residual[0],
-            settled=status == lib.GSID_OK or residual[0] <= SETTLED * rms,
+            settled=status == lib.GSID_OK or residual[0] <= max(SETTLED * rms, self.tolerance),
         )
