@@ -1,0 +1,463 @@
+"""Which physical effect is missing from a model of a plant?
+
+1. The free parameters are fitted, and what is left is tested in two ways at half the false-alarm rate
+   each: is it more than noise (CMP-1), and does it point along an effect of the catalogue more than
+   chance allows (DIA-1, DIA-2)?
+2. Every effect that the model does not have is scored over a grid of its shapes (`gsid.probes`); the few
+   best are added and fitted for real, from several starts.
+3. They are ranked by evidence: the cost after the fit and a price for each parameter. Effects whose
+   costs after the fit differ by less than the data can tell form one group.
+4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
+   effect found is tried to be left out again.
+5. When the best still leaves most of the misfit, the missing effect is not in the catalogue.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from gsid.effects import catalogue, find
+from gsid.errors import GsidError, InputError
+from gsid.frf import Spectra, spectra
+from gsid.greybox import PlantFit, RecordFit, fit_plant
+from gsid.linear_start import linear_start
+from gsid.linear_view import linear_view
+from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
+from gsid.probes import Probe, Trajectory, probes
+from gsid.record import Record
+from gsid.scores import Score, family_wise_p, orthonormal, score
+
+ALPHA = 0.05
+EFFECTS_MAX = 3  # effects looked for, one after the other
+REFITTED = 5  # effects fitted for real in each round
+STARTS = 2  # of each
+SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
+EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
+NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
+
+
+@dataclass(eq=False)
+class Candidate:
+    """An effect added to the model and fitted."""
+
+    effects: tuple[str, ...]  # of this step: one
+    fit: PlantFit
+    predicted_drop: float
+
+    @property
+    def params(self) -> dict[str, Param]:
+        """Parameters of the added effect."""
+        return self.fit.model.effects[-1].params
+
+
+@dataclass(eq=False)
+class Group:
+    """Effects that the data cannot tell apart, best first."""
+
+    candidates: list[Candidate]
+    probability: float
+
+    @property
+    def effects(self) -> list[str]:
+        return [candidate.effects[-1] for candidate in self.candidates]
+
+    def to_dict(self) -> dict[str, Any]:
+        best = self.candidates[0]
+        return {
+            "effects": self.effects,
+            "probability": self.probability,
+            "cost_per_dof_after": best.fit.cost_per_dof,
+            "drop": best.predicted_drop,
+            "params": {name: {"value": p.value, "std": p.std} for name, p in best.params.items()},
+        }
+
+
+@dataclass(eq=False)
+class Step:
+    """One round of the search: the fit it started from, its tests, and how the candidates came out."""
+
+    fit: PlantFit
+    p_noise: float
+    p_score: float
+    ranking: list[Group]
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together (Bonferroni)."""
+        return min(1.0, 2 * min(self.p_noise, self.p_score))
+
+
+@dataclass(eq=False, repr=False)
+class Diagnosis:
+    """What :func:`diagnose` found.
+
+    Attributes
+    ----------
+    verdict : {"adequate", "missing_effect", "unknown_effect"}
+    p_value : float
+        Probability of a misfit like this by chance when nothing is missing.
+    cost_per_dof, cost_per_dof_after : float
+        Of the model as it was given (its free parameters fitted), and with what was found.
+    explained : float
+        Share of the misfit above noise that the effects found explain.
+    found : list of Group
+        The effects found, in the order of the search; each the first group of its round.
+    steps : list of Step
+    model : PlantModel
+        With the best effect of each group found added, and fitted.
+    """
+
+    verdict: str
+    p_value: float
+    alpha: float
+    cost_per_dof: float
+    cost_per_dof_after: float
+    explained: float
+    found: list[Group]
+    steps: list[Step]
+    model: PlantModel
+    next_experiment: str = ""
+    names: list[str] = field(default_factory=list)
+
+    @property
+    def adequate(self) -> bool:
+        return self.verdict == "adequate"
+
+    @property
+    def ranking(self) -> list[Group]:
+        """Groups of the first round, most probable first."""
+        return self.steps[0].ranking if self.steps else []
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for people."""
+        if self.adequate:
+            return f"Nothing is missing that these data show (p = {self.p_value:.2g})."
+        after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
+        names = ", then ".join(" or ".join(group.effects) for group in self.found)
+        if self.verdict == "unknown_effect":
+            best = f" The nearest is {names}, which explains {self.explained:.0%}." if names else ""
+            return f"Something is missing that the catalogue does not have (p = {self.p_value:.2g}).{best}"
+        explained = f"{self.explained:.0%} of the misfit explained"
+        return f"Missing: {names} ({after}, {explained}, p = {self.p_value:.2g})."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid diagnose --json`."""
+        keys = ("verdict", "adequate", "p_value", "alpha", "cost_per_dof", "cost_per_dof_after", "explained")
+        return {key: getattr(self, key) for key in keys} | {
+            "ranking": [group.to_dict() for group in self.ranking],
+            "found": [group.to_dict() for group in self.found],
+            "next_experiment": self.next_experiment,
+        }
+
+    def __repr__(self) -> str:
+        lines = [self.sentence]
+        for number, step in enumerate(self.steps, 1):
+            if not step.ranking:
+                continue
+            lines.append(f"  round {number}: cost per degree of freedom {step.fit.cost_per_dof:.4g}")
+            for group in step.ranking[:4]:
+                after = group.candidates[0].fit.cost_per_dof
+                lines.append(f"    {group.probability:6.1%}  {' or '.join(group.effects):40} -> {after:.4g}")
+        if self.next_experiment:
+            lines.append(f"  {self.next_experiment}")
+        return "\n".join(lines)
+
+
+def diagnose(
+    model: PlantModel,
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    band: tuple[float, float] | None = None,
+    alpha: float = ALPHA,
+    seed: int = 0,
+    on_step: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """Find out whether a physical effect is missing from a model, and which.
+
+    Parameters
+    ----------
+    model : PlantModel
+        What is believed so far; its free parameters are fitted first.
+    records : Record or Spectra, or a sequence of them
+        Realisations, best at two levels of the excitation.
+    band : (lo, hi), optional
+        Hz; default from the first to the last excited line, the lines between them that are not excited too.
+    alpha : float
+        False-alarm rate.
+    seed : int
+        Of the bootstrap.
+    on_step : callable
+        Told in words what comes next.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError, InputError
+        As `gsid.greybox.fit_plant`.
+    """
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
+    several = [records] if isinstance(records, Record | Spectra) else list(records)
+    measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
+    on_step("fitting the model as it is")
+    first = fit = fit_plant(linear_start(model, measured), measured, band=band)
+    steps: list[Step] = []
+    found: list[Group] = []
+    while True:
+        step, best = _round(fit, measured, band, seed, on_step, explore=len(found) < EFFECTS_MAX)
+        steps.append(step)
+        if step.p_value >= alpha or best is None:
+            break
+        found.append(best)
+        fit = best.candidates[0].fit
+    found, fit = _without_the_needless(model, found, fit, measured, band, on_step)
+    return Diagnosis(
+        verdict=_verdict(steps, found, first, fit, alpha),
+        p_value=steps[0].p_value,
+        alpha=alpha,
+        cost_per_dof=first.cost_per_dof,
+        cost_per_dof_after=fit.cost_per_dof,
+        explained=_explained(first, fit),
+        found=found,
+        steps=steps,
+        model=fit.model,
+        names=[s.name for s in measured],
+    )
+
+
+def _explained(before: PlantFit, after: PlantFit) -> float:
+    excess = before.cost - before.n_dof
+    return float(np.clip((before.cost - after.cost) / excess, 0, 1)) if excess > 0 else 0.0
+
+
+def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: PlantFit, alpha: float) -> str:
+    if steps[0].p_value >= alpha:
+        return "adequate"
+    still_wrong = steps[-1].p_noise < alpha / 2
+    if not found or (still_wrong and _explained(first, last) < EXPLAINED):
+        return "unknown_effect"
+    return "missing_effect"
+
+
+# ---- one round ---------------------------------------------------------------------------------------
+
+
+def _round(
+    fit: PlantFit,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    seed: int,
+    on_step: Callable[[str], None],
+    *,
+    explore: bool,
+) -> tuple[Step, Group | None]:
+    """Test a fit, score the catalogue, fit the best few; the best group when it earns its price."""
+    scored = _scored(fit, measured)
+    p_score = float(
+        min(family_wise_p(_stacked(fit, "residual")[:, 0], [s for _, s in scored], seed=seed), default=1.0)
+    )
+    step = Step(fit, noise_p_value(fit, measured), p_score, [])
+    if not explore or step.p_value >= ALPHA:
+        return step, None
+    candidates = []
+    for effect, tries in _shortlist(scored).items():
+        on_step(f"trying {effect}")
+        candidate = _refitted(fit, effect, tries, measured, band)
+        if candidate is not None:
+            candidates.append(candidate)
+    step.ranking = _ranked(fit, candidates)
+    worth = step.ranking and step.ranking[0].candidates[0]
+    if not worth or _evidence(fit, worth) > -SAME:
+        return step, None
+    return step, step.ranking[0]
+
+
+def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
+    """Probability of a misfit as large or larger by noise alone (CMP-1), the fitted parameters allowed for.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    measured : list of Spectra
+        As fitted.
+
+    Returns
+    -------
+    float
+    """
+    total, n_lines = 0.0, 0
+    for record, one in zip(fit.records, measured, strict=True):
+        use = record.line[record.line > 0]
+        nu = one.n_periods - 1
+        error = one.y[use] - record.prediction.Y[use]
+        variance = np.maximum(one.var_y[use], np.finfo(float).tiny)
+        total += float(np.sum(nu * np.log1p(one.n_periods * np.abs(error) ** 2 / variance / nu)))
+        n_lines += len(use)
+    return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))
+
+
+def _stacked(fit: PlantFit, what: str) -> np.ndarray:
+    """Residual or Jacobian of all records: all real parts, then all imaginary parts."""
+    halves = [np.split(getattr(record, what).reshape(2 * len(record.line), -1), 2) for record in fit.records]
+    return np.vstack([re for re, _ in halves] + [im for _, im in halves])
+
+
+def _whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
+    """(2 m, q) columns of a probe, whitened and stacked as `_stacked` does."""
+    parts = [
+        (lines[:, record.line] * record.weight).T for lines, record in zip(columns, fit.records, strict=True)
+    ]
+    together = np.vstack(parts)
+    real = np.concatenate([record.line == 0 for record in fit.records])
+    return np.vstack([together.real, np.where(real[:, None], 0.0, together.imag)])
+
+
+def _trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
+    view = linear_view(
+        model.stack(),
+        one.f_hz,
+        one.fs_hz,
+        output_angle=model.output == "angle",
+        radians_per_unit=RADIANS[model.angle_unit],
+        held=one.hold == "zoh" or model.has_controller,
+    )
+    return Trajectory(
+        fs_hz=one.fs_hz,
+        command=input_period(one, 1),
+        angle=record.prediction.angle,
+        rate=record.prediction.rate,
+        output=record.prediction.y,
+        f_hz=one.f_hz,
+        torque_response=view.torque,
+        command_response=view.command,
+        direct_response=view.direct,
+        radians_per_unit=RADIANS[model.angle_unit],
+    )
+
+
+def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]:
+    """Every probe of every effect that the model does not have."""
+    present = {effect.id for effect in fit.model.effects}
+    absent = [e.id for e in catalogue().values() if e.id not in present and e.stage != "controller"]
+    trajectories = [
+        _trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
+    ]
+    residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
+    return [
+        (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
+        for probe in probes(trajectories, [e for e in absent if e not in NOT_SEEN_IN_THE_MEAN])
+    ]
+
+
+def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe, Score]]]:
+    """The effects of the largest predicted drops, each with its best points of the grid as starts."""
+    by_effect: dict[str, list[tuple[Probe, Score]]] = {}
+    for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
+        if item.drop > 0:
+            by_effect.setdefault(probe.effect, []).append((probe, item))
+    return {effect: tries[:STARTS] for effect, tries in list(by_effect.items())[:REFITTED]}
+
+
+def with_effect(model: PlantModel, effect: str, params: dict[str, float]) -> PlantModel:
+    """A copy of a model with one more effect, its values moved into the catalogue's bounds.
+
+    Parameters
+    ----------
+    model : PlantModel
+    effect : str
+        Id of the catalogue.
+    params : dict of float
+        Values; those not given are typical ones.
+    """
+    known = find(effect)
+    values = {
+        p.name: float(np.clip(params.get(p.name, p.typical), p.lower, p.upper)) for p in known.parameters
+    }
+    larger = copy.deepcopy(model)
+    larger.cov, larger.fit = None, None
+    larger.effects.append(Effect(effect, {name: Param(value) for name, value in values.items()}))
+    return larger
+
+
+def _refitted(
+    fit: PlantFit,
+    effect: str,
+    tries: list[tuple[Probe, Score]],
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+) -> Candidate | None:
+    """The effect fitted from each start; None when no start can be fitted."""
+    best: Candidate | None = None
+    for probe, item in tries:
+        try:
+            larger = fit_plant(with_effect(fit.model, effect, probe.start(item.size)), measured, band=band)
+        except (GsidError, InputError):
+            continue  # a start that cannot be simulated is no candidate
+        if best is None or larger.cost < best.fit.cost:
+            best = Candidate((effect,), larger, item.drop)
+    return best
+
+
+# ---- evidence ----------------------------------------------------------------------------------------
+
+
+def _evidence(fit: PlantFit, candidate: Candidate) -> float:
+    """-2 log of the candidate's evidence over that of the model without it (Schwarz): negative speaks for it.
+
+    n is the number of residuals, so a parameter has to lower the cost by ln n to earn its place (DIA-5).
+    """
+    n = fit.n_dof + len(fit.model.free_names)
+    return candidate.fit.cost - fit.cost + len(candidate.params) * np.log(n)
+
+
+def _ranked(fit: PlantFit, candidates: list[Candidate]) -> list[Group]:
+    """Groups of candidates whose evidence differs by less than the data can tell, most probable first."""
+    if not candidates:
+        return []
+    value = {id(c): _evidence(fit, c) for c in candidates}
+    ordered = sorted(candidates, key=lambda c: value[id(c)])
+    least = min(value[id(ordered[0])], 0.0)
+    weight = {id(c): np.exp(-(value[id(c)] - least) / 2) for c in candidates}
+    total = sum(weight.values()) + np.exp(least / 2)  # the model without any is a candidate too
+    groups: list[list[Candidate]] = []
+    for candidate in ordered:
+        if groups and value[id(candidate)] - value[id(groups[-1][0])] < SAME:
+            groups[-1].append(candidate)
+        else:
+            groups.append([candidate])
+    return [Group(members, float(sum(weight[id(c)] for c in members) / total)) for members in groups]
+
+
+def _without_the_needless(
+    model: PlantModel,
+    found: list[Group],
+    fit: PlantFit,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    on_step: Callable[[str], None],
+) -> tuple[list[Group], PlantFit]:
+    """Leave out again what later effects have made needless: a forward search can be led astray."""
+    for group in list(found[:-1]):
+        effect = group.effects[0]
+        smaller = copy.deepcopy(fit.model)
+        smaller.cov, smaller.fit = None, None
+        smaller.effects = [e for e in smaller.effects if e.id != effect]
+        on_step(f"trying without {effect}")
+        try:
+            without = fit_plant(smaller, measured, band=band)
+        except (GsidError, InputError):
+            continue
+        price = len(group.candidates[0].params) * np.log(fit.n_dof)
+        if without.cost - fit.cost < price:
+            found, fit = [g for g in found if g is not group], without
+    return found, fit

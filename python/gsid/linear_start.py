@@ -1,0 +1,131 @@
+"""Better starting values for a plant's linear part, from the measured frequency response.
+
+A simulation's cost has many minima: a resonance a few per cent off its peak no longer feels it. The response of
+the linear part is a formula, so a dense scan over the resonance and a fit of the formula cost less than one
+simulation of the plant, and lead into the right basin. Friction and the like bend the measured response a little,
+which the fit by simulation that follows puts right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gsid.frf import Spectra
+from gsid.linear_view import linear_view
+from gsid.plant import RADIANS, PlantModel
+
+SPREAD = 0.15  # a resonance is looked for within this share of its value
+STEP = 0.1  # of its half-power width: finer than the peak
+RELATIVE_FLOOR = 1e-3  # of the response: friction bends it by more than noise, and no line may rule
+LINEAR = {
+    "rigid_body.gain",
+    "viscous_friction.rate",
+    "cable_spring.stiffness",
+    "transport_delay.delay_s",
+    "motor_lag.time_constant_s",
+    "sensor_lag.time_constant_s",
+    "flexible_mode.f_hz",
+    "flexible_mode.zeta",
+    "flexible_mode.residue",
+}
+
+
+def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
+    """Move the free parameters of the linear part to where its response fits the measured one.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : sequence of Spectra
+
+    Returns
+    -------
+    PlantModel
+        The model itself when it has no such parameter, or when the response fits no better than before.
+    """
+    names = [name for name in model.free_names if name in LINEAR]
+    if not names:
+        return model
+    problem = _Problem(model, measured, names)
+    start = problem.values
+    if "flexible_mode.f_hz" in names:
+        start = _scanned(problem, start)
+    scale = np.where(start != 0, np.abs(start), 1.0)
+    lower, upper = problem.bounds
+    fitted = least_squares(
+        lambda z: problem.error(z * scale),
+        np.clip(start, lower, upper) / scale,
+        bounds=(lower / scale, upper / scale),
+        x_scale="jac",
+    )
+    if 2 * fitted.cost >= np.sum(problem.error(problem.values) ** 2):
+        return model
+    better = dict(zip(names, fitted.x * scale, strict=True))
+    return model.with_values([better.get(name, model[name].value) for name in model.free_names])
+
+
+class _Problem:
+    def __init__(self, model: PlantModel, measured: Sequence[Spectra], names: list[str]) -> None:
+        self.model, self.measured, self.names = model, measured, names
+        self.values = np.array([model[name].value for name in names])
+        lower, upper = model.bounds()
+        chosen = [model.free_names.index(name) for name in names]
+        self.bounds = lower[chosen], upper[chosen]
+        self.g = [one.y[one.excited] / one.u[one.excited] for one in measured]
+        self.weight = [_weight(one, g) for one, g in zip(measured, self.g, strict=True)]
+
+    def error(self, values: np.ndarray) -> np.ndarray:
+        """Weighted error of the response over all records, real parts and imaginary parts."""
+        stack = self.model.stack()
+        for name, value in zip(self.names, values, strict=True):
+            effect, _, parameter = name.rpartition(".")
+            stack[effect][parameter] = float(value)
+        parts = []
+        for one, g, weight in zip(self.measured, self.g, self.weight, strict=True):
+            view = linear_view(
+                stack,
+                one.f_hz[one.excited],
+                one.fs_hz,
+                output_angle=self.model.output == "angle",
+                radians_per_unit=RADIANS[self.model.angle_unit],
+                held=one.hold == "zoh" or self.model.has_controller,
+            )
+            parts.append((g - view.command) * weight)
+        together = np.concatenate(parts)
+        return np.concatenate([together.real, together.imag])
+
+
+def _weight(one: Spectra, g: np.ndarray) -> np.ndarray:
+    noise = np.sqrt(one.var_y[one.excited] / one.n_periods) / np.abs(one.u[one.excited])
+    return 1 / np.hypot(noise, RELATIVE_FLOOR * np.abs(g))
+
+
+def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
+    """Resonance scanned, the size of the mode refitted at each point: the error is linear in it."""
+    index = {name: i for i, name in enumerate(problem.names)}
+    mode = problem.names.index("flexible_mode.f_hz")
+    zeta = problem.model["flexible_mode.zeta"].value
+    n = int(np.ceil(np.log((1 + SPREAD) / (1 - SPREAD)) / max(STEP * 2 * zeta, 1e-3)))
+    best, least = values, np.inf
+    for f_hz in values[mode] * np.geomspace(1 - SPREAD, 1 + SPREAD, min(n, 400)):
+        trial = values.copy()
+        trial[mode] = f_hz
+        if "flexible_mode.residue" in index:
+            trial[index["flexible_mode.residue"]] = _best_size(problem, trial, index["flexible_mode.residue"])
+        cost = float(np.sum(problem.error(trial) ** 2))
+        if cost < least:
+            best, least = trial, cost
+    return best
+
+
+def _best_size(problem: _Problem, values: np.ndarray, which: int) -> float:
+    """Least-squares value of a parameter in which the error is linear, within its bounds."""
+    without, with_one = values.copy(), values.copy()
+    without[which], with_one[which] = 0.0, 1.0
+    rest = problem.error(without)
+    column = rest - problem.error(with_one)
+    size = float(column @ rest) / max(float(column @ column), np.finfo(float).tiny)
+    return float(np.clip(size, problem.bounds[0][which], problem.bounds[1][which]))

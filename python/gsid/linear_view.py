@@ -1,0 +1,120 @@
+"""Frequency responses of the linear part of a plant: what a small torque or command does to the output.
+
+Laws that are not linear are left out: friction, stops and the like bend the response only where they act, and
+these responses only have to point the search in the right direction (see `gsid.probes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+Stack = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(eq=False)
+class LinearView:
+    """Responses at the frequencies asked for, all with the sensor's filters.
+
+    Parameters
+    ----------
+    torque : (K,) complex ndarray
+        Torque / inertia to output.
+    command : (K,) complex ndarray
+        Command, held over each sample, to output.
+    direct : (K,) complex ndarray
+        Command to output past the rigid body: gain, hold, delay and lags only.
+    """
+
+    torque: np.ndarray
+    command: np.ndarray
+    direct: np.ndarray
+
+
+def linear_view(
+    stack: Stack,
+    f_hz: np.ndarray,
+    fs_hz: float,
+    *,
+    output_angle: bool = False,
+    radians_per_unit: float = 1.0,
+    held: bool = True,
+) -> LinearView:
+    """Responses of a stack's linear part (DIA-4).
+
+    Parameters
+    ----------
+    stack : mapping
+        {effect: {parameter: value}}.
+    f_hz : (K,) ndarray
+        Hz; a line at 0 is taken just above it.
+    fs_hz : float
+    output_angle : bool
+        Whether the output is the angle rather than the rate.
+    radians_per_unit : float
+        Of the angle, for the slope of laws that hold an angle inside a sine.
+
+    held : bool
+        Whether the command is held over each sample.
+
+    Returns
+    -------
+    LinearView
+    """
+    f = np.where(f_hz == 0, 1e-3 * np.min(f_hz[f_hz > 0]), f_hz)
+    s = 2j * np.pi * f
+    spring = _get(stack, "cable_spring", "stiffness")
+    unbalance = _get(stack, "mass_unbalance", "level") * np.cos(
+        np.radians(_get(stack, "mass_unbalance", "angle_deg"))
+    )
+    body = s / (s**2 + _get(stack, "viscous_friction", "rate") * s + spring + unbalance * radians_per_unit)
+    actuator = _get(stack, "rigid_body", "gain") * _lag(stack, "motor_lag", s)
+    actuator = actuator * np.exp(-s * _get(stack, "transport_delay", "delay_s"))
+    actuator = actuator * (_held(s, fs_hz) if held else 1.0)
+    sensor = _lag(stack, "sensor_lag", s)
+    if "sensor_sample_hold" in stack:
+        sensor = sensor * _held(s, stack["sensor_sample_hold"]["rate_hz"])
+    if output_angle:
+        sensor = sensor / s
+    loop = 1 / (1 + actuator * body * _feedback(stack, s))
+    command = actuator * (body * loop * _reference(stack) + _mode(stack, s))
+    return LinearView(torque=body * loop * sensor, command=command * sensor, direct=actuator * sensor)
+
+
+def _get(stack: Stack, effect: str, parameter: str) -> float:
+    return float(stack[effect][parameter]) if effect in stack else 0.0
+
+
+def _lag(stack: Stack, effect: str, s: np.ndarray) -> np.ndarray:
+    return 1 / (1 + s * _get(stack, effect, "time_constant_s"))
+
+
+def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Zero-order hold: (1 - exp(-s T)) / (s T)."""
+    return -np.expm1(-s / rate_hz) * rate_hz / s
+
+
+def _mode(stack: Stack, s: np.ndarray) -> np.ndarray | float:
+    if "flexible_mode" not in stack:
+        return 0.0
+    mode = stack["flexible_mode"]
+    w0 = 2 * np.pi * mode["f_hz"]
+    return mode["residue"] * s / (s**2 + 2 * mode["zeta"] * w0 * s + w0**2)
+
+
+def _feedback(stack: Stack, s: np.ndarray) -> np.ndarray | float:
+    """Rate to command through the controller kv (kp (r - angle) - rate)."""
+    if "position_velocity_loop" not in stack:
+        return 0.0
+    loop = stack["position_velocity_loop"]
+    return loop["kv"] * (1 + loop["kp"] / s)
+
+
+def _reference(stack: Stack) -> float:
+    """Record's input to command: 1 in open loop."""
+    if "position_velocity_loop" not in stack:
+        return 1.0
+    loop = stack["position_velocity_loop"]
+    return loop["kv"] * loop["kp"]

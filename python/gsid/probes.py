@@ -1,0 +1,360 @@
+"""Candidate effects as directions in the space of the measurement: what each would add to the output.
+
+To first order a torque law n(angle, rate) adds -G_tau N to the output, N the lines of the law along the
+fitted model's own trajectory, and a law on the command adds G_u times the lines of what it changes (DIA-3).
+So a dense grid over the parameters that have no meaning at the null (speeds, lengths, pitches, thresholds)
+costs one transform each; threshold laws are taken at a size where they act, never by a derivative at zero.
+The few best are then fitted for real, by simulation: these directions only choose and give the starting
+values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+Params = dict[str, float]
+
+
+@dataclass(eq=False)
+class Trajectory:
+    """One record's excitation and the fitted model's answer to it, over one period.
+
+    Parameters
+    ----------
+    fs_hz : float
+    command, angle, rate, output : (N,) ndarrays
+        Command as it enters the plant, and the model's angle, rate and output.
+    f_hz : (K,) ndarray
+        All lines, 0 .. N/2.
+    torque_response, command_response, direct_response : (K,) complex ndarrays
+        Of the model's linear part, to the output: from torque / inertia, from the command, and from the
+        command past the rigid body (gain, hold, delay, lags).
+    radians_per_unit : float
+        Of the angle: pi/180 when angles are degrees.
+    """
+
+    fs_hz: float
+    command: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    output: np.ndarray
+    f_hz: np.ndarray
+    torque_response: np.ndarray
+    command_response: np.ndarray
+    direct_response: np.ndarray
+    radians_per_unit: float
+
+    def lines(self, x: np.ndarray) -> np.ndarray:
+        """One-sided lines of a periodic signal, as Spectra has them."""
+        spectrum = np.fft.rfft(x) * (2.0 / len(x))
+        spectrum[0] /= 2
+        if len(x) % 2 == 0:
+            spectrum[-1] /= 2
+        return spectrum
+
+    def of_torque(self, law: np.ndarray) -> np.ndarray:
+        """(K,) what a torque law along the trajectory adds to the output."""
+        return -self.torque_response * self.lines(law)
+
+    def of_command(self, change: np.ndarray) -> np.ndarray:
+        """(K,) what a change of the command adds to the output."""
+        return self.command_response * self.lines(change)
+
+
+@dataclass(eq=False)
+class Probe:
+    """One candidate at one point of its grid.
+
+    Parameters
+    ----------
+    effect : str
+    columns : list of (q, K) complex ndarrays
+        What it adds to the output, one entry per trajectory.
+    start : callable
+        From the coefficients of the columns to starting values of the effect's parameters.
+    one_sided : bool
+        Only coefficients >= 0 are physical.
+    """
+
+    effect: str
+    columns: list[np.ndarray]
+    start: Callable[[np.ndarray], Params]
+    one_sided: bool = False
+
+
+def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe]:
+    """Candidates of the effects named, over their grids.
+
+    Parameters
+    ----------
+    trajectories : list of Trajectory
+    effects : list of str
+        Catalogue names; those without a first-order direction (gear_backlash) give nothing.
+    """
+    for effect in effects:
+        make = GRIDS.get(effect)
+        if make is not None:
+            yield from make(trajectories)
+
+
+# ---- torque laws -----------------------------------------------------------------------------------------
+
+
+def _torque(
+    effect: str,
+    trajectories: list[Trajectory],
+    laws: Callable[[Trajectory], list[np.ndarray]],
+    start: Callable[[np.ndarray], Params],
+    one_sided: bool = False,
+) -> Probe:
+    columns = [np.array([t.of_torque(law) for law in laws(t)]) for t in trajectories]
+    return Probe(effect, columns, start, one_sided)
+
+
+def _single(effect: str, parameter: str, law: Callable[[Trajectory], np.ndarray], one_sided: bool = False):
+    """Grid of a law with one parameter, its size."""
+
+    def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
+        yield _torque(effect, trajectories, lambda t: [law(t)], lambda c: {parameter: c[0]}, one_sided)
+
+    return make
+
+
+def _largest(trajectories: list[Trajectory], signal: str) -> float:
+    return max(float(np.max(np.abs(getattr(t, signal)))) for t in trajectories)
+
+
+def _swing(trajectories: list[Trajectory]) -> float:
+    """Largest travel, peak to peak."""
+    return max(float(np.ptp(t.angle)) for t in trajectories)
+
+
+def _stribeck(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    fastest = _largest(trajectories, "rate")
+    for velocity in fastest * np.geomspace(0.003, 0.5, 8):
+        yield _torque(
+            "stribeck_friction",
+            trajectories,
+            lambda t, v=velocity: [np.sign(t.rate), np.sign(t.rate) * np.exp(-((t.rate / v) ** 2))],
+            lambda c, v=velocity: {"level": c[0], "extra": c[1], "velocity": v},
+            one_sided=True,
+        )
+
+
+def dahl_state(angle: np.ndarray, stiffness: float) -> np.ndarray:
+    """Presliding state on a periodic path, after a round: dz/dtheta = stiffness (1 - z sign(dtheta)).
+
+    Parameters
+    ----------
+    angle : (N,) ndarray
+    stiffness : float
+        Per unit of angle.
+
+    Returns
+    -------
+    (N,) ndarray, within +-1
+    """
+    step = np.diff(angle, append=angle[0])
+    sign, decay = np.sign(step), np.exp(-stiffness * np.abs(step))
+    z, out = 0.0, np.empty(len(angle))
+    for _ in range(2):
+        for i in range(len(angle)):
+            out[i] = z
+            z = sign[i] + (z - sign[i]) * decay[i]
+    return out
+
+
+def _presliding(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    swing = _swing(trajectories)
+    for length in swing * np.geomspace(0.001, 0.5, 8):
+        yield _torque(
+            "presliding_friction",
+            trajectories,
+            lambda t, s=1 / length: [dahl_state(t.angle, s)],
+            lambda c, s=1 / length: {"level": c[0], "stiffness": s},
+            one_sided=True,
+        )
+
+
+def _unbalance(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    def laws(t: Trajectory) -> list[np.ndarray]:
+        angle = t.radians_per_unit * t.angle
+        return [np.sin(angle), np.cos(angle) - 1]
+
+    def start(c: np.ndarray) -> Params:
+        return {"level": float(np.hypot(c[0], c[1])), "angle_deg": float(np.degrees(np.arctan2(c[1], c[0])))}
+
+    yield _torque("mass_unbalance", trajectories, laws, start)
+
+
+def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    swing = _swing(trajectories) * trajectories[0].radians_per_unit
+    # From a quarter of a pitch in the travel to twenty; steps that turn the far end by a third of a turn.
+    lowest, highest, step = np.pi / 2 / swing, 40 * np.pi / swing, 2 * np.pi / 3 / swing
+    for cycles in np.arange(lowest, highest, step):
+        yield _torque(
+            "motor_cogging",
+            trajectories,
+            lambda t, c=cycles: [
+                np.sin(c * t.radians_per_unit * t.angle),
+                np.cos(c * t.radians_per_unit * t.angle),
+            ],
+            lambda c, n=cycles: {
+                "level": float(np.hypot(c[0], c[1])),
+                "cycles_per_rev": float(n),
+                "phase_rad": float(np.arctan2(c[1], c[0])),
+            },
+        )
+
+
+def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    furthest = _largest(trajectories, "angle")
+    for share in (0.5, 0.65, 0.8, 0.9, 0.97):
+        yield _torque(
+            "hard_stop",
+            trajectories,
+            lambda t, a=share * furthest: [np.sign(t.angle) * np.maximum(np.abs(t.angle) - a, 0)],
+            lambda c, a=share * furthest: {"angle_deg": a, "stiffness": c[0]},
+            one_sided=True,
+        )
+
+
+# ---- laws on the command ---------------------------------------------------------------------------------
+
+
+def _command(
+    effect: str,
+    trajectories: list[Trajectory],
+    parameter: str,
+    sizes: np.ndarray,
+    law: Callable[[np.ndarray, float], np.ndarray],
+) -> Iterator[Probe]:
+    for size in sizes:
+        columns = [t.of_command(law(t.command, size) - t.command)[None, :] for t in trajectories]
+        yield Probe(effect, columns, lambda c, s=size: {parameter: float(s)}, one_sided=True)
+
+
+def _quantization(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    sizes = _largest(trajectories, "command") * np.geomspace(1e-4, 0.3, 14)
+    yield from _command("drive_quantization", trajectories, "step", sizes, lambda u, s: s * np.round(u / s))
+
+
+def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    sizes = _largest(trajectories, "command") * np.geomspace(1e-4, 0.3, 14)
+    for probe in _command(
+        "drive_dead_zone",
+        trajectories,
+        "half_width",
+        sizes,
+        lambda u, s: np.sign(u) * np.maximum(np.abs(u) - s, 0),
+    ):
+        # What a small dead zone takes away grows with its width: the coefficient says how much wider it is.
+        width = probe.start(np.zeros(1))["half_width"]
+        probe.start = lambda c, w=width: {"half_width": float(w * np.clip(c[0], 0.2, 5))}
+        yield probe
+
+
+def _saturation(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    sizes = _largest(trajectories, "command") * np.array(
+        [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.86, 0.92, 0.96, 0.985]
+    )
+    yield from _command("drive_saturation", trajectories, "limit", sizes, lambda u, s: np.clip(u, -s, s))
+
+
+# ---- linear dynamics -------------------------------------------------------------------------------------
+
+
+def _lag(effect: str):
+    def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
+        for time_constant in (2e-4, 5e-4, 1e-3, 2e-3, 5e-3):
+            columns = [
+                (t.lines(t.output) * (1 / (1 + 2j * np.pi * t.f_hz * time_constant) - 1))[None, :]
+                for t in trajectories
+            ]
+            # The phase of a short lag, which a delay imitates, grows with T; the gain, which tells, with T^2.
+            yield Probe(
+                effect,
+                columns,
+                lambda c, T=time_constant: {"time_constant_s": float(T * np.sqrt(np.clip(c[0], 0.04, 25)))},
+                one_sided=True,
+            )
+
+    return make
+
+
+def _delay(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    columns = [(-2j * np.pi * t.f_hz * t.lines(t.output))[None, :] for t in trajectories]
+    yield Probe("transport_delay", columns, lambda c: {"delay_s": float(c[0])}, one_sided=True)
+
+
+def _flexible_mode(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    excited = np.abs(trajectories[0].lines(trajectories[0].command)) > 0
+    f = trajectories[0].f_hz[excited]
+    for f_mode in np.geomspace(max(f.min(), f.max() / 50), f.max() * 1.1, 60):
+        for zeta in (0.005, 0.02, 0.08):
+            yield _mode_probe(trajectories, f_mode, zeta)
+
+
+def _mode_probe(trajectories: list[Trajectory], f_mode: float, zeta: float) -> Probe:
+    columns = []
+    for t in trajectories:
+        s, w0 = 2j * np.pi * t.f_hz, 2 * np.pi * f_mode
+        filtered = s / (s**2 + 2 * zeta * w0 * s + w0**2)
+        columns.append((t.direct_response * filtered * t.lines(t.command))[None, :])
+    return Probe("flexible_mode", columns, lambda c: {"f_hz": f_mode, "zeta": zeta, "residue": float(c[0])})
+
+
+def held_output(t: Trajectory, rate_hz: float) -> np.ndarray:
+    """Output refreshed only rate_hz times a second, from the model's samples by periodic cubic interpolation.
+
+    Parameters
+    ----------
+    t : Trajectory
+    rate_hz : float
+
+    Returns
+    -------
+    (N,) ndarray
+    """
+    from scipy.interpolate import CubicSpline
+
+    n = len(t.output)
+    spline = CubicSpline(np.arange(n + 1), np.append(t.output, t.output[0]), bc_type="periodic")
+    refreshed = np.floor(np.arange(n) * rate_hz / t.fs_hz + 1e-9) * t.fs_hz / rate_hz
+    return spline(refreshed)
+
+
+def _sample_hold(trajectories: list[Trajectory]) -> Iterator[Probe]:
+    fs = trajectories[0].fs_hz
+    for rate in (100, 125, 150, 200, 250, 300, 400, 500, 600, 750, 800, 1000, 1200, 1500, 2000):
+        if rate < fs:
+            columns = [t.lines(held_output(t, rate) - t.output)[None, :] for t in trajectories]
+            yield Probe(
+                "sensor_sample_hold", columns, lambda c, r=rate: {"rate_hz": float(r)}, one_sided=True
+            )
+
+
+GRIDS: dict[str, Callable[[list[Trajectory]], Iterator[Probe]]] = {
+    "viscous_friction": _single("viscous_friction", "rate", lambda t: t.rate, True),
+    "coulomb_friction": _single("coulomb_friction", "level", lambda t: np.sign(t.rate), True),
+    "stribeck_friction": _stribeck,
+    "presliding_friction": _presliding,
+    "quadratic_drag": _single("quadratic_drag", "rate", lambda t: t.rate * np.abs(t.rate), True),
+    "cable_spring": _single("cable_spring", "stiffness", lambda t: t.angle),
+    "cubic_spring": _single("cubic_spring", "stiffness", lambda t: t.angle**3),
+    "mass_unbalance": _unbalance,
+    "motor_cogging": _cogging,
+    "hard_stop": _hard_stop,
+    "torque_bias": _single("torque_bias", "level", lambda t: np.ones(len(t.rate))),
+    "drive_quantization": _quantization,
+    "drive_dead_zone": _dead_zone,
+    "drive_saturation": _saturation,
+    "motor_lag": _lag("motor_lag"),
+    "sensor_lag": _lag("sensor_lag"),
+    "transport_delay": _delay,
+    "flexible_mode": _flexible_mode,
+    "sensor_sample_hold": _sample_hold,
+}
