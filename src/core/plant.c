@@ -8,7 +8,7 @@
 #include "plant_private.h"
 
 /* A step of the Runge-Kutta method is at most this many radians of the stiffest law. */
-#define STEP_RAD GSID_R(0.1)
+#define STEP_RAD GSID_R(0.025)
 #define STEPS_MAX 256
 /* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
 #define RATE_SAMPLES_MAX GSID_R(4000.0)

@@ -1,0 +1,95 @@
+/* What the tests of plants share: a stack in static memory, and a command with many lines. */
+#ifndef PLANT_BENCH_H
+#define PLANT_BENCH_H
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "gsid/catalogue.h"
+#include "gsid/plant.h"
+
+#define PI 3.14159265358979323846
+#define FS 3000.0
+#define ITEMS_MAX 12
+#define FREE_MAX 24
+
+typedef struct {
+    gsid_plant plant;
+    gsid_plant_cfg cfg;
+    gsid_plant_item item[ITEMS_MAX];
+    gsid_plant_free free_parameter[FREE_MAX];
+    union {
+        gsid_cplx align;
+        unsigned char bytes[1 << 20];
+    } memory;
+} bench;
+
+static inline void bench_clear(bench *b) {
+    memset(&b->cfg, 0, sizeof b->cfg);
+    b->cfg.fs_hz = (gsid_real)FS;
+    b->cfg.item = b->item;
+    b->cfg.free_parameter = b->free_parameter;
+}
+
+/* Add an effect with its typical values.  @return its item */
+static inline gsid_plant_item *bench_add(bench *b, const char *id) {
+    gsid_plant_item *item = &b->item[b->cfg.n_items++];
+    memset(item, 0, sizeof *item);
+    item->effect = gsid_catalogue_find(id);
+    assert_non_null(item->effect);
+    for (uint32_t k = 0; k < item->effect->n_parameters; k++)
+        item->value[k] = item->effect->parameter[k].typical;
+    return item;
+}
+
+static inline gsid_plant_item *bench_add_with(bench *b, const char *id, double v0, double v1, double v2) {
+    gsid_plant_item *item = bench_add(b, id);
+    item->value[0] = (gsid_real)v0;
+    item->value[1] = (gsid_real)v1;
+    item->value[2] = (gsid_real)v2;
+    return item;
+}
+
+/* Every parameter of every item is free. */
+static inline void bench_free_all(bench *b) {
+    b->cfg.n_free = 0;
+    for (uint32_t i = 0; i < b->cfg.n_items; i++)
+        for (uint32_t k = 0; k < b->item[i].effect->n_parameters; k++)
+            b->free_parameter[b->cfg.n_free++] = (gsid_plant_free){i, k};
+}
+
+static inline void bench_init(bench *b) {
+    assert_in_range(gsid_plant_mem_size(&b->cfg), 1, sizeof b->memory);
+    assert_int_equal(gsid_plant_init(&b->plant, &b->cfg, b->memory.bytes, sizeof b->memory), GSID_OK);
+}
+
+/* The axis of the source: gain, friction, spring, delay, mode and gyro. */
+static inline void bench_add_source(bench *b) {
+    bench_add_with(b, "transport_delay", 5.4e-3, 0, 0);
+    bench_add_with(b, "rigid_body", 7.4, 0, 0);
+    bench_add_with(b, "viscous_friction", 11.0, 0, 0);
+    bench_add_with(b, "cable_spring", 170.0, 0, 0);
+    bench_add_with(b, "flexible_mode", 179.0, 0.015, 0.15);
+    bench_add_with(b, "sensor_lag", 1e-3, 0, 0);
+}
+
+/* One period of n samples: odd lines with phases of no pattern, their amplitude falling as 1/line. */
+static inline double bench_command(uint32_t n_period, uint32_t n, double size) {
+    double sum = 0.0;
+    for (uint32_t line = 1; line < 40 && line < n_period / 2; line += 2)
+        sum += cos(2.0 * PI * (double)(line * n % n_period) / n_period + 1.7 * line * line) / line;
+    return size * sum;
+}
+
+static inline void assert_near(double got, double want, double tolerance) {
+    if (!(fabs(got - want) <= tolerance))
+        fail_msg("got %.17g, want %.17g, off by %.3g, allowed %.3g", got, want, fabs(got - want), tolerance);
+}
+
+#endif
