@@ -153,8 +153,8 @@ def find(effect: str, where: str = "") -> EffectType:
 
 def close(name: str, names: Iterable[str]) -> str:
     """ "did you mean ...?", or nothing when no name is close."""
-    matches = difflib.get_close_matches(name, list(names), n=2)
-    return f"did you mean {' or '.join(matches)}?" if matches else ""
+    matches = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {matches[0]}?" if matches else ""
 
 
 def _read(effect: Any) -> EffectType:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from gsid._lib import check, ffi, lib
 from gsid.errors import GsidError, InputError
@@ -245,8 +246,10 @@ def pooled_variance(measured: Sequence[Spectra]) -> list[tuple[np.ndarray, float
                 break
         else:
             groups.append([one])
-    pooled = {id(one): _pool(group) for group in groups for one in group}
-    return [pooled[id(one)] for one in measured]
+    pooled = [(group, _pool(group)) for group in groups]
+    return [
+        next(found for group, found in pooled if any(one is other for other in group)) for one in measured
+    ]
 
 
 def _level(one: Spectra) -> float:
@@ -262,10 +265,10 @@ def _pool(group: list[Spectra]) -> tuple[np.ndarray, float]:
     dof = float(sum(one.n_periods - 1 for one in group))
     variance = sum((one.n_periods - 1) * one.var_y for one in group) / dof
     if dof < DOF_WANTED:
-        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(variance) - 1) // 2)
-        window = np.ones(2 * half + 1)
-        variance = np.convolve(variance, window, "same") / np.convolve(np.ones(len(variance)), window, "same")
-        dof *= len(window)
+        inner = variance[1:-1]  # the ends, real lines, have variances of their own size
+        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(inner) - 1) // 2)
+        variance[1:-1] = ndimage.uniform_filter1d(inner, 2 * half + 1, mode="reflect")
+        dof *= 2 * half + 1
     if dof <= 2:
         hint = "measure more periods: at least 3 in all, or longer ones"
         raise InputError(

@@ -1,0 +1,259 @@
+"""Plants against the simulated axis, which shares no code, and against closed forms; their files."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from plants import FS_HZ, axis_period, plant
+
+from gsid.effects import catalogue, find
+from gsid.errors import InputError
+from gsid.excitation import Multisine
+from gsid.frf import spectra
+from gsid.model import RationalModel, load_model
+from gsid.plant import Effect, Param, PlantModel, lines_of
+from gsid.record import Record
+
+N = 1500
+LINEAR = {
+    "rigid_body": {"gain": 900.0},
+    "viscous_friction": {"rate": 12.0},
+    "cable_spring": {"stiffness": 400.0},
+    "transport_delay": {"delay_s": 0.00437},
+    "sensor_lag": {"time_constant_s": 0.0021},
+}
+
+
+def multisine(n=N, amplitude=0.05, seed=0):
+    return Multisine.design(FS_HZ, n, (2, 250), amplitude=amplitude, phases="random", seed=seed)
+
+
+def measured(u, y, hold, **more):
+    return spectra(Record(np.tile(u, 3), np.tile(y, 3), FS_HZ, len(u), 0, hold=hold, **more))
+
+
+# ---- the catalogue ---------------------------------------------------------------------------------------
+
+
+def test_the_catalogue_has_what_the_design_promises():
+    known = catalogue()
+    assert len(known) >= 23
+    assert known["coulomb_friction"].names == ("level",)
+    assert known["coulomb_friction"]["level"].unit == "deg/s^2"
+    assert known["rigid_body"].null_kind == "never"
+    assert known["position_velocity_loop"].stage == "controller"
+    for effect in known.values():
+        assert effect.sentence.endswith(".")
+        assert set(effect.confused_with) <= set(known), effect.id
+        for parameter in effect.parameters:
+            assert parameter.lower <= parameter.typical <= parameter.upper, (effect.id, parameter)
+        assert effect.id in repr(effect)
+        assert effect.id in effect._repr_html_()
+
+
+def test_a_name_that_is_nearly_right():
+    with pytest.raises(InputError) as error:
+        find("columb_friction", "m.json")
+    assert error.value.hint == "did you mean coulomb_friction?"
+    with pytest.raises(KeyError):
+        find("coulomb_friction")["size"]
+
+
+# ---- files -----------------------------------------------------------------------------------------------
+
+
+def test_a_file_comes_back_as_it_was(tmp_path):
+    model = plant(LINEAR | {"coulomb_friction": {"level": 3.0}}, u_unit="V", y_unit="deg/s")
+    model["rigid_body.gain"].std = 0.1
+    model["coulomb_friction.level"].std = float("nan")
+    model["sensor_lag.time_constant_s"].free = False
+    model.cov = np.diag(np.arange(1.0, 6))
+    model.fit, model.history = {"cost_per_dof": 1.5}, [{"step": "start"}]
+    model.save(tmp_path / "m.json")
+    again = load_model(tmp_path / "m.json")
+    assert isinstance(again, PlantModel)
+    assert again.to_dict() == model.to_dict()
+    assert np.isnan(again["coulomb_friction.level"].std)
+    assert again.free_names == [name for name in model.names if name != "sensor_lag.time_constant_s"]
+    assert "900 +- 0.1" in repr(again)
+    assert "undetermined" in repr(again)
+    assert "(fixed)" in again._repr_html_()
+    assert not (tmp_path / "m.json.part").exists()
+
+
+def test_both_kinds_of_model_file(tmp_path):
+    RationalModel([1.0], [1.0, 2.0]).save(tmp_path / "r.json")
+    assert isinstance(load_model(tmp_path / "r.json"), RationalModel)
+    with pytest.raises(InputError, match="no list of effects"):
+        PlantModel.load(tmp_path / "r.json")
+
+
+def test_plain_numbers_are_free_but_for_a_controller():
+    loop = {"position_velocity_loop": dict.fromkeys(find("position_velocity_loop").names, 1.0)}
+    model = PlantModel.from_dict(file_of({"rigid_body": {"gain": 7.4}} | loop))
+    assert model.free_names == ["rigid_body.gain"]
+
+
+def test_the_second_of_a_kind_has_a_name_of_its_own():
+    mode = find("flexible_mode").parameters
+    modes = [Effect("flexible_mode", {p.name: Param(p.typical) for p in mode}) for _ in range(2)]
+    model = PlantModel(FS_HZ, [Effect("rigid_body", {"gain": Param(1.0)}), *modes])
+    model["flexible_mode#2.f_hz"].value = 200.0
+    assert model["flexible_mode.f_hz"].value == find("flexible_mode")["f_hz"].typical
+    assert model.stack()["flexible_mode#2"]["f_hz"] == 200.0
+
+
+def file_of(stack, **more):
+    return {
+        "gsid_model": 1,
+        "fs_hz": FS_HZ,
+        "effects": [{"effect": effect, "params": params} for effect, params in stack.items()],
+    } | more
+
+
+BODY = {"rigid_body": {"gain": 7.4}}
+
+
+@pytest.mark.parametrize(
+    ("data", "what", "value_or_where", "hint"),
+    [
+        ([], "not a model file", "", "gsid_model"),
+        ({"gsid_model": 1, "fs_hz": 1.0}, "no list of effects", "gsid_model", "rigid_body"),
+        (file_of(BODY | {"cable": {}}), "unknown effect", "effects[1]", "gsid effects"),
+        (file_of(BODY | {"cable_sprin": {}}), "unknown effect", "cable_sprin", "cable_spring"),
+        (file_of({"rigid_body": {"gian": 1.0}}), "unknown parameter", "rigid_body.gian", "gain"),
+        (file_of({"rigid_body": {}}), "parameter is missing", "rigid_body.gain", "a gimbal has"),
+        (file_of({"rigid_body": {"gain": "7"}}), "not a number", "rigid_body.gain", "7.4"),
+        (file_of({"rigid_body": {"gain": float("nan")}}), "not a number", "nan", "7.4"),
+        (file_of({"rigid_body": {"gain": {"value": 1, "free": 0}}}), "not a number", "body.gain", "7.4"),
+        (file_of(BODY | {"transport_delay": {"delay_s": -1e-3}}), "out of its bounds", "-0.001", "lies in 0"),
+        (file_of({"torque_bias": {"level": 1.0}}), "exactly one rigid_body", "0 of them", ""),
+        (file_of(BODY, output="speed"), "output must be one of", "speed", ""),
+        (file_of(BODY, angle_unit="grad"), "angle_unit must be one of", "grad", ""),
+        (file_of(BODY, fs_hz=0), "fs_hz is not a positive number", "0", "rate"),
+        (file_of(BODY, covariance={"names": [], "matrix": []}), "covariance", "body.gain", "leave"),
+        (file_of(BODY, covariance=3), "covariance", "rigid_body.gain", "leave"),
+        (file_of({}, effects=[7]), "not an object with its id", "effects[0]", "effects"),
+        (file_of({"rigid_body": 7}), "params", "7", "gain"),
+    ],
+)  # fmt: skip
+def test_files_that_are_wrong_say_so(data, what, value_or_where, hint):
+    with pytest.raises(InputError) as error:
+        PlantModel.from_dict(data, "m.json")
+    assert what in error.value.what
+    assert value_or_where in f"{error.value.where} {error.value.value}"
+    assert "m.json" in error.value.where
+    assert hint in error.value.hint
+
+
+def test_damaged_files(tmp_path):
+    (tmp_path / "m.json").write_text(json.dumps(file_of(BODY))[:-5])
+    with pytest.raises(InputError, match="not JSON"):
+        load_model(tmp_path / "m.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_model(tmp_path / "none.json")
+
+
+# ---- prediction ------------------------------------------------------------------------------------------
+
+
+def test_lines_are_those_of_spectra():
+    rng = np.random.default_rng(1)
+    for n in (8, 9):
+        y = rng.standard_normal(n)
+        s = measured(np.cos(2 * np.pi * np.arange(n) / n), y, "zoh")
+        np.testing.assert_allclose(lines_of(y), s.y, atol=1e-15 * n)
+
+
+@pytest.mark.parametrize("friction", [0.0, 6.0])
+def test_the_periodic_answer_is_that_of_the_axis(friction):
+    """The axis runs until it has settled; what is left of its transient is below 1e-9 by then."""
+    u = multisine().table()
+    y = axis_period(
+        u, gain=900, viscous_rate=12, spring_stiffness=400, delay_s=0.00437, coulomb_level=friction
+    )
+    stack = {name: LINEAR[name] for name in LINEAR if name != "sensor_lag"}
+    model = plant(stack | ({"coulomb_friction": {"level": friction}} if friction else {}))
+    answer = model.simulate(u)
+    assert answer.settled
+    assert np.max(np.abs(answer.y - y)) < 1e-8 * np.max(np.abs(y))
+    np.testing.assert_allclose(answer.Y, lines_of(answer.y), atol=0)
+    # The rate is the derivative of the angle, here to the order of central differences.
+    slope = (np.roll(answer.angle, -1) - np.roll(answer.angle, 1)) * FS_HZ / 2
+    assert np.max(np.abs(slope - answer.rate)) < 0.05 * np.max(np.abs(answer.rate))
+
+
+def transfer_function(delay_s):
+    den = np.polymul([1, 12, 400], [0.0021, 1])
+    return RationalModel([900.0, 0.0], den, delay_s)
+
+
+def test_a_held_command_against_the_partial_fractions_of_the_rational_model():
+    u = multisine().table()
+    model = plant(LINEAR)
+    s = measured(u, np.zeros(N), "zoh")
+    rational = transfer_function(0.00437)
+    held = RationalModel(rational.num, rational.den, 0.00437, "s", FS_HZ, "zoh")
+    lines = np.flatnonzero(s.excited)
+    expected = held.response(s.f_hz[lines]) * s.u[lines]
+    np.testing.assert_allclose(model.predict(s).Y[lines], expected, rtol=1e-9)
+
+
+def test_an_input_that_is_not_held_is_answered_by_the_continuous_response():
+    """Its images stand at 4 times the sample rate less f, and fold back to below 5e-4 at 250 Hz of 3 kHz."""
+    u = multisine().table()
+    model = plant(LINEAR)
+    s = measured(u, np.zeros(N), "none")
+    lines = np.flatnonzero(s.excited)
+    expected = transfer_function(0.00437).response(s.f_hz[lines]) * s.u[lines]
+    error = np.abs(model.predict(s).Y[lines] / expected - 1)
+    print(f"largest error {error.max():.1e} at {s.f_hz[lines][np.argmax(error)]:.0f} Hz")
+    assert error.max() < 5e-4
+    taken_as_held = np.abs(model.predict(measured(u, np.zeros(N), "zoh")).Y[lines] / expected - 1)
+    assert taken_as_held.max() > 0.2  # half a sample of delay
+
+
+@pytest.mark.parametrize("n", [N, N + 1])
+def test_sensitivities_are_derivatives(n):
+    """Central differences of 1e-5 are good to 1e-7 or so of what they differentiate."""
+    model = plant(LINEAR | {"coulomb_friction": {"level": 6.0}, "cubic_spring": {"stiffness": 40.0}})
+    s = measured(multisine(n).table(), np.zeros(n), "zoh")
+    dY = model.predict(s, sensitivities=True).dY
+    assert dY.shape == (7, n // 2 + 1)
+    for i, value in enumerate(model.free_values):
+        step = 1e-5 * value * np.eye(7)[i]
+        up, down = (model.with_values(model.free_values + sign * step).predict(s).Y for sign in (1, -1))
+        difference = (up - down) / (2 * step[i])
+        assert np.max(np.abs(difference - dY[i])) < 1e-5 * np.max(np.abs(dY[i])), model.free_names[i]
+
+
+def test_nothing_free_has_sensitivities_of_no_rows():
+    model = plant(BODY | {"viscous_friction": {"rate": 3.0}})
+    for name in model.names:
+        model[name].free = False
+    answer = model.predict(measured(multisine().table(), np.zeros(N), "zoh"), sensitivities=True)
+    assert answer.dY.shape == (0, N // 2 + 1)
+
+
+def test_units_and_rates_that_do_not_fit():
+    u = multisine().table()
+    model = plant(LINEAR)
+    model.predict(measured(u, u, "zoh", y_unit="counts"))
+    with pytest.raises(InputError, match="rad/s and deg/s"):
+        model.predict(measured(u, u, "zoh", y_unit="rad/s"))
+    with pytest.raises(InputError, match="deg and deg/s"):
+        model.predict(measured(u, u, "zoh", y_unit="deg"))
+    loop = {"position_velocity_loop": {p.name: p.typical for p in find("position_velocity_loop").parameters}}
+    closed = plant(LINEAR | loop)
+    closed.fs_hz = FS_HZ / 2
+    with pytest.raises(InputError, match="controller does not run at the record's rate"):
+        closed.predict(measured(u, u, "zoh"))
+
+
+def test_copies_share_nothing():
+    model = plant(LINEAR)
+    other = model.with_values(2 * model.free_values)
+    assert other["rigid_body.gain"].value == 1800
+    assert model["rigid_body.gain"].value == 900
+    assert copy.deepcopy(model).to_dict() == model.to_dict()
