@@ -38,11 +38,12 @@ SETTLED = 1e-7  # share of the output's rms that may still change in a period
 @dataclass
 class Param:
     """Value of a parameter; whether a fit may move it; its standard deviation, None when it was not
-    estimated and NaN when the data do not determine it."""
+    estimated and NaN when the data do not determine it; limits of a fit, narrower than the catalogue's bounds."""
 
     value: float
     free: bool = True
     std: float | None = None
+    limits: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         if not self.free:
@@ -202,8 +203,9 @@ class PlantModel:
                 if param.free:
                     known = effect.type[name]
                     null = [known.null_value] if known.null_value is not None else []
-                    lower.append(min([known.lower, *null]))
-                    upper.append(max([known.upper, *null]))
+                    lo, hi = param.limits or (min([known.lower, *null]), max([known.upper, *null]))
+                    lower.append(lo)
+                    upper.append(hi)
         return np.array(lower), np.array(upper)
 
     def with_values(self, values: Sequence[float]) -> PlantModel:
@@ -369,7 +371,8 @@ class PlantModel:
 
     def unit_of(self, effect: Effect, name: str) -> str:
         """Unit of a parameter in this model's unit of angle."""
-        return effect.type[name].unit.replace("deg", self.angle_unit)
+        unit = effect.type[name].unit
+        return unit if " (" in unit else unit.replace("deg", self.angle_unit)  # "deg (whatever ...)" is one
 
     def __repr__(self) -> str:
         lines = [f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"]

@@ -21,6 +21,7 @@ VERBS = {
     "frf": "Measure the frequency response and its variance from records.",
     "fit": "Fit a rational model with delay to records.",
     "compare": "Compare a model with records: adequate or not, and where not.",
+    "effects": "List the catalogue of physical effects.",
     "report": "Write a report as one HTML page.",
     "demo": "Measure, fit and compare the simulated axis, from end to end.",
     "doctor": "Say which versions are in use and what is missing.",
