@@ -34,7 +34,7 @@ endif
 ifeq ($(WITH_SUITESPARSE),1)
 HOST_SRC += $(wildcard src/host/backend/suitesparse*.c)
 # Systems with a folder for its headers: as system headers, since they are not clean under our warnings.
-HOST_FLAGS += -DGSID_WITH_SUITESPARSE $(addprefix -isystem ,$(wildcard $(addsuffix /include/suitesparse,/usr /usr/local /opt/homebrew)))
+HOST_FLAGS += -DGSID_WITH_SUITESPARSE $(addprefix -isystem ,$(addsuffix /include/suitesparse,/usr /usr/local /opt/homebrew))
 HOST_LIBS += -lspqr -lcholmod -lsuitesparseconfig
 endif
 HOST_LIBS += -lm
