@@ -329,6 +329,9 @@ def summary(rows: list[Row]) -> dict:
         "both_found": share(row.all_found for row in kind("two")),
         "nothing_else_added": share(row.all_found and len(row.result["found"]) == 2 for row in kind("two")),
         "foreign_flagged": share(row.flagged for row in kind("foreign")),
+        "very_foreign_flagged": share(
+            row.flagged for row in kind("foreign") if row.key["unexplained"] > 0.1 * row.drop
+        ),
         "foreign_by_effect": {
             effect: share(row.flagged for row in kind("foreign") if effect in row.hidden)
             for effect in trials.FOREIGN
@@ -415,6 +418,7 @@ def page(figures: dict, command: str) -> str:
         ("two hidden: both found and nothing else added", figures["nothing_else_added"]),
         ("presliding as LuGre: presliding in the first group", figures["other_form_named"]),
         ("an unlisted effect at -50 dB beside: effect in the first group", figures["dirty_named"]),
+        ("foreign flagged, of which no catalogue effect explains 90 %", figures["very_foreign_flagged"]),
         ("fan alone: named", figures["fan_named"]),
         ("fan alone: model rejected", figures["fan_rejected"]),
         *((f"null rejected, {name}", part) for name, part in alarms["parts"].items()),

@@ -29,6 +29,7 @@ def row(kind, result, hidden=(), drops=()):
         "kind": kind,
         "effects": [{"id": effect} for effect in hidden],
         "predicted_drop": list(drops),
+        "unexplained": 0.5 * max(drops, default=0),
         "n_periods": 8,
         "n_realisations": 4,
         "noise": {"fan": None, "unlisted": "spikes"},

@@ -165,7 +165,7 @@ def test_command_maps():
         {"presliding_level": 3.0, "presliding_stiffness": 60.0},
         {"creep_stiffness": 10.0, "creep_time_s": 0.5},
         {"stop_angle_deg": 1.5, "stop_stiffness": 400.0},
-        {"gear_stiffness": 7e5, "gear_inertia_ratio": 0.3, "gear_damping": 0.1, "gear_gap_deg": 0.01},
+        {"gear_stiffness": 7e5, "gear_inertia_ratio": 0.3, "gear_damping": 80.0, "gear_gap_deg": 0.01},
         {"cogging_level": 5.0, "cogging_cycles": 60.0},
     ],
     ids=lambda extra: next(iter(extra)),

@@ -6,7 +6,7 @@ null     nothing is hidden
 single   one effect of the catalogue
 two      two of them, neither absorbed by the other
 form     presliding friction, in the form of LuGre instead of Dahl
-foreign  an effect that is not in the catalogue
+foreign  an effect that is not in the catalogue, and of which no effect of the catalogue explains all
 dirty    one effect of the catalogue and an unlisted one, locked to the period, at -50 dB of the response
 fan      a disturbance that is not locked to the period, and nothing else
 
@@ -29,7 +29,7 @@ import argparse
 import hashlib
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,6 +79,7 @@ CATALOGUE: dict[str, dict[str, str]] = {
         "gap_deg": "gear_gap_deg",
         "stiffness": "gear_stiffness",
         "inertia_ratio": "gear_inertia_ratio",
+        "damping": "gear_damping",
     },
     "flexible_mode": {"f_hz": "mode_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
     "sensor_lag": {"time_constant_s": "sensor_lag_s"},
@@ -185,16 +186,19 @@ def _stop(rng: Rng, axis: Axis) -> Hidden:
 def _backlash(rng: Rng, axis: Axis) -> Hidden:
     """The less play, the stiffer the gear: without a gap a soft gear would still be a second mode."""
     ratio, f_hz = rng.uniform(0.1, 0.6), rng.uniform(250, 450)
-    return Hidden(
-        lambda s: {
+    reduced = ratio / (1 + ratio) ** 2  # inertia of the twist
+
+    def params(s: float) -> Params:
+        rad_s = 2 * np.pi * f_hz / min(s, 1.0) ** 0.25
+        return {
             "gear_gap_deg": 0.01 * s,
-            "gear_stiffness": (2 * np.pi * f_hz) ** 2 / min(s, 1.0) ** 0.5 * ratio / (1 + ratio) ** 2,
+            "gear_stiffness": rad_s**2 * reduced,
             "gear_inertia_ratio": ratio,
-            "gear_damping": 0.1,  # with much less the play rattles for ever and nothing is periodic
-        },
-        0.02,
-        5.0,
-    )
+            # With much less than a tenth of critical the play rattles for ever and nothing is periodic.
+            "gear_damping": 2 * 0.1 * rad_s * reduced,
+        }
+
+    return Hidden(params, 0.02, 5.0)
 
 
 def _mode(rng: Rng, axis: Axis) -> Hidden:
@@ -266,6 +270,31 @@ FOREIGN: dict[str, Callable[[Rng, Axis], Hidden]] = {
     "command_even_gain": _plain("command_even", 1e-5, 3e-3),
     "gyro_cubic": _plain("gyro_cubic", 1e-6, 1e-3),
 }
+
+
+def shapes_of_the_catalogue(axis: Axis) -> Iterator[list[Params]]:
+    """What the catalogue's effects can look like, coarsely: each a span of one or two small effects."""
+    small = 0.01
+    for name in ("quadratic_drag_rate", "cubic_stiffness", "coulomb_level", "motor_lag_s"):
+        yield [{name: 1e-4 if name == "motor_lag_s" else small}]
+    for velocity in (0.3, 1.0, 3.0):
+        only_extra = {"stribeck_extra": small, "stribeck_velocity": velocity}
+        yield [{"coulomb_level": small}, only_extra]
+    for stiffness in (5.0, 12.0, 30.0, 75.0, 200.0):
+        yield [{"presliding_level": small, "presliding_stiffness": stiffness}]
+    yield [{"unbalance_level": 1.0, "unbalance_angle_deg": angle} for angle in (0.0, 90.0)]
+    for cycles in np.geomspace(12, 250, 16):
+        yield [
+            {"cogging_level": small, "cogging_cycles": cycles, "cogging_phase_rad": phase}
+            for phase in (0.0, np.pi / 2)
+        ]
+    for size in (0.03, 0.2, 1.0):
+        yield [{"dead_zone_half_width": size}]
+        yield [{"saturation_limit": axis.peak_command / (1 + size)}]
+        yield [{"stop_angle_deg": axis.peak_angle / (1 + 0.3 * size), "stop_stiffness": 300.0}]
+    for rate_hz in (300.0, 400.0, 600.0, 1000.0):
+        yield [{"sample_hold_hz": rate_hz}]
+
 
 # Locked to the period: unlisted effects of the kind "dirty".
 LOCKED: dict[str, Params] = {
@@ -441,7 +470,8 @@ class Nulls:
         self.u = np.array([amplitudes(u) for u in commands])
         self.weight = np.sqrt(2 * n_periods / s2)[:, 1 : LINE_JUDGED + 1]
 
-    def _answer(self, scale: np.ndarray) -> np.ndarray:
+    def answer(self, scale: np.ndarray) -> np.ndarray:
+        """The whitened null with its parameters scaled."""
         params = self.base | {name: self.base[name] * s for name, s in zip(self.free, scale, strict=True)}
         y = np.zeros((len(self.u), LINE_JUDGED), complex)
         y[:, self.lines - 1] = self.u[:, self.lines] * truth.linear_response(params, self.lines * FS_HZ / N)
@@ -451,15 +481,19 @@ class Nulls:
         y = (self.weight * y).ravel()
         return np.concatenate([y.real, y.imag])
 
+    def whitened(self, ys: list[np.ndarray]) -> np.ndarray:
+        """Answers as one row of numbers whose noise has variance 1."""
+        return self._whitened(np.array([amplitudes(y) for y in ys])[:, 1 : LINE_JUDGED + 1])
+
     def slopes(self, scale: np.ndarray, at: np.ndarray) -> np.ndarray:
         moved = scale + 1e-5 * np.eye(len(scale))
-        return np.array([self._answer(m) - at for m in moved]).T / 1e-5
+        return np.array([self.answer(m) - at for m in moved]).T / 1e-5
 
     def refit(self, ys: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
         """(drop, whitened residual, whitened slopes) of the best null, by Levenberg-Marquardt."""
-        target = self._whitened(np.array([amplitudes(y) for y in ys])[:, 1 : LINE_JUDGED + 1])
+        target = self.whitened(ys)
         scale, damping = self.scale, 1e-6
-        at = self._answer(scale)
+        at = self.answer(scale)
         residual = target - at
         for _ in range(40):
             slopes = self.slopes(scale, at)
@@ -469,7 +503,7 @@ class Nulls:
                 np.linalg.lstsq(full, np.concatenate([residual, np.zeros(len(size))]), rcond=None)[0] / size
             )
             step = np.clip(step, -0.3 * np.abs(scale), 0.3 * np.abs(scale))
-            tried = self._answer(scale + step)
+            tried = self.answer(scale + step)
             gain = residual @ residual - (target - tried) @ (target - tried)
             if gain < 0:
                 damping = max(damping * 100, 1e-6)
@@ -621,6 +655,11 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         drop = residual @ residual
         if drop < 2.0 or (kind in ("foreign", "dirty") and not target / 4 < drop < 4 * target):
             raise TruthError("the effect cannot be given the size that was drawn")
+    unexplained = None
+    if kind == "foreign":
+        unexplained = _unexplained(nulls, traces[0], bench, len(fit), axis)
+        if unexplained < 64:
+            raise TruthError("an effect of the catalogue does the same")
     params = base.copy()
     for extra in added:
         params |= extra
@@ -644,6 +683,7 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         "kind": kind,
         "effects": [_named(effect, extra) for effect, extra in zip(effects, added, strict=True)],
         "predicted_drop": drops,
+        "unexplained": unexplained,
         "n_periods": n_periods,
         "n_realisations": len(fit),
         "truth": params,
@@ -662,6 +702,24 @@ def _drops_beside_each_other(traces: list[np.ndarray], slopes: np.ndarray) -> li
         left = trace - others @ np.linalg.lstsq(others, trace, rcond=None)[0] if len(traces) > 1 else trace
         drops.append(float(left @ left))
     return drops
+
+
+def _unexplained(nulls: Nulls, trace: np.ndarray, bench: Bench, n_fit: int, axis: Axis) -> float:
+    """What is left of a foreign effect's drop beside the best catalogue effect, taken as linear."""
+    nulls.scale = np.ones(len(nulls.free))
+    at = nulls.answer(nulls.scale)
+    slopes = nulls.slopes(nulls.scale, at)
+    left = []
+    for span in shapes_of_the_catalogue(axis):
+        seen = []
+        for extra in span:
+            answers = bench.answers(nulls.base | extra, truth.COARSE, slice(n_fit))
+            seen.append(nulls.whitened([y for y, *_ in answers]) - at)
+        columns = np.column_stack([slopes, *seen])
+        columns = columns / np.linalg.norm(columns, axis=0)
+        rest = trace - columns @ np.linalg.lstsq(columns, trace, rcond=None)[0]
+        left.append(rest @ rest)
+    return float(min(left))
 
 
 def _locked_at_50_db(params: Params, extra: Params, bench: Bench, record: int) -> Params:

@@ -80,10 +80,9 @@ static double position_torque(const truth_axis *axis, const double *x) {
 }
 
 static double gear_torque(const truth_axis *axis, const double *x) {
-    const double twist = x[TRUTH_MOTOR_THETA] - x[TRUTH_THETA], r = P(gear_inertia_ratio);
-    const double damping = 2.0 * P(gear_damping) * sqrt(P(gear_stiffness) * r) / (1.0 + r);
+    const double twist = x[TRUTH_MOTOR_THETA] - x[TRUTH_THETA];
     const double spring = axis->gear != 0 ? P(gear_stiffness) * (twist - axis->gear * 0.5 * P(gear_gap_deg)) : 0.0;
-    return spring + damping * (x[TRUTH_MOTOR_RATE] - x[TRUTH_RATE]);
+    return spring + P(gear_damping) * (x[TRUTH_MOTOR_RATE] - x[TRUTH_RATE]);
 }
 
 static double load_share(const truth_axis *axis) {

@@ -6,8 +6,8 @@
  *   mode       driven by gain times the actuator's output, its rate added to the axis rate before the sensor lag
  *   refresh    the held gyro is refreshed at k / rate; a refresh at the instant of sample n is seen by sample n
  *   backlash   motor and load of inertias r/(1+r) and 1/(1+r), r the inertia ratio; gap_deg is the whole play; torque
- *              stiffness (twist beyond gap/2) plus a damping of ratio gear_damping on the twist rate, always; the
- *              gyro, friction and springs are on the load
+ *              stiffness (twist beyond gap/2) plus gear_damping times the twist rate, in the play too; the gyro,
+ *              friction and springs are on the load
  *   friction   set-valued: at rest it takes any value up to level + extra
  */
 #ifndef GSID_BLIND_TRUTH_H
