@@ -325,7 +325,8 @@ static void swap(gsid_real **a, gsid_real **b) {
 /* Take the step to l->next, with the refreshes of the sensor that fall in it. */
 static void accept(gsid_plant_layout *l, gsid_real length_s) {
     const gsid_real end_s = l->at_s + length_s;
-    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s; l->to_refresh += l->refresh) {
+    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s;
+         l->to_refresh += l->refresh) {
         const gsid_real at_s = l->to_refresh * l->sample_s - l->at_s;
         const int is_at_end = at_s >= length_s - NEARLY * l->sample_s;
         if (!is_at_end)

@@ -24,6 +24,7 @@ typedef struct {
     gsid_real *y, *dy, *angle, *rate;
     uint32_t first_shoot; /* column */
     int closed_loop;
+    gsid_real angle_start; /* where the angle stays when nothing determines it */
 } shooting;
 
 static int has_controller(const gsid_plant_cfg *cfg) {
@@ -89,6 +90,8 @@ static void enter_start(shooting *s) {
         memcpy(state(s, j), start(s, j), s->first_shoot * sizeof *l->z);
         state(s, j)[s->first_shoot + j] = 1;
     }
+    if (!l->looks_at_angle)
+        l->z[GSID_Z_ANGLE * l->n_columns] = s->angle_start;
     gsid_plant_choose_zones(l);
     gsid_plant_choose_regime(l);
     if (l->sticks)
@@ -207,7 +210,8 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
         if (!gsid_is_finite(u[n]))
             return GSID_E_NONFINITE;
     gsid_plant_layout *l = plant->layout;
-    shooting s = {plant, l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg)};
+    shooting s = {
+        plant, l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg), l->z[GSID_Z_ANGLE * l->n_columns]};
     gsid_real change = INFINITY;
     gsid_status status = settle(&s, n_settle_periods);
     if (status == GSID_OK) {

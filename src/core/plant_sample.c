@@ -11,6 +11,8 @@ gsid_status gsid_plant_reset(gsid_plant *plant) {
     gsid_plant_layout *l = plant->layout;
     memset(l->z, 0, (size_t)l->n_rows * l->n_columns * sizeof *l->z);
     memset(l->under_way, 0, (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->ring_columns * sizeof *l->under_way);
+    for (int i = 0; i < 3; i++) /* a number that is not finite would outlive a factor of 0 */
+        memset(l->torque[i], 0, (size_t)CHANNELS_MAX * l->n_columns * sizeof *l->torque[i]);
     l->z[GSID_Z_ONE * l->n_columns] = 1;
     l->newest = 0;
     l->n_active = 1;
@@ -172,12 +174,17 @@ void gsid_plant_sample(gsid_plant *plant, gsid_real u) {
     l->time_s += l->sample_s;
 }
 
-int gsid_plant_is_finite(const gsid_plant_layout *l) {
+/* 0 times a number is 0, unless it is not finite. */
+static gsid_real zero_times_rows(const gsid_plant_layout *l, uint32_t first, uint32_t end) {
     gsid_real sum = 0;
-    for (uint32_t row = 0; row < l->n_rows; row++)
+    for (uint32_t row = first; row < end; row++)
         for (uint32_t c = 0; c < l->n_active; c++)
             sum += 0 * l->z[row * l->n_columns + c];
-    return sum == 0;
+    return sum;
+}
+
+int gsid_plant_is_finite(const gsid_plant_layout *l) {
+    return zero_times_rows(l, 0, l->linear.n) == 0 && zero_times_rows(l, l->n_rows - l->n_memories, l->n_rows) == 0;
 }
 
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy) {

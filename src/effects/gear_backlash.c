@@ -48,7 +48,7 @@ const gsid_effect EFFECT(gear_backlash) = {
     .parameter = {{"gap_deg", "deg", R(0.02), R(0.0), ANY, R(0.0)},
                   {"stiffness", "1/s^2", R(1e5), R(1.0), R(1e9), NAN},
                   {"inertia_ratio", "motor over load", R(0.1), R(1e-3), R(1e3), NAN},
-                  {"damping", "1/s", R(5.0), R(0.0), R(1e5), NAN}},
+                  {"damping", "1/s", R(20.0), R(0.0), R(1e5), NAN}},
     .n_states = 2,
     .linear = linear,
     .torque = torque,

@@ -13,7 +13,8 @@ static gsid_real disturbance(const gsid_plant_item *item, gsid_real t_s, gsid_re
 
 const gsid_effect EFFECT(periodic_disturbance) = {
     .id = "periodic_disturbance",
-    .sentence = "A sine in the sensor that keeps its own time (a fan): it adds to the variance, and is nothing in the periodic answer.",
+    .sentence = "A sine in the sensor that keeps its own time (a fan): it adds to the variance, and is nothing in the "
+                "periodic answer.",
     .confused_with = "",
     .stage = GSID_STAGE_SENSOR,
     .null_kind = GSID_NULL_ONE_SIDED,

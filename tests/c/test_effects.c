@@ -5,7 +5,8 @@
 #ifdef GSID_SINGLE
 #define TOLERANCE 1e-3 /* of the peak: float rounds the state 400 times to 6e-8, and springs add the errors up */
 #else
-#define TOLERANCE 3e-5 /* of the peak: the truth's steps are 5 us, and its errors at the edges of a law of second order */
+#define TOLERANCE                                                                                                      \
+    3e-5 /* of the peak: the truth's steps are 5 us, and its errors at the edges of a law of second order */
 #endif
 
 enum { N = 400, SUBSTEPS = 64 };
@@ -115,8 +116,8 @@ static void run_truth(const physics *p, double size, double offset) {
                 to_refresh += p->refresh_samples * SUBSTEPS;
             }
             if (k == 0) {
-                truth[n] = (p->refresh_samples > 0 ? held : now) +
-                           p->fan * sin(2.0 * PI * p->fan_hz * n / FS + p->fan_phase);
+                truth[n] =
+                    (p->refresh_samples > 0 ? held : now) + p->fan * sin(2.0 * PI * p->fan_hz * n / FS + p->fan_phase);
                 given[n] = map_command(p, control(p, command_at(n, size, offset), x));
             }
             const int late = n * SUBSTEPS + k - (int)p->delay_steps;
