@@ -37,6 +37,7 @@ ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
 REFITTED = 5  # effects fitted for real in each round
 STARTS = 2  # of each
+STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
@@ -368,7 +369,13 @@ def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe,
     return {effect: tries[:STARTS] for effect, tries in list(by_effect.items())[:REFITTED]}
 
 
-def with_effect(model: PlantModel, effect: str, params: dict[str, float]) -> PlantModel:
+def with_effect(
+    model: PlantModel,
+    effect: str,
+    params: dict[str, float],
+    limits: dict[str, tuple[float, float]] | None = None,
+    fixed: Sequence[str] = (),
+) -> PlantModel:
     """A copy of a model with one more effect, its values moved into the catalogue's bounds.
 
     Parameters
@@ -378,14 +385,20 @@ def with_effect(model: PlantModel, effect: str, params: dict[str, float]) -> Pla
         Id of the catalogue.
     params : dict of float
         Values; those not given are typical ones.
+    limits : dict of (lo, hi), optional
+        Limits of a fit that are narrower than the catalogue's bounds.
+    fixed : sequence of str
+        Parameters that a fit leaves as they are.
     """
-    known = find(effect)
-    values = {
-        p.name: float(np.clip(params.get(p.name, p.typical), p.lower, p.upper)) for p in known.parameters
-    }
     larger = copy.deepcopy(model)
     larger.cov, larger.fit = None, None
-    larger.effects.append(Effect(effect, {name: Param(value) for name, value in values.items()}))
+    added = {}
+    for known in find(effect).parameters:
+        limit = (limits or {}).get(known.name)
+        lower, upper = limit or (known.lower, known.upper)
+        value = float(np.clip(params.get(known.name, known.typical), lower, upper))
+        added[known.name] = Param(value, known.name not in fixed, limits=limit)
+    larger.effects.append(Effect(effect, added))
     return larger
 
 
@@ -400,7 +413,8 @@ def _refitted(
     best: Candidate | None = None
     for probe, item in tries:
         try:
-            larger = fit_plant(with_effect(fit.model, effect, probe.start(item.size)), measured, band=band)
+            start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)
+            larger = fit_plant(start, measured, band=band, max_iter=STEPS_MAX)
         except (GsidError, InputError):
             continue  # a start that cannot be simulated is no candidate
         if best is None or larger.cost < best.fit.cost:

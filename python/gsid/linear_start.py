@@ -1,9 +1,9 @@
 """Better starting values for a plant's linear part, from the measured frequency response.
 
-A simulation's cost has many minima: a resonance a few per cent off its peak no longer feels it. The response of
-the linear part is a formula, so a dense scan over the resonance and a fit of the formula cost less than one
-simulation of the plant, and lead into the right basin. Friction and the like bend the measured response a little,
-which the fit by simulation that follows puts right.
+A simulation's cost has many minima: a resonance a few per cent off its peak no longer feels it. The
+response of the linear part is a formula, so a dense scan over the resonance and a fit of the formula cost
+less than one simulation of the plant, and lead into the right basin. Friction and the like bend the
+measured response a little, which the fit by simulation that follows puts right.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib, version
-from gsid.effects import EffectType, close, find
+from gsid.effects import EffectParameter, EffectType, close, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra
 from gsid.model import FORMAT, read_model_file
@@ -38,7 +38,7 @@ SETTLED = 1e-7  # share of the output's rms that may still change in a period
 @dataclass
 class Param:
     """Value of a parameter; whether a fit may move it; its standard deviation, None when it was not
-    estimated and NaN when the data do not determine it; limits of a fit, narrower than the catalogue's bounds."""
+    estimated and NaN when the data do not determine it; limits of a fit, inside the catalogue's bounds."""
 
     value: float
     free: bool = True
@@ -183,10 +183,19 @@ class PlantModel:
 
     def __getitem__(self, name: str) -> Param:
         """A parameter by "effect.parameter"."""
+        effect, parameter = self._find(name)
+        return effect.params[parameter]
+
+    def parameter(self, name: str) -> EffectParameter:
+        """What the catalogue says of a parameter."""
+        effect, parameter = self._find(name)
+        return effect.type[parameter]
+
+    def _find(self, name: str) -> tuple[Effect, str]:
         label, _, parameter = name.rpartition(".")
         for other, effect in self.labels():
             if other == label and parameter in effect.params:
-                return effect.params[parameter]
+                return effect, parameter
         hint = close(name, self.names) or f"there are {', '.join(self.names)}"
         raise InputError("the model has no such parameter", "", name, hint)
 

@@ -11,7 +11,7 @@ values.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -77,12 +77,19 @@ class Probe:
         From the coefficients of the columns to starting values of the effect's parameters.
     one_sided : bool
         Only coefficients >= 0 are physical.
+    limits : dict of (lo, hi)
+        What a shape may become in a fit and still deserve the effect's name with these data: presliding
+        within a thousandth of the travel is Coulomb friction, for instance.
+    fixed : tuple of str
+        Parameters without a derivative: left at their point of the grid.
     """
 
     effect: str
     columns: list[np.ndarray]
     start: Callable[[np.ndarray], Params]
     one_sided: bool = False
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    fixed: tuple[str, ...] = ()
 
 
 def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe]:
@@ -109,9 +116,10 @@ def _torque(
     laws: Callable[[Trajectory], list[np.ndarray]],
     start: Callable[[np.ndarray], Params],
     one_sided: bool = False,
+    limits: dict[str, tuple[float, float]] | None = None,
 ) -> Probe:
     columns = [np.array([t.of_torque(law) for law in laws(t)]) for t in trajectories]
-    return Probe(effect, columns, start, one_sided)
+    return Probe(effect, columns, start, one_sided, limits or {})
 
 
 def _single(effect: str, parameter: str, law: Callable[[Trajectory], np.ndarray], one_sided: bool = False):
@@ -133,14 +141,15 @@ def _swing(trajectories: list[Trajectory]) -> float:
 
 
 def _stribeck(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    fastest = _largest(trajectories, "rate")
-    for velocity in fastest * np.geomspace(0.003, 0.5, 8):
+    velocities = _largest(trajectories, "rate") * np.geomspace(0.003, 0.5, 8)
+    for velocity in velocities:
         yield _torque(
             "stribeck_friction",
             trajectories,
             lambda t, v=velocity: [np.sign(t.rate), np.sign(t.rate) * np.exp(-((t.rate / v) ** 2))],
             lambda c, v=velocity: {"level": c[0], "extra": c[1], "velocity": v},
             one_sided=True,
+            limits={"velocity": (velocities[0], velocities[-1])},
         )
 
 
@@ -168,14 +177,15 @@ def dahl_state(angle: np.ndarray, stiffness: float) -> np.ndarray:
 
 
 def _presliding(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    swing = _swing(trajectories)
-    for length in swing * np.geomspace(0.001, 0.5, 8):
+    lengths = _swing(trajectories) * np.geomspace(0.001, 0.5, 8)
+    for length in lengths:
         yield _torque(
             "presliding_friction",
             trajectories,
             lambda t, s=1 / length: [dahl_state(t.angle, s)],
             lambda c, s=1 / length: {"level": c[0], "stiffness": s},
             one_sided=True,
+            limits={"stiffness": (1 / lengths[-1], 1 / lengths[0])},
         )
 
 
@@ -207,6 +217,7 @@ def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
                 "cycles_per_rev": float(n),
                 "phase_rad": float(np.arctan2(c[1], c[0])),
             },
+            limits={"cycles_per_rev": (float(max(cycles - 1.5 * step, 1)), float(cycles + 1.5 * step))},
         )
 
 
@@ -219,6 +230,7 @@ def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
             lambda t, a=share * furthest: [np.sign(t.angle) * np.maximum(np.abs(t.angle) - a, 0)],
             lambda c, a=share * furthest: {"angle_deg": a, "stiffness": c[0]},
             one_sided=True,
+            limits={"angle_deg": (0.2 * furthest, furthest)},
         )
 
 
@@ -304,7 +316,12 @@ def _mode_probe(trajectories: list[Trajectory], f_mode: float, zeta: float) -> P
         s, w0 = 2j * np.pi * t.f_hz, 2 * np.pi * f_mode
         filtered = s / (s**2 + 2 * zeta * w0 * s + w0**2)
         columns.append((t.direct_response * filtered * t.lines(t.command))[None, :])
-    return Probe("flexible_mode", columns, lambda c: {"f_hz": f_mode, "zeta": zeta, "residue": float(c[0])})
+    return Probe(
+        "flexible_mode",
+        columns,
+        lambda c: {"f_hz": f_mode, "zeta": zeta, "residue": float(c[0])},
+        limits={"f_hz": (0.85 * f_mode, 1.15 * f_mode)},
+    )
 
 
 def held_output(t: Trajectory, rate_hz: float) -> np.ndarray:

@@ -131,9 +131,11 @@ def family_wise_p(
     turn = np.exp(2j * np.pi * np.random.default_rng(seed).random((m, draws)))
     drawn = complex_residual[:, None] * turn
     drawn = np.vstack([drawn.real, drawn.imag])
-    largest = np.zeros(draws)
-    for item in scores:
-        if item.basis.shape[1]:
-            largest = np.maximum(largest, np.sum((item.basis.T @ drawn) ** 2, axis=0))
+    bases = [item.basis for item in scores if item.basis.shape[1]]
+    if not bases:
+        return np.ones(len(scores))
+    along = np.hstack(bases).T @ drawn
+    first = np.cumsum([0] + [basis.shape[1] for basis in bases[:-1]])
+    largest = np.max(np.add.reduceat(along**2, first, axis=0), axis=0)
     drops = np.array([item.drop for item in scores])
     return (1 + np.sum(largest[None, :] >= drops[:, None], axis=1)) / (draws + 1)
