@@ -38,6 +38,9 @@ SETTLED, UNSETTLED = 1e-3, 0.1  # what may change in a period, over the mean's n
 FLOOR = 1e-7  # of the largest line: an output repeats no better than this
 
 DECREASE = 0.01  # stop when a step promises less, in units of the cost
+SILENT = (
+    1e-3  # a parameter is pinned when a change by its own size moves the residuals less than this, all told
+)
 SINGULAR = 1e-6  # directions with a singular value this far below the largest are pinned
 INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
 DAMPING_START, DAMPING_MOST = 1e-3, 1e10
@@ -168,8 +171,8 @@ def fit_plant(
     records : Record or Spectra, or a sequence of them
         All share the physics.
     band : (lo, hi), optional
-        Hz; default for each record from its first to its last excited line. As long as the band leaves
-        0 Hz out, each record has an offset of its own.
+        Hz; default for each record from its first to its last excited line, and 0 Hz for an angle in closed
+        loop. As long as the band leaves 0 Hz out, each record has an offset of its own.
     fixed : sequence of str
         Parameters ("effect.parameter") to leave as they are, besides those that the model holds fixed.
     per_record : sequence of str
@@ -317,8 +320,12 @@ class _Part:
 
 
 def _lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:
-    f_excited = s.f_hz[s.excited]
-    use = in_band(s.f_hz, band if band is not None else (f_excited[0], f_excited[-1]))
+    if band is None:
+        f_excited = s.f_hz[s.excited]
+        # A position loop and its reference have one zero: there the mean angle says something.
+        common_zero = model.output == "angle" and model.has_controller
+        band = (0.0 if common_zero else f_excited[0], f_excited[-1])
+    use = in_band(s.f_hz, band)
     use &= 2 * s.line < s.period_samples
     if model.output == "angle" and not model.looks_at_angle:
         use[0] = False  # nothing says where the axis stands
@@ -394,6 +401,14 @@ class _Problem:
             both.append(np.concatenate([np.tile(own, self.n_records), bound[self.shared]]))
         return both[0], both[1]
 
+    def sizes(self, x: np.ndarray) -> np.ndarray:
+        """What a change of each unknown is large against: a strength may well be zero, a shape may not."""
+        typical = []
+        for name in self.names:
+            known = None if name == DRIFT else self.model.parameter(name)
+            typical.append(np.inf if known is None else 0 if known.null_value is None else abs(known.typical))
+        return np.maximum(np.abs(x), typical)
+
     def own(self, x: np.ndarray, record: int) -> np.ndarray:
         return x[record * self.n_own : (record + 1) * self.n_own]
 
@@ -418,6 +433,7 @@ class _Problem:
         if not np.isfinite(cost):
             raise GsidError(lib.GSID_E_NONFINITE, "the plant's answer is out of the range of numbers")
         r, q = self._reduce(rows)
+        r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SILENT] = 0
         return _Point(x, cost, residuals, jacobians, predictions, r, q)
 
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
@@ -490,6 +506,11 @@ class _Steps:
         good = s > SINGULAR * (s[0] if len(s) else 0)
         self.s, self.vt, self.along = s[good], vt[good], u[:, good].T @ point.q
 
+    @property
+    def decrease(self) -> float:
+        """Of the cost that a full step promises. (Cut off at the bounds, a long one may promise nothing.)"""
+        return float(self.along @ self.along)
+
     def step(self, damping: float) -> tuple[np.ndarray, float]:
         """Unknowns after a step within the bounds, and the decrease of the cost that it promises."""
         x = self.point.x.copy()
@@ -507,7 +528,7 @@ def _levenberg_marquardt(problem: _Problem, point: _Point, max_iter: int) -> _Mi
     for i in range(max_iter):
         scale = np.maximum(scale, _lengths(point.r))
         steps = _Steps(point, scale, bounds)
-        if steps.step(0.0)[1] < DECREASE:
+        if steps.decrease < DECREASE:
             return _Minimum(point, True, i)
         while True:
             x, promised = steps.step(damping)
@@ -518,11 +539,11 @@ def _levenberg_marquardt(problem: _Problem, point: _Point, max_iter: int) -> _Mi
             if damping > DAMPING_MOST:
                 # Where rounding and events rule, no step helps: that is the minimum as far as it can be
                 # found.
-                return _Minimum(point, steps.step(0.0)[1] < 1e-6 * point.cost, i)
+                return _Minimum(point, steps.decrease < 1e-6 * point.cost, i)
         gain = (point.cost - trial.cost) / promised
         damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         point = trial
-    return _Minimum(point, _Steps(point, scale, bounds).step(0.0)[1] < DECREASE, max_iter)
+    return _Minimum(point, _Steps(point, scale, bounds).decrease < DECREASE, max_iter)
 
 
 def _try(problem: _Problem, x: np.ndarray) -> _Point | None:
@@ -564,7 +585,7 @@ def _nlopt(problem: _Problem, start: _Point, max_iter: int) -> _Minimum:
     if failure:
         raise failure[0]
     check(status, "minimising by NLopt")
-    left = _Steps(best, _lengths(best.r), (lower, upper)).step(0.0)[1]
+    left = _Steps(best, _lengths(best.r), (lower, upper)).decrease
     return _Minimum(best, left < DECREASE, n_calls)
 
 
@@ -639,18 +660,8 @@ def _with_result(problem: _Problem, x: np.ndarray, std: np.ndarray, cov: np.ndar
 
 
 def _undetermined(problem: _Problem, x: np.ndarray, std: np.ndarray) -> list[str]:
-    names = []
-    for name, value, sigma in zip(problem.names, x, std, strict=True):
-        if np.isnan(sigma) or (name != DRIFT and sigma > _size(problem.model, name, value)):
-            names.append(name)
-    return list(dict.fromkeys(names))
-
-
-def _size(model: PlantModel, name: str, value: float) -> float:
-    """What an error of a parameter is large against: a strength may well be zero, a shape may not."""
-    label, _, parameter = name.rpartition(".")
-    known = next(effect.type[parameter] for other, effect in model.labels() if other == label)
-    return abs(value) if known.null_value is None else max(abs(value), abs(known.typical))
+    unknown = np.isnan(std) | (std > problem.sizes(x))
+    return list(dict.fromkeys(name for name, at in zip(problem.names, unknown, strict=True) if at))
 
 
 def _at_bound(problem: _Problem, point: _Point) -> list[str]:

@@ -177,6 +177,21 @@ def test_a_free_axis_has_no_mean_angle():
     assert fit.cost_per_dof < 1.2
 
 
+def test_the_mean_angle_counts_in_closed_loop():
+    """A constant torque against a position loop without integrator leaves an error that stays."""
+    loop = {"kp": 30.0, "kv": 0.1, "limit": 1e3}
+    stack = {"position_velocity_loop": loop, "rigid_body": {"gain": 900.0}, "torque_bias": {"level": 50.0}}
+    model = plant(stack, output="angle")
+    u = multisine(1, band=(2, 20), amplitude=0.5)
+    y = np.tile(model.simulate(u).y, P) + 1e-3 * np.random.default_rng(1).standard_normal(P * N)
+    fit = fit_plant(model.with_values([855.0, 55.0]), Record(np.tile(u, P), y, FS_HZ, N, 0, hold="zoh"))
+    assert fit.records[0].line[0] == 0
+    assert fit.converged
+    assert all(
+        abs(z) < 3 for z in deviations(fit, {"rigid_body.gain": 900, "torque_bias.level": 50}).values()
+    )
+
+
 # ---- what the data do not tell ---------------------------------------------------------------------------
 
 
@@ -206,6 +221,24 @@ def test_a_parameter_without_any_influence_is_pinned():
     assert np.isnan(fit.model["drive_quantization.step"].std)
     assert fit.n_dof == 2 * 2 * len(fit.records[0].line) - 4
     assert all(abs(z) < 3 for z in deviations(fit, TRUTH).values())
+
+
+def test_a_torque_that_only_shifts_the_mean_is_pinned():
+    """With a linear spring a constant torque moves the angle's mean alone, which the band leaves out."""
+    fit = fit_plant(start(TRUTH | {"torque_bias.level": 2.0}), records(2))
+    assert fit.undetermined == ["torque_bias.level"]
+    assert fit.converged
+    assert all(abs(z) < 3 for z in deviations(fit, TRUTH).values())
+
+
+def test_two_laws_that_the_travel_cannot_tell_apart():
+    """Over a few degrees gravity is a spring. The cost comes down all the same, and what is not known is named."""
+    fit = fit_plant(
+        start(TRUTH | {"mass_unbalance.level": 100.0, "mass_unbalance.angle_deg": 20.0}), records(2)
+    )
+    assert fit.cost_per_dof < 1.1
+    assert {"cable_spring.stiffness", "mass_unbalance.angle_deg"} & set(fit.undetermined)
+    assert not {"rigid_body.gain", "transport_delay.delay_s"} & set(fit.undetermined)
 
 
 def test_friction_that_is_not_there_ends_at_its_bound():
