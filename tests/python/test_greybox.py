@@ -232,10 +232,9 @@ def test_a_torque_that_only_shifts_the_mean_is_pinned():
 
 
 def test_two_laws_that_the_travel_cannot_tell_apart():
-    """Over a few degrees gravity is a spring. The cost comes down all the same, and what is not known is named."""
-    fit = fit_plant(
-        start(TRUTH | {"mass_unbalance.level": 100.0, "mass_unbalance.angle_deg": 20.0}), records(2)
-    )
+    """Over a few degrees gravity is a spring. The cost comes down, and what is not known is named."""
+    truth = TRUTH | {"mass_unbalance.level": 100.0, "mass_unbalance.angle_deg": 20.0}
+    fit = fit_plant(start(truth), records(2))
     assert fit.cost_per_dof < 1.1
     assert {"cable_spring.stiffness", "mass_unbalance.angle_deg"} & set(fit.undetermined)
     assert not {"rigid_body.gain", "transport_delay.delay_s"} & set(fit.undetermined)
