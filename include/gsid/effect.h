@@ -118,8 +118,9 @@ struct gsid_effect {
     gsid_null_kind null_kind;
     uint32_t n_parameters;
     gsid_effect_parameter parameter[GSID_EFFECT_PARAMETERS_MAX];
-    uint32_t n_states; /* that linear adds, at most */
+    uint32_t n_states;  /* that linear adds, at most */
     int looks_at_angle; /* 0: shifting the angle changes nothing */
+    int is_constant;    /* the torque depends on side and zone only */
     int has_memory;     /* the torque has a state of its own, a function of the angle turned between two reversals */
 
     /* What is linear. */

@@ -52,11 +52,12 @@ static int is_joint(const gsid_effect *effect) {
 typedef struct {
     gsid_linear linear; /* counted only */
     uint32_t n_laws, n_memories, n_joints, n_controllers, n_samplers, n_states;
-    int holds, looks_at_angle, maps_command; /* maps_command: or makes it */
+    int holds, looks_at_angle, is_constant, maps_command; /* maps_command: or makes it */
 } needs;
 
 static void count(const gsid_plant_cfg *cfg, needs *n) {
     memset(n, 0, sizeof *n);
+    n->is_constant = 1;
     for (uint32_t i = 0; i < cfg->n_items; i++) {
         const gsid_effect *effect = cfg->item[i].effect;
         n->n_laws += effect->torque != NULL;
@@ -66,6 +67,7 @@ static void count(const gsid_plant_cfg *cfg, needs *n) {
         n->n_samplers += effect->refresh_hz != NULL;
         n->n_states += effect->n_states;
         n->holds |= effect->holding != NULL;
+        n->is_constant &= effect->torque == NULL || effect->is_constant;
         n->looks_at_angle |= effect->looks_at_angle || effect->control != NULL;
         n->maps_command |= effect->command != NULL || effect->control != NULL;
     }
@@ -349,6 +351,7 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
     l->holds = n.holds;
     l->has_side = n.holds || n.n_memories > 0;
     l->looks_at_angle = n.looks_at_angle;
+    l->is_constant = n.is_constant;
     l->unit_rad = cfg->unit_rad > 0 ? cfg->unit_rad : UNIT_DEGREE;
     l->linear.column = l->draft.column = l->column;
     list_items(cfg, l);

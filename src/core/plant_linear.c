@@ -1,7 +1,14 @@
 /* The linear part of a plant: the matrix A with its derivatives, and the motion z(t) = exp(A t) z(0). */
+#include <float.h>
 #include <string.h>
 
 #include "plant_private.h"
+
+#ifdef GSID_SINGLE
+#define ROUNDING_UNIT FLT_EPSILON
+#else
+#define ROUNDING_UNIT DBL_EPSILON
+#endif
 
 /* Lags shorter than this part of a sample are taken as delays: the difference is of second order. It also bounds the
  * rates that the series below have to follow. */
@@ -230,11 +237,23 @@ void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow) {
                 build_map(l, part == WHOLE ? flow->length_s : flow->length_s / 2, how == STICK, flow->map[how][part]);
 }
 
+static gsid_real dot(size_t n, const gsid_real *row, const gsid_real *z, size_t n_columns) {
+    gsid_real sum = 0;
+    for (size_t k = 0; k < n; k++)
+        sum += row[k] * z[k * n_columns];
+    return sum;
+}
+
 /* to = exp(A length) z in the first n_rows of l->row. */
 void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
                           gsid_real *to) {
     const size_t w = l->width, n_columns = l->n_columns;
     const uint32_t n_active = l->n_active;
+    if (n_active == 1) {
+        for (uint32_t i = 0; i < n_rows; i++)
+            to[l->row[i] * n_columns] = dot(w, map + l->row[i] * w, z, n_columns);
+        return;
+    }
     for (uint32_t i = 0; i < n_rows; i++) {
         const gsid_real *m = map + l->row[i] * w;
         gsid_real *out = to + l->row[i] * n_columns;
@@ -248,13 +267,8 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
         }
         if (l->n_free == 0)
             continue;
-        for (uint32_t p = 0; p < l->n_slope_columns; p++) {
-            const gsid_real *slope = m + (p + 1) * w * w;
-            gsid_real sum = 0;
-            for (size_t k = 0; k < w; k++)
-                sum += slope[k] * z[k * n_columns];
-            out[l->slope_column[p]] += sum;
-        }
+        for (uint32_t p = 0; p < l->n_slope_columns; p++)
+            out[l->slope_column[p]] += dot(w, m + (p + 1) * w * w, z, n_columns);
     }
 }
 
@@ -290,17 +304,31 @@ static void next_term(const generator *g, gsid_real factor, const gsid_real *ter
     }
 }
 
+/* Terms until the next is below rounding; three more for what the forcing's parabola adds at the start of the chain. */
+static int terms_for(gsid_real reach) {
+    int n = 1;
+    for (gsid_real term = reach; term > ROUNDING_UNIT / 4 && n < SERIES_TERMS - 3; term *= reach / (gsid_real)n)
+        n++;
+    return n + 3;
+}
+
+static void copy_rows(const gsid_plant_layout *l, const gsid_real *from, gsid_real *to) {
+    for (uint32_t i = 0; i < l->width; i++)
+        memcpy(to + (size_t)i * l->n_columns, from + (size_t)i * l->n_columns, l->n_active * sizeof *to);
+}
+
 /* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
 void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
                             gsid_real *to) {
     const size_t n_columns = l->n_columns;
     const uint32_t n_parts = 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
     const generator g = {l, l->sticks, length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
+    const int n_terms = terms_for(l->fastest * g.scale);
     gsid_real *sum = l->term[0], *term = l->term[1], *next = l->term[2];
-    memcpy(sum, z, l->width * n_columns * sizeof *sum);
+    copy_rows(l, z, sum);
     for (uint32_t part = 0; part < n_parts; part++) {
-        memcpy(term, sum, l->width * n_columns * sizeof *sum);
-        for (int k = 1; k <= SERIES_TERMS; k++) {
+        copy_rows(l, sum, term);
+        for (int k = 1; k <= n_terms; k++) {
             next_term(&g, 1 / (gsid_real)k, term, next);
             for (uint32_t i = 0; i < l->width; i++)
                 for (uint32_t c = 0; c < l->n_active; c++)

@@ -234,6 +234,10 @@ static void advance(gsid_plant_layout *l, const plant_flow *flow, gsid_real leng
     gsid_real parabola0[3] = {1, -3, 2}, parabola1[3] = {0, 4, -4}, parabola2[3] = {0, -1, 2};
     add_torques(l, l->sticks, l->n_active, l->z, l->z, t0);
     force(l, constant, none, none);
+    if (l->is_constant) {
+        move(l, flow, WHOLE, length_s, n_states, to);
+        return;
+    }
     move(l, flow, HALF, length_s, l->n_look, l->stage);
     add_torques(l, l->sticks, l->n_active, l->stage, l->z, t1);
     force(l, slope0, slope1, none);

@@ -44,7 +44,7 @@ struct gsid_plant_layout {
     uint32_t n_laws, n_channels, n_memories;
     plant_law *law;              /* [n_laws] */
     int holds, has_side;         /* a law can hold the axis at rest; depends on the direction of motion */
-    int looks_at_angle;
+    int looks_at_angle, is_constant; /* every law between events */
     gsid_real unit_rad;
     const gsid_plant_item *sampler; /* NULL: the sensor is always fresh */
     const uint32_t *sampler_column;

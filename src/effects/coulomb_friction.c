@@ -17,6 +17,7 @@ const gsid_effect EFFECT(coulomb_friction) = {
     .null_kind = GSID_NULL_ONE_SIDED,
     .n_parameters = 1,
     .parameter = {{"level", "deg/s^2", R(15.0), R(0.0), ANY, R(0.0)}},
+    .is_constant = 1,
     .torque = torque,
     .holding = holding,
 };
