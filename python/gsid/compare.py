@@ -1,12 +1,14 @@
 """Is the model adequate, and where is it not? Measured mean spectra against the model's, line by line.
 
-At each line the model's output error of every period is E[p] = Y[p] - G U[p]. When the model is right and
-the noise is Gaussian, T = P |mean E|^2 / s^2, s^2 the sample variance of E over the P periods, follows F(2,
-2 nu), nu = P - 1, exactly: P(T > t) = (1 + t/nu)^-nu. So q = nu ln(1 + T/nu) is exponential with mean 1 for
-any P >= 2, and twice the sum of q over n lines is chi-square with 2 n degrees of freedom (CMP-1). The test
-therefore keeps its false-alarm rate with few periods, where one that takes s^2 for the true variance would
-not. The model's own uncertainty is left out: a model fitted to the records it is compared with is judged a
-little mildly, one fitted elsewhere a little severely.
+At each line the model's output error of every period is E[p] = Y[p] - G U[p]; for a plant, whose answer is
+not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. When
+the model is right and the noise is Gaussian, T = P |mean E|^2 / s^2, s^2 the sample variance of E over the P
+periods, follows F(2, 2 nu), nu = P - 1, exactly: P(T > t) = (1 + t/nu)^-nu. So q = nu ln(1 + T/nu) is
+exponential with mean 1 for any P >= 2, and twice the sum of q over n lines is chi-square with 2 n degrees of
+freedom (CMP-1). The line at 0, which counts for plants when the band begins there, is real: T follows
+F(1, nu), and q = -ln P(T > t). The test therefore keeps its false-alarm rate with few periods, where one that
+takes s^2 for the true variance would not. The model's own uncertainty is left out: a model fitted to the
+records it is compared with is judged a little mildly, one fitted elsewhere a little severely.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from scipy import stats
 
 from gsid.fit import in_band
 from gsid.frf import Spectra, spectra
+from gsid.plant import PlantModel
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -164,11 +167,20 @@ class _Lines:
 
     @property
     def q(self) -> np.ndarray:
-        return self.dof * np.log1p(self.t / self.dof)
+        q = self.dof * np.log1p(self.t / self.dof)
+        real = self.line == 0
+        if np.any(real):
+            q[real] = -np.log(np.maximum(stats.f.sf(self.t[real], 1, self.dof), np.finfo(float).tiny))
+        return q
+
+    @property
+    def power(self) -> np.ndarray:
+        """Factor from a line's |amplitude|^2 to its share of the mean square."""
+        return np.where(self.line == 0, 1.0, 0.5)
 
 
 def compare(
-    model: RationalModel,
+    model: RationalModel | PlantModel,
     records: Record | Spectra | Sequence[Record | Spectra],
     *,
     period: int | None = None,
@@ -180,7 +192,7 @@ def compare(
 
     Parameters
     ----------
-    model : RationalModel
+    model : RationalModel or PlantModel
     records : Record or Spectra, or a sequence of them
         One or more realisations, each with at least two good periods.
     period, settle : int, optional
@@ -199,7 +211,9 @@ def compare(
     ValueError
         No line in the band, or alpha not between 0 and 1.
     InputError
-        A record has less than two good periods, or no period.
+        A record has less than two good periods, or no period, or its unit is not the plant's.
+    GsidError
+        The plant cannot be simulated.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
@@ -218,8 +232,8 @@ def compare(
         p_value=p_value,
         alpha=alpha,
         cost_per_dof=_cost_per_dof(parts),
-        rms_error=float(np.sqrt(np.mean([np.sum(np.abs(part.error) ** 2) / 2 for part in parts]))),
-        noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.var_mean) / 2 for part in parts]))),
+        rms_error=float(np.sqrt(np.mean([np.sum(part.power * np.abs(part.error) ** 2) for part in parts]))),
+        noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.power * part.var_mean) for part in parts]))),
         where=_where(parts, alpha),
         line=first.line,
         f_hz=first.f_hz,
@@ -239,22 +253,36 @@ def _same_lines(parts: list[_Lines]) -> bool:
     return all(np.array_equal(part.line, parts[0].line) for part in parts)
 
 
-def _lines(model: RationalModel, s: Spectra, band: tuple[float, float] | None) -> _Lines:
+def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, float] | None) -> _Lines:
     f_excited = s.f_hz[s.excited]
     use = in_band(s.f_hz, band if band is not None else (f_excited[0], f_excited[-1]))
-    use &= (s.line > 0) & (2 * s.line < s.period_samples)
-    f = s.f_hz[use]
-    errors = s.Y[:, use] - model.response(f) * s.U[:, use]
+    use &= 2 * s.line < s.period_samples
+    use[0] &= _knows_its_mean(model)
+    if not np.any(use[1:]):
+        raise ValueError(f"no line between 0 and half the sample rate of {s.name or 'the record'} is in band")
+    errors = s.Y[:, use] - _answer(model, s, use)
     kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
     return _Lines(
         line=s.line[use],
-        f_hz=f,
+        f_hz=s.f_hz[use],
         kind=kind,
         error=errors.mean(axis=0),
         y=s.Y[:, use].mean(axis=0),
         var_mean=np.var(errors, axis=0, ddof=1) / s.n_periods,
         dof=s.n_periods - 1,
     )
+
+
+def _knows_its_mean(model: RationalModel | PlantModel) -> bool:
+    """Whether the model says what the output's mean is: a rational one leaves offsets out."""
+    return isinstance(model, PlantModel) and (model.output == "rate" or model.looks_at_angle)
+
+
+def _answer(model: RationalModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:
+    """The model's output lines, of every period or of all alike."""
+    if isinstance(model, PlantModel):
+        return model.predict(s).Y[use]
+    return model.response(s.f_hz[use]) * s.U[:, use]
 
 
 def _cost_per_dof(parts: list[_Lines]) -> float:
@@ -281,7 +309,8 @@ def _where(parts: list[_Lines], alpha: float) -> list[dict[str, Any]]:
         for name in ("f_hz", "kind", "q", "error", "y")
     }
     excess = np.concatenate([part.t - (part.dof / (part.dof - 1) if part.dof > 1 else 1.0) for part in parts])
-    edges = _third_octaves(join["f_hz"].min(), join["f_hz"].max())
+    edges = _third_octaves(join["f_hz"][join["f_hz"] > 0].min(), join["f_hz"].max())
+    edges = np.insert(edges, 0, 0.0)  # the line at 0, where it counts, is a band of its own
     cells = []
     for kind in KINDS:
         for lo, hi in itertools.pairwise(edges):

@@ -636,7 +636,7 @@ def comparison(comparison: Comparison) -> Figure:
         bound = complex_bound(sigma[use], n_dof=n_dof)
         _draw_error(ax, f[use], error[use], bound, "|Y measured − model|")
         for band in comparison.where:
-            if band["lines"] == name:
+            if band["lines"] == name and band["f_hi_hz"] > 0.0:  # a log axis has no place for an offset
                 _draw_failing_band(ax, band)
         ax.set_title(
             f"{name.capitalize()} lines: {_above_text(error[use], bound)}" if use.any() else "No lines"

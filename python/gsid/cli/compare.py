@@ -59,9 +59,9 @@ def compare(
     a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
     """
     from gsid.compare import compare as compare_model
-    from gsid.model import RationalModel
+    from gsid.model import load_model
 
-    model = RationalModel.load(model_path)
+    model = load_model(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha)
     if as_json:
