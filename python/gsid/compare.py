@@ -23,6 +23,7 @@ from scipy import stats
 
 from gsid.fit import in_band
 from gsid.frf import Spectra, spectra
+from gsid.greybox import lines_used
 from gsid.plant import PlantModel
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ def compare(
     period, settle : int, optional
         Samples in a period and samples thrown away first; default what the record says or shows.
     band : (lo, hi), optional
-        Hz; default from the first to the last excited line.
+        Hz; default from the first to the last excited line, for a plant as in `gsid.greybox.fit_plant`.
     alpha : float
         False-alarm rate of the test.
 
@@ -254,12 +255,12 @@ def _same_lines(parts: list[_Lines]) -> bool:
 
 
 def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, float] | None) -> _Lines:
-    f_excited = s.f_hz[s.excited]
-    use = in_band(s.f_hz, band if band is not None else (f_excited[0], f_excited[-1]))
-    use &= 2 * s.line < s.period_samples
-    use[0] &= _knows_its_mean(model)
-    if not np.any(use[1:]):
-        raise ValueError(f"no line between 0 and half the sample rate of {s.name or 'the record'} is in band")
+    if isinstance(model, PlantModel):
+        use = lines_used(model, s, band)
+    else:
+        f_excited = s.f_hz[s.excited]
+        use = in_band(s.f_hz, band if band is not None else (f_excited[0], f_excited[-1]))
+        use &= (s.line > 0) & (2 * s.line < s.period_samples)
     errors = s.Y[:, use] - _answer(model, s, use)
     kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
     return _Lines(
@@ -271,11 +272,6 @@ def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, flo
         var_mean=np.var(errors, axis=0, ddof=1) / s.n_periods,
         dof=s.n_periods - 1,
     )
-
-
-def _knows_its_mean(model: RationalModel | PlantModel) -> bool:
-    """Whether the model says what the output's mean is: a rational one leaves offsets out."""
-    return isinstance(model, PlantModel) and (model.output == "rate" or model.looks_at_angle)
 
 
 def _answer(model: RationalModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:

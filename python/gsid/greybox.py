@@ -297,7 +297,7 @@ class _Part:
         s = measured
         self.name = s.name
         self.plant = PeriodicPlant.of(model, s)
-        self.line = np.flatnonzero(_lines_used(model, s, band))
+        self.line = np.flatnonzero(lines_used(model, s, band))
         self.y = s.y[self.line]
         self.dof = variance[1]
         floor = (FLOOR * float(np.max(np.abs(self.y)))) ** 2
@@ -319,7 +319,21 @@ class _Part:
         return np.concatenate([weighted.real, np.where(self.line == 0, 0.0, weighted.imag)], axis=-1)
 
 
-def _lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:
+def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:
+    """(K,) which lines of a record count in a fit of a plant and in a comparison with it.
+
+    Parameters
+    ----------
+    model : PlantModel
+    s : Spectra
+    band : (lo, hi) or None
+        Hz; None: see `fit_plant`.
+
+    Raises
+    ------
+    ValueError
+        None does.
+    """
     if band is None:
         f_excited = s.f_hz[s.excited]
         # A position loop and its reference have one zero: there the mean angle says something.
