@@ -44,6 +44,12 @@ typedef struct {
                               0: 0.005, a hundredth of what one parameter gains on noise. Where V is below one per line it
                               counts in proportion, so that the unit of unweighted data does not matter. */
     int free_delay;        /* 1: the delay is a parameter too */
+    /* Where g is a measurement freed of something that the model itself predicts, such as the images of a held input:
+     * `update` sets data->g for a model, and when asked drift, the [n_lines][n_poles + n_zeros + 2] derivatives of g by den
+     * without its 1, num, delay. NULL: g is what it is. It is left as for the last model tried. */
+    gsid_status (*update)(void *user, const gsid_rational *model, int with_drift);
+    void *user;
+    const gsid_cplx *drift;
 } gsid_ml_cfg;
 
 /** Gauss-Newton on V with Levenberg-Marquardt damping and geodesic acceleration, from the model given.

@@ -17,6 +17,7 @@
 typedef struct {
     uint32_t n_den, n_num, n; /* n = n_den + n_num + free_delay */
     uint32_t held;            /* index of the denominator coefficient that is 1 */
+    const gsid_cplx *drift; /* of data->g, or NULL */
     gsid_lsq normal, damped;
     gsid_real *row_re, *row_im, *step, *bend; /* [n] */
     gsid_real *length;                        /* [n] of the columns of J */
@@ -64,6 +65,7 @@ static gsid_status workspace_init(workspace *w, const gsid_frd *data, const gsid
         return GSID_E_NULL;
     if (mem_size < GSID_ESTIMATE_MEM_SIZE(model->n_poles, model->n_zeros) || (uintptr_t)mem % sizeof(gsid_real) != 0)
         return GSID_E_MEMORY;
+    w->drift = NULL;
     w->n_den = model->n_poles;
     w->n_num = model->n_zeros + 1;
     w->n = w->n_den + w->n_num + (free_delay ? 1u : 0u);
@@ -209,15 +211,27 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     return best_status;
 }
 
-/* Append the rows of one line: derivatives of G/sigma, error/sigma on the right. */
+/* Derivatives of G - g at one line, in the order of the columns. */
+static gsid_status slopes(const workspace *w, const gsid_frd *data, const gsid_rational *model, uint32_t k,
+                          gsid_cplx *g, gsid_cplx *slope) {
+    const gsid_status status = gsid_rational_gradient(model, data->f_hz[k], g, slope);
+    if (status != GSID_OK || w->drift == NULL)
+        return status;
+    const gsid_cplx *drift = w->drift + (size_t)k * (model->n_poles + model->n_zeros + 2);
+    for (uint32_t i = 0; i < w->n; i++)
+        slope[i] = gsid_cplx_sub(slope[i], drift[i]);
+    return GSID_OK;
+}
+
+/* Append the rows of one line: derivatives over sigma, error over sigma on the right. */
 static gsid_status linearise(workspace *w, const gsid_frd *data, uint32_t k, const gsid_rational *model) {
     const gsid_real weight = weight_of(data, k);
-    gsid_cplx g, gradient[GSID_RATIONAL_PARAMETERS_MAX];
-    gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &g, gradient);
+    gsid_cplx g, slope[GSID_RATIONAL_PARAMETERS_MAX];
+    gsid_status status = slopes(w, data, model, k, &g, slope);
     if (status != GSID_OK)
         return status;
     for (uint32_t i = 0; i < w->n; i++)
-        put(w, i, gsid_cplx_scale(weight, gradient[i]));
+        put(w, i, gsid_cplx_scale(weight, slope[i]));
     const gsid_cplx error = gsid_cplx_scale(weight, gsid_cplx_sub(data->g[k], g));
     status = gsid_lsq_add(&w->normal, w->row_re, error.re);
     return status != GSID_OK ? status : gsid_lsq_add(&w->normal, w->row_im, error.im);
@@ -287,13 +301,13 @@ static gsid_status project_bend(workspace *w, const gsid_frd *data, const gsid_r
     memset(w->bend, 0, w->n * sizeof(*w->bend));
     for (uint32_t k = 0; k < data->n_lines; k++) {
         const gsid_real weight = weight_of(data, k);
-        gsid_cplx g, gradient[GSID_RATIONAL_PARAMETERS_MAX];
-        const gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &g, gradient);
+        gsid_cplx g, slope[GSID_RATIONAL_PARAMETERS_MAX];
+        const gsid_status status = slopes(w, data, model, k, &g, slope);
         if (status != GSID_OK)
             return status;
         const gsid_cplx second = gsid_cplx_scale(weight * weight, second_derivative(model, &step, data->f_hz[k]));
         for (uint32_t i = 0; i < w->n; i++)
-            w->bend[i] += gradient[i].re * second.re + gradient[i].im * second.im;
+            w->bend[i] += slope[i].re * second.re + slope[i].im * second.im;
     }
     return GSID_OK;
 }
@@ -328,30 +342,48 @@ static void add_step(const workspace *w, const gsid_rational *from, gsid_rationa
         to->delay_s += w->step[w->n - 1];
 }
 
-/* V after a step with this damping, or UNUSABLE. */
-static gsid_real try_damping(workspace *w, const gsid_frd *data, const gsid_rational *from, gsid_real damping,
-                             gsid_rational *to) {
-    if (solve_damped(w, damping) < 0 || bend_step(w, data, from) < 0)
-        return UNUSABLE;
-    add_step(w, from, to);
-    return cost_of(data, to);
+/* V that rounding leaves of exact data. */
+static gsid_real rounding_cost(const gsid_frd *data) {
+    gsid_real cost = 0;
+    for (uint32_t k = 0; k < data->n_lines; k++)
+        cost += gsid_cplx_abs2(gsid_cplx_scale(4 * GSID_EPSILON * weight_of(data, k), data->g[k]));
+    return cost;
 }
 
-/* The best step from where w->normal was linearised, with V = v: the damping is raised until V falls, or lowered as long as
+/* The problem of one gsid_estimate_ml. */
+typedef struct {
+    const gsid_frd *data;
+    const gsid_ml_cfg *cfg;
+    workspace w;
+} search;
+
+/* Set data->g for a model. */
+static gsid_status update(const search *s, const gsid_rational *model, int with_drift) {
+    return s->cfg->update == NULL ? GSID_OK : s->cfg->update(s->cfg->user, model, with_drift);
+}
+
+/* V after a step with this damping, or UNUSABLE. */
+static gsid_real try_damping(search *s, const gsid_rational *from, gsid_real damping, gsid_rational *to) {
+    if (solve_damped(&s->w, damping) < 0 || bend_step(&s->w, s->data, from) < 0)
+        return UNUSABLE;
+    add_step(&s->w, from, to);
+    return update(s, to, 0) < 0 ? UNUSABLE : cost_of(s->data, to);
+}
+
+/* The best step from where w.normal was linearised, with V = v: the damping is raised until V falls, or lowered as long as
  * V falls further. Returns the new V; not below v when no damping lowers it. */
-static gsid_real best_step(workspace *w, const gsid_frd *data, const gsid_rational *from, gsid_real v,
-                           gsid_real *damping, gsid_rational *to) {
-    gsid_real least = try_damping(w, data, from, *damping, to);
+static gsid_real best_step(search *s, const gsid_rational *from, gsid_real v, gsid_real *damping, gsid_rational *to) {
+    gsid_real least = try_damping(s, from, *damping, to);
     if (!(least < v)) {
         while (!(least < v) && *damping < DAMPING_MOST) {
             *damping *= DAMPING_FACTOR;
-            least = try_damping(w, data, from, *damping, to);
+            least = try_damping(s, from, *damping, to);
         }
         return least;
     }
     gsid_rational further;
     while (*damping > DAMPING_LEAST) {
-        const gsid_real further_v = try_damping(w, data, from, *damping / DAMPING_FACTOR, &further);
+        const gsid_real further_v = try_damping(s, from, *damping / DAMPING_FACTOR, &further);
         if (!(further_v < least))
             break;
         *damping /= DAMPING_FACTOR;
@@ -363,14 +395,17 @@ static gsid_real best_step(workspace *w, const gsid_frd *data, const gsid_ration
 
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size) {
-    if (cfg == NULL)
+    if (cfg == NULL || (cfg->update != NULL && cfg->drift == NULL))
         return GSID_E_NULL;
     if (!(cfg->tolerance >= 0))
         return GSID_E_CONFIG;
-    workspace w;
-    gsid_status status = workspace_init(&w, data, model, cfg->free_delay, mem, mem_size);
+    search s = {.data = data, .cfg = cfg};
+    gsid_status status = workspace_init(&s.w, data, model, cfg->free_delay, mem, mem_size);
+    if (status == GSID_OK)
+        status = update(&s, model, 0);
     if (status != GSID_OK)
         return status;
+    s.w.drift = cfg->drift;
     const uint32_t n_iterations = cfg->n_iterations > 0 ? cfg->n_iterations : 50;
     const gsid_real tolerance = cfg->tolerance > 0 ? cfg->tolerance : GSID_R(0.005);
 
@@ -378,18 +413,20 @@ gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_
     gsid_real v = cost_of(data, &best), damping = DAMPING_FIRST;
     if (v >= UNUSABLE)
         return GSID_E_NONFINITE;
-    int settled = 0;
+    int settled = v <= rounding_cost(data);
     for (uint32_t i = 0; i < n_iterations && !settled; i++) {
-        status = linearise_all(&w, data, &best);
+        status = update(&s, &best, 1);
+        if (status == GSID_OK)
+            status = linearise_all(&s.w, data, &best);
         if (status != GSID_OK)
             return status;
         const gsid_real v_per_line = v / (gsid_real)data->n_lines;
         const gsid_real little = tolerance * (v_per_line < 1 ? v_per_line : GSID_R(1.0));
-        settled = measure(&w) <= little;
-        const gsid_real trial_v = best_step(&w, data, &best, v, &damping, &trial);
+        settled = measure(&s.w) <= little;
+        const gsid_real trial_v = best_step(&s, &best, v, &damping, &trial);
         if (trial_v >= UNUSABLE)
             return GSID_E_NONFINITE;
-        if (!(v - trial_v > little)) /* also when no damping lowers it: a minimum to rounding */
+        if (!(v - trial_v > little) || trial_v <= rounding_cost(data))
             settled = 1;
         if (trial_v < v) {
             best = trial;

@@ -1,15 +1,8 @@
 #include "gsid/lsq.h"
 
-#include <float.h>
 #include <string.h>
 
 #include "real.h"
-
-#ifdef GSID_SINGLE
-#define ROUNDING_UNIT FLT_EPSILON
-#else
-#define ROUNDING_UNIT DBL_EPSILON
-#endif
 
 /* Row i of the triangle of (A | b). */
 static gsid_real *triangle_row(const gsid_lsq *q, uint32_t i) {
@@ -21,6 +14,11 @@ static gsid_real column_length(const gsid_lsq *q, uint32_t column) {
     for (uint32_t i = 0; i <= column; i++)
         length = gsid_hypot(length, triangle_row(q, i)[column]);
     return length;
+}
+
+/* A pivot below this part of its column is rounding. */
+static gsid_real rank_tolerance(const gsid_lsq *q) {
+    return 8 * (gsid_real)(q->n_columns + 1) * GSID_EPSILON;
 }
 
 size_t gsid_lsq_mem_size(uint32_t n_columns) {
@@ -122,7 +120,7 @@ gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_r
     const uint32_t n = q->n_columns;
     if (q->n_rows < n)
         return GSID_E_TOO_FEW;
-    const gsid_real tol = rank_tol > 0 ? rank_tol : 8 * (gsid_real)(n + 1) * ROUNDING_UNIT;
+    const gsid_real tol = rank_tol > 0 ? rank_tol : rank_tolerance(q);
     pin_undetermined(q, tol);
 
     gsid_real *y = q->row; /* so that x is untouched when the solution overflows */
@@ -149,7 +147,7 @@ static gsid_status check_regular(const gsid_lsq *q) {
     if (q->n_pinned > 0)
         return GSID_E_SINGULAR;
     for (uint32_t j = 0; j < q->n_columns; j++)
-        if (!(gsid_fabs(triangle_row(q, j)[j]) > ROUNDING_UNIT * column_length(q, j)))
+        if (!(gsid_fabs(triangle_row(q, j)[j]) > rank_tolerance(q) * column_length(q, j)))
             return GSID_E_SINGULAR;
     return GSID_OK;
 }

@@ -2,14 +2,17 @@
 #ifndef GSID_REAL_H
 #define GSID_REAL_H
 
+#include <float.h>
 #include <math.h>
 
 #include "gsid/types.h"
 
 #ifdef GSID_SINGLE
 #define GSID_LIBM(name) name##f
+#define GSID_EPSILON FLT_EPSILON
 #else
 #define GSID_LIBM(name) name
+#define GSID_EPSILON DBL_EPSILON
 #endif
 
 #define gsid_sin GSID_LIBM(sin)

@@ -10,22 +10,20 @@
 
 #ifndef GSID_WITH_NLOPT
 
-gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
-                            uint32_t *n_evaluations) {
+gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost) {
     (void)data;
     (void)delay_max_s;
     (void)model;
     (void)cost;
-    (void)n_evaluations;
     return GSID_E_BACKEND;
 }
 
 #else
 
-/* Distance kept from the edge of the stable region: of a coefficient in s, scaled; of 1 in z. */
+/* Distance of a pole from the edge of the stable region: from the axis in scaled s, from the unit circle in z. */
 #define EDGE 1e-6
 #define EVALUATIONS_MAX 3000
-#define TOLERANCE 1e-4 /* of V: a fiftieth of what the Gauss-Newton stage leaves */
+#define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
 
 /* One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
  *   domain s, order 2: (c0, c1), c2 = 1; order 1: (c0), c1 = 1: stable when all are positive.
@@ -65,7 +63,6 @@ typedef struct {
     int free_delay;
     uint32_t n;                   /* n_poles + n_zeros + 1 + free_delay */
     double scale[PARAMETERS_MAX]; /* the search runs over x / scale, whose curvatures are alike */
-    uint32_t n_evaluations;
 } search;
 
 static uint32_t section_order(const gsid_rational *model, uint32_t first) {
@@ -136,7 +133,6 @@ static double objective(unsigned n, const double *scaled, double *gradient, void
         for (unsigned i = 0; gradient != NULL && i < n; i++)
             gradient[i] -= 2 * (error.re * by[i].re + error.im * by[i].im) * s->scale[i];
     }
-    s->n_evaluations++;
     return isfinite(v) ? v : HUGE_VAL;
 }
 
@@ -232,14 +228,19 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
 }
 
 static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper) {
+    const int in_s = s->model.domain == GSID_DOMAIN_S;
     for (uint32_t i = 0; i < s->n; i++) {
         lower[i] = -HUGE_VAL;
         upper[i] = HUGE_VAL;
     }
-    for (uint32_t i = 0; i < s->model.n_poles; i++) {
-        lower[i] = s->model.domain == GSID_DOMAIN_S ? EDGE * EDGE / s->scale[i] : (EDGE - 1) / s->scale[i];
-        if (s->model.domain == GSID_DOMAIN_Z)
-            upper[i] = (1 - EDGE) / s->scale[i];
+    for (uint32_t first = 0; first < s->model.n_poles; first += 2) {
+        const uint32_t order = section_order(&s->model, first);
+        for (uint32_t i = 0; i < order; i++) {
+            const double least = order == 2 && i == 0 ? EDGE * EDGE : EDGE; /* a product of two poles; a sum, or one */
+            lower[first + i] = (in_s ? least : EDGE - 1) / s->scale[first + i];
+            if (!in_s)
+                upper[first + i] = (1 - EDGE) / s->scale[first + i];
+        }
     }
     if (s->free_delay) {
         lower[s->n - 1] = 0;
@@ -247,8 +248,7 @@ static void set_bounds(const search *s, double delay_max_s, double *lower, doubl
     }
 }
 
-gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost,
-                            uint32_t *n_evaluations) {
+gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost) {
     search s = {.data = data, .model = *model, .free_delay = delay_max_s > 0};
     s.n = model->n_poles + model->n_zeros + 1 + (s.free_delay ? 1 : 0);
     double x[PARAMETERS_MAX], lower[PARAMETERS_MAX], upper[PARAMETERS_MAX], least;
@@ -259,8 +259,8 @@ gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_ratio
     set_bounds(&s, delay_max_s, lower, upper);
     for (uint32_t i = 0; i < s.n; i++)
         x[i] = fmin(fmax(x[i] / s.scale[i], lower[i]), upper[i]);
-    status = gsid_nlopt_minimise(s.n, objective, &s, lower, upper, TOLERANCE, EVALUATIONS_MAX, x, &least);
-    *n_evaluations = s.n_evaluations;
+    const double tolerance = TOLERANCE * fmin(1, *cost / data->n_lines);
+    status = gsid_nlopt_minimise(s.n, objective, &s, lower, upper, tolerance, EVALUATIONS_MAX, x, &least);
     if (status < 0)
         return status;
     for (uint32_t i = 0; i < s.n; i++)

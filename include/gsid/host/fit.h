@@ -18,7 +18,9 @@ typedef struct {
                                 the hold; 0: the response is fitted as it stands */
     gsid_delay_mode delay;
     double delay_s;          /* GSID_DELAY_FIXED: the delay [s] */
-    double delay_max_s;      /* GSID_DELAY_FREE: scanned from 0 to here [s]; default 0.012, bounded by the line spacing */
+    double delay_max_s;      /* GSID_DELAY_FREE: scanned from 0 to here [s], at most 512 / f_max; default 0.012, or one over
+                                the least distance of two lines, beyond which delays repeat. A bound of the scan and of the
+                                search among stable models only: the estimate may be negative where the delay is small */
     int allow_unstable;      /* 1: the best model, stable or not */
 } gsid_fit_cfg;
 
@@ -27,9 +29,8 @@ typedef struct {
     double cost;             /* V of the fit, eq. 7.28, with the weights of the method */
     double cost_ml;          /* V weighted with the measured variance, whatever the method */
     uint32_t n_parameters;   /* free ones */
-    int converged;
+    int converged;           /* 1: the estimate has settled, and with hold the images too */
     int is_stable;
-    uint32_t n_evaluations;  /* of the cost, over all starts */
     double cov[GSID_RATIONAL_PARAMETERS_MAX * GSID_RATIONAL_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
                                 scaled variable; row length n_parameters */
     gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
@@ -37,10 +38,12 @@ typedef struct {
     uint32_t n_zeros_found;          /* fewer than n_zeros when leading coefficients are zero */
 } gsid_fit_result;
 
-/** Fit.  Eq: EST-1 to EST-4. The delay is scanned in steps of at most 1/(8 f_max), the best starts are refined.
+/** Fit.  Eq: EST-1 to EST-6. A free delay is scanned in steps of at most 1/(8 f_max), the best starts are refined. Where a
+ *  start of NLS or ML ends unstable, the search goes on among stable models; LS and IWLS are taken as they come.
  *  @param[in]  data  sigma is the standard deviation of g (complex, of the mean), needed for every method's covariance
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_UNSTABLE;
- *          GSID_E_NO_MEMORY; GSID_E_NONFINITE */
+ *          GSID_E_NO_MEMORY; GSID_E_NONFINITE; GSID_E_BACKEND every start ends unstable, and the build has no NLopt
+ *  Cost: some hundred linear fits of n_lines rows, a few of them over all lines. */
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result);
 
 /** Response of a model to a held input, sampled: exact for any delay, by the matrix exponential.  Eq: MOD-2.
