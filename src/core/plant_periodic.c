@@ -113,12 +113,19 @@ static gsid_real change_of(const shooting *s, uint32_t column) {
     return sum;
 }
 
+/* What a column of the start makes of y: beside it, the change of a derivative that is 0 but for rounding is none. */
+static gsid_real reach_of(const shooting *s, uint32_t column) {
+    gsid_real sum = s->l->largest_dy[column];
+    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+        sum += s->l->largest_dy[s->first_shoot + j] * gsid_fabs(start(s, j)[column]);
+    return sum;
+}
+
 static int is_settled(const shooting *s, gsid_real change) {
-    const gsid_real *largest = s->l->largest_dy;
-    if (!(change <= SETTLED * largest[VALUE]))
+    if (!(change <= SETTLED * s->l->largest_dy[VALUE]))
         return 0;
     for (uint32_t c = FIRST_FREE; c < s->first_shoot; c++)
-        if (!(change_of(s, c) <= SETTLED_SLOPE * largest[c]))
+        if (!(change_of(s, c) <= SETTLED_SLOPE * reach_of(s, c)))
             return 0;
     return 1;
 }
