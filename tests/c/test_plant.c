@@ -118,9 +118,9 @@ static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, dy[0], NULL, NULL, NULL), GSID_OK);
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
     double largest[FREE_MAX] = {0}, worst[FREE_MAX] = {0};
-    for (int n = 0; n < 20 * N; n++) {
+    for (int n = 0; n < 30 * N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, u[n % N], &out, now), GSID_OK);
-        for (uint32_t p = 0; n >= 19 * N && p < b.cfg.n_free; p++) {
+        for (uint32_t p = 0; n >= 29 * N && p < b.cfg.n_free; p++) {
             largest[p] = fmax(largest[p], fabs((double)dy[p][n % N]));
             worst[p] = fmax(worst[p], fabs((double)now[p] - (double)dy[p][n % N]));
         }
