@@ -28,6 +28,7 @@ from gsid.frf import Spectra, spectra
 from gsid.greybox import PlantFit, RecordFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.linear_view import linear_view
+from gsid.next_experiment import advice
 from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
 from gsid.probes import Probe, Trajectory, probes
 from gsid.record import Record
@@ -35,8 +36,10 @@ from gsid.scores import Score, family_wise_p, orthonormal, score
 
 ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
-REFITTED = 5  # effects fitted for real in each round
-STARTS = 2  # of each
+REFITTED = 5  # effects fitted for real in each round, at most
+RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
+STARTS = 2  # of each, the second when the first does not keep its promise
+KEPT = 0.9  # of the predicted drop: the promise is kept
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
@@ -209,6 +212,8 @@ def diagnose(
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     several = [records] if isinstance(records, Record | Spectra) else list(records)
+    if not several:
+        raise ValueError("no record was given")
     measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
     on_step("fitting the model as it is")
     first = fit = fit_plant(linear_start(model, measured), measured, band=band)
@@ -232,8 +237,19 @@ def diagnose(
         found=found,
         steps=steps,
         model=fit.model,
+        next_experiment=_advice(found, measured),
         names=[s.name for s in measured],
     )
+
+
+def _advice(found: list[Group], measured: list[Spectra]) -> str:
+    """How to tell the members of the first group that has several apart."""
+    for group in found:
+        if len(group.candidates) > 1:
+            a, b = group.candidates[:2]
+            largest = max(measured, key=lambda one: float(np.linalg.norm(one.u)))
+            return advice(a.fit.model, b.fit.model, largest, (a.effects[-1], b.effects[-1]))
+    return ""
 
 
 def _explained(before: PlantFit, after: PlantFit) -> float:
@@ -278,7 +294,7 @@ def _round(
             candidates.append(candidate)
     step.ranking = _ranked(fit, candidates)
     worth = step.ranking and step.ranking[0].candidates[0]
-    if not worth or _evidence(fit, worth) > -SAME:
+    if not worth or _evidence(fit, worth) > 0:
         return step, None
     return step, step.ranking[0]
 
@@ -366,7 +382,10 @@ def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe,
     for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
         if item.drop > 0:
             by_effect.setdefault(probe.effect, []).append((probe, item))
-    return {effect: tries[:STARTS] for effect, tries in list(by_effect.items())[:REFITTED]}
+    drops = {effect: tries[0][1].drop for effect, tries in by_effect.items()}
+    largest = max(drops.values(), default=0.0)
+    rivals = [e for e, drop in drops.items() if drop > RIVAL * largest or largest - drop < 3 * SAME]
+    return {effect: by_effect[effect][:STARTS] for effect in rivals[:REFITTED]}
 
 
 def with_effect(
@@ -412,6 +431,8 @@ def _refitted(
     """The effect fitted from each start; None when no start can be fitted."""
     best: Candidate | None = None
     for probe, item in tries:
+        if best is not None and fit.cost - best.fit.cost > KEPT * item.drop:
+            break
         try:
             start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)
             larger = fit_plant(start, measured, band=band, max_iter=STEPS_MAX)

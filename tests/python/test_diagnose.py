@@ -1,0 +1,162 @@
+"""The diagnosis on the simulated axis, which shares no code with the plant: what is hidden is named, and
+nothing is named where nothing is hidden. tests/blind has the large trials; this is the short part."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gsid.diagnose import diagnose, with_effect
+from gsid.excitation import Multisine
+from gsid.frf import Spectra, spectra
+from gsid.greybox import fit_plant
+from gsid.linear_start import linear_start
+from gsid.linear_view import linear_view
+from gsid.model import RationalModel
+from gsid.next_experiment import next_experiment
+from gsid.plant import PlantModel
+from gsid.probes import GRIDS, Trajectory, dahl_state
+from gsid.record import Record
+from gsid.simulate import SimulatedAxis
+
+TRUTH = {
+    "rigid_body": {"gain": 7.4},
+    "viscous_friction": {"rate": 11.0},
+    "cable_spring": {"stiffness": 170.0},
+    "transport_delay": {"delay_s": 0.0054},
+    "flexible_mode": {"f_hz": 179.0, "zeta": 0.015, "residue": 0.15},
+    "sensor_lag": {"time_constant_s": 1e-3},
+}
+FS, N = 3000.0, 6000
+QUIET = {"noise_rms": 0.0, "noise_low_rms": 0.0, "fan_amplitude": 0.0, "command_limit": 0.0}
+
+
+def null(scale: float = 1.0) -> PlantModel:
+    """The axis without friction, every value off by the factor."""
+    effects = [
+        {"effect": effect, "params": {name: value * scale for name, value in params.items()}}
+        for effect, params in TRUTH.items()
+    ]
+    return PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS, "effects": effects})
+
+
+def command(seed: int, amplitude: float) -> np.ndarray:
+    """Odd random-phase multisine with one of four odd lines left out for detection."""
+    m = Multisine.design(FS, N, (0.5, 195.0), grid="odd", phases="random", seed=seed, amplitude=amplitude)
+    kept = np.random.default_rng(seed).random(len(m.line)) > 0.25
+    m.line, m.amplitude, m.phase_rad = m.line[kept], m.amplitude[kept], m.phase_rad[kept]
+    return m.table()
+
+
+@cache
+def measured(coulomb: float) -> tuple[Spectra, ...]:
+    """Two levels, one realisation each, six periods."""
+    out = []
+    for seed, amplitude in enumerate((1.0, 3.0), 1):
+        axis = SimulatedAxis(coulomb_level=coulomb, fan_amplitude=0.0, seed=seed)
+        u, y, _ = axis.step(np.tile(command(seed, amplitude), 9))
+        record = Record(
+            u, y, FS, period_samples=N, settle_samples=3 * N, hold="zoh", name=f"level {amplitude:g}"
+        )
+        out.append(spectra(record))
+    return tuple(out)
+
+
+def test_nothing_is_named_where_nothing_is_hidden():
+    found = diagnose(null(1.05), measured(0.0))
+    assert found.verdict == "adequate"
+    assert found.p_value >= 0.05
+    assert not found.found
+    assert found.cost_per_dof == pytest.approx(1, abs=0.15)
+
+
+def test_coulomb_friction_is_named_alone_and_its_size_found():
+    found = diagnose(null(0.95), measured(2.0))
+    assert found.verdict == "missing_effect"
+    assert [group.effects for group in found.found] == [["coulomb_friction"]]
+    assert found.explained > 0.98
+    level = found.model["coulomb_friction.level"]
+    assert abs(level.value - 2.0) < 4 * level.std
+    assert found.cost_per_dof_after == pytest.approx(1, abs=0.15)
+    result = found.to_dict()
+    assert result["ranking"][0]["effects"] == ["coulomb_friction"]
+    assert result["ranking"][0]["probability"] > 0.9
+    assert "coulomb_friction" in repr(found)
+
+
+def test_an_effect_that_the_catalogue_cannot_explain_is_called_unknown(monkeypatch):
+    """Coulomb friction with every kind of friction struck from the catalogue."""
+    hidden = {"coulomb_friction", "stribeck_friction", "presliding_friction", "drive_dead_zone"}
+    monkeypatch.setattr("gsid.diagnose.NOT_SEEN_IN_THE_MEAN", tuple(hidden))
+    found = diagnose(null(), measured(2.0))
+    assert found.verdict == "unknown_effect"
+    assert found.explained < 0.9
+
+
+def test_values_five_per_cent_off_are_no_hindrance():
+    """A resonance 9 Hz off its peak does not feel it: the scan over the response finds it."""
+    start = linear_start(null(1.05), measured(0.0))
+    for effect, params in TRUTH.items():
+        for name, value in params.items():
+            assert start[f"{effect}.{name}"].value == pytest.approx(value, rel=0.02), name
+    assert fit_plant(start, list(measured(0.0))).cost_per_dof == pytest.approx(1, abs=0.15)
+
+
+def test_linear_view_is_the_held_response():
+    """Against the transfer function of the axis through gsid_hold_response, up to the images of the hold."""
+    truth = SimulatedAxis(**QUIET).truth()
+    f = np.arange(1.0, 195.0)
+    exact = RationalModel(truth["num"], truth["den"], truth["delay_s"], fs_hz=FS, hold="zoh").response(f)
+    view = linear_view(TRUTH, f, FS)
+    assert np.max(np.abs(view.command - exact)) < 1e-3 * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize("level", [0.01, 0.1])
+def test_a_probe_points_where_the_effect_leads(level):
+    """Coulomb friction added to the axis moves its output along the probe, by the level."""
+
+    def simulate(**changes):
+        u, y, angle = SimulatedAxis(**{**QUIET, **changes}).step(np.tile(command(3, 3.0), 8))
+        return u[-N:], y[-N:], angle[-N:]
+
+    u, y, angle = simulate()
+    f = np.arange(N // 2 + 1) * FS / N
+    view = linear_view(TRUTH, f, FS, radians_per_unit=np.pi / 180)
+    rate = np.gradient(np.tile(angle, 3), 1 / FS)[N : 2 * N]
+    path = Trajectory(FS, u, angle, rate, y, f, view.torque, view.command, view.direct, np.pi / 180)
+    use = (f > 0) & (f <= 195)
+    moved = (path.lines(simulate(coulomb_level=level)[1]) - path.lines(y))[use]
+    column = next(iter(GRIDS["coulomb_friction"]([path]))).columns[0][0][use]
+    along = np.vdot(column, moved).real / np.vdot(column, column).real
+    assert along == pytest.approx(level, rel=0.01)
+    assert along * np.linalg.norm(column) > 0.999 * np.linalg.norm(moved)
+
+
+def test_the_presliding_state_is_that_of_its_equation():
+    """Against dz/dtheta = s (1 - z sign) integrated in steps a hundred times finer."""
+    angle = np.sin(2 * np.pi * np.arange(400) / 400)
+    fine = np.sin(2 * np.pi * np.arange(40000) / 40000)
+    z, settled = 0.0, np.empty(40000)
+    for _ in range(2):
+        for i, step in enumerate(np.diff(fine, append=fine[0])):
+            settled[i] = z
+            z += 5.0 * (step - abs(step) * z)
+    assert np.max(np.abs(dahl_state(angle, 5.0) - settled[::100])) < 2e-3
+
+
+def test_the_advised_experiment_separates_better_than_the_one_done():
+    u = measured(2.0)[0]
+    a = with_effect(null(), "coulomb_friction", {"level": 0.5})
+    b = with_effect(null(), "stribeck_friction", {"level": 0.45, "extra": 0.2, "velocity": 0.3})
+    ranked = next_experiment(a, b, u)
+    assert len(ranked) >= 4
+    assert all(x.separation >= y.separation for x, y in pairwise(ranked))
+    assert ranked[0].separation > ranked[-1].separation
+
+
+def test_misuse():
+    with pytest.raises(ValueError, match="alpha"):
+        diagnose(null(), measured(0.0), alpha=2.0)
+    with pytest.raises(ValueError, match="no record"):
+        diagnose(null(), [])
