@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.excitation import Multisine
     from gsid.frf import Frf, Spectra
+    from gsid.ladder import Ladder
     from gsid.model import RationalModel
     from gsid.record import Record
 
@@ -665,6 +666,70 @@ def _draw_failing_band(ax: Axes, band: dict) -> None:
             color=EXCESS,
             clip_on=True,
         )
+
+
+# --- the ladder -------------------------------------------------------------------------------------------
+
+
+@_styled
+def ladder(ladder: Ladder) -> Figure:
+    """Error after each step, on the data fitted and on those kept out, against the noise floor.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        With one step at least.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    ValueError
+        The ladder has no step.
+    """
+    rungs = ladder.rungs
+    if not rungs:
+        raise ValueError("the ladder has no step")
+    levels = [rungs[0].before, *(rung.after for rung in rungs)]
+    fitted = np.array([level["rms_error"] for level in levels])
+    kept = np.array([rungs[0].held_out["before"], *(rung.held_out["after"] for rung in rungs)])
+    floor = np.array([rungs[0].noise_floor_rms, *(rung.noise_floor_rms for rung in rungs)])
+    figure = _figure(4.2)
+    ax = figure.subplots()
+    edges = np.arange(len(levels) + 1) - 0.5
+    ax.stairs(floor, edges, baseline=None, color=NOISE, linewidth=1.2, linestyle="--", label="noise alone")
+    ax.stairs(kept, edges, baseline=None, color=EXCESS, linewidth=2.4, label="on the data kept out")
+    ax.stairs(fitted, edges, baseline=None, color=SIGNAL, linewidth=1.2, label="on the data fitted")
+    for i, (error, noise) in enumerate(zip(kept, floor, strict=True)):
+        ax.annotate(
+            f"{error:.3g}, {error / noise:.3g} × noise",
+            (i, error),
+            (0, 5),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8.5,
+            color=EXCESS,
+        )
+    ax.set_yscale("log")
+    everything = np.concatenate([fitted, kept, floor])
+    ax.set_ylim(0.75 * everything.min(), 1.6 * everything.max())
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=50))
+    ax.yaxis.set_major_formatter(FuncFormatter(_plain))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    names = ["as it was", *(f"+ {rung.effect}" for rung in rungs)]
+    if len(names) > 4:
+        names = [name.replace("_", "_\n", 1) for name in names]
+    costs = [f"cost per d.o.f. {level['cost_per_dof']:.4g}" for level in levels]
+    ax.set_xticks(range(len(levels)), [f"{name}\n{cost}" for name, cost in zip(names, costs, strict=True)])
+    ax.set_xlim(-0.55, len(levels) - 0.45)
+    ax.grid(False, axis="x")
+    ax.set_ylabel(_with_unit("rms error", _text(rungs[0].y_unit)))
+    ax.set_title(f"Error after each step, judged on {_text(rungs[-1].kept_out)}")
+    _legend_below(figure, [ax])
+    return figure
 
 
 # --- poles and zeros --------------------------------------------------------------------------------------

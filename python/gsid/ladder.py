@@ -1,0 +1,430 @@
+"""Add an effect to a plant and watch the error fall: the ladder of models, judged on data not fitted.
+
+A rung is fitted on some realisations and judged on others (or, with less than three records, fitted on the
+first half of the periods and judged on the second). The model keeps its ladder in its history, so that a
+step can be taken back.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid.compare import Comparison, compare
+from gsid.diagnose import _stacked, _trajectory, _whitened, with_effect
+from gsid.effects import close, find
+from gsid.errors import GsidError, InputError
+from gsid.frf import Spectra, spectra
+from gsid.greybox import SAME_LEVEL, PlantFit, fit_plant
+from gsid.linear_start import linear_start
+from gsid.plant import Param, PlantModel
+from gsid.probes import Probe, probes
+from gsid.record import Record
+from gsid.scores import orthonormal, score
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+_log = logging.getLogger("gsid.ladder")
+
+STARTS = 3  # points of an effect's grid that are fitted
+STEPS_TRIED = 15  # of each of these fits: a start that needs more is not near
+SIZES = (1.0, 0.1, 10.0)  # times the typical size, for effects that have no grid
+HELD_OUT_SHARE = 3  # one realisation in three
+PERIODS_LEAST = 2  # for a variance, on either side
+
+Records = Record | Spectra | Sequence[Record | Spectra]
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step up the ladder.
+
+    Attributes
+    ----------
+    effect : str
+        Label of the effect added.
+    params : dict of {"value": float, "std": float or None}
+        Its parameters, in the units of the catalogue.
+    before, after : dict
+        On the data fitted, without and with the effect: cost_per_dof, rms_error, noise_floor_rms (unit of y).
+    held_out : dict
+        Rms error on the data kept out, "before" and "after" (unit of y).
+    noise_floor_rms : float
+        What noise alone leaves of the error on the data kept out (unit of y).
+    kept_out : str
+        Which data these are, in words.
+    y_unit : str
+    """
+
+    effect: str
+    params: dict[str, dict[str, float | None]]
+    before: dict[str, float]
+    after: dict[str, float]
+    held_out: dict[str, float]
+    noise_floor_rms: float
+    kept_out: str
+    y_unit: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid add --json`."""
+        return dict(vars(self))
+
+    @property
+    def sentence(self) -> str:
+        """How much the error fell, for people."""
+        floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
+        held = f"{self.held_out['before']:.3g} -> {self.held_out['after']:.3g}"
+        cost = f"{self.before['cost_per_dof']:.4g} -> {self.after['cost_per_dof']:.4g}"
+        falls = "falls" if self.held_out["after"] < self.held_out["before"] else "DOES NOT FALL"
+        return (
+            f"With {self.effect} the rms error on {self.kept_out} {falls}: {held}, where noise alone leaves "
+            f"{floor}; cost per degree of freedom on the data fitted {cost}."
+        )
+
+
+@dataclass(eq=False, repr=False)
+class Ladder:
+    """All steps by which a model came to be, first one first."""
+
+    rungs: list[Rung]
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """The error after each step, on the data fitted and on those kept out, against the noise floor."""
+        from gsid import plots
+
+        return plots.ladder(self)
+
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Step; cost per degree of freedom; rms error fitted, kept out, and of noise alone (unit of y)."""
+        if not self.rungs:
+            return []
+        first = self.rungs[0]
+        levels = [("as it was", first.before, first.held_out["before"], first.noise_floor_rms)]
+        levels += [(f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms) for r in self.rungs]
+        return [
+            (step, f"{fitted['cost_per_dof']:.4g}", *(f"{x:.4g}" for x in (fitted["rms_error"], held, floor)))
+            for step, fitted, held, floor in levels
+        ]
+
+    def __repr__(self) -> str:
+        unit = f" [{self.rungs[0].y_unit}]" if self.rungs and self.rungs[0].y_unit else ""
+        table = [("step", "cost/dof", f"fitted{unit}", f"kept out{unit}", f"noise{unit}"), *self.rows()]
+        widths = [max(len(row[i]) for row in table) for i in range(5)]
+        return "\n".join(
+            "  ".join(
+                [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
+            )
+            for row in table
+        )
+
+
+@dataclass(eq=False, repr=False)
+class Addition:
+    """What :func:`add` did.
+
+    Attributes
+    ----------
+    model : PlantModel
+        With the effect, fitted; its history has the step.
+    rung : Rung
+    fit : PlantFit
+    """
+
+    model: PlantModel
+    rung: Rung
+    fit: PlantFit
+
+    @property
+    def ladder(self) -> Ladder:
+        """This step and those before it."""
+        return ladder(self.model)
+
+    @property
+    def undetermined(self) -> list[str]:
+        """Parameters that the data do not tell."""
+        return self.fit.undetermined
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid add --json`."""
+        own = {"converged": self.fit.converged, "undetermined": self.undetermined}
+        return self.rung.to_dict() | own | {"ladder": [rung.to_dict() for rung in self.ladder.rungs]}
+
+    def __repr__(self) -> str:
+        return f"{self.rung.sentence}\n{self.ladder!r}"
+
+
+def add(
+    effect: str,
+    model: PlantModel,
+    records: Records,
+    *,
+    params: Mapping[str, float] | None = None,
+    held_out: Records | None = None,
+    band: tuple[float, float] | None = None,
+    on_step: Callable[[str], None] = lambda text: None,
+) -> Addition:
+    """Add an effect of the catalogue, fit again, and judge on data that the fit has not seen.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the catalogue.
+    model : PlantModel
+        Its free parameters are fitted with and without the effect.
+    records : Record or Spectra, or a sequence of them
+        Realisations.
+    params : dict of float, optional
+        Where the fit starts; those not given are typical ones. Default: the best of several sizes and
+        shapes, found along the model's own path.
+    held_out : Record or Spectra, or a sequence of them, optional
+        Judged on, never fitted. Default: the last third of the realisations of each level; with less than
+        three records, or one of each level, the second half of the periods of each.
+    band : (lo, hi), optional
+        Hz; default as in `gsid.greybox.fit_plant`.
+    on_step : callable
+        Told in words what comes next.
+
+    Returns
+    -------
+    Addition
+
+    Raises
+    ------
+    ValueError
+        As `gsid.greybox.fit_plant`.
+    InputError
+        No such effect or parameter, an effect that is not to be found in data; too few periods to keep any
+        out; the effect can be fitted from no start; as `gsid.greybox.fit_plant`.
+    """
+    known = find(effect)
+    if known.null_kind == "never":
+        hint = "write it into the model file, with its values"
+        raise InputError("this effect is what a plant starts with, not one to add", effect, None, hint)
+    for name in params or {}:
+        if name not in known.names:
+            hint = close(name, known.names) or f"it has {', '.join(known.names)}"
+            raise InputError("unknown parameter", f"{effect}.{name}", None, hint)
+    fitted, kept, words = _split(_spectra(records), None if held_out is None else _spectra(held_out))
+    on_step("fitting the model as it is")
+    start = model if model.fit is not None else linear_start(model, fitted)
+    before = fit_plant(start, fitted, band=band)
+    after = _best_fit(before, effect, _starts(before, effect, fitted, params), fitted, band, on_step)
+    on_step(f"judging on {words}")
+    label = after.model.labels()[-1][0]
+    rung = _rung(label, before, after, fitted, kept, words, band)
+    after.model.history = [
+        *copy.deepcopy(model.history),
+        {"add": effect, "rung": rung.to_dict()} | _kept(model),
+    ]
+    return Addition(after.model, rung, after)
+
+
+def undo(model: PlantModel) -> PlantModel:
+    """Take back the last step of the ladder.
+
+    Parameters
+    ----------
+    model : PlantModel
+
+    Returns
+    -------
+    PlantModel
+        As it was given to :func:`add`.
+
+    Raises
+    ------
+    InputError
+        There is no step to take back.
+    """
+    if not model.history or "previous" not in model.history[-1]:
+        hint = "its history is empty: `gsid add` writes one"
+        raise InputError("the model has no step to take back", "", None, hint)
+    data = model.to_dict()
+    for key in ("effects", "covariance", "fit", "history"):
+        data.pop(key, None)
+    previous = model.history[-1]["previous"] | {"history": copy.deepcopy(model.history[:-1])}
+    return PlantModel.from_dict(data | previous)
+
+
+def ladder(model: PlantModel) -> Ladder:
+    """The ladder that a model's history tells of.
+
+    Parameters
+    ----------
+    model : PlantModel
+
+    Raises
+    ------
+    InputError
+        The history is not what `add` writes.
+    """
+    try:
+        return Ladder([Rung(**entry["rung"]) for entry in model.history if "rung" in entry])
+    except TypeError as error:
+        raise InputError(f"the model's history cannot be read: {error}") from error
+
+
+def _kept(model: PlantModel) -> dict[str, Any]:
+    """What `undo` needs."""
+    keys = ("effects", "covariance", "fit")
+    return {"previous": {key: value for key, value in model.to_dict().items() if key in keys}}
+
+
+# ---- data to fit and data to judge on ----------------------------------------------------------------------
+
+
+def _spectra(records: Records) -> list[Spectra]:
+    several = [records] if isinstance(records, Record | Spectra) else list(records)
+    if not several:
+        raise ValueError("no record was given")
+    return [r if isinstance(r, Spectra) else spectra(r) for r in several]
+
+
+def _split(
+    measured: list[Spectra], held_out: list[Spectra] | None
+) -> tuple[list[Spectra], list[Spectra], str]:
+    """Data to fit, data to judge on, and the latter in words."""
+    if held_out is not None:
+        return measured, held_out, _names(held_out)
+    chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
+    if chosen:
+        kept = [measured[i] for i in chosen]
+        _log.info("kept out of the fit, to judge on: %s", ", ".join(s.name or "a record" for s in kept))
+        return [s for i, s in enumerate(measured) if i not in chosen], kept, _names(kept)
+    _log.info("fitted to the first half of the periods, judged on the second")
+    halves = [_halves(s) for s in measured]
+    return [first for first, _ in halves], [second for _, second in halves], "the later periods"
+
+
+def _names(kept: list[Spectra]) -> str:
+    return kept[0].name or "the record kept out" if len(kept) == 1 else f"{len(kept)} records kept out"
+
+
+def _last_third(measured: list[Spectra]) -> set[int]:
+    """Indices of the last third, at least one, of the records of each level that has more than one."""
+    levels: list[list[int]] = []
+    for i, one in enumerate(measured):
+        for level in levels:
+            if 1 / SAME_LEVEL < _level(one) / _level(measured[level[0]]) < SAME_LEVEL:
+                level.append(i)
+                break
+        else:
+            levels.append([i])
+    return {
+        i for level in levels if len(level) > 1 for i in level[-max(1, round(len(level) / HELD_OUT_SHARE)) :]
+    }
+
+
+def _level(one: Spectra) -> float:
+    return float(np.linalg.norm(one.u[one.excited]))
+
+
+def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
+    half = one.n_periods // 2
+    if half < PERIODS_LEAST:
+        hint = "name records to judge on with --held-out, or measure more periods or realisations"
+        raise InputError(
+            "too few periods to keep half of them out", one.name, f"{one.n_periods} of at least 4", hint
+        )
+    parts = copy.copy(one), copy.copy(one)
+    for part, rows in zip(parts, (slice(None, half), slice(half, None)), strict=True):
+        part.U, part.Y = one.U[rows], one.Y[rows]
+    return parts
+
+
+# ---- the fit -----------------------------------------------------------------------------------------------
+
+
+def _starts(
+    fit: PlantFit, effect: str, measured: list[Spectra], params: Mapping[str, float] | None
+) -> list[PlantModel]:
+    """The model with the effect at the points to fit from: the likeliest of its grid, or typical ones."""
+    tries = _likeliest(fit, effect, measured)
+    fixed = tries[0][0].fixed if tries else ()
+    if params is not None:
+        return [with_effect(fit.model, effect, dict(params), fixed=fixed)]
+    if tries:
+        return [with_effect(fit.model, effect, p.start(size), p.limits, p.fixed) for p, size in tries]
+    strengths = {p.name: p.typical for p in find(effect).parameters if p.null_value is not None}
+    return [
+        with_effect(fit.model, effect, {name: size * value for name, value in strengths.items()})
+        for size in SIZES
+    ]
+
+
+def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tuple[Probe, np.ndarray]]:
+    """Points of the effect's grid with the largest predicted drops of the cost, and their coefficients."""
+    paths = [_trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
+    residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
+    scored = [
+        (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
+        for probe in probes(paths, [effect])
+    ]
+    scored.sort(key=lambda pair: -pair[1].drop)
+    return [(probe, item.size) for probe, item in scored[:STARTS]]
+
+
+def _best_fit(
+    before: PlantFit,
+    effect: str,
+    starts: list[PlantModel],
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    on_step: Callable[[str], None],
+) -> PlantFit:
+    best: PlantFit | None = None
+    failure: Exception | None = None
+    for i, start in enumerate(starts, 1):
+        on_step(f"fitting {effect}, start {i} of {len(starts)}")
+        try:
+            tried = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
+        except (GsidError, InputError) as error:
+            failure = error
+            continue
+        if best is None or tried.cost < best.cost:
+            best = tried
+    if best is None:
+        hint = "give values to start from with --param"
+        raise InputError(f"{effect} can be fitted from no start", measured[0].name, str(failure), hint)
+    return best if best.converged else fit_plant(best.model, measured, band=band)
+
+
+def _rung(
+    effect: str,
+    before: PlantFit,
+    after: PlantFit,
+    fitted: list[Spectra],
+    kept: list[Spectra],
+    words: str,
+    band: tuple[float, float] | None,
+) -> Rung:
+    def level(fit: PlantFit) -> dict[str, float]:
+        seen = compare(fit.model, fitted, band=band)
+        return {"cost_per_dof": fit.cost_per_dof} | _sizes(seen)
+
+    without, with_it = (compare(fit.model, kept, band=band) for fit in (before, after))
+    return Rung(
+        effect=effect,
+        params={name: _plain(p) for name, p in after.model.effects[-1].params.items()},
+        before=level(before),
+        after=level(after),
+        held_out={"before": without.rms_error, "after": with_it.rms_error},
+        noise_floor_rms=with_it.noise_floor_rms,
+        kept_out=words,
+        y_unit=kept[0].y_unit,
+    )
+
+
+def _sizes(seen: Comparison) -> dict[str, float]:
+    return {"rms_error": seen.rms_error, "noise_floor_rms": seen.noise_floor_rms}
+
+
+def _plain(param: Param) -> dict[str, float | None]:
+    known = param.std is not None and np.isfinite(param.std)
+    return {"value": param.value, "std": param.std if known else None}

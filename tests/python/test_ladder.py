@@ -1,0 +1,133 @@
+"""The ladder: an effect of the simulated axis added, judged on data not fitted, and taken back."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+from plants import FS_HZ, axis_record, plant
+
+from gsid import plots
+from gsid.compare import compare
+from gsid.errors import InputError
+from gsid.excitation import Multisine
+from gsid.frf import spectra
+from gsid.ladder import add, ladder, undo
+from gsid.model import load_model
+
+SEED = 20260305
+N, BAND, NOISE = 1500, (2.0, 100.0), 0.02
+AXIS = {"gain": 7.4, "viscous_rate": 11.0, "spring_stiffness": 170.0, "delay_s": 0.0054}
+LEVEL = 2.0  # of the hidden friction [deg/s^2]
+
+
+def start():
+    """The axis without its friction, 5 % off."""
+    return plant(
+        {
+            "rigid_body": {"gain": 7.7},
+            "viscous_friction": {"rate": 10.5},
+            "cable_spring": {"stiffness": 175.0},
+            "transport_delay": {"delay_s": 0.0052},
+        }
+    )
+
+
+def realisation(seed, amplitude=3.0, n_periods=6, coulomb_level=LEVEL):
+    multisine = Multisine.design(FS_HZ, N, BAND, phases="random", seed=seed, amplitude=amplitude)
+    record = axis_record(
+        multisine.table(), n_periods, NOISE, seed, f"r{seed}", coulomb_level=coulomb_level, **AXIS
+    )
+    return spectra(record)
+
+
+@pytest.fixture(scope="module")
+def records():
+    print("seeds", SEED, "on")
+    return [realisation(SEED + i) for i in range(3)]
+
+
+@pytest.fixture(scope="module")
+def added(records):
+    return add("coulomb_friction", start(), records)
+
+
+def test_the_error_falls_to_the_noise_on_data_not_fitted(added, records):
+    rung = added.rung
+    assert rung.effect == "coulomb_friction"
+    assert rung.kept_out == f"r{SEED + 2}"
+    assert rung.held_out["before"] > 3 * rung.noise_floor_rms
+    assert rung.held_out["after"] < 1.1 * rung.noise_floor_rms
+    assert rung.before["cost_per_dof"] > 10
+    # 2 records of 2 x 99 numbers: 1 within 5 sigma of chi-square
+    assert rung.after["cost_per_dof"] == pytest.approx(1, abs=5 * np.sqrt(2 / 392))
+    level = rung.params["level"]
+    assert abs(level["value"] - LEVEL) < 4 * level["std"]
+    assert compare(added.model, records[2]).rms_error == pytest.approx(rung.held_out["after"])
+    assert "falls" in rung.sentence
+
+
+def test_the_record_kept_out_is_not_fitted(added, records):
+    other = [records[0], records[1], realisation(SEED + 9, coulomb_level=0.0)]
+    again = add("coulomb_friction", start(), other)
+    np.testing.assert_array_equal(again.model.free_values, added.model.free_values)
+    assert again.rung.held_out["after"] > 3 * again.rung.noise_floor_rms
+
+
+def test_a_second_step_that_the_data_do_not_need(added, records):
+    second = add("quadratic_drag", added.model, records)
+    assert second.rung.before["cost_per_dof"] == pytest.approx(added.rung.after["cost_per_dof"], rel=1e-4)
+    assert second.rung.held_out["after"] == pytest.approx(added.rung.held_out["after"], rel=0.02)
+    rows = second.ladder.rows()
+    assert [row[0] for row in rows] == ["as it was", "+ coulomb_friction", "+ quadratic_drag"]
+    assert "kept out [deg/s]" in repr(second)
+
+
+def test_undo_goes_back_step_by_step(added, records, tmp_path):
+    second = add("torque_bias", added.model, records, params={"level": 1.0})
+    second.model.save(tmp_path / "two.json")
+    one = undo(load_model(tmp_path / "two.json"))
+    assert one.to_dict() == added.model.to_dict()
+    none = undo(one)
+    assert none.to_dict() == start().to_dict()
+    with pytest.raises(InputError, match="no step to take back"):
+        undo(none)
+    json.dumps(second.to_dict(), allow_nan=False)
+
+
+def test_which_data_are_kept_out(caplog):
+    few = [realisation(SEED, n_periods=4), realisation(SEED + 1, n_periods=4)]
+    loud = [realisation(SEED + i, 9.0, 4) for i in (2, 3)]
+    with caplog.at_level(logging.INFO, "gsid.ladder"):
+        assert add("coulomb_friction", start(), [*few, *loud]).rung.kept_out == "2 records kept out"
+        assert f"r{SEED + 1}, r{SEED + 3}" in caplog.text
+        assert add("coulomb_friction", start(), few).rung.kept_out == "the later periods"
+        assert "first half of the periods" in caplog.text
+    named = add("coulomb_friction", start(), few, held_out=loud[0])
+    assert named.rung.kept_out == f"r{SEED + 2}"
+    assert named.rung.held_out["after"] < 1.2 * named.rung.noise_floor_rms
+    with pytest.raises(InputError, match="too few periods to keep half") as refused:
+        add("coulomb_friction", start(), realisation(SEED, n_periods=3))
+    assert "--held-out" in refused.value.hint
+
+
+@pytest.mark.parametrize(
+    ("effect", "params", "what"),
+    [
+        ("rigid_body", None, "not one to add"),
+        ("coulomb", None, "unknown effect"),
+        ("coulomb_friction", {"lvel": 1.0}, "unknown parameter"),
+    ],
+)
+def test_misuse(records, effect, params, what):
+    with pytest.raises(InputError, match=what):
+        add(effect, start(), records, params=params)
+
+
+def test_picture(added):
+    figure = plots.ladder(added.ladder)
+    words = " ".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
+    for part in ("+ coulomb_friction", "× noise", "noise alone", "rms error [deg/s]"):
+        assert part in words
+    with pytest.raises(ValueError, match="no step"):
+        plots.ladder(ladder(start()))
