@@ -35,5 +35,8 @@ def tree(root, tmp_path) -> Path:
     """Return a copy of the C sources and the Makefile to plant violations in."""
     for folder in ("include", "src", "tools"):
         shutil.copytree(root / folder, tmp_path / folder)
-    shutil.copy(root / "Makefile", tmp_path)
+    for makefile in (root / "Makefile", *root.glob("tests/*/*.mk")):
+        copy = tmp_path / makefile.relative_to(root)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(makefile, copy)
     return tmp_path
