@@ -38,6 +38,8 @@ SIZES = (1.0, 0.1, 10.0)  # times the typical size, for effects that have no gri
 HELD_OUT_SHARE = 3  # one realisation in three
 PERIODS_LEAST = 2  # for a variance, on either side
 
+STATE = ("effects", "covariance", "fit")  # of a model file: what a step changes
+
 Records = Record | Spectra | Sequence[Record | Spectra]
 
 
@@ -218,10 +220,8 @@ def add(
     on_step(f"judging on {words}")
     label = after.model.labels()[-1][0]
     rung = _rung(label, before, after, fitted, kept, words, band)
-    after.model.history = [
-        *copy.deepcopy(model.history),
-        {"add": effect, "rung": rung.to_dict()} | _kept(model),
-    ]
+    step = {"add": effect, "rung": rung.to_dict(), "previous": _previous(model)}
+    after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
 
 
@@ -245,11 +245,9 @@ def undo(model: PlantModel) -> PlantModel:
     if not model.history or "previous" not in model.history[-1]:
         hint = "its history is empty: `gsid add` writes one"
         raise InputError("the model has no step to take back", "", None, hint)
-    data = model.to_dict()
-    for key in ("effects", "covariance", "fit", "history"):
-        data.pop(key, None)
-    previous = model.history[-1]["previous"] | {"history": copy.deepcopy(model.history[:-1])}
-    return PlantModel.from_dict(data | previous)
+    data = {key: value for key, value in model.to_dict().items() if key not in STATE}
+    data |= copy.deepcopy(model.history[-1]["previous"]) | {"history": copy.deepcopy(model.history[:-1])}
+    return PlantModel.from_dict(data)
 
 
 def ladder(model: PlantModel) -> Ladder:
@@ -270,10 +268,9 @@ def ladder(model: PlantModel) -> Ladder:
         raise InputError(f"the model's history cannot be read: {error}") from error
 
 
-def _kept(model: PlantModel) -> dict[str, Any]:
+def _previous(model: PlantModel) -> dict[str, Any]:
     """What `undo` needs."""
-    keys = ("effects", "covariance", "fit")
-    return {"previous": {key: value for key, value in model.to_dict().items() if key in keys}}
+    return {key: value for key, value in model.to_dict().items() if key in STATE}
 
 
 # ---- data to fit and data to judge on ----------------------------------------------------------------------

@@ -105,7 +105,8 @@ def test_which_data_are_kept_out(caplog):
         assert "first half of the periods" in caplog.text
     named = add("coulomb_friction", start(), few, held_out=loud[0])
     assert named.rung.kept_out == f"r{SEED + 2}"
-    assert named.rung.held_out["after"] < 1.2 * named.rung.noise_floor_rms
+    # Fitted at a third of this level by one half of the data: the parameters' errors show a little.
+    assert named.rung.held_out["after"] < 1.5 * named.rung.noise_floor_rms
     with pytest.raises(InputError, match="too few periods to keep half") as refused:
         add("coulomb_friction", start(), realisation(SEED, n_periods=3))
     assert "--held-out" in refused.value.hint
