@@ -72,9 +72,9 @@ def gsid_tool(place: Path) -> dict:
 def error_over_floor(simulate: Callable[[np.ndarray], np.ndarray], records: Iterable) -> float:
     """RMS error of the periodic answer over the noise floor of the mean, on records that were held out.
 
-    Judged here, not by the tool: over lines up to 200 Hz, the floor from the scatter of the periods (8 of them
-    in all kinds but null). Lines that scatter 4 times as much as those around them are left out: a fan adds to
-    the scatter and little to the mean.
+    Judged here, not by the tool: over lines up to 200 Hz, the floor from the scatter of the periods (8 of
+    them in all kinds but null). Lines that scatter 4 times as much as those around them are left out: a fan
+    adds to the scatter and little to the mean.
     """
     error = floor = 0.0
     lines = slice(1, trials.LINE_JUDGED + 1)
