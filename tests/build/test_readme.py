@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
-# Printed figures of seeded noise: libm and the optimiser's last steps differ between machines.
-TOLERANCE = {"rtol": 0.02, "atol": 1e-12}
+# Printed figures of seeded noise, to two digits: libm and the optimiser's last steps may turn the last one over.
+TOLERANCE = {"rtol": 0.1, "atol": 1e-12}
 
 
 def blocks(root, language):
