@@ -34,7 +34,7 @@ _log = logging.getLogger("gsid.greybox")
 
 DOF_WANTED = 20  # variances with fewer degrees of freedom are pooled over neighbouring lines
 SAME_LEVEL = 1.05  # records whose inputs' rms differ by less are of one level
-SETTLED, UNSETTLED = 1e-3, 0.1  # what may change in a period, over the mean's noise: sought, and reported
+SETTLED, UNSETTLED = 1e-2, 0.1  # what may change in a period, over the mean's noise: sought, and reported
 FLOOR = 1e-7  # of the largest line: an output repeats no better than this
 
 DECREASE = 0.01  # stop when a step promises less, in units of the cost

@@ -30,7 +30,7 @@ UNITS = {
 OVERSAMPLING = 4
 
 SETTLE_PERIODS = 2  # before the first Newton step
-SETTLE_LONGER = 20  # where that did not lead to the steady state
+SETTLE_LONGER = 10  # where that did not lead to the steady state
 NEWTON_STEPS = 8
 SETTLED = 1e-7  # share of the output's rms that may still change in a period
 
