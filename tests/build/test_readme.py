@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
-# Printed figures of seeded noise, to two digits: libm and the optimiser's last steps may turn the last one over.
+# Seeded noise printed to two digits: libm and the optimiser's last steps may turn the last one over.
 TOLERANCE = {"rtol": 0.1, "atol": 1e-12}
 
 
