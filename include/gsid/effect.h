@@ -46,7 +46,8 @@ typedef struct {
 typedef struct {
     gsid_real angle;    /* of the axis, or the twist of the joint that the effect makes */
     gsid_real rate;     /* of the axis */
-    gsid_real side;     /* +1 or -1: the direction of motion; fixed between two reversals, whatever the sign of rate */
+    gsid_real side;     /* +1 or -1: the direction of motion, fixed between two reversals whatever the sign of rate; for
+                           effects that can hold the axis or have a memory */
     int zone;           /* -1, 0, +1: below -edge, between, above edge; fixed between two crossings */
     gsid_real turned;   /* angle of the axis since memory was taken */
     gsid_real memory;   /* the law's own state, when it has one */

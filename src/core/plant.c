@@ -7,8 +7,10 @@
 
 #include "plant_private.h"
 
-/* A step of the Runge-Kutta method is at most this many radians of the stiffest law. */
+/* A step of the Runge-Kutta method is at most this many radians of the stiffest law. The derivative by the delay at a hard stop
+ * is what asks for such fine ones; a joint does with coarser. */
 #define STEP_RAD GSID_R(0.025)
+#define JOINT_STEP_RAD GSID_R(0.05)
 #define STEPS_MAX 256
 /* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
 #define RATE_SAMPLES_MAX GSID_R(4000.0)
@@ -195,8 +197,8 @@ static gsid_real acceleration(const gsid_linear *linear, uint32_t channel) {
     return sum;
 }
 
-/* Square of the fastest rate that a law adds, by the slope of its torque at its steepest. */
-static gsid_real stiffness_of(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
+/* Square of the steps a second that a law needs, by the slope of its torque at its steepest. */
+static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
     gsid_real steepest = 0;
     for (int zone = -1; zone <= 1; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
@@ -206,7 +208,8 @@ static gsid_real stiffness_of(const gsid_plant_layout *l, const gsid_linear *lin
         const gsid_real slope = gsid_fabs(t.by_angle) + gsid_fabs(t.by_turned);
         steepest = slope > steepest ? slope : steepest;
     }
-    return steepest * acceleration(linear, law->channel);
+    const gsid_real step_rad = law->channel == JOINT ? JOINT_STEP_RAD : STEP_RAD;
+    return steepest * acceleration(linear, law->channel) / (step_rad * step_rad);
 }
 
 /* Steps that a length is cut into, and the delay's whole samples and fraction. */
@@ -223,10 +226,10 @@ static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layou
     t->fastest = gsid_plant_fastest(linear);
     if (!(t->fastest <= RATE_SAMPLES_MAX * cfg->fs_hz))
         return GSID_E_CONFIG;
-    gsid_real stiffness = 0;
+    gsid_real sum = 0;
     for (uint32_t i = 0; i < l->n_laws; i++)
-        stiffness += stiffness_of(l, linear, &l->law[i]);
-    const gsid_real steps_per_s = gsid_sqrt(stiffness) / STEP_RAD;
+        sum += steps_squared(l, linear, &l->law[i]);
+    const gsid_real steps_per_s = gsid_sqrt(sum);
     if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz))
         return GSID_E_CONFIG;
     t->delay_samples = (uint32_t)samples;
