@@ -44,6 +44,7 @@ STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
+TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
 
 
 @dataclass(eq=False)
@@ -365,14 +366,15 @@ def _trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajector
 def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]:
     """Every probe of every effect that the model does not have."""
     present = {effect.id for effect in fit.model.effects}
-    absent = [e.id for e in catalogue().values() if e.id not in present and e.stage != "controller"]
+    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if fit.model.angle_unit == "m" else ())
+    absent = [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
     trajectories = [
         _trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
     ]
     residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
     return [
         (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
-        for probe in probes(trajectories, [e for e in absent if e not in NOT_SEEN_IN_THE_MEAN])
+        for probe in probes(trajectories, absent)
     ]
 
 

@@ -17,6 +17,8 @@ import numpy as np
 
 Params = dict[str, float]
 
+QUANTIZATION_POINTS = 400  # down to a step of about a hundred and thirtieth of the peak
+
 
 @dataclass(eq=False)
 class Trajectory:
@@ -217,7 +219,7 @@ def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
                 "cycles_per_rev": float(n),
                 "phase_rad": float(np.arctan2(c[1], c[0])),
             },
-            limits={"cycles_per_rev": (float(max(cycles - 1.5 * step, 1)), float(cycles + 1.5 * step))},
+            limits={"cycles_per_rev": (float(max(cycles - 1.5 * step, lowest)), float(cycles + 1.5 * step))},
         )
 
 
@@ -243,15 +245,31 @@ def _command(
     parameter: str,
     sizes: np.ndarray,
     law: Callable[[np.ndarray, float], np.ndarray],
+    fixed: tuple[str, ...] = (),
 ) -> Iterator[Probe]:
     for size in sizes:
         columns = [t.of_command(law(t.command, size) - t.command)[None, :] for t in trajectories]
-        yield Probe(effect, columns, lambda c, s=size: {parameter: float(s)}, one_sided=True)
+        yield Probe(effect, columns, lambda c, s=size: {parameter: float(s)}, True, fixed=fixed)
+
+
+def _rounded(u: np.ndarray, step: float) -> np.ndarray:
+    return step * np.round(u / step)
 
 
 def _quantization(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    sizes = _largest(trajectories, "command") * np.geomspace(1e-4, 0.3, 14)
-    yield from _command("drive_quantization", trajectories, "step", sizes, lambda u, s: s * np.round(u / s))
+    # Steps so close that at the peak the rounding of one point agrees with the next's but for a third of a step.
+    peak = _largest(trajectories, "command")
+    size = 0.3 * peak
+    for _ in range(QUANTIZATION_POINTS):
+        yield from _command(
+            "drive_quantization",
+            trajectories,
+            "step",
+            np.array([size]),
+            lambda u, s: s * np.round(u / s),
+            fixed=("step",),
+        )
+        size /= 1 + size / (3 * peak)
 
 
 def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:

@@ -22,6 +22,8 @@ VERBS = {
     "fit": "Fit a rational model with delay to records.",
     "compare": "Compare a model with records: adequate or not, and where not.",
     "effects": "List the catalogue of physical effects.",
+    "diagnose": "Find the physical effect that a model misses.",
+    "add": "Add an effect to a model and see how much the error falls.",
     "report": "Write a report as one HTML page.",
     "demo": "Measure, fit and compare the simulated axis, from end to end.",
     "doctor": "Say which versions are in use and what is missing.",
@@ -83,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
         where = ": ".join([*place, *([] if error.value is None else [str(error.value)])])
         _error(error.what, where, error.hint or "repair the file, or name another")
         return EXIT_INPUT
-    except BrokenPipeError:  # the reader of the pipe has seen enough
+    except (BrokenPipeError, SystemExit):  # the reader of the pipe has seen enough; click answers it by exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_GOOD
     except (OSError, click.FileError) as error:
