@@ -48,8 +48,15 @@ gsid_status gsid_lsq_reset(gsid_lsq *q) {
     return GSID_OK;
 }
 
-/* Rotation that turns (r, a), a not 0, into (length, 0). Only ratios are squared: nothing overflows that need not. */
+/* Rotation that turns (r, a), a not 0, into (length, 0). Near the ends of the range only ratios are squared. */
 static gsid_real rotation(gsid_real r, gsid_real a, gsid_real *c, gsid_real *s) {
+    const gsid_real sum = r * r + a * a;
+    if (sum > GSID_SMALLEST / GSID_EPSILON && sum <= GSID_LARGEST) {
+        const gsid_real length = gsid_sqrt(sum), inverse = 1 / length;
+        *c = r * inverse;
+        *s = a * inverse;
+        return length;
+    }
     if (gsid_fabs(r) >= gsid_fabs(a)) {
         const gsid_real t = a / r, root = gsid_sqrt(1 + t * t);
         *c = 1 / root;

@@ -10,9 +10,13 @@
 #ifdef GSID_SINGLE
 #define GSID_LIBM(name) name##f
 #define GSID_EPSILON FLT_EPSILON
+#define GSID_SMALLEST FLT_MIN
+#define GSID_LARGEST FLT_MAX
 #else
 #define GSID_LIBM(name) name
 #define GSID_EPSILON DBL_EPSILON
+#define GSID_SMALLEST DBL_MIN
+#define GSID_LARGEST DBL_MAX
 #endif
 
 #define gsid_sin GSID_LIBM(sin)
