@@ -275,43 +275,51 @@ static void list_slope_columns(gsid_plant_layout *l, uint32_t n_free) {
     }
 }
 
+/* Make the draft what holds. */
+static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
+    const gsid_linear built = l->draft;
+    l->draft = l->linear;
+    l->linear = built;
+    l->fastest = t->fastest;
+    l->delay_samples = t->delay_samples;
+    l->width = l->linear.n + FORCING * l->n_channels;
+    order_rows(l);
+    order_shooting(l);
+    list_slope_columns(l, n_free);
+    for (int i = 0; i < 2; i++) {
+        l->piece[i].n_steps = t->n_steps[i];
+        if (t->n_steps[i] == 0)
+            continue;
+        l->piece[i].step.length_s = t->length_s[i] / (gsid_real)t->n_steps[i];
+        gsid_plant_flow_build(l, &l->piece[i].step);
+    }
+}
+
+static void set_refresh(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
+    const gsid_real rate_hz = l->sampler != NULL ? l->sampler->effect->refresh_hz(l->sampler) : 0;
+    l->sample_s = 1 / cfg->fs_hz;
+    l->refresh_s = rate_hz > 0 ? 1 / rate_hz : 0;
+    l->refresh = l->refresh_s * cfg->fs_hz;
+}
+
 gsid_status gsid_plant_update(gsid_plant *plant) {
     if (plant == NULL)
         return GSID_E_NULL;
     if (plant->layout == NULL)
         return GSID_E_STATE;
     gsid_plant_layout *l = plant->layout;
-    const gsid_plant_cfg *cfg = &plant->cfg;
     needs n;
-    gsid_status status = check(cfg, &n);
+    timing t;
+    gsid_status status = check(&plant->cfg, &n);
     if (status != GSID_OK)
         return status;
-    timing t;
-    gsid_plant_linear_build(cfg, &l->draft);
-    status = plan_timing(cfg, l, &l->draft, &t);
+    gsid_plant_linear_build(&plant->cfg, &l->draft);
+    status = plan_timing(&plant->cfg, l, &l->draft, &t);
     if (status != GSID_OK)
         return status;
     const int same_states = l->draft.n == l->linear.n;
-    const gsid_linear built = l->draft;
-    l->draft = l->linear;
-    l->linear = built;
-    l->fastest = t.fastest;
-    l->delay_samples = t.delay_samples;
-    l->refresh_s = l->sampler != NULL ? l->sampler->effect->refresh_hz(l->sampler) : 0;
-    l->refresh_s = l->refresh_s > 0 ? 1 / l->refresh_s : 0;
-    l->sample_s = 1 / cfg->fs_hz;
-    l->refresh = l->refresh_s * cfg->fs_hz;
-    l->width = l->linear.n + FORCING * l->n_channels;
-    order_rows(l);
-    order_shooting(l);
-    list_slope_columns(l, cfg->n_free);
-    for (int i = 0; i < 2; i++) {
-        l->piece[i].n_steps = t.n_steps[i];
-        if (t.n_steps[i] == 0)
-            continue;
-        l->piece[i].step.length_s = t.length_s[i] / (gsid_real)t.n_steps[i];
-        gsid_plant_flow_build(l, &l->piece[i].step);
-    }
+    set_refresh(&plant->cfg, l);
+    adopt(l, &t, plant->cfg.n_free);
     return same_states ? GSID_OK : gsid_plant_reset(plant);
 }
 
