@@ -8,6 +8,7 @@ import importlib.metadata
 import json
 import math
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, TextIO
@@ -15,6 +16,8 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 if TYPE_CHECKING:
+    from gsid.ladder import Ladder
+    from gsid.plant import PlantModel
     from gsid.record import Record
 
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
@@ -47,8 +50,7 @@ class Band(click.ParamType):
         return lo, hi
 
 
-RECORD_OPTIONS = (
-    click.argument("records", metavar="REC...", nargs=-1, required=True, type=click.Path()),
+READING_OPTIONS = (
     click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
     click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
     click.option("--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate, where the file does not say."),
@@ -70,13 +72,29 @@ def band_option(text: str) -> Callable:
     return click.option("--band", type=Band(), help=text)
 
 
-def record_options(command: Callable) -> Callable:
-    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+def plant_option(text: str) -> Callable:
+    """--model of verbs that need a stack of effects."""
+    return click.option(
+        "--model", "model_path", metavar="M.json", type=click.Path(), required=True, help=text
+    )
+
+
+alpha_option = click.option(
+    "--alpha",
+    metavar="P",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
+    help="Rate at which a right model may be rejected.",
+)
+
+
+def reading_options(command: Callable) -> Callable:
+    """Options of verbs that read records; the command is given `read`, from paths to records."""
 
     @functools.wraps(command)
-    def with_records(
+    def with_reader(
         *args: object,
-        records: Sequence[str],
         u_name: str | None,
         y_name: str | None,
         fs_hz: float | None,
@@ -84,16 +102,55 @@ def record_options(command: Callable) -> Callable:
         settle: int | None,
         **kwargs: object,
     ) -> object:
-        from gsid.io import read_record
+        def read(paths: Sequence[str]) -> list[Record]:
+            from gsid.io import read_record
 
-        read = [
-            read_record(r, u=u_name, y=y_name, fs_hz=fs_hz, period=period, settle=settle) for r in records
-        ]
-        return command(*args, records=read, **kwargs)
+            return [
+                read_record(path, u=u_name, y=y_name, fs_hz=fs_hz, period=period, settle=settle)
+                for path in paths
+            ]
 
-    for option in reversed(RECORD_OPTIONS):
-        with_records = option(with_records)
-    return with_records
+        return command(*args, read=read, **kwargs)
+
+    for option in reversed(READING_OPTIONS):
+        with_reader = option(with_reader)
+    return with_reader
+
+
+def record_options(command: Callable) -> Callable:
+    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+
+    @functools.wraps(command)
+    def with_records(
+        *args: object, records: Sequence[str], read: Callable[[Sequence[str]], list[Record]], **kwargs: object
+    ) -> object:
+        return command(*args, records=read(records), **kwargs)
+
+    return records_argument(reading_options(with_records))
+
+
+def records_argument(command: Callable) -> Callable:
+    """REC..., one at least."""
+    return click.argument("records", metavar="REC...", nargs=-1, required=True, type=click.Path())(command)
+
+
+def load_plant(path: str) -> PlantModel:
+    """Read a model that is a stack of effects.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is a fitted transfer function.
+    """
+    from gsid.errors import InputError
+    from gsid.model import load_model
+    from gsid.plant import PlantModel
+
+    model = load_model(path)
+    if not isinstance(model, PlantModel):
+        hint = "write a model file that lists effects; `gsid effects` has their names and parameters"
+        raise InputError("a fitted transfer function has no physical effects", path, None, hint)
+    return model
 
 
 @contextlib.contextmanager
@@ -186,3 +243,33 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: S
     for row in [list(header), *rows]:
         cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
         print("  ".join(cells).rstrip())
+
+
+def print_parameters(model: PlantModel) -> None:
+    """Print the parameters of a plant with their standard deviations and units."""
+    rows = []
+    for label, effect in model.labels():
+        for name, p in effect.params.items():
+            if not p.free:
+                sigma = "fixed"
+            else:
+                sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
+            rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
+    print_table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+
+
+def print_ladder(ladder: Ladder) -> None:
+    """Print the error after each step."""
+    unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
+    header = ["step", "cost per d.o.f.", f"rms error fitted{unit}", f"kept out{unit}", f"noise alone{unit}"]
+    print_table(header, ladder.rows(), left=["step"])
+
+
+def suggest(text: str) -> None:
+    """Say what comes next."""
+    say(f"{click.style('hint:', fg='cyan')} {text}")
+
+
+def record_words(paths: Sequence[str]) -> str:
+    """Records as one types them, or REC... when they are many."""
+    return shlex.join(paths) if len(paths) <= 3 else "REC..."

@@ -8,6 +8,7 @@ import click
 
 from gsid.cli.common import (
     EXIT_CRITERION,
+    alpha_option,
     band_option,
     json_option,
     options_as_arguments,
@@ -33,14 +34,7 @@ if TYPE_CHECKING:
     help="Model to compare.",
 )
 @band_option("Lines from LO to HI [Hz] only.")
-@click.option(
-    "--alpha",
-    metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.05,
-    show_default=True,
-    help="Rate at which a right model may be rejected.",
-)
+@alpha_option
 @click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
 @json_option
 @click.pass_context

@@ -1,0 +1,111 @@
+"""gsid diagnose"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import (
+    alpha_option,
+    band_option,
+    json_option,
+    load_plant,
+    options_as_arguments,
+    plant_option,
+    print_json,
+    print_parameters,
+    print_table,
+    reading_options,
+    record_words,
+    records_argument,
+    say,
+    suggest,
+)
+
+if TYPE_CHECKING:
+    from gsid.compare import Comparison
+    from gsid.diagnose import Diagnosis
+    from gsid.record import Record
+
+SHOWN = 4  # groups of each round
+
+
+@click.command(short_help="Find the physical effect that a model misses.")
+@records_argument
+@reading_options
+@plant_option("Stack of effects believed so far.")
+@band_option("Lines from LO to HI [Hz] only.")
+@alpha_option
+@click.option(
+    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of the bootstrap. [default: 0]"
+)
+@click.option(
+    "-o", "--output", metavar="M2.json", type=click.Path(), help="Write the model with what is found."
+)
+@json_option
+def diagnose(
+    records: Sequence[str],
+    read: Callable[[Sequence[str]], list[Record]],
+    model_path: str,
+    band: tuple[float, float] | None,
+    alpha: float,
+    seed: int,
+    output: str | None,
+    as_json: bool,
+) -> None:
+    """Find out whether a physical effect is missing from a model, and which.
+
+    The free parameters are fitted first. Effects of the catalogue that could explain the rest are fitted one
+    by one and ranked by evidence; those that the data cannot tell apart stand in one group. Best are several
+    realisations at two levels of the excitation.
+    """
+    from gsid.compare import compare
+    from gsid.diagnose import diagnose as find_missing
+    from gsid.frf import spectra
+
+    model = load_plant(model_path)
+    measured = [spectra(record) for record in read(records)]
+    with options_as_arguments():
+        result = find_missing(
+            model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
+        )
+        before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha)
+    if output:
+        result.model.save(output)
+        say(f"wrote {output}")
+    if as_json:
+        print_json(before.to_dict() | result.to_dict())
+        return
+    _print(result, before)
+    data = f"--model {model_path} {record_words(records)}"
+    if result.verdict == "missing_effect":
+        suggest(f"gsid add {result.found[0].effects[0]} {data} -o M2.json")
+    elif result.verdict == "unknown_effect":
+        suggest(f"gsid report --diagnose {data} draws the torque that is missing")
+
+
+def _print(result: Diagnosis, before: Comparison) -> None:
+    print(result.sentence)
+    if before.where:
+        print(before.verdict)
+    rows = [
+        [
+            str(number),
+            f"{group.probability:.1%}",
+            " or ".join(group.effects),
+            f"{step.fit.cost_per_dof:.4g}",
+            f"{group.candidates[0].fit.cost_per_dof:.4g}",
+        ]
+        for number, step in enumerate(result.steps, 1)
+        for group in step.ranking[:SHOWN]
+    ]
+    if rows:
+        print()
+        header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]
+        print_table(header, rows, left=["effects"])
+    print()
+    print_parameters(result.model)
+    if result.next_experiment:
+        print(f"\n{result.next_experiment}")

@@ -1,0 +1,133 @@
+"""gsid diagnose and gsid add: the whole story on the simulated axis, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gsid.excitation import Multisine
+from gsid.io import write_record
+from gsid.model import RationalModel, load_model
+from gsid.plant import PlantModel
+from gsid.record import Record
+from gsid.simulate import SimulatedAxis
+
+FS_HZ, N, BAND, LEVEL = 3000.0, 1500, (2.0, 100.0), 2.0
+RECORDS = [f"r{i}.npz" for i in range(4)]
+PARAMETERS = {
+    "rigid_body": {"gain": 7.6},
+    "viscous_friction": {"rate": 10.6},
+    "cable_spring": {"stiffness": 174.0},
+    "transport_delay": {"delay_s": 0.0053},
+    "sensor_lag": {"time_constant_s": 0.00104},
+}
+
+
+def write(name, seed, amplitude):
+    """Four settled periods of the default axis without its mode and its fan, with dry friction."""
+    u = Multisine.design(FS_HZ, N, BAND, grid="odd", phases="random", seed=seed, amplitude=amplitude).table()
+    axis = SimulatedAxis(
+        coulomb_level=LEVEL, mode_residue=0.0, fan_amplitude=0.0, noise_low_rms=0.0, noise_rms=0.02, seed=seed
+    )
+    u, y, _ = axis.step(np.tile(u, 8))
+    write_record(name, Record(u, y, FS_HZ, N, 4 * N, hold="zoh", u_unit="command", y_unit="deg/s"))
+
+
+@pytest.fixture(autouse=True)
+def files(plain_words):
+    for i, name in enumerate(RECORDS):
+        write(name, 40 + i, 3.0 if i < 2 else 6.0)
+    effects = [{"effect": effect, "params": params} for effect, params in PARAMETERS.items()]
+    PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS_HZ, "effects": effects}).save("null.json")
+
+
+def test_the_story(gsid):
+    """Rejected, named, added, adequate; taken back."""
+    compared = json.loads(gsid("compare", "--model", "null.json", *RECORDS, "--json").out)
+    assert compared["adequate"] is False
+
+    result = gsid("diagnose", "--model", "null.json", *RECORDS, "-o", "found.json", "--json")
+    assert result.code == 0
+    told = json.loads(result.out)
+    assert compared.keys() <= told.keys()
+    assert told["verdict"] == "missing_effect"
+    assert told["adequate"] is False
+    first = told["ranking"][0]
+    assert "coulomb_friction" in first["effects"]
+    assert first["probability"] > 0.5
+    assert {"cost_per_dof_after", "params"} <= first.keys()
+    assert "next_experiment" in told
+    assert "-- fitting the model as it is\n" in result.err
+    assert "coulomb_friction.level" in load_model("found.json").free_names
+
+    result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS, "-o", "one.json", "--json")
+    assert result.code == 0
+    added = json.loads(result.out)
+    assert added["before"]["cost_per_dof"] > 5 > 1.3 > added["after"]["cost_per_dof"]
+    assert added["after"]["rms_error"] < added["before"]["rms_error"]
+    assert added["held_out"]["before"] > 2 * added["noise_floor_rms"]
+    assert added["held_out"]["after"] < 1.15 * added["noise_floor_rms"]
+    level = added["params"]["level"]
+    assert abs(level["value"] - LEVEL) < 4 * level["std"]
+    assert "kept out of the fit, to judge on: r1.npz, r3.npz" in result.err
+
+    compared = json.loads(gsid("compare", "--model", "one.json", *RECORDS, "--json").out)
+    assert compared["cost_per_dof"] < 1.3
+
+    result = gsid("add", "--undo", "--model", "one.json", "-o", "none.json")
+    assert (result.code, result.out) == (0, "Took back coulomb_friction; steps left: 0.\n")
+    assert load_model("none.json").to_dict() == load_model("null.json").to_dict()
+
+
+def test_in_words(gsid):
+    result = gsid("diagnose", "--model", "null.json", *RECORDS)
+    lines = result.out.splitlines()
+    assert lines[0].startswith("Missing: ")
+    assert lines[1].startswith("Not adequate: ")
+    assert "round  probability  effects" in result.out
+    assert "deg/s^2 per command" in result.out
+    assert "hint: gsid add " in result.err
+
+    result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], "-o", "one.json")
+    assert result.out.startswith("With coulomb_friction the rms error on the later periods falls: ")
+    assert "kept out [deg/s]" in result.out
+    assert "note: fitted to the first half of the periods, judged on the second\n" in result.err
+    assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
+
+
+def test_start_and_records_to_judge_on(gsid):
+    arguments = ["--param", "level=1.5", "--held-out", "r2.npz", "--held-out", "r3.npz", "-o", "one.json"]
+    result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], *arguments, "--json")
+    added = json.loads(result.out)
+    assert added["kept_out"] == "2 records kept out"
+    assert added["params"]["level"]["value"] == pytest.approx(LEVEL, rel=0.1)
+    undone = gsid("add", "--undo", "--model", "one.json", "-o", "none.json", "--json")
+    assert json.loads(undone.out) == {"undone": "coulomb_friction", "ladder": []}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["add", "columb_friction", "r0.npz"], 3, "did you mean coulomb_friction?"),
+        (["add", "coulomb_friction", "r0.npz", "--param", "lvel=1"], 3, "did you mean level?"),
+        (["add", "coulomb_friction", "r0.npz", "--param", "level:1"], 2, "is not NAME=VALUE"),
+        (["add", "coulomb_friction"], 2, "a record is missing"),
+        (["add"], 2, "name of an effect is missing"),
+        (["add", "--undo"], 3, "the model has no step to take back"),
+        (["add", "--undo", "coulomb_friction"], 2, "leave out effect"),
+    ],
+)
+def test_misuse_of_add(gsid, arguments, code, words):
+    result = gsid(*arguments, "--model", "null.json", "-o", "two.json")
+    assert (result.code, result.out) == (code, "")
+    assert words in result.err
+    assert "hint: " in result.err
+
+
+def test_a_transfer_function_has_no_effects(gsid):
+    RationalModel([80.0], [1.0, 50.0]).save("rational.json")
+    for verb in (["diagnose"], ["add", "coulomb_friction", "-o", "two.json"]):
+        result = gsid(*verb, "--model", "rational.json", "r0.npz")
+        assert result.code == 3
+        assert "has no physical effects" in result.err
+        assert "`gsid effects`" in result.err
