@@ -88,7 +88,7 @@ static gsid_real weight_of(const gsid_frd *data, uint32_t k) {
     return data->sigma == NULL ? GSID_R(1.0) : 1 / data->sigma[k];
 }
 
-/* V, or UNUSABLE. */
+/* V, or UNUSABLE.  Eq: EST-3 */
 static gsid_real cost_of(const gsid_frd *data, const gsid_rational *model) {
     gsid_real cost = 0;
     for (uint32_t k = 0; k < data->n_lines; k++) {

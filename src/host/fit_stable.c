@@ -25,7 +25,7 @@ gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_ratio
 #define EVALUATIONS_MAX 3000
 #define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
 
-/* One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
+/* Eq: EST-4. One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
  *   domain s, order 2: (c0, c1), c2 = 1; order 1: (c0), c1 = 1: stable when all are positive.
  *   domain z, order 2: (t, c2) with c1 = t (1 + c2), c0 = 1; order 1: (c1), c0 = 1: stable when all are within +-1. */
 static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef) {
