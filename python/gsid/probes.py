@@ -179,7 +179,7 @@ def dahl_state(angle: np.ndarray, stiffness: float) -> np.ndarray:
 
 
 def _presliding(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    lengths = _swing(trajectories) * np.geomspace(0.001, 0.5, 8)
+    lengths = _swing(trajectories) * np.geomspace(0.001, 4.0, 11)
     for length in lengths:
         yield _torque(
             "presliding_friction",
