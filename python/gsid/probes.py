@@ -257,7 +257,7 @@ def _rounded(u: np.ndarray, step: float) -> np.ndarray:
 
 
 def _quantization(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    # Steps so close that at the peak the rounding of one point agrees with the next's but for a third of a step.
+    # So close that at the peak the rounding of neighbours differs by a third of a step only.
     peak = _largest(trajectories, "command")
     size = 0.3 * peak
     for _ in range(QUANTIZATION_POINTS):
