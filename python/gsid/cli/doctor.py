@@ -17,7 +17,7 @@ CORES = {"double": "_gsid64", "float": "_gsid32"}
 BACKENDS = {
     "fftw": "spectra are then made by the slower streaming core",
     "nlopt": "`gsid fit` needs it",
-    "suitesparse": "fits of many records are then reduced by the slower dense way",
+    "suitesparse": "fits of many records then use the rotations of gsid itself",
 }
 
 
