@@ -202,6 +202,10 @@ format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-for
 	$(VENV)/bin/clang-format -i $(C_FILES)
 	$(VENV)/bin/ruff format -q .
 
+.PHONY: bench
+bench: all ## run the benchmarks; each prints its figures and versions as JSON
+	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; $(PY) $$bench || exit 1; done
+
 .PHONY: errors-page
 errors-page: all ## make docs/errors.md anew from the list of status codes
 	$(PY) tools/make_errors_page > docs/errors.md
