@@ -371,11 +371,25 @@ def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]
     trajectories = [
         _trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
     ]
+    tried = list(probes(trajectories, absent))
+    if "torque_bias" in absent:
+        tried.append(_bias_probe(fit.model, measured))
     residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
     return [
         (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
-        for probe in probes(trajectories, absent)
+        for probe in tried
     ]
+
+
+def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
+    """A constant torque shifts where the other laws work: it shows only through them, so it is simulated."""
+    biased = copy.deepcopy(model)
+    for effect in biased.effects:
+        for param in effect.params.values():
+            param.free = False
+    biased = with_effect(biased, "torque_bias", {"level": 0.0})
+    columns = [biased.predict(one, sensitivities=True).dY for one in measured]
+    return Probe("torque_bias", columns, lambda c: {"level": float(c[0])})
 
 
 def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe, Score]]]:

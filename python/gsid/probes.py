@@ -101,7 +101,7 @@ def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe
     ----------
     trajectories : list of Trajectory
     effects : list of str
-        Catalogue names; those without a first-order direction (gear_backlash) give nothing.
+        Catalogue names; those without a direction along the path (gear_backlash, torque_bias) give nothing.
     """
     for effect in effects:
         make = GRIDS.get(effect)
@@ -383,7 +383,6 @@ GRIDS: dict[str, Callable[[list[Trajectory]], Iterator[Probe]]] = {
     "mass_unbalance": _unbalance,
     "motor_cogging": _cogging,
     "hard_stop": _hard_stop,
-    "torque_bias": _single("torque_bias", "level", lambda t: np.ones(len(t.rate))),
     "drive_quantization": _quantization,
     "drive_dead_zone": _dead_zone,
     "drive_saturation": _saturation,
