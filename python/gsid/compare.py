@@ -61,7 +61,7 @@ class Comparison:
     line, f_hz, kind : (k,) ndarrays
         Line number, Hz, and what the line is: "excited", or a detection line, "odd" or "even".
     error, y : (k,) complex ndarrays
-        Mean output minus model output, and mean output; of the first record when there are several.
+        Mean output minus model output, and mean output; of several records, of that which moves most.
     sigma : (k,) ndarray
         Standard deviation of that error when the model is right.
     cost : (k,) ndarray
@@ -227,7 +227,7 @@ def compare(
     n = sum(len(part.line) for part in parts)
     q_sum = sum(float(np.sum(part.q)) for part in parts)
     p_value = float(stats.chi2.sf(2 * q_sum, 2 * n))
-    first = parts[0]
+    shown = max(parts, key=lambda part: float(np.sum(np.abs(part.y) ** 2)))
     return Comparison(
         adequate=p_value >= alpha,
         p_value=p_value,
@@ -236,13 +236,13 @@ def compare(
         rms_error=float(np.sqrt(np.mean([np.sum(part.power * np.abs(part.error) ** 2) for part in parts]))),
         noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.power * part.var_mean) for part in parts]))),
         where=_where(parts, alpha),
-        line=first.line,
-        f_hz=first.f_hz,
-        kind=first.kind,
-        error=first.error,
-        y=first.y,
-        sigma=np.sqrt(first.var_mean),
-        cost=np.mean([part.t for part in parts], axis=0) if _same_lines(parts) else first.t,
+        line=shown.line,
+        f_hz=shown.f_hz,
+        kind=shown.kind,
+        error=shown.error,
+        y=shown.y,
+        sigma=np.sqrt(shown.var_mean),
+        cost=np.mean([part.t for part in parts], axis=0) if _same_lines(parts) else shown.t,
         n_periods=sum(s.n_periods for s in measured),
         n_records=len(parts),
         y_unit=measured[0].y_unit,

@@ -489,7 +489,7 @@ def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
     figure = _figure(6.0)
     gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
     if frf is not None:
-        _draw_measured(gain_ax, phase_ax, frf, model, np.interp(f, fine, phase_model))
+        _draw_measured(gain_ax, phase_ax, frf, model.response(f), np.interp(f, fine, phase_model))
     _draw_model(gain_ax, phase_ax, fine, g_model, phase_model, model)
     _limits_db(gain_ax, _db(g_model), *([] if frf is None else [_db(frf.g[_line_mask(frf)])]))
     gain_ax.set_ylabel(_db_label("|G|", _text(_per(model.y_unit, model.u_unit))))
@@ -512,10 +512,41 @@ def _band_of(model: RationalModel) -> np.ndarray:
     return np.geomspace(max(band[0], 1e-4 * high), high, 200)
 
 
-def _draw_measured(gain_ax: Axes, phase_ax: Axes, frf: Frf, model: RationalModel, phase_model) -> None:
+@_styled
+def bode_of_plant(frf: Frf, g_model) -> Figure:
+    """Measured response with 95 % intervals, and output over input of a plant, which has no one response.
+
+    Parameters
+    ----------
+    frf : Frf
+    g_model : (F,) complex array_like
+        The plant's output over its input at the lines of `frf`.
+
+    Returns
+    -------
+    Figure
+    """
+    use = _line_mask(frf)
+    f, g_model = frf.f_hz[use], np.asarray(g_model)[use]
+    phase_model = unwrapped_phase_deg(f, g_model)
+    figure = _figure(6.0)
+    gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
+    _draw_measured(gain_ax, phase_ax, frf, g_model, phase_model)
+    gain_ax.plot(f, _db(g_model), color=MODEL, label="model, output over input at the excited lines")
+    phase_ax.plot(f, phase_model, color=MODEL)
+    _limits_db(gain_ax, _db(g_model), _db(frf.g[use]))
+    gain_ax.set_ylabel(_db_label("|G|", _text(_per(frf.y_unit, frf.u_unit))))
+    gain_ax.legend(loc="best")
+    _frequency_axis(gain_ax, f, label=False)
+    _frequency_axis(phase_ax, f)
+    _phase_axis(phase_ax)
+    return figure
+
+
+def _draw_measured(gain_ax: Axes, phase_ax: Axes, frf: Frf, g_model, phase_model) -> None:
     """The model tells on which branch the measured phase is: noise needs no unwrapping."""
     use = _line_mask(frf)
-    f, g, g_model = frf.f_hz[use], frf.g[use], model.response(frf.f_hz[use])
+    f, g = frf.f_hz[use], frf.g[use]
     phase = phase_model + np.degrees(np.angle(g * np.conj(g_model)))
     if np.any(frf.var_g[use] > 0.0):
         low, high, half = gain_phase_band(g, np.sqrt(frf.var_g[use]))
@@ -551,9 +582,30 @@ def residual(model: RationalModel, frf: Frf) -> Figure:
     -------
     Figure
     """
+    return _residual(frf, model.response(frf.f_hz[_line_mask(frf)]))
+
+
+@_styled
+def residual_of_plant(frf: Frf, g_model) -> Figure:
+    """As `residual`, of a plant's output over its input.
+
+    Parameters
+    ----------
+    frf : Frf
+    g_model : (F,) complex array_like
+        At the lines of `frf`.
+
+    Returns
+    -------
+    Figure
+    """
+    return _residual(frf, np.asarray(g_model)[_line_mask(frf)])
+
+
+def _residual(frf: Frf, g_model) -> Figure:
     use = _line_mask(frf)
     f, g = frf.f_hz[use], frf.g[use]
-    error = np.abs(g - model.response(f))
+    error = np.abs(g - g_model)
     bound = complex_bound(np.sqrt(frf.var_g[use]), n_dof=_dof(frf))
     figure = _figure(3.9)
     ax = figure.subplots()

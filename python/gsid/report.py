@@ -26,17 +26,25 @@ from markupsafe import Markup, escape
 
 from gsid import plots
 from gsid._lib import ffi, lib, version
+from gsid.compare import compare
 from gsid.confidence import NORMAL_95, root_quantities
 from gsid.io import write_atomically
+from gsid.ladder import Ladder, ladder
+from gsid.plant import Param, PlantModel
+from gsid.torque import torque_residual
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gsid.compare import Comparison
+    from gsid.diagnose import Diagnosis, Group
     from gsid.excitation import Multisine
     from gsid.frf import Frf, Spectra
     from gsid.model import RationalModel
     from gsid.record import Record
+
+
+RANKED = 5  # groups of effects shown of each round
 
 
 @dataclass(frozen=True)
@@ -113,7 +121,7 @@ class Report:
         record: Record | Sequence[Record] | None = None,
         spectra: Spectra | Sequence[Spectra] | None = None,
         frf: Frf | None = None,
-        model: RationalModel | None = None,
+        model: RationalModel | PlantModel | None = None,
         comparison: Comparison | None = None,
         *,
         multisine: Multisine | None = None,
@@ -129,7 +137,8 @@ class Report:
         record, spectra : one or one per realisation, optional
             Of several, the pictures show the first.
         frf : Frf, optional
-        model : RationalModel, optional
+        model : RationalModel or PlantModel, optional
+            A plant is shown beside the measured response where there are spectra, and with its ladder.
         comparison : Comparison, optional
         multisine : Multisine, optional
             The excitation as designed; without it the applied one is shown, from the spectra.
@@ -143,10 +152,8 @@ class Report:
             Itself, so that calls can be chained.
         """
         records, all_spectra = _as_list(record), _as_list(spectra)
-        first = all_spectra[0] if all_spectra else None
         verdict, grade = _verdict(frf, model, comparison)
-        drawn = _pictures(records[0] if records else None, first, frf, model, comparison, multisine)
-        number = len(self._experiments) + 1
+        drawn = _pictures(records[0] if records else None, all_spectra, frf, model, comparison, multisine)
         self._experiments.append(
             _Experiment(
                 name=name,
@@ -155,14 +162,78 @@ class Report:
                 grade=grade,
                 run=_run_facts(records, all_spectra, frf, multisine),
                 tables=_tables(model, truth),
-                pictures=[
-                    _Picture(title, _CAPTIONS[title], _inline_svg(draw(), f"e{number}p{i}-", title))
-                    for i, (title, draw) in enumerate(drawn, 1)
-                ],
+                pictures=self._drawn(drawn),
                 failing=_failing_table(comparison),
             )
         )
         return self
+
+    def add_diagnosis(
+        self,
+        name: str,
+        spectra: Spectra | Sequence[Spectra],
+        diagnosis: Diagnosis,
+        *,
+        ladder: Ladder | None = None,
+        band: tuple[float, float] | None = None,
+        story: str = "",
+    ) -> Report:
+        """Add what a diagnosis found: where the model fails, which effect is missing, how sure that is.
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        spectra : Spectra or sequence of Spectra
+            What was diagnosed.
+        diagnosis : Diagnosis
+        ladder : Ladder, optional
+            How much the error fell on data kept out.
+        band : (lo, hi), optional
+            Hz; that of the diagnosis.
+        story : str, optional
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        measured = _as_list(spectra)
+        fitted = diagnosis.steps[0].fit.model
+        before = compare(fitted, measured, band=band, alpha=diagnosis.alpha)
+        drawn = [("Where it fails", lambda: plots.comparison(before))]
+        if not diagnosis.adequate:
+            torque = torque_residual(fitted, measured, band=band)
+            drawn.append(("Torque that is missing", lambda: plots.torque_residual(torque)))
+        if diagnosis.found:
+            after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha)
+            drawn.append(("With what was found", lambda: plots.comparison(after)))
+        if ladder is not None and ladder.rungs:
+            drawn.append(("Ladder", lambda: plots.ladder(ladder)))
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=diagnosis.sentence,
+                grade="good" if diagnosis.adequate else "bad",
+                run=[
+                    ("Records", ", ".join(s.name or "a record" for s in measured)),
+                    ("Periods", f"{sum(s.n_periods for s in measured)} good in all"),
+                ],
+                tables=[*_ranking_tables(diagnosis), _plant_table(diagnosis.model)],
+                pictures=self._drawn(drawn),
+                failing=_failing_table(before),
+            )
+        )
+        return self
+
+    def _drawn(self, pictures: Sequence[tuple[str, Callable[[], Figure]]]) -> list[_Picture]:
+        """Pictures of the next experiment, with ids that are the page's alone."""
+        number = len(self._experiments) + 1
+        return [
+            _Picture(title, _CAPTIONS[title], _inline_svg(draw(), f"e{number}p{i}-", title))
+            for i, (title, draw) in enumerate(pictures, 1)
+        ]
 
     def html(self) -> str:
         """Return the page, with everything it needs inside."""
@@ -205,9 +276,13 @@ def _as_list(one_or_more) -> list:
     return list(one_or_more) if isinstance(one_or_more, Sequence) else [one_or_more]
 
 
-def _verdict(frf: Frf | None, model: RationalModel | None, comparison: Comparison | None) -> tuple[str, str]:
+def _verdict(
+    frf: Frf | None, model: RationalModel | PlantModel | None, comparison: Comparison | None
+) -> tuple[str, str]:
     if comparison is not None:
         return comparison.verdict, "good" if comparison.adequate else "bad"
+    if isinstance(model, PlantModel):
+        return f"A plant of {len(model.effects)} effects; not compared with a record.", "none"
     if model is not None:
         delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
         fitted = (
@@ -266,11 +341,13 @@ def _number(value: float, digits: int = 6) -> str:
     return "" if value is None or not np.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
-def _tables(model: RationalModel | None, truth: Sequence[Truth] | None) -> list[_Table]:
+def _tables(model: RationalModel | PlantModel | None, truth: Sequence[Truth] | None) -> list[_Table]:
     tables = []
     if truth:
         tables.append(_truth_table(truth))
-    if model is not None:
+    if isinstance(model, PlantModel):
+        tables.append(_plant_table(model))
+    elif model is not None:
         tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
     return tables
 
@@ -360,6 +437,59 @@ def _superscript(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
+def _plant_table(model: PlantModel) -> _Table:
+    rows = []
+    for label, effect in model.labels():
+        for i, (name, param) in enumerate(effect.params.items()):
+            value = _number(param.value, 7)
+            rows.append((label if i == 0 else "", name, value, _sigma(param), model.unit_of(effect, name)))
+    fit = model.fit or {}
+    note = "No σ: not fitted." if model.fit is None else ""
+    if "cost_per_dof" in fit:
+        note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: 1 when only noise is left."
+    return _Table("Plant", ("Effect", "Parameter", "Value", "σ", "Unit"), rows, note)
+
+
+def _sigma(param: Param) -> str:
+    if not param.free:
+        return "fixed"
+    if param.std is None:
+        return ""
+    return _number(param.std, 2) if np.isfinite(param.std) else "not determined"
+
+
+def _ranking_tables(diagnosis: Diagnosis) -> list[_Table]:
+    """One table for each round of the search that tried effects."""
+    tables = []
+    for number, step in enumerate(diagnosis.steps, 1):
+        rows = [
+            (
+                " or ".join(group.effects),
+                f"{100 * group.probability:.1f} %",
+                f"{group.candidates[0].fit.cost_per_dof:.4g}",
+                _strength(group),
+            )
+            for group in step.ranking[:RANKED]
+        ]
+        if rows:
+            title = "Which effect" if number == 1 else f"Which effect, round {number}"
+            head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
+            tables.append(_Table(title, head, rows, f"Without it: {step.fit.cost_per_dof:.4g}."))
+    if tables and diagnosis.next_experiment:
+        note = f"{tables[-1].note} {diagnosis.next_experiment}"
+        tables[-1] = _Table(tables[-1].title, tables[-1].head, tables[-1].rows, note)
+    return tables
+
+
+def _strength(group: Group) -> str:
+    best = group.candidates[0]
+    effect = best.fit.model.effects[-1]
+    return "; ".join(
+        f"{name} {plots.with_interval(p.value, p.std)} {best.fit.model.unit_of(effect, name)}"
+        for name, p in best.params.items()
+    )
+
+
 def _failing_table(c: Comparison | None) -> _Table | None:
     if c is None:
         return None
@@ -394,26 +524,54 @@ _CAPTIONS = {
     "is left, 5 % of the points lie above the bound, spread evenly.",
     "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
     "region in which the root lies with 95 % confidence.",
+    "Where it fails": "The error of the model as it was, its free parameters fitted, beside the noise, for "
+    "lines that were excited and for those that were not.",
+    "Torque that is missing": "The error taken back through the model, averaged over places of equal rate, "
+    "angle, command or time; positive drives forwards. A curve far off 0, for its band of ±2 σ, is a hint at "
+    "the law that is missing.",
+    "With what was found": "The same with the effects found: where they are right only noise is left.",
+    "Ladder": "Every step is fitted on some of the data and judged on the rest: an effect that is there "
+    "brings the error on data not fitted down to the noise, one that is not leaves it where it was.",
     "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
     "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
 }
 
 
-def _pictures(record, spectra, frf, model, comparison, multisine) -> list[tuple[str, Callable[[], Figure]]]:
+def _pictures(
+    record, all_spectra, frf, model, comparison, multisine
+) -> list[tuple[str, Callable[[], Figure]]]:
     """Title and drawing of each picture there is data for, in the order of reading."""
+    spectra = all_spectra[0] if all_spectra else None
     u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
-    has_fit = frf is not None and model is not None
-    has_roots = model is not None and len(model.poles) + len(model.zeros) > 0
+    is_rational = model is not None and not isinstance(model, PlantModel)
+    has_fit = frf is not None and is_rational
+    of_plant = _plant_pictures(model, all_spectra, frf) if isinstance(model, PlantModel) else []
+    has_roots = is_rational and len(model.poles) + len(model.zeros) > 0
     pictures = [
         ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
         ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
         ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
+        *((title, True, draw) for title, draw in of_plant),
         ("Poles and zeros", has_roots, lambda: plots.pole_zero(model)),
         ("Comparison at the output", comparison, lambda: plots.comparison(comparison)),
     ]
     return [(title, draw) for title, needed, draw in pictures if needed]
+
+
+def _plant_pictures(
+    model: PlantModel, measured: Sequence[Spectra], frf: Frf | None
+) -> list[tuple[str, Callable[[], Figure]]]:
+    pictures = []
+    if frf is not None and measured:
+        g = np.mean([model.predict(s).Y[frf.line] / s.u[frf.line] for s in measured], axis=0)
+        pictures.append(("Measured and fitted", lambda: plots.bode_of_plant(frf, g)))
+        pictures.append(("Complex residual", lambda: plots.residual_of_plant(frf, g)))
+    steps = ladder(model)
+    if steps.rungs:
+        pictures.append(("Ladder", lambda: plots.ladder(steps)))
+    return pictures
 
 
 _LONG_NUMBER = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is below any printer's resolution

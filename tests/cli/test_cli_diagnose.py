@@ -1,6 +1,7 @@
 """gsid diagnose and gsid add: the whole story on the simulated axis, and what is refused."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,3 +132,15 @@ def test_a_transfer_function_has_no_effects(gsid):
         assert result.code == 3
         assert "has no physical effects" in result.err
         assert "`gsid effects`" in result.err
+
+
+def test_report(gsid):
+    """A page on a plant, and the story of what it misses."""
+    result = gsid("report", "--diagnose", "--model", "null.json", *RECORDS, "-o", "page.html")
+    assert (result.code, result.out) == (0, "page.html\n")
+    page = Path("page.html").read_text(encoding="utf-8")
+    for words in ("Missing: ", "Which effect", "Torque that is missing", "Ladder"):
+        assert words in page
+    result = gsid("report", "--diagnose", "r0.npz")
+    assert result.code == 2
+    assert "--diagnose needs --model" in result.err

@@ -7,10 +7,13 @@ import re
 
 import numpy as np
 import pytest
+from plants import axis_record, plant
 
 from gsid.compare import compare
+from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
 from gsid.frf import frf, spectra
+from gsid.ladder import add
 from gsid.model import RationalModel
 from gsid.record import Record
 from gsid.report import Report, Truth
@@ -212,3 +215,70 @@ def test_a_page_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_difference_from_the_truth():
     assert Truth("delay", "ms", 5.4, 5.37, 0.01).n_sigma == pytest.approx(-3.0)
     assert np.isnan(Truth("delay", "ms", 5.4, 5.4, 0.0).n_sigma)
+
+
+# ---- plants and diagnoses --------------------------------------------------------------------------------
+
+AXIS = {"gain": 7.4, "viscous_rate": 11.0, "spring_stiffness": 170.0, "delay_s": 0.0054}
+STACK = {
+    "rigid_body": {"gain": 7.4},
+    "viscous_friction": {"rate": 11.0},
+    "cable_spring": {"stiffness": 170.0},
+    "transport_delay": {"delay_s": 0.0054},
+}
+
+
+@pytest.fixture(scope="module")
+def friction():
+    """Four records of the simulated axis with dry friction, two at each level."""
+    records = []
+    for i, amplitude in enumerate((3.0, 3.0, 6.0, 6.0)):
+        u = Multisine.design(FS_HZ, N, (2.0, 100.0), grid="odd", phases="random", seed=i, amplitude=amplitude)
+        records.append(axis_record(u.table(), 4, 0.02, i, f"r{i}", coulomb_level=2.0, **AXIS))
+    return records
+
+
+def test_plant_with_its_ladder(friction):
+    measured = [spectra(r) for r in friction]
+    added = add("coulomb_friction", plant(STACK), measured)
+    report = Report("t").add_experiment(
+        "e", friction, measured, frf(friction), added.model, compare(added.model, measured)
+    )
+    page = Page(report.html())
+    for words in (
+        "Plant",
+        "coulomb_friction",
+        "deg/s^2",
+        "Measured and fitted",
+        "Complex residual",
+        "Ladder",
+    ):
+        assert words in page.text
+    assert page.tags.count("svg") == 7
+    bare = Page(Report("t").add_experiment("e", model=plant(STACK)).html())
+    assert "A plant of 4 effects; not compared" in bare.text
+
+
+def test_diagnosis(friction):
+    measured = [spectra(r) for r in friction]
+    found = diagnose(plant(STACK), measured)
+    ladder = add("coulomb_friction", plant(STACK), measured).ladder
+    page = Page(Report("t").add_diagnosis("d", measured, found, ladder=ladder).html())
+    for words in (
+        found.sentence,
+        "r0, r1, r2, r3",
+        "16 good in all",
+        "Which effect",
+        "Probability",
+        "Where it fails",
+        "Torque that is missing",
+        "With what was found",
+        "Ladder",
+        "Where the model fails",
+    ):
+        assert words in page.text
+    assert page.tags.count("svg") == 4
+    nothing = diagnose(found.model, measured)
+    page = Page(Report("t").add_diagnosis("d", measured, nothing).html())
+    assert "Nothing is missing" in page.text
+    assert page.tags.count("svg") == 1

@@ -10,20 +10,28 @@ from gsid.cli.common import (
     band_option,
     describe,
     json_option,
+    load_plant,
     options_as_arguments,
     print_json,
     record_options,
+    say,
     working,
 )
 from gsid.cli.fit import Order
 
 if TYPE_CHECKING:
+    from gsid.frf import Spectra
+    from gsid.plant import PlantModel
     from gsid.record import Record
+    from gsid.report import Report
 
 
 @click.command(short_help="Write a report as one HTML page.")
 @record_options
 @click.option("--model", "model_path", metavar="M.json", type=click.Path(), help="Model to show and compare.")
+@click.option(
+    "--diagnose", is_flag=True, help="Find what the model misses, and show how the error falls with it."
+)
 @click.option("--order", type=Order(), help="Fit a model of this order, with free delay, instead.")
 @band_option("Measure, fit and compare from LO to HI [Hz] only.")
 @click.option("--title", help="Heading of the page. [default: the records' names]")
@@ -40,6 +48,7 @@ if TYPE_CHECKING:
 def report(
     records: list[Record],
     model_path: str | None,
+    diagnose: bool,
     order: str | None,
     band: tuple[float, float] | None,
     title: str | None,
@@ -53,25 +62,45 @@ def report(
     from gsid.compare import compare
     from gsid.fit import fit
     from gsid.frf import frf, spectra
-    from gsid.model import RationalModel
+    from gsid.model import load_model
     from gsid.report import Report
 
+    context = click.get_current_context()
     if model_path and order:
-        raise click.UsageError("give --model or --order, not both", click.get_current_context())
+        raise click.UsageError("give --model or --order, not both", context)
+    if diagnose and not model_path:
+        raise click.UsageError("--diagnose needs --model, a stack of effects", context)
     with working(f"writing a report on {describe(records)}"), options_as_arguments():
-        measured = frf(records, band=band)
+        measured = [spectra(record) for record in records]
+        response = frf(records, band=band)
         model = None
         if model_path:
-            model = RationalModel.load(model_path)
+            model = load_plant(model_path) if diagnose else load_model(model_path)
         elif order:
-            model = fit(measured, order)
-        comparison = compare(model, records, band=band) if model else None
+            model = fit(response, order)
+        comparison = compare(model, measured, band=band) if model else None
         page = Report(title or f"Report on {describe(records)}")
-        page.add_experiment(
-            describe(records), records, [spectra(r) for r in records], measured, model, comparison
-        )
+        page.add_experiment(describe(records), records, measured, response, model, comparison)
+        if diagnose:
+            _add_diagnosis(page, model, measured, band)
         path = page.write(output)
     if as_json:
         print_json({"report": str(path), "adequate": comparison.adequate if comparison else None})
     else:
         print(path)
+
+
+def _add_diagnosis(
+    page: Report, model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
+) -> None:
+    """What is missing, and the ladder that leads there."""
+    from gsid.diagnose import diagnose
+    from gsid.ladder import add, ladder
+
+    def on_step(text: str) -> None:
+        say(f"-- {text}")
+
+    found = diagnose(model, measured, band=band, on_step=on_step)
+    for group in found.found:
+        model = add(group.effects[0], model, measured, band=band, on_step=on_step).model
+    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(model), band=band)
