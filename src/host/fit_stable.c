@@ -20,38 +20,41 @@ gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_ratio
 
 #else
 
-/* Distance of a pole from the edge of the stable region: from the axis in scaled s, from the unit circle in z. */
+/* Least distance of a pole from the edge of the stable region: from the axis in scaled s, from the unit circle in z. */
 #define EDGE 1e-6
 #define EVALUATIONS_MAX 3000
 #define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
 
-/* Eq: EST-4. One factor of the denominator in v: coef[0] + coef[1] v + coef[2] v^2. Its parameters x:
- *   domain s, order 2: (c0, c1), c2 = 1; order 1: (c0), c1 = 1: stable when all are positive.
- *   domain z, order 2: (t, c2) with c1 = t (1 + c2), c0 = 1; order 1: (c1), c0 = 1: stable when all are within +-1. */
+/* Eq: EST-4. One factor of the denominator, coef[0] + coef[1] v + coef[2] v^2, in a variable p that has the edge of the
+ * region at EDGE inside that of v. Its parameters x:
+ *   domain s, p = v + EDGE: order 2: x0 + x1 p + p^2; order 1: x0 + p: within the edge when all are >= 0.
+ *   domain z, p = (1 - EDGE) v: order 2: 1 + x0 (1 + x1) p + x1 p^2; order 1: 1 + x0 p: when all are within +-1. */
 static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef) {
-    coef[2] = 0;
+    const double r = 1 - EDGE;
     if (domain == GSID_DOMAIN_S) {
-        coef[0] = x[0];
-        coef[1] = order == 2 ? x[1] : 1;
+        coef[0] = order == 2 ? x[0] + (x[1] + EDGE) * EDGE : x[0] + EDGE;
+        coef[1] = order == 2 ? x[1] + 2 * EDGE : 1;
         coef[2] = order == 2 ? 1 : 0;
     } else {
         coef[0] = 1;
-        coef[1] = order == 2 ? x[0] * (1 + x[1]) : x[0];
-        coef[2] = order == 2 ? x[1] : 0;
+        coef[1] = order == 2 ? x[0] * (1 + x[1]) * r : x[0] * r;
+        coef[2] = order == 2 ? x[1] * r * r : 0;
     }
 }
 
 /* Derivatives of the section by its parameters, at v. */
 static void section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by) {
-    const gsid_cplx v2 = gsid_cplx_mul(v, v);
     if (domain == GSID_DOMAIN_S) {
         by[0] = gsid_cplx_make(1, 0);
-        by[1] = v;
-    } else if (order == 2) {
-        by[0] = gsid_cplx_scale(1 + x[1], v);
-        by[1] = gsid_cplx_add(gsid_cplx_scale(x[0], v), v2);
-    } else {
-        by[0] = v;
+        if (order == 2)
+            by[1] = gsid_cplx_make(v.re + EDGE, v.im);
+        return;
+    }
+    const gsid_cplx p = gsid_cplx_scale(1 - EDGE, v);
+    by[0] = p;
+    if (order == 2) {
+        by[0] = gsid_cplx_scale(1 + x[1], p);
+        by[1] = gsid_cplx_add(gsid_cplx_scale(x[0], p), gsid_cplx_mul(p, p));
     }
 }
 
@@ -155,16 +158,15 @@ static int by_magnitude(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Reflect a pole into the stable region, and off its edge. */
+/* Reflect a pole into the stable region, and off its edge; then take it as a root of the sections' own variable. */
 static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p) {
     if (domain == GSID_DOMAIN_S) {
-        p.re = -fmax(fabs(p.re), 10 * EDGE);
+        p.re = EDGE - fmax(fabs(p.re), 10 * EDGE);
         return p;
     }
     const double r = sqrt(gsid_cplx_abs2(p));
-    if (r > 1)
-        p = gsid_cplx_scale(1 / (r * r), p);
-    return gsid_cplx_scale(fmin(1, (1 - 10 * EDGE) / fmax(sqrt(gsid_cplx_abs2(p)), EDGE)), p);
+    const double inside = fmin(r > 1 ? 1 / r : r, 1 - 10 * EDGE);
+    return r > 0 ? gsid_cplx_scale(inside / r / (1 - EDGE), p) : p;
 }
 
 /* Poles as roots of den in v (domain s), or of z^n den(1/z) (domain z). */
@@ -230,17 +232,9 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
 static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper) {
     const int in_s = s->model.domain == GSID_DOMAIN_S;
     for (uint32_t i = 0; i < s->n; i++) {
-        lower[i] = -HUGE_VAL;
-        upper[i] = HUGE_VAL;
-    }
-    for (uint32_t first = 0; first < s->model.n_poles; first += 2) {
-        const uint32_t order = section_order(&s->model, first);
-        for (uint32_t i = 0; i < order; i++) {
-            const double least = order == 2 && i == 0 ? EDGE * EDGE : EDGE; /* a product of two poles; a sum, or one */
-            lower[first + i] = (in_s ? least : EDGE - 1) / s->scale[first + i];
-            if (!in_s)
-                upper[first + i] = (1 - EDGE) / s->scale[first + i];
-        }
+        const int is_pole = i < s->model.n_poles;
+        lower[i] = is_pole ? (in_s ? 0 : -1 / s->scale[i]) : -HUGE_VAL;
+        upper[i] = is_pole && !in_s ? 1 / s->scale[i] : HUGE_VAL;
     }
     if (s->free_delay) {
         lower[s->n - 1] = 0;
