@@ -92,7 +92,7 @@ def fit(
     check(lib.gsid_fit_run(data, cfg, result), f"fit of order {n_poles}/{n_zeros}")
 
     num, den, cov = _plain(result, domain)
-    if method == "ml" and dof > 2:
+    if method == "ml" and 2 < dof < np.inf:
         cov = cov * dof / (dof - 2)
     return RationalModel(
         num=num,
@@ -105,7 +105,7 @@ def fit(
         free_delay=delay == "free",
         method=method,
         cost=result.cost_ml,
-        cost_expected=dof / (dof - 1) * (len(f) - n_parameters / 2) if method == "ml" and dof > 1 else None,
+        cost_expected=_inflation(dof) * (len(f) - n_parameters / 2) if method == "ml" and dof > 1 else None,
         n_lines=len(f),
         converged=bool(result.converged),
         band_hz=(float(f[0]), float(f[-1])),
@@ -201,7 +201,10 @@ def _configuration(
 
 def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     """Standard deviation of the lines in use, and the degrees of freedom of its square."""
-    dof = float(frf.n_periods - frf.n_realisations)
+    known = frf.period_samples == 0  # measured elsewhere: its variance is taken as it stands
+    dof = np.inf if known else float(frf.n_periods - frf.n_realisations)
+    if known and not np.all(np.isfinite(frf.var_g[use])):
+        raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
     if dof < 1:
         raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
     var = np.array(frf.var_g[use], dtype=float)
@@ -215,6 +218,11 @@ def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
         floor = np.finfo(float).eps * np.abs(frf.g[use])
         var = np.maximum(var, np.maximum(floor, np.finfo(float).tiny ** 0.5) ** 2)
     return np.ascontiguousarray(np.sqrt(var)), dof
+
+
+def _inflation(dof: float) -> float:
+    """Mean of sigma^2 / s^2 when s^2 has so many degrees of freedom."""
+    return 1.0 if np.isinf(dof) else dof / (dof - 1)
 
 
 def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

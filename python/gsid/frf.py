@@ -167,6 +167,55 @@ class Frf:
         return control.FRD(self.g, 2 * np.pi * self.f_hz)
 
     @classmethod
+    def from_arrays(
+        cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray | None = None, *, fs_hz: float = float("nan")
+    ) -> Frf:
+        """Take a response measured elsewhere.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz; need not be on a grid.
+        g : (F,) complex array_like
+        var_g : (F,) array_like, optional
+            Variance of g, taken as known exactly; default: not known, NaN.
+        fs_hz : float, optional
+            Sample rate [Hz], for models in z and held inputs.
+
+        Returns
+        -------
+        Frf
+            With unit input: u is 1 and y is g. Lines are numbered 1 .. F and `period_samples` is 0.
+
+        Raises
+        ------
+        ValueError
+            Unequal lengths.
+        """
+        f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
+        variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
+        if f_hz.shape != g.shape or variance.shape != g.shape or g.ndim != 1:
+            raise ValueError(f"f_hz, g and var_g have shapes {f_hz.shape}, {g.shape} and {variance.shape}")
+        zero = np.zeros(len(g))
+        return cls(
+            line=np.arange(1, len(g) + 1),
+            f_hz=f_hz,
+            g=g,
+            var_g=variance,
+            u=np.ones(len(g), complex),
+            y=g.copy(),
+            var_u=zero,
+            var_y=variance.copy(),
+            cov_yu=zero.astype(complex),
+            n_periods=1,
+            n_realisations=1,
+            n_spoiled=0,
+            settle_samples=0,
+            period_samples=0,
+            fs_hz=fs_hz,
+        )
+
+    @classmethod
     def from_control(cls, frd: control.FRD, *, var_g: np.ndarray | None = None) -> Frf:
         """Take a single-input single-output `control.FRD`.
 
@@ -180,8 +229,7 @@ class Frf:
         Returns
         -------
         Frf
-            With unit input: u is 1 and y is g. Lines are numbered 1 .. F and `period_samples` is 0, since the
-            frequencies need not be on a grid.
+            As `from_arrays`.
 
         Raises
         ------
@@ -191,28 +239,27 @@ class Frf:
         response = np.asarray(frd(1j * frd.omega, squeeze=False))
         if response.shape[:2] != (1, 1):
             raise ValueError(f"the FRD has (outputs, inputs) {response.shape[:2]}, not (1, 1)")
-        g = response[0, 0]
-        variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
-        if variance.shape != g.shape:
-            raise ValueError(f"var_g has shape {variance.shape}, not {g.shape}")
-        zero = np.zeros(len(g))
-        return cls(
-            line=np.arange(1, len(g) + 1),
-            f_hz=np.asarray(frd.omega) / (2 * np.pi),
-            g=g,
-            var_g=variance,
-            u=np.ones(len(g), complex),
-            y=g.copy(),
-            var_u=zero,
-            var_y=variance.copy(),
-            cov_yu=zero.astype(complex),
-            n_periods=1,
-            n_realisations=1,
-            n_spoiled=0,
-            settle_samples=0,
-            period_samples=0,
-            fs_hz=1 / frd.dt if frd.dt not in (None, 0, True) else float("nan"),
-        )
+        fs_hz = 1 / frd.dt if frd.dt not in (None, 0, True) else float("nan")
+        return cls.from_arrays(np.asarray(frd.omega) / (2 * np.pi), response[0, 0], var_g, fs_hz=fs_hz)
+
+    @classmethod
+    def from_pandas(cls, frame: pandas.DataFrame, *, fs_hz: float = float("nan")) -> Frf:
+        """Take a frame with columns f_hz, g_re, g_im and, where it is known, std_g.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+        fs_hz : float, optional
+            Sample rate [Hz].
+
+        Returns
+        -------
+        Frf
+            As `from_arrays`.
+        """
+        variance = frame["std_g"].to_numpy() ** 2 if "std_g" in frame.columns else None
+        g = frame["g_re"].to_numpy() + 1j * frame["g_im"].to_numpy()
+        return cls.from_arrays(frame["f_hz"].to_numpy(), g, variance, fs_hz=fs_hz)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return one row per line: line, f_hz, g_re, g_im, gain_db, phase_deg, std_g."""

@@ -173,3 +173,20 @@ def test_motor_bench_resonances():
     assert np.min(np.abs(resonances(model.poles) - 76)) < 1
     assert np.all(model.std_den[1:] > 0)
     assert np.all(np.isfinite(model.cov))
+
+
+def test_a_response_measured_elsewhere_is_fitted_with_its_variance_as_known():
+    rng = np.random.default_rng(SEED)
+    sigma = 1e-3 * np.abs(TRUTH.response(F))
+    g = TRUTH.response(F) + sigma * (
+        rng.standard_normal(len(F)) + 1j * rng.standard_normal(len(F))
+    ) / np.sqrt(2)
+    model = fit(Frf.from_arrays(F, g, sigma**2, fs_hz=3000.0), "2/1")
+    assert abs(model.delay_s - TRUTH.delay_s) < 4 * model.std_delay_s
+    assert model.cost_expected == pytest.approx(len(F) - 5 / 2)
+    with pytest.raises(ValueError, match="variance"):
+        fit(Frf.from_arrays(F, g), "2/1")
+    with pytest.raises(ValueError, match="shapes"):
+        Frf.from_arrays(F, g[:-1])
+    frame = Frf.from_arrays(F, g, sigma**2).to_pandas()
+    np.testing.assert_allclose(Frf.from_pandas(frame).var_g, sigma**2)
