@@ -32,7 +32,7 @@ from gsid.next_experiment import advice
 from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
 from gsid.probes import Probe, Trajectory, probes
 from gsid.record import Record
-from gsid.scores import Score, family_wise_p, orthonormal, score
+from gsid.scores import Score, family_wise_p, orthonormal, random_periods, random_phases, score
 
 ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
@@ -41,6 +41,7 @@ RIVAL = 0.5  # and only those that promise this share of the best one's drop, or
 STARTS = 2  # of each, the second when the first does not keep its promise
 KEPT = 0.9  # of the predicted drop: the promise is kept
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
+DRAWS = 999  # of the bootstrap
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
@@ -281,9 +282,7 @@ def _round(
 ) -> tuple[Step, Group | None]:
     """Test a fit, score the catalogue, fit the best few; the best group when it earns its price."""
     scored = _scored(fit, measured)
-    p_score = float(
-        min(family_wise_p(_stacked(fit, "residual")[:, 0], [s for _, s in scored], seed=seed), default=1.0)
-    )
+    p_score = _score_p_value(fit, measured, [item for _, item in scored], seed)
     step = Step(fit, noise_p_value(fit, measured), p_score, [])
     if not explore or step.p_value >= ALPHA:
         return step, None
@@ -298,6 +297,19 @@ def _round(
     if not worth or _evidence(fit, worth) > 0:
         return step, None
     return step, step.ranking[0]
+
+
+def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], seed: int) -> float:
+    """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
+    residual = _stacked(fit, "residual")[:, 0]
+    if not scores:
+        return 1.0
+    deviations = [
+        (one.Y - one.y)[:, record.line] * record.weight
+        for record, one in zip(fit.records, measured, strict=True)
+    ]
+    drawn = random_phases(residual, DRAWS, seed), random_periods(deviations, DRAWS, seed)
+    return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
 
 
 def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:

@@ -104,33 +104,25 @@ def score(
     return Score(0.0, size, survival, np.empty((len(residual), 0)))
 
 
-def family_wise_p(
-    residual: np.ndarray, scores: list[Score], *, draws: int = 999, seed: int = 0
-) -> np.ndarray:
-    """Probability that the best of all candidates scores so high by chance: random-phase bootstrap (DIA-2).
+def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) -> np.ndarray:
+    """Probability that the best of all candidates scores so high by chance (DIA-2).
 
-    The residual's complex numbers keep their size and get random phases, which is what they are under a right
-    model; the largest score over all candidates and grids is noted. So the price of having looked at many is
-    paid, and correlations between candidates are kept. One-sided candidates are treated as two-sided here,
-    which is on the safe side.
+    The largest score over all candidates and grids is noted in each residual drawn under a right model: so the
+    price of having looked at many is paid, and correlations between candidates are kept. One-sided candidates
+    are treated as two-sided here, which is on the safe side.
 
     Parameters
     ----------
-    residual : (2 m,) ndarray
-        Whitened; real parts first, then imaginary parts.
+    residual : (n,) ndarray
+        Whitened; only its length is looked at.
+    drawn : (n, draws) ndarray
+        Residuals of a right model, see `random_phases` and `random_periods`.
     scores : list of Score
-    draws : int
-    seed : int
 
     Returns
     -------
     (len(scores),) ndarray
     """
-    m = len(residual) // 2
-    complex_residual = residual[:m] + 1j * residual[m:]
-    turn = np.exp(2j * np.pi * np.random.default_rng(seed).random((m, draws)))
-    drawn = complex_residual[:, None] * turn
-    drawn = np.vstack([drawn.real, drawn.imag])
     bases = [item.basis for item in scores if item.basis.shape[1]]
     if not bases:
         return np.ones(len(scores))
@@ -138,4 +130,49 @@ def family_wise_p(
     first = np.cumsum([0] + [basis.shape[1] for basis in bases[:-1]])
     largest = np.max(np.add.reduceat(along**2, first, axis=0), axis=0)
     drops = np.array([item.drop for item in scores])
-    return (1 + np.sum(largest[None, :] >= drops[:, None], axis=1)) / (draws + 1)
+    return (1 + np.sum(largest[None, :] >= drops[:, None], axis=1)) / (drawn.shape[1] + 1)
+
+
+def random_phases(residual: np.ndarray, draws: int, seed: int) -> np.ndarray:
+    """Residuals as noise independent from line to line would make them: sizes kept, phases drawn.
+
+    Parameters
+    ----------
+    residual : (2 m,) ndarray
+        Real parts first, then imaginary parts.
+    draws, seed : int
+
+    Returns
+    -------
+    (2 m, draws) ndarray
+    """
+    m = len(residual) // 2
+    turned = (residual[:m] + 1j * residual[m:])[:, None]
+    turned = turned * np.exp(2j * np.pi * np.random.default_rng(seed).random((m, draws)))
+    return np.vstack([turned.real, turned.imag])
+
+
+def random_periods(deviations: list[np.ndarray], draws: int, seed: int) -> np.ndarray:
+    """Residuals as the scatter of the periods would make them, with its correlation from line to line.
+
+    A gain that flutters or a clock that jitters moves all lines of a period together: their mean error is then
+    a smooth function of frequency, which random phases would take for an effect.
+
+    Parameters
+    ----------
+    deviations : list of (P, m_r) complex ndarrays
+        For each record each period's lines less their mean, whitened as the residual of the mean is.
+    draws, seed : int
+
+    Returns
+    -------
+    (2 m, draws) ndarray, m the sum of m_r; real parts first, then imaginary parts
+    """
+    rng = np.random.default_rng(seed)
+    parts = []
+    for one in deviations:
+        p = len(one)
+        mix = rng.standard_normal((draws, p)) + 1j * rng.standard_normal((draws, p))
+        parts.append((mix @ one).T / np.sqrt(2 * p * (p - 1)))
+    together = np.vstack(parts)
+    return np.vstack([together.real, together.imag])
