@@ -107,9 +107,9 @@ def score(
 def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) -> np.ndarray:
     """Probability that the best of all candidates scores so high by chance (DIA-2).
 
-    The largest score over all candidates and grids is noted in each residual drawn under a right model: so the
-    price of having looked at many is paid, and correlations between candidates are kept. One-sided candidates
-    are treated as two-sided here, which is on the safe side.
+    The largest score over all candidates and grids is noted in each residual drawn under a right model: so
+    the price of having looked at many is paid, and correlations between candidates are kept. One-sided
+    candidates are treated as two-sided here, which is on the safe side.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def random_phases(residual: np.ndarray, draws: int, seed: int) -> np.ndarray:
 def random_periods(deviations: list[np.ndarray], draws: int, seed: int) -> np.ndarray:
     """Residuals as the scatter of the periods would make them, with its correlation from line to line.
 
-    A gain that flutters or a clock that jitters moves all lines of a period together: their mean error is then
-    a smooth function of frequency, which random phases would take for an effect.
+    A gain that flutters or a clock that jitters moves all lines of a period together: their mean error is
+    then a smooth function of frequency, which random phases would take for an effect.
 
     Parameters
     ----------
