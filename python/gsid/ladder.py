@@ -17,7 +17,7 @@ import numpy as np
 
 from gsid.compare import Comparison, compare
 from gsid.diagnose import _stacked, _trajectory, _whitened, with_effect
-from gsid.effects import close, find
+from gsid.effects import EffectType, close, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
 from gsid.greybox import SAME_LEVEL, PlantFit, fit_plant
@@ -34,7 +34,8 @@ _log = logging.getLogger("gsid.ladder")
 
 STARTS = 3  # points of an effect's grid that are fitted
 STEPS_TRIED = 15  # of each of these fits: a start that needs more is not near
-SIZES = (1.0, 0.1, 10.0)  # times the typical size, for effects that have no grid
+WORTH = 10.0  # drop of the cost (-2 log likelihood) from which on an unfinished fit is worth more steps
+SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects that have no grid
 HELD_OUT_SHARE = 3  # one realisation in three
 PERIODS_LEAST = 2  # for a variance, on either side
 
@@ -201,17 +202,15 @@ def add(
     ValueError
         As `gsid.greybox.fit_plant`.
     InputError
-        No such effect or parameter, an effect that is not to be found in data; too few periods to keep any
-        out; the effect can be fitted from no start; as `gsid.greybox.fit_plant`.
+        No such effect or parameter, a value out of its bounds, or an effect that no plant is without; too
+        few periods to keep any out; the effect can be fitted from no start; as `gsid.greybox.fit_plant`.
     """
     known = find(effect)
     if known.null_kind == "never":
         hint = "write it into the model file, with its values"
         raise InputError("this effect is what a plant starts with, not one to add", effect, None, hint)
-    for name in params or {}:
-        if name not in known.names:
-            hint = close(name, known.names) or f"it has {', '.join(known.names)}"
-            raise InputError("unknown parameter", f"{effect}.{name}", None, hint)
+    for name, value in (params or {}).items():
+        _check(known, name, value)
     fitted, kept, words = _split(_spectra(records), None if held_out is None else _spectra(held_out))
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
@@ -223,6 +222,16 @@ def add(
     step = {"add": effect, "rung": rung.to_dict(), "previous": _previous(model)}
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
+
+
+def _check(known: EffectType, name: str, value: float) -> None:
+    if name not in known.names:
+        hint = close(name, known.names) or f"it has {', '.join(known.names)}"
+        raise InputError("unknown parameter", f"{known.id}.{name}", None, hint)
+    lower, upper = known[name].lower, known[name].upper
+    if not lower <= value <= upper:
+        hint = f"it lies in {lower:g} .. {upper:g} {known[name].unit}".rstrip()
+        raise InputError("a value is out of its bounds", f"{known.id}.{name}", f"{value:g}", hint)
 
 
 def undo(model: PlantModel) -> PlantModel:
@@ -349,10 +358,22 @@ def _starts(
     if tries:
         return [with_effect(fit.model, effect, p.start(size), p.limits, p.fixed) for p, size in tries]
     strengths = {p.name: p.typical for p in find(effect).parameters if p.null_value is not None}
-    return [
+    sizes = [
         with_effect(fit.model, effect, {name: size * value for name, value in strengths.items()})
         for size in SIZES
     ]
+    return [min(sizes, key=lambda model: _cost(model, fit, measured))]
+
+
+def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:
+    """Of a model that is not fitted, with the weights of a fit; infinite when it cannot be simulated."""
+    try:
+        return sum(
+            float(np.sum(np.abs(r.weight * (one.y - model.predict(one).Y)[r.line]) ** 2))
+            for r, one in zip(fit.records, measured, strict=True)
+        )
+    except GsidError:
+        return np.inf
 
 
 def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tuple[Probe, np.ndarray]]:
@@ -389,7 +410,8 @@ def _best_fit(
     if best is None:
         hint = "give values to start from with --param"
         raise InputError(f"{effect} can be fitted from no start", measured[0].name, str(failure), hint)
-    return best if best.converged else fit_plant(best.model, measured, band=band)
+    promising = before.cost - best.cost > WORTH
+    return fit_plant(best.model, measured, band=band) if promising and not best.converged else best
 
 
 def _rung(

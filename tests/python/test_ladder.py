@@ -83,6 +83,14 @@ def test_a_second_step_that_the_data_do_not_need(added, records):
     assert "kept out [deg/s]" in repr(second)
 
 
+def test_an_effect_that_the_mean_does_not_show(added, records):
+    """It has no grid, so sizes are tried; the data say nothing of it, and that is said."""
+    second = add("periodic_disturbance", added.model, records)
+    assert set(second.undetermined) >= {"periodic_disturbance.amplitude"}
+    assert second.rung.params["amplitude"]["std"] is None
+    assert second.rung.held_out["after"] == pytest.approx(added.rung.held_out["after"], rel=1e-6)
+
+
 def test_undo_goes_back_step_by_step(added, records, tmp_path):
     second = add("torque_bias", added.model, records, params={"level": 1.0})
     second.model.save(tmp_path / "two.json")
@@ -118,6 +126,8 @@ def test_which_data_are_kept_out(caplog):
         ("rigid_body", None, "not one to add"),
         ("coulomb", None, "unknown effect"),
         ("coulomb_friction", {"lvel": 1.0}, "unknown parameter"),
+        ("coulomb_friction", {"level": -1.0}, "out of its bounds"),
+        ("coulomb_friction", {"level": float("nan")}, "out of its bounds"),
     ],
 )
 def test_misuse(records, effect, params, what):
