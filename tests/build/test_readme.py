@@ -87,3 +87,25 @@ def test_links_between_pages_lead_somewhere(root):
     assert len(links) > 5
     for page, link in links:
         assert (page.parent / link).exists(), f"{page.name} links to {link}"
+
+
+def test_the_missing_effect(run, root, tmp_path):
+    """The records of the text, made by the simulated axis; the commands of the text, word for word."""
+    from gsid.excitation import Multisine
+    from gsid.io import write_record
+    from gsid.record import Record
+    from gsid.simulate import SimulatedAxis
+
+    (tmp_path / "axis.json").write_text(blocks(root, "json")[0])
+    for seed in (1, 2, 3):
+        m = Multisine.design(3000, 6000, (0.5, 195), grid="odd", phases="random", seed=seed, amplitude=3)
+        u, y, _ = SimulatedAxis(coulomb_level=2.0, seed=seed).step(np.tile(m.table(), 10))
+        record = Record(u, y, 3000, period_samples=6000, settle_samples=12000, hold="zoh", y_unit="deg/s")
+        write_record(tmp_path / f"rig{seed}.csv", record)
+    for command, shown in commands(blocks(root, "shell-session")[0]):
+        gsid, *arguments = shlex.split(command)
+        assert gsid == "gsid"
+        result = run(sys.executable, "-m", "gsid.cli.main", *arguments, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        words = shown.split("(")[0].split(":")[0]  # the noise is drawn anew: its figures are not the text's
+        assert result.stdout.startswith(words), result.stdout
