@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib, version
 from gsid.errors import InputError
+from gsid.io import write_atomically
 
 if TYPE_CHECKING:
     import control
@@ -350,10 +350,7 @@ class RationalModel:
 
     def save(self, path: str | Path) -> None:
         """Write a model file (.json); an existing file is replaced whole or not at all."""
-        path = Path(path)
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
+        write_model_file(path, self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> RationalModel:
@@ -462,6 +459,12 @@ class RationalModel:
             )
         )
         return f"<table><caption>{html.escape(self._lines()[0])}</caption>{rows}</table>"
+
+
+def write_model_file(path: str | Path, data: dict[str, Any]) -> None:
+    """Write the JSON of a model file; an existing file is replaced whole or not at all."""
+    text = json.dumps(data, indent=1, allow_nan=False) + "\n"
+    write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def read_model_file(path: str | Path) -> Any:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import copy
 import html
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +16,7 @@ from gsid._lib import check, ffi, lib, version
 from gsid.effects import EffectParameter, EffectType, close, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra
-from gsid.model import FORMAT, read_model_file
+from gsid.model import FORMAT, read_model_file, write_model_file
 
 OUTPUTS = ("rate", "angle")
 RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
@@ -353,10 +351,7 @@ class PlantModel:
 
     def save(self, path: str | Path) -> None:
         """Write a model file (.json); an existing file is replaced whole or not at all."""
-        path = Path(path)
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
+        write_model_file(path, self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> PlantModel:

@@ -47,11 +47,23 @@ class Settle(click.ParamType):
 @click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
 @click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
 @click.option("--band", type=Band(), default=(1.0, 250.0), help="Of the multisine [Hz]. [default: 1:250]")
-@click.option("--lines", type=click.Choice(["full", "odd"]), default="full", show_default=True)
+@click.option(
+    "--lines",
+    type=click.Choice(["full", "odd"]),
+    default="full",
+    show_default=True,
+    help="Every line, or odd ones.",
+)
 @click.option(
     "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
 )
-@click.option("--phases", type=click.Choice(["schroeder", "random"]), default="schroeder", show_default=True)
+@click.option(
+    "--phases",
+    type=click.Choice(["schroeder", "random"]),
+    default="schroeder",
+    show_default=True,
+    help="Low crest factor, or a realisation of its own for each seed.",
+)
 @click.option(
     "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of random phases. [default: 0]"
 )
