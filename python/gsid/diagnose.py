@@ -141,17 +141,21 @@ class Diagnosis:
         return self.steps[0].ranking if self.steps else []
 
     @property
+    def _p_words(self) -> str:
+        return f"p = {self.p_value:.2g}" if self.p_value > 0 else "p < 1e-300"
+
+    @property
     def sentence(self) -> str:
         """The verdict for people."""
         if self.adequate:
-            return f"Nothing is missing that these data show (p = {self.p_value:.2g})."
+            return f"Nothing is missing that these data show ({self._p_words})."
         after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
         names = ", then ".join(" or ".join(group.effects) for group in self.found)
         if self.verdict == "unknown_effect":
             best = f" The nearest is {names}, which explains {self.explained:.0%}." if names else ""
-            return f"Something is missing that the catalogue does not have (p = {self.p_value:.2g}).{best}"
+            return f"Something is missing that the catalogue does not have ({self._p_words}).{best}"
         explained = f"{self.explained:.0%} of the misfit explained"
-        return f"Missing: {names} ({after}, {explained}, p = {self.p_value:.2g})."
+        return f"Missing: {names} ({after}, {explained}, {self._p_words})."
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid diagnose --json`."""
@@ -301,7 +305,7 @@ def _round(
 
 def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], seed: int) -> float:
     """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
-    residual = _stacked(fit, "residual")[:, 0]
+    residual = stacked(fit, "residual")[:, 0]
     if not scores:
         return 1.0
     deviations = [
@@ -336,14 +340,35 @@ def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
     return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))
 
 
-def _stacked(fit: PlantFit, what: str) -> np.ndarray:
-    """Residual or Jacobian of all records: all real parts, then all imaginary parts."""
+def stacked(fit: PlantFit, what: str) -> np.ndarray:
+    """Residual or Jacobian of all records: all real parts, then all imaginary parts.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    what : "residual" or "jacobian"
+
+    Returns
+    -------
+    (2 m, columns) ndarray, m the number of lines of all records
+    """
     halves = [np.split(getattr(record, what).reshape(2 * len(record.line), -1), 2) for record in fit.records]
     return np.vstack([re for re, _ in halves] + [im for _, im in halves])
 
 
-def _whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
-    """(2 m, q) columns of a probe, whitened and stacked as `_stacked` does."""
+def whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
+    """Columns of a probe, weighted as the fit's residuals are and in the order of `stacked`.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    columns : list of (q, K) complex ndarrays
+        Lines 0 .. N/2, one entry per record.
+
+    Returns
+    -------
+    (2 m, q) ndarray
+    """
     parts = [
         (lines[:, record.line] * record.weight).T for lines, record in zip(columns, fit.records, strict=True)
     ]
@@ -352,7 +377,17 @@ def _whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
     return np.vstack([together.real, np.where(real[:, None], 0.0, together.imag)])
 
 
-def _trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
+def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
+    """Path of a fitted model under one record's excitation.
+
+    Parameters
+    ----------
+    model : PlantModel
+    record : RecordFit
+        Of the model's fit.
+    one : Spectra
+        The record.
+    """
     view = linear_view(
         model.stack(),
         one.f_hz,
@@ -381,14 +416,14 @@ def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]
     left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if fit.model.angle_unit == "m" else ())
     absent = [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
     trajectories = [
-        _trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
+        trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
     ]
     tried = list(probes(trajectories, absent))
     if "torque_bias" in absent:
         tried.append(_bias_probe(fit.model, measured))
-    residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
+    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
     return [
-        (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
+        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
         for probe in tried
     ]
 

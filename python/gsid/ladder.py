@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid.compare import Comparison, compare
-from gsid.diagnose import _stacked, _trajectory, _whitened, with_effect
+from gsid.diagnose import stacked, trajectory, whitened, with_effect
 from gsid.effects import EffectType, close, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
@@ -378,10 +378,10 @@ def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:
 
 def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tuple[Probe, np.ndarray]]:
     """Points of the effect's grid with the largest predicted drops of the cost, and their coefficients."""
-    paths = [_trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
-    residual, nuisance = _stacked(fit, "residual")[:, 0], orthonormal(_stacked(fit, "jacobian"))
+    paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
+    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
     scored = [
-        (probe, score(residual, nuisance, _whitened(fit, probe.columns), one_sided=probe.one_sided))
+        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
         for probe in probes(paths, [effect])
     ]
     scored.sort(key=lambda pair: -pair[1].drop)
