@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,7 +30,7 @@ from gsid.linear_start import linear_start
 from gsid.linear_view import linear_view
 from gsid.next_experiment import advice
 from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
-from gsid.probes import Probe, Trajectory, probes
+from gsid.probes import Probe, Trajectory, probes, quantization_at, quantization_spacing
 from gsid.record import Record
 from gsid.scores import Score, family_wise_p, orthonormal, random_periods, random_phases, score
 
@@ -38,10 +38,12 @@ ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
 REFITTED = 5  # effects fitted for real in each round, at most
 RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
+RIVAL_THRESHOLD = 0.1  # the same for threshold laws
 STARTS = 2  # of each, the second when the first does not keep its promise
 KEPT = 0.9  # of the predicted drop: the promise is kept
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 DRAWS = 999  # of the bootstrap
+ZOOMS, ZOOM_POINTS = 2, 8  # refinements of a step's grid, points on each side
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
@@ -266,10 +268,12 @@ def _explained(before: PlantFit, after: PlantFit) -> float:
 def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: PlantFit, alpha: float) -> str:
     if steps[0].p_value >= alpha:
         return "adequate"
-    still_wrong = steps[-1].p_noise < alpha / 2
-    if not found or (still_wrong and _explained(first, last) < EXPLAINED):
-        return "unknown_effect"
-    return "missing_effect"
+    # What is left counts against the catalogue only as far as it is more than the scatter of noise.
+    scatter = 3 * np.sqrt(2 * last.n_dof * (1 + 2 / last.variance_dof))
+    left = max(last.cost - last.n_dof - scatter, 0.0)
+    gained = first.cost - last.cost
+    still_wrong = steps[-1].p_noise < alpha / 2 and gained < EXPLAINED * (gained + left)
+    return "unknown_effect" if not found or still_wrong else "missing_effect"
 
 
 # ---- one round ---------------------------------------------------------------------------------------
@@ -420,12 +424,36 @@ def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]
     ]
     tried = list(probes(trajectories, absent))
     if "torque_bias" in absent:
-        tried.append(_bias_probe(fit.model, measured))
+        bias = _bias_probe(fit.model, measured)
+        if find("torque_bias")["level"].typical * np.linalg.norm(whitened(fit, bias.columns)) > 1:
+            tried.append(bias)  # else a linear plant: a constant torque is not seen at all
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
-    return [
-        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
-        for probe in tried
+
+    def judged(several: Iterable[Probe]) -> list[tuple[Probe, Score]]:
+        return [
+            (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
+            for probe in several
+        ]
+
+    scored = judged(tried)
+    for _ in range(ZOOMS):
+        scored += judged(_nearer(trajectories, scored))
+    return scored
+
+
+def _nearer(trajectories: list[Trajectory], scored: list[tuple[Probe, Score]]) -> Iterator[Probe]:
+    """Points between the best step of a rounding and its neighbours: it has no slope for a fit to follow."""
+    steps = [
+        (item.drop, probe.start(item.size)["step"]) for probe, item in scored if probe.fixed == ("step",)
     ]
+    if steps:
+        known = np.array([step for _, step in steps])
+        best = max(steps)[1]
+        gaps = np.abs(known - best)
+        spacing = np.min(gaps[gaps > 0], initial=quantization_spacing(trajectories, best))
+        yield from quantization_at(
+            trajectories, best + spacing * np.linspace(-1, 1, 2 * ZOOM_POINTS + 1)[1:-1]
+        )
 
 
 def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
@@ -447,8 +475,15 @@ def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe,
             by_effect.setdefault(probe.effect, []).append((probe, item))
     drops = {effect: tries[0][1].drop for effect, tries in by_effect.items()}
     largest = max(drops.values(), default=0.0)
-    rivals = [e for e, drop in drops.items() if drop > RIVAL * largest or largest - drop < 3 * SAME]
+    rivals = [
+        e for e, drop in drops.items() if drop > _share_wanted(e) * largest or largest - drop < 3 * SAME
+    ]
     return {effect: by_effect[effect][:STARTS] for effect in rivals[:REFITTED]}
+
+
+def _share_wanted(effect: str) -> float:
+    """Of the largest drop, for an effect to be fitted: a threshold law's direction is only a rough one."""
+    return RIVAL_THRESHOLD if find(effect).null_kind == "threshold" else RIVAL
 
 
 def with_effect(

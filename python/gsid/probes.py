@@ -17,7 +17,7 @@ import numpy as np
 
 Params = dict[str, float]
 
-QUANTIZATION_POINTS = 400  # down to a step of about a hundred and thirtieth of the peak
+QUANTIZATION_POINTS = 900  # down to a step of about a three hundredth of the peak
 
 
 @dataclass(eq=False)
@@ -197,7 +197,8 @@ def _unbalance(trajectories: list[Trajectory]) -> Iterator[Probe]:
         return [np.sin(angle), np.cos(angle) - 1]
 
     def start(c: np.ndarray) -> Params:
-        return {"level": float(np.hypot(c[0], c[1])), "angle_deg": float(np.degrees(np.arctan2(c[1], c[0])))}
+        # The even part alone: the odd one is a spring's too, so its size would start far off.
+        return {"level": float(np.abs(c[1])), "angle_deg": float(np.copysign(90.0, c[1]))}
 
     yield _torque("mass_unbalance", trajectories, laws, start)
 
@@ -225,7 +226,8 @@ def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
     furthest = _largest(trajectories, "angle")
-    for share in (0.5, 0.65, 0.8, 0.9, 0.97):
+    # Dense towards the end: most stops are only just touched, and often on one side.
+    for share in 1 - np.geomspace(0.5, 0.002, 14):
         yield _torque(
             "hard_stop",
             trajectories,
@@ -256,20 +258,27 @@ def _rounded(u: np.ndarray, step: float) -> np.ndarray:
     return step * np.round(u / step)
 
 
+def quantization_at(trajectories: list[Trajectory], steps: np.ndarray) -> Iterator[Probe]:
+    """Rounding of the command to the steps given.
+
+    Parameters
+    ----------
+    trajectories : list of Trajectory
+    steps : (k,) ndarray
+    """
+    yield from _command("drive_quantization", trajectories, "step", steps, _rounded, fixed=("step",))
+
+
+def quantization_spacing(trajectories: list[Trajectory], step: float) -> float:
+    """Distance of neighbours in the grid: at the peak their rounding differs by a third of a step."""
+    return step**2 / (3 * _largest(trajectories, "command"))
+
+
 def _quantization(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    # So close that at the peak the rounding of neighbours differs by a third of a step only.
-    peak = _largest(trajectories, "command")
-    size = 0.3 * peak
+    sizes = [0.3 * _largest(trajectories, "command")]
     for _ in range(QUANTIZATION_POINTS):
-        yield from _command(
-            "drive_quantization",
-            trajectories,
-            "step",
-            np.array([size]),
-            lambda u, s: s * np.round(u / s),
-            fixed=("step",),
-        )
-        size /= 1 + size / (3 * peak)
+        sizes.append(sizes[-1] - quantization_spacing(trajectories, sizes[-1]))
+    yield from quantization_at(trajectories, np.array(sizes))
 
 
 def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:
