@@ -228,7 +228,7 @@ def diagnose(
     steps: list[Step] = []
     found: list[Group] = []
     while True:
-        step, best = _round(fit, measured, band, seed, on_step, explore=len(found) < EFFECTS_MAX)
+        step, best = _round(fit, measured, band, alpha, seed, on_step, explore=len(found) < EFFECTS_MAX)
         steps.append(step)
         if step.p_value >= alpha or best is None:
             break
@@ -283,6 +283,7 @@ def _round(
     fit: PlantFit,
     measured: list[Spectra],
     band: tuple[float, float] | None,
+    alpha: float,
     seed: int,
     on_step: Callable[[str], None],
     *,
@@ -292,7 +293,7 @@ def _round(
     scored = _scored(fit, measured)
     p_score = _score_p_value(fit, measured, [item for _, item in scored], seed)
     step = Step(fit, noise_p_value(fit, measured), p_score, [])
-    if not explore or step.p_value >= ALPHA:
+    if not explore or step.p_value >= alpha:
         return step, None
     candidates = []
     for effect, tries in _shortlist(scored).items():

@@ -172,7 +172,7 @@ def random_periods(deviations: list[np.ndarray], draws: int, seed: int) -> np.nd
     parts = []
     for one in deviations:
         p = len(one)
-        mix = rng.standard_normal((draws, p)) + 1j * rng.standard_normal((draws, p))
-        parts.append((mix @ one).T / np.sqrt(2 * p * (p - 1)))
+        # Real weights: a flutter moves real and imaginary parts together, and complex ones would halve it.
+        parts.append((rng.standard_normal((draws, p)) @ one).T / np.sqrt(p * (p - 1)))
     together = np.vstack(parts)
     return np.vstack([together.real, together.imag])

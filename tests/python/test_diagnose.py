@@ -71,6 +71,15 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert found.cost_per_dof == pytest.approx(1, abs=0.15)
 
 
+def test_the_false_alarm_rate_asked_for_is_the_one_that_decides(monkeypatch):
+    """A bug: rounds compared with the default rate, so a search at 50 % ended without candidates."""
+    monkeypatch.setattr("gsid.diagnose.noise_p_value", lambda fit, measured: 0.1)
+    assert diagnose(null(), measured(0.0)).verdict == "adequate"
+    searched = diagnose(null(), measured(0.0), alpha=0.5)
+    assert searched.verdict != "adequate"
+    assert searched.steps[0].ranking
+
+
 def test_coulomb_friction_is_named_alone_and_its_size_found():
     found = diagnose(null(0.95), measured(2.0))
     assert found.verdict == "missing_effect"
