@@ -1,0 +1,230 @@
+"""Pictures of an experiment: the excitation, the periods laid over each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from gsid.plots.style import (
+    EXCESS,
+    MEASURED,
+    NOISE,
+    SIGNAL,
+    db,
+    db_label,
+    draw_points,
+    frequency_axis,
+    limits_db,
+    new_figure,
+    plain_number,
+    plain_text,
+    styled,
+    with_unit,
+)
+
+if TYPE_CHECKING:
+    from gsid.excitation import Multisine
+    from gsid.frf import Spectra
+    from gsid.record import Record
+
+
+def _one_period(source: Multisine | Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Samples of one period; amplitudes of all lines; the excited lines; designed (or else measured)."""
+    n = source.period_samples
+    if hasattr(source, "table"):
+        u = np.asarray(source.table(), dtype=float)
+        spectrum = 2.0 * np.abs(np.fft.rfft(u)) / n
+        return u, spectrum, np.asarray(source.line, dtype=int), True
+    lines = np.zeros(n // 2 + 1, dtype=complex)
+    lines[np.asarray(source.line, dtype=int)] = source.u
+    full = 0.5 * n * lines  # |U| is the sine's amplitude; line 0 and line N/2 have no mirror image
+    full[0] *= 2.0
+    if n % 2 == 0:
+        full[-1] *= 2.0
+    return np.fft.irfft(full, n), np.abs(lines), np.asarray(source.line)[np.asarray(source.excited)], False
+
+
+def crest_factors(u) -> tuple[float, float]:
+    """Peak over rms of one period: on its samples, and between them (8x finer, band-limited interpolation).
+
+    Parameters
+    ----------
+    u : (N,) one period
+
+    Returns
+    -------
+    on_samples, between : float
+    """
+    u = np.asarray(u, dtype=float)
+    n = len(u)
+    rms = np.sqrt(np.mean(u**2))
+    if rms == 0.0:
+        return np.nan, np.nan
+    fine = 8.0 * np.fft.irfft(np.fft.rfft(u), 8 * n)
+    return float(np.max(np.abs(u)) / rms), float(np.max(np.abs(fine)) / rms)
+
+
+@styled
+def excitation(source: Multisine | Spectra, u_unit: str | None = None) -> Figure:
+    """One period of the excitation and its line spectrum.
+
+    Parameters
+    ----------
+    source : Multisine (as designed) or Spectra (as applied: the mean period of the record)
+    u_unit : str, optional
+        Unit of the input; default: that of the source.
+
+    Returns
+    -------
+    Figure
+    """
+    u, amplitude, excited, designed = _one_period(source)
+    unit = plain_text(getattr(source, "u_unit", "") if u_unit is None else u_unit)
+    fs, n = source.fs_hz, len(u)
+    on_samples, between = (source.crest_factor, source.crest_factor_fine) if designed else crest_factors(u)
+
+    figure = new_figure(4.6)
+    time_ax, line_ax = figure.subplots(2, 1)
+    time_ax.plot(np.arange(n) / fs, u, color=SIGNAL, linewidth=0.7, rasterized=n > 20000)
+    rms = float(np.sqrt(np.mean(u**2)))
+    for sign, name in ((-1.0, "−rms"), (1.0, "+rms")):
+        time_ax.axhline(sign * rms, color=NOISE, linewidth=0.8, linestyle="--")
+        time_ax.annotate(
+            name,
+            (1.0, sign * rms),
+            (4, 0),
+            xycoords=("axes fraction", "data"),
+            fontsize=8.0,
+            textcoords="offset points",
+            va="center",
+            color="#555555",
+        )
+    time_ax.set_xlim(0.0, n / fs)
+    time_ax.set_xlabel("time in one period [s]")
+    time_ax.set_ylabel(with_unit("input u", unit))
+    time_ax.set_title(
+        f"{'Designed' if designed else 'Applied'} excitation, one period of {n} samples "
+        f"({n / fs:g} s): crest factor {on_samples:.2f} on samples, {between:.2f} between them"
+    )
+
+    f_hz = np.arange(len(amplitude)) * fs / n
+    is_excited = np.zeros(len(amplitude), dtype=bool)
+    is_excited[excited] = True
+    rest = ~is_excited & (f_hz > 0.0) & (amplitude > 1e-9 * amplitude.max())
+    if rest.any():
+        draw_points(
+            line_ax, f_hz[rest], db(amplitude[rest]), NOISE, f"other lines ({rest.sum()})", markersize=1.8
+        )
+    if len(excited):
+        draw_points(
+            line_ax,
+            f_hz[excited],
+            db(amplitude[excited]),
+            SIGNAL,
+            f"excited lines ({len(excited)}, {f_hz[excited].min():g} to {f_hz[excited].max():g} Hz)",
+            markersize=3.0,
+        )
+    frequency_axis(line_ax, f_hz[(f_hz > 0.0) & (is_excited | rest)])
+    limits_db(line_ax, db(amplitude[excited]), db(amplitude[rest]))
+    line_ax.set_ylabel(db_label("|U|", unit))
+    line_ax.legend(loc="best")
+    return figure
+
+
+@styled
+def periods(record: Record, spectra: Spectra) -> Figure:
+    """Periods of the output overlaid, their difference from the mean, and how the transient dies out.
+
+    Parameters
+    ----------
+    record : Record, all samples, lost ones marked in ``valid``
+    spectra : Spectra of the same record (its period and settling)
+
+    Returns
+    -------
+    Figure
+    """
+    n, settle, fs = spectra.period_samples, spectra.settle_samples, record.fs_hz
+    unit = plain_text(record.y_unit)
+    y = np.where(record.valid, record.y, np.nan)
+    n_whole = (len(y) - settle) // n
+    stack = y[settle : settle + n_whole * n].reshape(n_whole, n)
+    stack = stack[np.isfinite(stack).all(axis=1)]
+    mean = stack.mean(axis=0)
+    difference = y - mean[(np.arange(len(y)) - settle) % n]
+
+    figure = new_figure(6.4)
+    over_ax, diff_ax, decay_ax = figure.subplots(3, 1)
+    t = np.arange(n) / fs
+    for ax, curves in ((over_ax, stack), (diff_ax, stack - mean)):
+        ax.plot(
+            t,
+            curves.T,
+            color=SIGNAL,
+            alpha=max(0.08, min(0.6, 3.0 / len(stack))),
+            linewidth=0.6,
+            rasterized=True,
+        )
+        ax.set_xlim(0.0, n / fs)
+        ax.set_xlabel("time in the period [s]")
+    over_ax.plot(t, mean, color=MEASURED, linewidth=0.7, label=f"mean of {len(stack)}", rasterized=n > 20000)
+    over_ax.set_ylabel(with_unit("output y", unit))
+    over_ax.set_title(f"{len(stack)} good period{'s' * (len(stack) != 1)} laid over each other")
+    over_ax.legend(loc="upper right")
+    noise = _noise_rms(stack - mean)
+    diff_ax.set_ylabel(with_unit("y − mean", unit))
+    diff_ax.set_title(
+        "Difference of each period from the mean"
+        + (f": {noise:.3g} {unit} rms" if np.isfinite(noise) else " (one period: none)")
+    )
+    _draw_decay(decay_ax, difference, settle, n, noise, unit)
+    return figure
+
+
+def _noise_rms(difference: np.ndarray) -> float:
+    """Of one period's noise: a difference from the mean of P periods has (1 - 1/P) of its variance."""
+    n_periods = len(difference)
+    return float(np.sqrt(np.mean(difference**2) * n_periods / (n_periods - 1))) if n_periods > 1 else np.nan
+
+
+def _draw_decay(ax: Axes, difference, settle: int, n: int, noise: float, unit: str) -> None:
+    """Rms of y - mean in blocks of a tenth of a period, over the whole record, on a log axis."""
+    block = max(n // 10, 1)
+    n_blocks = len(difference) // block
+    rows = difference[: n_blocks * block].reshape(n_blocks, block)
+    rms = np.sqrt(np.mean(rows**2, axis=1))  # NaN where a sample was lost: a gap in the curve
+    at = (np.arange(n_blocks) + 0.5) * block / n
+    ax.plot(
+        at,
+        np.where(rms > 0.0, rms, np.nan),
+        color=MEASURED,
+        linewidth=0.9,
+        label="rms in a tenth of a period",
+    )
+    if np.isfinite(noise):
+        ax.axhline(noise, color=NOISE, linestyle="--", linewidth=0.9, label="rms over all good periods")
+    if settle:
+        ax.axvspan(0.0, settle / n, color=NOISE, alpha=0.15, linewidth=0.0, label="thrown away to settle")
+    lost = np.flatnonzero(~np.isfinite(rms))
+    if len(lost):
+        ax.plot(
+            at[lost],
+            np.full(len(lost), 0.03),
+            "v",
+            color=EXCESS,
+            markersize=4.0,
+            label="samples lost",
+            transform=ax.get_xaxis_transform(),
+        )
+    ax.set_xlim(0.0, len(difference) / n)
+    if np.any(rms > 0.0):
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(plain_number))
+    ax.set_xlabel("time [periods since the first sample]")
+    ax.set_ylabel(with_unit("y − mean", unit))
+    ax.set_title("Decay of the transient: rms difference from the mean period")
+    ax.legend(loc="upper right", ncols=2)

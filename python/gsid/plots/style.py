@@ -1,0 +1,238 @@
+"""What the pictures share: colours, axes, points, bands and words."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
+
+from gsid.confidence import NORMAL_95
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
+    from gsid.model import RationalModel
+
+
+# Okabe and Ito's colours, which stay apart for the colour-blind; one meaning each in all pictures.
+MEASURED = "#333333"
+MODEL = "#0072B2"
+NOISE = "#8A8A8A"
+EXCESS = "#D55E00"
+SIGNAL = "#0072B2"
+KINDS = ("excited", "odd", "even")
+
+STYLE = {
+    "figure.facecolor": "white",
+    "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": "#333333",
+    "axes.edgecolor": "#888888",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E3E3E3",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 2.4,
+    "legend.fontsize": 8.5,
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": "none",
+    "legend.borderpad": 0.3,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gsid",
+}
+GRID_LINE = {"color": "#D0D0D0", "linewidth": 0.7, "zorder": 0.6}  # of the pole-zero map
+GRID_TEXT = {"color": "#666666", "fontsize": 7.5, "zorder": 0.7}
+WIDTH_IN = 9.0
+RASTER_DPI = 160
+_MANY_POINTS = 1200  # more than that are drawn as a bitmap inside the vector picture
+
+
+# --- drawing helpers --------------------------------------------------------------------------------------
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    @functools.wraps(draw)
+    def styled(*args, **kwargs) -> Figure:
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def new_figure(height_in: float) -> Figure:
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=RASTER_DPI)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def db(x) -> np.ndarray:
+    return 20.0 * np.log10(np.maximum(np.abs(x), np.finfo(float).tiny))
+
+
+def plain_number(value: float, _position: int | None = None) -> str:
+    return f"{value:g}"
+
+
+def frequency_axis(ax: Axes, f_hz, *, label: bool = True) -> None:
+    f_hz = np.asarray(f_hz, dtype=float)
+    f_hz = f_hz[f_hz > 0.0]
+    low, high = (f_hz.min(), f_hz.max()) if len(f_hz) else (1.0, 10.0)
+    margin = max((high / low) ** 0.02, 1.01)
+    ax.set_xscale("log")
+    ax.set_xlim(low / margin, high * margin)
+    fine = (
+        (1.0, 2.0, 5.0) if high / low > 8.0 else tuple(np.arange(1.0, 10.0, 0.5 if high / low < 2.0 else 1.0))
+    )
+    ax.xaxis.set_major_locator(LogLocator(subs=fine, numticks=50))
+    ax.xaxis.set_major_formatter(FuncFormatter(plain_number))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.tick_params(axis="x", which="minor", length=0)
+    if label:
+        ax.set_xlabel("frequency [Hz]")
+    else:
+        ax.tick_params(axis="x", labelbottom=False)
+
+
+def phase_axis(ax: Axes) -> None:
+    low, high = ax.get_ylim()
+    step = next(s for s in (15, 30, 45, 90, 180, 360, 720, 1440, 1e9) if (high - low) / s <= 8)
+    ax.yaxis.set_major_locator(MultipleLocator(step))
+    ax.set_ylabel("phase [deg]")
+
+
+def per_unit(y_unit: str, u_unit: str) -> str:
+    """Unit of y/u as one writes it: (deg/s)/A."""
+    if not y_unit and not u_unit:
+        return ""
+    top = f"({y_unit})" if "/" in y_unit else y_unit or "1"
+    return f"{top}/({u_unit})" if "/" in u_unit else f"{top}/{u_unit or '1'}"
+
+
+def db_label(what: str, unit: str) -> str:
+    return f"{what} [dB re 1 {unit}]" if unit else f"{what} [dB]"
+
+
+def with_unit(what: str, unit: str) -> str:
+    return f"{what} [{unit}]" if unit else what
+
+
+def plain_text(value: str) -> str:
+    """Names and units come from files: a dollar sign in them is no mathematics."""
+    return str(value).replace("$", r"\$")
+
+
+def draw_points(ax: Axes, x, y, colour: str, label: str | None, **style) -> None:
+    style = {"marker": "o", "markersize": 2.4, "markeredgewidth": 0.0} | style
+    ax.plot(x, y, linestyle="none", color=colour, label=label, rasterized=len(x) > _MANY_POINTS, **style)
+
+
+def draw_error_bars(ax: Axes, x, low, high, label: str | None) -> None:
+    """All bars as one broken line: a tenth of the size of separate ones in an SVG."""
+    gap = np.full(len(x), np.nan)
+    bars = np.column_stack([low, high, gap]).ravel()
+    ax.plot(np.repeat(x, 3), bars, color=MEASURED, alpha=0.35, linewidth=0.8, label=label)
+
+
+def shade_band(ax: Axes, f_lo: float, f_hi: float, label: str | None = None, colour: str = EXCESS) -> None:
+    """At least a hair wide, so that a band of one line is seen on a log axis."""
+    ax.axvspan(f_lo / 1.006, f_hi * 1.006, color=colour, alpha=0.13, linewidth=0.0, label=label, zorder=0.5)
+
+
+def limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
+    """Limits from the curves that matter; isolated deep nulls do not squeeze the rest."""
+    values = np.concatenate([np.atleast_1d(np.asarray(c, dtype=float)) for c in curves])
+    values = values[np.isfinite(values)]
+    if len(values):
+        low, high = np.percentile(values, 0.5), values.max()
+        room = max(room, 0.06 * (high - low))
+        ax.set_ylim(low - room, high + room)
+
+
+def degrees_of_freedom(frf: Frf) -> int | None:
+    """Degrees of freedom of the variance; None (taken as exact) where it did not come from periods."""
+    return frf.n_periods - frf.n_realisations if frf.n_periods > frf.n_realisations else None
+
+
+def line_mask(frf: Frf) -> np.ndarray:
+    return np.asarray(frf.f_hz) > 0.0
+
+
+def delay_text(delay_s: float, fs_hz: float | None, std_s: float | None = None) -> str:
+    """Delay in ms and in samples, for example "5.4000 ± 0.0040 ms (16.20 samples)"."""
+    samples = f" ({delay_s * fs_hz:.2f} samples)" if fs_hz else ""
+    return f"{with_interval(delay_s * 1e3, std_s * 1e3 if std_s else None)} ms{samples}"
+
+
+def with_interval(value: float, std: float | None) -> str:
+    """A value and half its 95 % interval, to two digits of the latter, for example "5.4003 ± 0.0016"."""
+    if std is None or not np.isfinite(std) or std <= 0.0:
+        return f"{value:.5g}".replace("-", "−")
+    half = NORMAL_95 * std
+    decimals = 1 - int(np.floor(np.log10(half)))
+    if not -4 <= decimals <= 9:
+        return f"{value:.6g} ± {half:.2g}".replace("-", "−")
+    value, half, decimals = round(value, decimals), round(half, decimals), max(decimals, 0)
+    return f"{value:.{decimals}f} ± {half:.{decimals}f}".replace("-", "−")
+
+
+def order_text(model: RationalModel) -> str:
+    """Order as the command line takes it: poles/zeros."""
+    return f"{len(model.den) - 1}/{len(model.num) - 1}"
+
+
+def draw_error(ax: Axes, f, error, bound, label: str) -> None:
+    """Error of every line, those above the bound in another colour."""
+    above = error > bound
+    ax.plot(f, db(bound), color=EXCESS, linewidth=1.0, label="95 % noise bound")
+    draw_points(ax, f[~above], db(error[~above]), MODEL, label)
+    if above.any():
+        draw_points(ax, f[above], db(error[above]), EXCESS, "above the bound", markersize=3.2)
+
+
+def above_text(error, bound) -> str:
+    if not np.any(np.isfinite(bound)):
+        return "the noise is not known"
+    above = error > bound
+    share = 100.0 * np.mean(above)
+    return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; noise alone: 5 %)"
+
+
+def legend_below(figure: FigureBase, axes: Sequence[Axes]) -> None:
+    """One legend for all axes, outside them, each entry once."""
+    entries = {
+        label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        entries.values(),
+        entries.keys(),
+        loc="outside lower center",
+        ncols=min(len(entries), 5),
+        fontsize=8.0,
+        columnspacing=1.4,
+        handletextpad=0.5,
+    )
+
+
+def band_text(f_lo_hz: float, f_hi_hz: float) -> str:
+    """A band in Hz, for example "0.5 to 6 Hz"; one frequency when both ends are the same."""
+    low, high = f"{f_lo_hz:.3g}", f"{f_hi_hz:.3g}"
+    return f"{low} Hz" if low == high else f"{low} to {high} Hz"

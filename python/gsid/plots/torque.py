@@ -1,0 +1,56 @@
+"""Picture of the torque that a model misses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gsid.plots.style import EXCESS, MODEL, NOISE, new_figure, plain_text, styled, with_unit
+
+if TYPE_CHECKING:
+    from gsid.torque import Curve, TorqueResidual
+
+
+@styled
+def torque_residual(residual: TorqueResidual) -> Figure:
+    """Missing torque against rate, angle, command and time, with bars of two standard deviations.
+
+    Parameters
+    ----------
+    residual : TorqueResidual
+
+    Returns
+    -------
+    Figure
+    """
+    figure = new_figure(5.8)
+    best = max(residual.curves[:3], key=lambda curve: curve.explained)
+    best = best if best.explained > 0.1 else None  # noise gives every curve a little
+    for ax, curve in zip(figure.subplots(2, 2).ravel(), residual.curves, strict=True):
+        colour = EXCESS if curve is best else MODEL
+        low, high = curve.torque - 2 * curve.std, curve.torque + 2 * curve.std
+        ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.8)
+        ax.fill_between(curve.at, low, high, color=colour, alpha=0.25, linewidth=0.0)
+        ax.plot(curve.at, curve.torque, color=colour, marker="o", linewidth=1.0)
+        _draw_occupancy(ax, curve)
+        share = f": {100 * curve.explained:.0f} % of its mean square"
+        ax.set_title(f"against {curve.name}{', in the first record' if curve is residual.time else share}")
+        ax.set_xlabel(with_unit(curve.name, plain_text(curve.unit)))
+        ax.set_ylabel(with_unit("torque / inertia", plain_text(residual.unit)))
+    figure.suptitle(
+        f"Torque that is missing ({residual.rms:.3g} {plain_text(residual.unit)} rms), ±2 σ: where to look, "
+        "not a verdict. Grey: how often the axis is there.",
+        fontsize=9.5,
+    )
+    return figure
+
+
+def _draw_occupancy(ax: Axes, curve: Curve) -> None:
+    """How often each bin is visited, along the bottom."""
+    if np.ptp(curve.share) > 0.5 * curve.share.max():
+        width = np.min(np.diff(curve.at)) if len(curve.at) > 1 else 1.0
+        height = 0.12 * curve.share / curve.share.max()
+        ax.bar(curve.at, height, width, color=NOISE, alpha=0.35, transform=ax.get_xaxis_transform())
