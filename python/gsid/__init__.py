@@ -1,14 +1,58 @@
-"""gsid: measure a servo axis, fit a model, and see where the two differ."""
+"""gsid: measure a servo axis, fit a model, and see where the two differ.
+
+    record = gsid.read_record("rec.csv")
+    response = gsid.frf(record)                       # Frf
+    rational = gsid.fit(response, "4/3")              # RationalModel
+    plant = gsid.load_model("plant.json")             # PlantModel: a stack of effects
+    gsid.compare(plant, [record]).plot()              # Comparison
+    found = gsid.diagnose(plant, [record])            # Diagnosis
+    better = gsid.add("coulomb_friction", plant, [record]).model
+
+Names are loaded when they are first used. The verbs compare, diagnose, fit and frf are modules, too: `from
+gsid.compare import Comparison`.
+"""
+
+import importlib
+from typing import Any
 
 from gsid.errors import GsidError, InputError
 
-__all__ = ["GsidError", "InputError", "__version__"]
+# Where the other public names live; a module of its own name can be called itself (gsid._callable).
+_HOME = {
+    "Multisine": "excitation",
+    "PlantModel": "plant",
+    "RationalModel": "model",
+    "Record": "record",
+    "add": "ladder",
+    "compare": None,
+    "diagnose": None,
+    "fit": None,
+    "fit_plant": "greybox",
+    "frf": None,
+    "load_model": "model",
+    "read_record": "io",
+    "spectra": "frf",
+    "torque_residual": "torque",
+    "undo": "ladder",
+    "write_record": "io",
+}
+
+__all__ = ["GsidError", "InputError", "__version__", *_HOME]
 
 
-def __getattr__(name: str) -> str:
-    """Load the C library when it is first needed, so that `gsid doctor` can say why it does not load."""
+def __getattr__(name: str) -> Any:
+    """Load what is asked for when it is first needed, so that `gsid --help` is quick and `gsid doctor` can
+    say why the C library does not load."""
     if name == "__version__":
         from gsid._lib import version
 
         return version()
-    raise AttributeError(f"module 'gsid' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'gsid' has no attribute {name!r}")
+    home = _HOME[name]
+    module = importlib.import_module(f"gsid.{home or name}")
+    return getattr(module, name) if home else module
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

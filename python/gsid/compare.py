@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
+from gsid._callable import callable_as
 from gsid.fit import in_band
 from gsid.frf import Spectra, spectra
 from gsid.greybox import lines_used
@@ -360,3 +361,6 @@ def _band(
         "p_value": min(cell["p_corrected"] for cell in group),
         "db": 10 * float(np.log10(max(error, 1e-300) / max(response, 1e-300))),
     }
+
+
+callable_as(compare)

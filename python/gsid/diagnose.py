@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from gsid._callable import callable_as
 from gsid.effects import catalogue, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
@@ -595,3 +596,6 @@ def _without_the_needless(
         if without.cost - fit.cost < price:
             found, fit = [g for g in found if g is not group], without
     return found, fit
+
+
+callable_as(diagnose)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.model import RationalModel
 
@@ -242,3 +243,6 @@ def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
     )
     cov = (cov * scale[:, None] * scale)[np.ix_(order, order)]
     return (num * scale_num)[::-1], (den * scale_den)[::-1], cov
+
+
+callable_as(fit)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid._callable import callable_as
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.errors import InputError
 from gsid.record import Record, split_periods
@@ -696,3 +697,6 @@ def _over_realisations(each: list[Frf]) -> Frf:
         y_unit=first.y_unit,
         name=", ".join(one.name for one in each if one.name),
     )
+
+
+callable_as(frf)
