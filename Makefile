@@ -184,6 +184,7 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
 
 include tests/blind/blind.mk
+include firmware_examples/firmware.mk
 
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
 LINT_FLAGS := -O2 -Werror -fno-stack-protector -U_FORTIFY_SOURCE

@@ -35,7 +35,7 @@ def tree(root, tmp_path) -> Path:
     """Return a copy of the C sources and the Makefile to plant violations in."""
     for folder in ("include", "src", "tools"):
         shutil.copytree(root / folder, tmp_path / folder)
-    for makefile in (root / "Makefile", *root.glob("tests/*/*.mk")):
+    for makefile in (root / "Makefile", *root.glob("tests/*/*.mk"), *root.glob("firmware_examples/*.mk")):
         copy = tmp_path / makefile.relative_to(root)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(makefile, copy)

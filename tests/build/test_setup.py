@@ -34,6 +34,13 @@ def test_what_is_missing_is_named_for_each_system(run, bare_path):
         assert line in result.stderr
 
 
+def test_what_firmware_needs_is_asked_for_apart(run, bare_path):
+    result = run("tools/setup", "firmware", PATH=bare_path, CC="nocc")
+    assert result.returncode == 1
+    assert "sudo apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm\n" in result.stderr
+    assert "nocc" not in result.stderr
+
+
 def test_a_library_left_out_is_not_asked_for(run, bare_path):
     result = run(
         "tools/setup",

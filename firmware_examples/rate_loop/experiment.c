@@ -1,0 +1,133 @@
+#include "experiment.h"
+
+#include <math.h>
+
+#ifdef GSID_SINGLE
+#define SQRT sqrtf
+#else
+#define SQRT sqrt
+#endif
+#define PI GSID_R(3.14159265358979)
+
+/* Delays from which the model is tried [s], whatever the axis: 0 to 12 ms. */
+enum { N_DELAYS = 13 };
+#define DELAY_STEP_S GSID_R(1e-3)
+
+/* Amplitudes fall with frequency so that a rigid axis, whose response falls too, is not driven far at the low lines. */
+#define DB_PER_DECADE GSID_R(10.0)
+
+static gsid_status fill_excitation(experiment *e, gsid_real peak) {
+    /* Needed for the table only: the arrays of the answer are free until then. */
+    gsid_real *amplitude = e->f_hz, *phase_rad = e->sigma;
+    const gsid_multisine_cfg cfg = {EXPERIMENT_N_PERIOD, EXPERIMENT_N_LINES, e->line, amplitude, phase_rad, e->twiddle};
+    gsid_multisine multisine;
+    gsid_status status = gsid_amplitude_shape(EXPERIMENT_N_LINES, e->line, DB_PER_DECADE, amplitude);
+    if (status == GSID_OK)
+        status = gsid_phase_schroeder(EXPERIMENT_N_LINES, amplitude, phase_rad);
+    if (status == GSID_OK)
+        status = gsid_multisine_init(&multisine, &cfg);
+    if (status == GSID_OK)
+        status = gsid_multisine_table(&multisine, e->excitation);
+    gsid_real most = 0;
+    for (uint32_t i = 0; status == GSID_OK && i < EXPERIMENT_N_PERIOD; i++) {
+        const gsid_real size = e->excitation[i] < 0 ? -e->excitation[i] : e->excitation[i];
+        most = size > most ? size : most;
+    }
+    for (uint32_t i = 0; status == GSID_OK && i < EXPERIMENT_N_PERIOD; i++)
+        e->excitation[i] *= peak / most;
+    return status;
+}
+
+gsid_status experiment_init(experiment *e, gsid_real peak) {
+    uint32_t n_lines;
+    e->state = EXPERIMENT_IDLE;
+    gsid_status status = gsid_twiddle_fill(EXPERIMENT_N_PERIOD, e->twiddle);
+    if (status == GSID_OK)
+        status = gsid_lines_fill(GSID_GRID_FULL, 1, EXPERIMENT_N_LINES, EXPERIMENT_N_LINES, e->line, &n_lines);
+    return status == GSID_OK ? fill_excitation(e, peak) : status;
+}
+
+gsid_status experiment_start(experiment *e) {
+    /* The controller answers the excitation: the input is not known, it is measured. */
+    const gsid_frf_cfg cfg = {.n_period = EXPERIMENT_N_PERIOD,
+                              .n_lines = EXPERIMENT_N_LINES,
+                              .n_settle = EXPERIMENT_N_SETTLE,
+                              .line = e->line,
+                              .twiddle = e->twiddle};
+    const gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
+    e->n = 0;
+    if (status == GSID_OK)
+        e->state = EXPERIMENT_RUNNING; /* last: from here on the tick owns it */
+    return status;
+}
+
+gsid_real experiment_excite(experiment *e) {
+    if (e->state != EXPERIMENT_RUNNING)
+        return 0;
+    const gsid_real u = e->excitation[e->n];
+    e->n = e->n + 1 < EXPERIMENT_N_PERIOD ? e->n + 1 : 0;
+    return u;
+}
+
+static void judge_period(experiment *e) {
+    if (e->frf.n_periods >= EXPERIMENT_N_GOOD)
+        e->state = EXPERIMENT_MEASURED;
+    else if (e->frf.n_spoiled >= EXPERIMENT_N_SPOILED_MAX)
+        e->state = EXPERIMENT_STOPPED;
+}
+
+void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
+    if (e->state != EXPERIMENT_RUNNING)
+        return;
+    gsid_status status = gsid_frf_step(&e->frf, u, y);
+    if (status == GSID_E_NONFINITE)
+        status = gsid_frf_skip(&e->frf, 1);
+    if (status == GSID_DONE || status == GSID_SPOILED)
+        judge_period(e);
+}
+
+void experiment_skip(experiment *e) {
+    if (e->state == EXPERIMENT_RUNNING && gsid_frf_skip(&e->frf, 1) == GSID_SPOILED)
+        judge_period(e);
+}
+
+/* The best of linear fits with delays tried over a grid: V has a minimum every few samples of delay, and Gauss-Newton
+ * finds the one it starts in. */
+static gsid_status start_of_fit(const gsid_frd *data, gsid_rational *model, void *work, size_t work_size) {
+    const gsid_iwls_cfg cfg = {.n_iterations = 8};
+    gsid_rational best = *model;
+    gsid_real least = 0;
+    gsid_status found = GSID_E_SINGULAR;
+    for (uint32_t i = 0; i < N_DELAYS; i++) {
+        gsid_rational trial = *model;
+        gsid_real cost;
+        trial.delay_s = (gsid_real)i * DELAY_STEP_S;
+        const gsid_status status = gsid_estimate_iwls(data, &cfg, &trial, &cost, work, work_size);
+        if (status >= 0 && (found < 0 || cost < least)) {
+            best = trial;
+            least = cost;
+            found = status;
+        }
+    }
+    *model = best;
+    return found;
+}
+
+gsid_status experiment_fit(experiment *e) {
+    const gsid_frf_out out = {.g = e->g, .var_g = e->sigma};
+    gsid_status status = gsid_frf_result(&e->frf, &out);
+    if (status != GSID_OK)
+        return status;
+    for (uint32_t i = 0; i < EXPERIMENT_N_LINES; i++) {
+        e->f_hz[i] = (gsid_real)e->line[i] * (GSID_R(1.0) * EXPERIMENT_FS_HZ / EXPERIMENT_N_PERIOD);
+        e->sigma[i] = SQRT(e->sigma[i]);
+    }
+    const gsid_frd data = {EXPERIMENT_N_LINES, e->f_hz, e->g, e->sigma};
+    const gsid_ml_cfg ml = {.free_delay = 1};
+    /* Powers of s are near 1 at a fast line, where the poles and zeros of interest are. */
+    status = gsid_rational_init(&e->model, GSID_DOMAIN_S, EXPERIMENT_N_POLES, EXPERIMENT_N_ZEROS,
+                                2 * PI * e->f_hz[EXPERIMENT_N_LINES - 1] / 4);
+    if (status == GSID_OK)
+        status = start_of_fit(&data, &e->model, e->work, sizeof e->work);
+    return status < 0 ? status : gsid_estimate_ml(&data, &ml, &e->model, &e->cost, e->work, sizeof e->work);
+}

@@ -1,0 +1,66 @@
+/* One experiment beside a rate controller: 500 lines over 10 periods, then a model with three poles, two zeros and a delay.
+ *
+ * Two calls in the loop, experiment_measure and experiment_excite; the rest belongs to the background. All memory is in the
+ * struct. A tick never waits for the background: it writes what the background reads only while the state says that the
+ * other one is done. */
+#ifndef EXPERIMENT_H
+#define EXPERIMENT_H
+
+#include "gsid/estimate.h"
+#include "gsid/excitation.h"
+#include "gsid/frf.h"
+
+enum {
+    EXPERIMENT_FS_HZ = 3000,
+    EXPERIMENT_N_PERIOD = 6000,
+    EXPERIMENT_N_LINES = 500, /* 0.5 to 250 Hz */
+    EXPERIMENT_N_SETTLE = 6000,
+    EXPERIMENT_N_GOOD = 10, /* periods asked for */
+    EXPERIMENT_N_SPOILED_MAX = 4, /* periods lost before it is given up */
+    EXPERIMENT_N_POLES = 3,
+    EXPERIMENT_N_ZEROS = 2
+};
+
+typedef enum {
+    EXPERIMENT_IDLE = 0,
+    EXPERIMENT_RUNNING = 1,
+    EXPERIMENT_MEASURED = 2, /* the background may fit */
+    EXPERIMENT_STOPPED = 3 /* before its end: the excitation is off, and `why` says why */
+} experiment_state;
+
+typedef struct {
+    volatile experiment_state
+        state; /* written by one side at a time: the tick while RUNNING, the background otherwise */
+    uint32_t n; /* sample of the excitation */
+    gsid_frf frf;
+    gsid_cplx twiddle[EXPERIMENT_N_PERIOD];
+    gsid_real excitation[EXPERIMENT_N_PERIOD];
+    uint32_t line[EXPERIMENT_N_LINES];
+    gsid_cplx memory[GSID_FRF_MEM_SIZE(EXPERIMENT_N_LINES, 1) / sizeof(gsid_cplx) + 1];
+    /* The answer, from the background. */
+    gsid_real f_hz[EXPERIMENT_N_LINES], sigma[EXPERIMENT_N_LINES];
+    gsid_cplx g[EXPERIMENT_N_LINES];
+    gsid_real work[GSID_ESTIMATE_MEM_SIZE(EXPERIMENT_N_POLES, EXPERIMENT_N_ZEROS) / sizeof(gsid_real)];
+    gsid_rational model;
+    gsid_real cost; /* sum of squared errors over sigma */
+} experiment;
+
+/* Background, once: fill the tables. peak: of the excitation, unit of the command. */
+gsid_status experiment_init(experiment *e, gsid_real peak);
+
+/* Background, while not RUNNING: begin anew. */
+gsid_status experiment_start(experiment *e);
+
+/* Tick: what to add to the command; 0 unless RUNNING. */
+gsid_real experiment_excite(experiment *e);
+
+/* Tick: take the command in force and the output sampled at the same instant. */
+void experiment_measure(experiment *e, gsid_real u, gsid_real y);
+
+/* Tick: a sample was lost; its period will be left out. */
+void experiment_skip(experiment *e);
+
+/* Background, when MEASURED: response, its standard deviation, and the model. */
+gsid_status experiment_fit(experiment *e);
+
+#endif
