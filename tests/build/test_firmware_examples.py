@@ -31,8 +31,10 @@ def printed(run, root):
 
 
 def held_response(num, den, delay_s, f_hz):
-    """Response of a held command through num/den (powers of s, highest first) and a delay shorter than a sample's
-    multiple: the two pieces of each sample by scipy's matrix exponential."""
+    """Response of a held command through num/den (powers of s, highest first) and a delay.
+
+    The delayed command switches inside a sample: each of the two pieces by scipy's matrix exponential.
+    """
     whole, part = divmod(delay_s * FS_HZ, 1)
     a, b, c, d = signal.tf2ss(num, den)
     early = signal.cont2discrete(
@@ -49,7 +51,7 @@ def test_minimal_measures_its_lag(printed):
     _, table = printed("minimal")
     z = np.exp(2j * np.pi * table["f_hz"] / FS_HZ)
     lag = (1 / 60) / (z - 1 + 1 / 60)
-    # Single precision, sums over 600 samples: 2e-6 of the largest line (include/gsid/frf.h); printed to six digits.
+    # Single precision: 2e-6 of the largest line (include/gsid/frf.h); printed to six digits.
     np.testing.assert_allclose(table["g_re"] + 1j * table["g_im"], lag, rtol=0, atol=4e-6)
 
 
@@ -61,14 +63,14 @@ def test_posix_measures_and_fits_its_axis(printed):
     num = 7.4 * np.polyadd(mode, 0.3 * np.polymul([1, 0], body))
     truth = held_response(num, np.polymul(body, mode), 0.0051, f)
 
-    # Ten periods: |error|^2/variance has the F distribution of 2 and 18 degrees of freedom, mean 9/8 and variance
-    # 1.69; the mean of 500 lies within four of its standard deviations.
+    # Ten periods: |error|^2/variance has the F distribution of 2 and 18 degrees of freedom, mean 9/8 and
+    # variance 1.69; the mean of 500 lies within four of its standard deviations.
     assert abs(np.mean(np.abs(g - truth) ** 2 / std**2) - 9 / 8) < 4 * np.sqrt(1.69 / 500)
 
     s = 2j * np.pi * f / keys["scale_rad_s"]
     model = np.polyval(keys["num"][::-1], s) / np.polyval(keys["den"][::-1], s)
     model *= np.exp(-2j * np.pi * f * keys["delay_s"])
-    # Seven parameters from 500 lines: the model's own deviation is well within that of a line. What the firmware
-    # leaves out, the images of the held command, is below it here.
+    # Seven parameters from 500 lines: the model is off by far less than a line. What the firmware leaves
+    # out, the images of the held command, is below that here.
     assert np.sqrt(np.mean(np.abs(model - truth) ** 2 / std**2)) < 0.5
     assert keys["delay_s"] == pytest.approx(0.0051 + 0.5 / FS_HZ, abs=2e-5)
