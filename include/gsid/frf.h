@@ -3,6 +3,14 @@
 #define GSID_FRF_H
 
 #include "gsid/spectrum.h"
+#include "gsid/spread.h"
+
+/* How the lines of a period are made. DIRECT: every line is summed at every sample; any N; the lines enter the mean with
+ * the period's last sample. SPREAD: a transform spread over the ticks of the next period, for N even with N/2 without
+ * prime factors above 7; the lines enter the mean some n_period ticks later, the last one with GSID_DONE. Ticks cost
+ * 17 n_lines instructions or so of a Cortex-M7 against some 200 for any number of lines: SPREAD pays from ten lines on,
+ * and costs two buffers of the period. The two agree to rounding. */
+typedef enum { GSID_ENGINE_DIRECT = 0, GSID_ENGINE_SPREAD = 1 } gsid_engine;
 
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
@@ -12,11 +20,14 @@ typedef struct {
     const uint32_t *line;     /* [n_lines] 1 <= line < N/2, any order */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
+    gsid_engine engine;       /* 0: direct */
 } gsid_frf_cfg;
 
 typedef struct {
     gsid_frf_cfg cfg;
-    gsid_spectrum spectrum;   /* private */
+    gsid_spectrum spectrum;   /* private: of the direct engine */
+    gsid_spread spread;       /* private: of the spread engine */
+    uint32_t line_next;       /* private: spread engine: the next line that enters the mean; n_lines: none */
     uint32_t settle_left;     /* private */
     uint32_t spoiled;         /* private: a sample of this period was lost */
     uint32_t n_periods;       /* good periods in the mean */
@@ -27,10 +38,16 @@ typedef struct {
     gsid_cplx *cross;         /* private: [n_lines] sum of deviation products y conj(u); measured input only */
 } gsid_frf;
 
-/* The same number as gsid_frf_mem_size; measured: 1 with measured input, 0 with known input. */
+/* The same number as gsid_frf_mem_size, for the direct and for the spread engine; measured: 1 with measured input, 0 with
+ * known input. In float a line takes 24 bytes with the direct engine, 20 and the two buffers with the spread one (input
+ * known; 52 and 40 bytes when it is measured). */
+#define GSID_FRF_MEAN_SIZE(n_lines, measured)                                                                          \
+    ((size_t)(n_lines) * ((1 + (measured)) * (sizeof(gsid_cplx) + sizeof(gsid_real)) + (measured) * sizeof(gsid_cplx)))
 #define GSID_FRF_MEM_SIZE(n_lines, measured)                                                                           \
-    (GSID_SPECTRUM_MEM_SIZE(n_lines, 1 + (measured)) +                                                                 \
-     (size_t)(n_lines) * ((1 + (measured)) * (sizeof(gsid_cplx) + sizeof(gsid_real)) + (measured) * sizeof(gsid_cplx)))
+    (GSID_SPECTRUM_MEM_SIZE(n_lines, 1 + (measured)) + GSID_FRF_MEAN_SIZE(n_lines, measured))
+
+#define GSID_FRF_SPREAD_MEM_SIZE(n_period, n_lines, measured)                                                          \
+    (GSID_SPREAD_MEM_SIZE(n_period, n_lines, 1 + (measured)) + GSID_FRF_MEAN_SIZE(n_lines, measured))
 
 /* Arrays to read into; any may be NULL. */
 typedef struct {
@@ -51,12 +68,13 @@ size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg);
 gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take one sample of input and output, from the first sample of the excitation on.
- *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11 at the end of each period).
+ *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11, once a period).
  *  @param[in] u  input, finite; not looked at when the input is known
  *  @param[in] y  output at the same instant, finite
  *  @return GSID_OK; GSID_SETTLING; GSID_DONE a good period was added; GSID_SPOILED a period was left out;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused and counted, nothing else changed: call gsid_frf_skip
- *  Cost: gsid_spectrum_step, and at the last sample of a period one Welford update per line besides.
+ *  Cost: direct: gsid_spectrum_step, and at the last sample of a period one Welford update per line besides. Spread: a
+ *  slice of the transform or the updates of a few lines, at every sample about the same; no work of a period is left over.
  *  Context: ISR-safe, one writer.
  *  Limits: the float build stays within 2e-6 of the largest line (500 lines, 75 periods of 6000; printed by
  *  tests/python/test_float_build.py); an offset of y far above the lines costs digits: take it off first. */
@@ -64,13 +82,22 @@ gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.
  *  @return GSID_OK; GSID_SETTLING every one fell in the settling; GSID_SPOILED the end of a period was passed;
- *          GSID_E_NULL; GSID_E_STATE
- *  Cost: one 64-bit remainder per line.  Context: as gsid_frf_step. */
+ *          GSID_DONE the lines of the period before were added; GSID_E_NULL; GSID_E_STATE
+ *  Cost: direct: one 64-bit remainder per line. Spread: as n_samples steps, until there is no work left.
+ *  Context: as gsid_frf_step. */
 gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
+
+/** Add the last whole period at once, when no more samples will come: the ticks over which the spread engine would have
+ *  done it are not waited for. The result is the same to the bit; direct: there is nothing to do.
+ *  @return GSID_OK there was nothing to add; GSID_DONE; GSID_E_NULL; GSID_E_STATE
+ *  Cost: at most that of n_period steps.  Context: background, while nobody calls gsid_frf_step. */
+gsid_status gsid_frf_finish(gsid_frf *frf);
 
 /** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no variance is asked)
- *  Cost: one pass over the lines.  Context: background, between periods. */
+ *  Cost: one pass over the lines, with the division of eq. 4.10.  Context: background. Beside a running interrupt: within
+ *  n_period - 1 ticks (direct) or spread.n_ticks ticks (spread) after a GSID_DONE; the next period begins to enter the
+ *  mean after that. */
 gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out);
 
 #endif

@@ -12,6 +12,7 @@
 #include "gsid/plant.h"
 #include "gsid/rational.h"
 #include "gsid/spectrum.h"
+#include "gsid/spread.h"
 #include "gsid/types.h"
 
 #endif

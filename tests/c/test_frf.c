@@ -59,7 +59,8 @@ static gsid_real output(uint64_t n) {
 }
 
 static gsid_frf_cfg cfg_of(const gsid_cplx *u_known, uint32_t n_settle) {
-    gsid_frf_cfg cfg = {N, F, n_settle, lines, twiddle, u_known};
+    gsid_frf_cfg cfg = {
+        .n_period = N, .n_lines = F, .n_settle = n_settle, .line = lines, .twiddle = twiddle, .u_known = u_known};
     return cfg;
 }
 

@@ -1,0 +1,385 @@
+#include "gsid/spread.h"
+
+#include <string.h>
+
+#include "complex_math.h"
+#include "real.h"
+
+/* Instructions of a Cortex-M7 for a butterfly of each radix and for a line that enters a mean: only their ratios matter. */
+enum { COST_2 = 33, COST_3 = 66, COST_4 = 86, COST_5 = 126, COST_7 = 236, COST_LINE = 90 };
+
+static uint32_t cost_of(uint32_t radix) {
+    switch (radix) {
+    case 2:
+        return COST_2;
+    case 3:
+        return COST_3;
+    case 4:
+        return COST_4;
+    case 5:
+        return COST_5;
+    default:
+        return COST_7;
+    }
+}
+
+/* ---- the plan: which butterflies, and how many of them in a tick ---- */
+
+/* Radices of a transform of n points, fours before anything else: per point they are the cheapest. 0 when a prime factor
+ * above 7 is left. */
+static uint32_t factorise(uint32_t n, uint8_t *radix) {
+    static const uint8_t radices[5] = {4, 2, 3, 5, 7};
+    uint32_t n_stages = 0;
+    for (uint32_t i = 0; i < 5; i++) {
+        for (; n % radices[i] == 0; n /= radices[i]) {
+            radix[n_stages++] = radices[i];
+        }
+    }
+    return n == 1 ? n_stages : 0;
+}
+
+static uint32_t times_in(uint32_t cost, uint32_t budget) {
+    const uint32_t times = (budget + cost / 2) / cost;
+    return times < 1 ? 1 : times > 255 ? 255 : times;
+}
+
+static uint32_t ticks_for(uint32_t n, uint32_t per_tick) {
+    return (n + per_tick - 1) / per_tick;
+}
+
+/* Slices of about `budget` instructions each: sets per_tick, n_ticks, lines_per_tick. Returns the ticks of all. */
+static uint32_t plan(gsid_spread *s, uint32_t budget) {
+    const uint32_t n_points = s->cfg.n_channels * (s->cfg.n_period / 2);
+    s->n_ticks = 0;
+    for (uint32_t i = 0; i < s->n_stages; i++) {
+        const uint32_t per_tick = times_in(cost_of(s->radix[i]), budget);
+        s->per_tick[i] = (uint8_t)per_tick;
+        s->n_ticks += ticks_for(n_points / s->radix[i], per_tick);
+    }
+    s->lines_per_tick = times_in(COST_LINE * s->cfg.n_channels, budget);
+    return s->n_ticks + ticks_for(s->cfg.n_lines, s->lines_per_tick);
+}
+
+/* The smallest slices that are done in less than a period, but no smaller than what cannot be cut. */
+static void make_plan(gsid_spread *s) {
+    uint32_t budget = COST_LINE * s->cfg.n_channels;
+    for (uint32_t i = 0; i < s->n_stages; i++) {
+        const uint32_t cost = cost_of(s->radix[i]);
+        budget = cost > budget ? cost : budget;
+    }
+    while (plan(s, budget) >= s->cfg.n_period) {
+        budget += COST_2;
+    }
+}
+
+/* Where the transform leaves line k of n_points: the digits of k in the radices of the stages, in reverse. */
+static uint32_t place_of(const gsid_spread *s, uint32_t k) {
+    uint32_t place = 0, span = s->cfg.n_period / 2;
+    for (uint32_t i = 0; i < s->n_stages; i++) {
+        const uint32_t radix = s->radix[i];
+        span /= radix;
+        place += k % radix * span;
+        k /= radix;
+    }
+    return place;
+}
+
+/* ---- set-up ---- */
+
+static gsid_status check_cfg(const gsid_spectrum_cfg *cfg) {
+    if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
+        return GSID_E_NULL;
+    }
+    uint8_t radix[GSID_SPREAD_STAGES_MAX];
+    if (gsid_spectrum_mem_size(cfg) == 0 || cfg->n_period < 4 || cfg->n_period % 2 != 0 ||
+        cfg->n_lines > cfg->n_period / 2 + 1 || factorise(cfg->n_period / 2, radix) == 0 ||
+        cfg->n_period > SIZE_MAX / GSID_SPREAD_MEM_SIZE(1, 1, cfg->n_channels)) {
+        return GSID_E_CONFIG;
+    }
+    return GSID_OK;
+}
+
+size_t gsid_spread_mem_size(const gsid_spectrum_cfg *cfg) {
+    return check_cfg(cfg) == GSID_OK ? GSID_SPREAD_MEM_SIZE(cfg->n_period, cfg->n_lines, cfg->n_channels) : 0;
+}
+
+gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size) {
+    if (s == NULL || mem == NULL) {
+        return GSID_E_NULL;
+    }
+    const gsid_status status = check_cfg(cfg);
+    if (status != GSID_OK) {
+        return status;
+    }
+    if (mem_size < GSID_SPREAD_MEM_SIZE(cfg->n_period, cfg->n_lines, cfg->n_channels) || !gsid_is_aligned(mem)) {
+        return GSID_E_MEMORY;
+    }
+    const uint32_t n_points = cfg->n_period / 2;
+    s->cfg = *cfg;
+    s->work = mem;
+    s->filling = &s->work[cfg->n_channels * n_points].re;
+    s->place = (uint32_t (*)[2])(void *)(s->work + 2 * (size_t)cfg->n_channels * n_points);
+    s->scale = GSID_R(1.0) / (gsid_real)cfg->n_period;
+    s->n_stages = factorise(n_points, s->radix);
+    make_plan(s);
+    for (uint32_t i = 0; i < cfg->n_lines; i++) {
+        s->place[i][0] = place_of(s, cfg->line[i] % n_points);
+        s->place[i][1] = place_of(s, (n_points - cfg->line[i]) % n_points);
+    }
+    return gsid_spread_reset(s);
+}
+
+gsid_status gsid_spread_reset(gsid_spread *s) {
+    if (s == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->work == NULL) {
+        return GSID_E_STATE;
+    }
+    s->n = 0;
+    s->next = s->cfg.n_first;
+    s->has_gap = 0;
+    s->has_lines = 0;
+    s->stage = s->n_stages;
+    return GSID_OK;
+}
+
+/* ---- butterflies: x[q span] <- sum over p of x[p span] exp(-j 2 pi p q / r), times conj(w[q step]) ---- */
+
+static gsid_cplx times_conj(gsid_cplx a, gsid_cplx w) {
+    return gsid_cplx_make(a.re * w.re + a.im * w.im, a.im * w.re - a.re * w.im);
+}
+
+/* a - j b and a + j b */
+static gsid_cplx minus_j(gsid_cplx a, gsid_cplx b) {
+    return gsid_cplx_make(a.re + b.im, a.im - b.re);
+}
+
+static gsid_cplx plus_j(gsid_cplx a, gsid_cplx b) {
+    return gsid_cplx_make(a.re - b.im, a.im + b.re);
+}
+
+static void butterfly_2(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    const gsid_cplx a = x[0], b = x[span];
+    x[0] = gsid_cplx_add(a, b);
+    x[span] = times_conj(gsid_cplx_sub(a, b), w[step]);
+}
+
+static void butterfly_3(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    const gsid_real sin_1 = GSID_R(0.86602540378443864676);
+    gsid_cplx *x1 = x + span, *x2 = x1 + span;
+    const gsid_cplx sum = gsid_cplx_add(*x1, *x2), even = gsid_cplx_sub(*x, gsid_cplx_scale(GSID_R(0.5), sum));
+    const gsid_cplx odd = gsid_cplx_scale(sin_1, gsid_cplx_sub(*x1, *x2));
+    *x = gsid_cplx_add(*x, sum);
+    *x1 = times_conj(minus_j(even, odd), w[step]);
+    *x2 = times_conj(plus_j(even, odd), w[2 * step]);
+}
+
+static void butterfly_4(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span;
+    const gsid_cplx sum_02 = gsid_cplx_add(*x, *x2), sum_13 = gsid_cplx_add(*x1, *x3);
+    const gsid_cplx diff_02 = gsid_cplx_sub(*x, *x2), diff_13 = gsid_cplx_sub(*x1, *x3);
+    *x = gsid_cplx_add(sum_02, sum_13);
+    *x1 = times_conj(minus_j(diff_02, diff_13), w[step]);
+    *x2 = times_conj(gsid_cplx_sub(sum_02, sum_13), w[2 * step]);
+    *x3 = times_conj(plus_j(diff_02, diff_13), w[3 * step]);
+}
+
+/* c1 a + c2 b */
+static gsid_cplx mix_2(gsid_real c1, gsid_cplx a, gsid_real c2, gsid_cplx b) {
+    return gsid_cplx_make(c1 * a.re + c2 * b.re, c1 * a.im + c2 * b.im);
+}
+
+static void butterfly_5(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    const gsid_real cos_1 = GSID_R(0.30901699437494742410), cos_2 = GSID_R(-0.80901699437494742410);
+    const gsid_real sin_1 = GSID_R(0.95105651629515357212), sin_2 = GSID_R(0.58778525229247312917);
+    gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span, *x4 = x3 + span;
+    const gsid_cplx sum_14 = gsid_cplx_add(*x1, *x4), sum_23 = gsid_cplx_add(*x2, *x3);
+    const gsid_cplx diff_14 = gsid_cplx_sub(*x1, *x4), diff_23 = gsid_cplx_sub(*x2, *x3);
+    const gsid_cplx even_1 = gsid_cplx_add(*x, mix_2(cos_1, sum_14, cos_2, sum_23));
+    const gsid_cplx even_2 = gsid_cplx_add(*x, mix_2(cos_2, sum_14, cos_1, sum_23));
+    const gsid_cplx odd_1 = mix_2(sin_1, diff_14, sin_2, diff_23);
+    const gsid_cplx odd_2 = mix_2(sin_2, diff_14, -sin_1, diff_23);
+    *x = gsid_cplx_add(*x, gsid_cplx_add(sum_14, sum_23));
+    *x1 = times_conj(minus_j(even_1, odd_1), w[step]);
+    *x2 = times_conj(minus_j(even_2, odd_2), w[2 * step]);
+    *x3 = times_conj(plus_j(even_2, odd_2), w[3 * step]);
+    *x4 = times_conj(plus_j(even_1, odd_1), w[4 * step]);
+}
+
+static gsid_cplx mix_3(gsid_real c1, gsid_cplx a, gsid_real c2, gsid_cplx b, gsid_real c3, gsid_cplx c) {
+    return gsid_cplx_add(mix_2(c1, a, c2, b), gsid_cplx_scale(c3, c));
+}
+
+static void butterfly_7(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    const gsid_real cos_1 = GSID_R(0.62348980185873353053), sin_1 = GSID_R(0.78183148246802980871);
+    const gsid_real cos_2 = GSID_R(-0.22252093395631440429), sin_2 = GSID_R(0.97492791218182360702);
+    const gsid_real cos_3 = GSID_R(-0.90096886790241912624), sin_3 = GSID_R(0.43388373911755812048);
+    gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span, *x4 = x3 + span, *x5 = x4 + span, *x6 = x5 + span;
+    const gsid_cplx sum_16 = gsid_cplx_add(*x1, *x6), diff_16 = gsid_cplx_sub(*x1, *x6);
+    const gsid_cplx sum_25 = gsid_cplx_add(*x2, *x5), diff_25 = gsid_cplx_sub(*x2, *x5);
+    const gsid_cplx sum_34 = gsid_cplx_add(*x3, *x4), diff_34 = gsid_cplx_sub(*x3, *x4);
+    const gsid_cplx even_1 = gsid_cplx_add(*x, mix_3(cos_1, sum_16, cos_2, sum_25, cos_3, sum_34));
+    const gsid_cplx even_2 = gsid_cplx_add(*x, mix_3(cos_2, sum_16, cos_3, sum_25, cos_1, sum_34));
+    const gsid_cplx even_3 = gsid_cplx_add(*x, mix_3(cos_3, sum_16, cos_1, sum_25, cos_2, sum_34));
+    const gsid_cplx odd_1 = mix_3(sin_1, diff_16, sin_2, diff_25, sin_3, diff_34);
+    const gsid_cplx odd_2 = mix_3(sin_2, diff_16, -sin_3, diff_25, -sin_1, diff_34);
+    const gsid_cplx odd_3 = mix_3(sin_3, diff_16, -sin_1, diff_25, sin_2, diff_34);
+    *x = gsid_cplx_add(gsid_cplx_add(*x, sum_16), gsid_cplx_add(sum_25, sum_34));
+    *x1 = times_conj(minus_j(even_1, odd_1), w[step]);
+    *x2 = times_conj(minus_j(even_2, odd_2), w[2 * step]);
+    *x3 = times_conj(minus_j(even_3, odd_3), w[3 * step]);
+    *x4 = times_conj(plus_j(even_3, odd_3), w[4 * step]);
+    *x5 = times_conj(plus_j(even_2, odd_2), w[5 * step]);
+    *x6 = times_conj(plus_j(even_1, odd_1), w[6 * step]);
+}
+
+static void butterfly(uint32_t radix, gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+    switch (radix) {
+    case 2:
+        butterfly_2(x, span, w, step);
+        break;
+    case 3:
+        butterfly_3(x, span, w, step);
+        break;
+    case 4:
+        butterfly_4(x, span, w, step);
+        break;
+    case 5:
+        butterfly_5(x, span, w, step);
+        break;
+    default:
+        butterfly_7(x, span, w, step);
+        break;
+    }
+}
+
+/* ---- the slices ---- */
+
+static void begin_stage(gsid_spread *s, uint32_t stage) {
+    s->stage = stage;
+    s->block = s->offset = 0;
+    if (stage < s->n_stages) {
+        s->stride *= stage == 0 ? 1 : s->radix[stage - 1];
+        s->span /= s->radix[stage];
+    }
+}
+
+/* FRF-3, decimation in frequency: one slice of the stage under way. Both channels are blocks of one array. */
+static gsid_status do_slice(gsid_spread *s) {
+    const uint32_t radix = s->radix[s->stage], n_points = s->cfg.n_channels * (s->cfg.n_period / 2);
+    for (uint32_t i = s->per_tick[s->stage]; i > 0 && s->block < n_points; i--) {
+        butterfly(radix, s->work + s->block + s->offset, s->span, s->cfg.twiddle, s->offset * s->stride);
+        if (++s->offset == s->span) {
+            s->offset = 0;
+            s->block += s->span * radix;
+        }
+    }
+    if (s->block < n_points) {
+        return GSID_OK;
+    }
+    begin_stage(s, s->stage + 1);
+    s->has_lines = s->stage == s->n_stages;
+    return s->has_lines ? GSID_DONE : GSID_OK;
+}
+
+static gsid_status advance(gsid_spread *s) {
+    return s->stage < s->n_stages ? do_slice(s) : GSID_OK;
+}
+
+/* The buffers change places, unless samples are missing from the one that was filled. */
+static gsid_status end_period(gsid_spread *s) {
+    s->n = 0;
+    s->has_lines = 0;
+    if (s->has_gap) {
+        s->has_gap = 0;
+        return GSID_SPOILED;
+    }
+    gsid_real *filled = s->filling;
+    s->filling = &s->work->re;
+    s->work = (gsid_cplx *)(void *)filled;
+    s->stride = 2;
+    s->span = s->cfg.n_period / 2;
+    begin_stage(s, 0);
+    return GSID_OK;
+}
+
+gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x) {
+    if (s == NULL || x == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->work == NULL) {
+        return GSID_E_STATE;
+    }
+    const uint32_t n_period = s->cfg.n_period, is_two = s->cfg.n_channels == 2;
+    if (!gsid_is_finite(x[0]) || (is_two && !gsid_is_finite(x[1]))) {
+        return GSID_E_NONFINITE;
+    }
+    const gsid_status status = advance(s);
+    gsid_real *place = s->filling + s->next;
+    place[0] = x[0];
+    if (is_two) {
+        place[n_period] = x[1];
+    }
+    s->next = s->next + 1 < n_period ? s->next + 1 : 0;
+    s->n++;
+    return s->n < n_period ? status : end_period(s);
+}
+
+gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples) {
+    if (s == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->work == NULL) {
+        return GSID_E_STATE;
+    }
+    gsid_status status = GSID_OK;
+    for (uint32_t i = 0; i < n_samples && s->stage < s->n_stages; i++) {
+        status = do_slice(s);
+    }
+    const uint32_t n_period = s->cfg.n_period;
+    const uint64_t n = (uint64_t)s->n + n_samples;
+    s->next = (uint32_t)(((uint64_t)s->next + n_samples) % n_period);
+    s->has_gap = s->has_gap || n_samples > 0;
+    if (n >= n_period) {
+        status = end_period(s);
+        s->has_gap = n % n_period > 0;
+    }
+    s->n = (uint32_t)(n % n_period);
+    return status;
+}
+
+gsid_status gsid_spread_finish(gsid_spread *s) {
+    if (s == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->work == NULL) {
+        return GSID_E_STATE;
+    }
+    gsid_status status = GSID_OK;
+    while (s->stage < s->n_stages) {
+        status = do_slice(s);
+    }
+    return status;
+}
+
+/* FRF-3, real samples: with Z the transform of x[2m] + j x[2m+1], and * its mirror image conj(Z(N/2 - k)),
+ * N X(k) = (Z + Z*) - j exp(-j 2 pi k / N) (Z - Z*). */
+gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel, gsid_cplx *line) {
+    if (s == NULL || line == NULL) {
+        return GSID_E_NULL;
+    }
+    if (s->work == NULL || !s->has_lines) {
+        return GSID_E_STATE;
+    }
+    if (i >= s->cfg.n_lines || channel >= s->cfg.n_channels) {
+        return GSID_E_CONFIG;
+    }
+    const uint32_t k = s->cfg.line[i], half = s->cfg.n_period / 2;
+    const gsid_cplx *work = s->work + channel * half;
+    const gsid_cplx z = work[s->place[i][0]], mirror = gsid_cplx_conj(work[s->place[i][1]]);
+    const gsid_cplx odd = times_conj(gsid_cplx_sub(z, mirror), s->cfg.twiddle[k]);
+    const gsid_real scale = k % half == 0 ? s->scale / 2 : s->scale;
+    *line = gsid_cplx_scale(scale, minus_j(gsid_cplx_add(z, mirror), odd));
+    return GSID_OK;
+}
