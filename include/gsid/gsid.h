@@ -7,6 +7,7 @@
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
+#include "gsid/guard.h"
 #include "gsid/link.h"
 #include "gsid/lsq.h"
 #include "gsid/plant.h"

@@ -31,6 +31,7 @@ typedef struct {
       "allow more iterations, or start from a better guess")                                                           \
     X(GSID_RANK, 5, "the data do not determine every parameter: the rest were set to zero",                            \
       "lower the order, or widen the band")                                                                            \
+    X(GSID_TRIPPED, 6, "the guard has switched the excitation off", "gsid_trip_str names its reason")                  \
     X(GSID_E_NULL, -1, "a required pointer is NULL", "")                                                               \
     X(GSID_E_CONFIG, -2, "a configuration value is out of its range", "the header states each field's range")          \
     X(GSID_E_MEMORY, -3, "the memory block is too small or not aligned", "ask the object's _mem_size for the bytes")   \
