@@ -37,7 +37,7 @@ typedef struct gsid_effect gsid_effect;
 typedef struct {
     const gsid_effect *effect;
     gsid_real value[GSID_EFFECT_PARAMETERS_MAX];
-    const void *data; /* for effects of your own; NULL otherwise */
+    const void *data; /* what the effect's functions need besides the values: expression.h, table.h; else NULL */
 } gsid_plant_item;
 
 /* ---- torques that are not linear ---- */
@@ -46,6 +46,7 @@ typedef struct {
 typedef struct {
     gsid_real angle;    /* of the axis, or the twist of the joint that the effect makes */
     gsid_real rate;     /* of the axis */
+    gsid_real command;  /* as it drives the motor: after static maps, delay and lags */
     gsid_real side;     /* +1 or -1: the direction of motion, fixed between two reversals whatever the sign of rate; for
                            effects that can hold the axis or have a memory */
     int zone;           /* -1, 0, +1: below -edge, between, above edge; fixed between two crossings */
@@ -56,7 +57,7 @@ typedef struct {
 
 /* What it answers: the torque, the memory at the end, and their derivatives; the plant clears it before the call. */
 typedef struct {
-    gsid_real torque, by_angle, by_rate, by_turned, by_memory;
+    gsid_real torque, by_angle, by_rate, by_command, by_turned, by_memory;
     gsid_real by_value[GSID_EFFECT_PARAMETERS_MAX];
     gsid_real memory, memory_by_turned, memory_by_memory;
     gsid_real memory_by_value[GSID_EFFECT_PARAMETERS_MAX];
@@ -121,7 +122,10 @@ struct gsid_effect {
     gsid_effect_parameter parameter[GSID_EFFECT_PARAMETERS_MAX];
     uint32_t n_states;  /* that linear adds, at most */
     int looks_at_angle; /* 0: shifting the angle changes nothing */
+    int looks_at_command;
     int is_constant;    /* the torque depends on side and zone only */
+    int may_be_steep;   /* nobody knows how steep: steps are halved where the torque turns out different from what the step
+                           was made with; where that leads nowhere the plant stops with GSID_E_STEEP */
     int has_memory;     /* the torque has a state of its own, a function of the angle turned between two reversals */
 
     /* What is linear. */

@@ -6,6 +6,7 @@
 #include "gsid/effect.h"
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"
+#include "gsid/expression.h"
 #include "gsid/frf.h"
 #include "gsid/guard.h"
 #include "gsid/link.h"
@@ -14,6 +15,7 @@
 #include "gsid/rational.h"
 #include "gsid/spectrum.h"
 #include "gsid/spread.h"
+#include "gsid/table.h"
 #include "gsid/types.h"
 
 #endif

@@ -55,11 +55,11 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  @param[out] y   at the instant from which u is applied
  *  @param[out] dy  [n_free] sensitivities of y, or NULL; give it in every step since the reset, or in none
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE u is not finite: nothing changed; or the plant left the range
- *          of numbers: it is at rest now
+ *          of numbers: it is at rest now; GSID_E_STEEP a law is too steep to follow: at rest, too
  *  Cost: a linear stack takes two products of a matrix with the state a sample, always the same. Laws that are not linear
  *  take three for each step of 0.025 rad of the stiffest law, at least one step on each side of the command's switch. A step
- *  with an event (reversal, break-away, impact) takes at most 16 searches of at most 50 series. Measured by
- *  benchmarks/bench_plant.py.
+ *  with an event (reversal, break-away, impact) takes at most 16 searches of at most 50 series. Laws that may be steep
+ *  cut a step into at most 256 parts, each found by at most 20 halvings. Measured by benchmarks/bench_plant.py.
  *  Limits: rounding for linear stacks and Coulomb friction; 3e-5 of the peak for the other laws (tests/c/test_effects.c).
  *  The float build stays within 1e-3 of the peak.
  *  Context: ISR-safe, one writer. */
@@ -78,8 +78,8 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
  *  @param[out] rate      [n_period] of the axis; or NULL
  *  @param[out] residual  bound on how much y changes in one more period (to first order), in units of y; or NULL
  *  @return GSID_OK; GSID_MAX_ITER the residual is above rounding: judge it; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period
- *          is 0; GSID_E_NONFINITE u is not finite, or the plant left the range of numbers: it is at rest now, the outputs
- *          hold what was found until then.
+ *          is 0; GSID_E_NONFINITE u is not finite, or the plant left the range of numbers, or GSID_E_STEEP a law is too
+ *          steep to follow: it is at rest now, the outputs hold what was found until then.
  *  Cost: n_settle_periods + n_newton + 2 periods at most, the first without, the others with columns for the free parameters
  *  and for each state.  Context: background. */
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,

@@ -54,7 +54,8 @@ static int is_joint(const gsid_effect *effect) {
 typedef struct {
     gsid_linear linear; /* counted only */
     uint32_t n_laws, n_memories, n_joints, n_controllers, n_samplers, n_states;
-    int holds, looks_at_angle, is_constant, maps_command; /* maps_command: or makes it */
+    int holds, looks_at_angle, looks_at_command, is_constant, may_be_steep,
+        maps_command; /* maps_command: or makes it */
 } needs;
 
 static void count(const gsid_plant_cfg *cfg, needs *n) {
@@ -70,6 +71,8 @@ static void count(const gsid_plant_cfg *cfg, needs *n) {
         n->n_states += effect->n_states;
         n->holds |= effect->holding != NULL;
         n->is_constant &= effect->torque == NULL || effect->is_constant;
+        n->may_be_steep |= effect->may_be_steep;
+        n->looks_at_command |= effect->looks_at_command;
         n->looks_at_angle |= effect->looks_at_angle || effect->control != NULL;
         n->maps_command |= effect->command != NULL || effect->control != NULL;
     }
@@ -200,7 +203,7 @@ static gsid_real acceleration(const gsid_linear *linear, uint32_t channel) {
 /* Square of the steps a second that a law needs, by the slope of its torque at its steepest. */
 static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
     gsid_real steepest = 0;
-    for (int zone = -1; zone <= 1; zone++) {
+    for (int zone = -1; zone <= 1 && !law->item->effect->may_be_steep; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
         gsid_torque t;
         memset(&t, 0, sizeof t);
@@ -248,9 +251,12 @@ static void order_rows(gsid_plant_layout *l) {
     l->row[n++] = GSID_Z_RATE;
     if (a->twist != 0)
         l->row[n++] = a->twist;
+    const uint32_t command = l->looks_at_command && a->command > GSID_Z_RATE ? a->command : 0;
+    if (command != 0)
+        l->row[n++] = command;
     l->n_look = n;
     for (uint32_t row = GSID_Z_RATE + 1; row < a->n; row++)
-        if (row != a->twist)
+        if (row != a->twist && row != command)
             l->row[n++] = row;
 }
 
@@ -363,6 +369,8 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
     l->has_side = n.holds || n.n_memories > 0;
     l->looks_at_angle = n.looks_at_angle;
     l->is_constant = n.is_constant;
+    l->may_be_steep = n.may_be_steep;
+    l->looks_at_command = n.looks_at_command;
     l->unit_rad = cfg->unit_rad > 0 ? cfg->unit_rad : UNIT_DEGREE;
     l->linear.column = l->draft.column = l->column;
     list_items(cfg, l);

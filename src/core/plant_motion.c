@@ -21,10 +21,27 @@
 #define EVENTS_MAX 16
 #define SEARCH_MAX 50
 
+/* Steep laws: parts of the largest torque so far. By so much the torque at the end of a step may be off what was predicted,
+ * and the one in the middle off the mean of both ends. */
+#ifdef GSID_SINGLE
+#define SURPRISE 1e-4f
+#else
+#define SURPRISE 1e-5
+#endif
+#define CURVED GSID_R(1e-2)
+#define HALVINGS_MAX 20
+#define PARTS_MAX 256
+
 /* ---- torques ---- */
 
 static uint32_t angle_row(const gsid_plant_layout *l, const plant_law *law) {
     return law->channel == JOINT ? l->linear.twist : (uint32_t)GSID_Z_ANGLE;
+}
+
+/* Row of the command at z: one that is held stays as it was at the step's start. */
+static const gsid_real *command_row(const gsid_plant_layout *l, const gsid_real *z) {
+    const uint32_t row = l->linear.command;
+    return (row < GSID_Z_STATES ? l->z : z) + (size_t)row * l->n_columns;
 }
 
 /* One law at z, in a step that began at z0. */
@@ -33,6 +50,7 @@ static gsid_torque ask(const gsid_plant_layout *l, const plant_law *law, const g
     const gsid_motion motion = {
         .angle = z[angle_row(l, law) * n],
         .rate = z[GSID_Z_RATE * n],
+        .command = l->looks_at_command ? command_row(l, z)[VALUE] : 0,
         .side = l->side,
         .zone = law->zone,
         .turned = z[GSID_Z_ANGLE * n] - z0[GSID_Z_ANGLE * n],
@@ -55,6 +73,11 @@ static void add_torque(const gsid_plant_layout *l, const plant_law *law, uint32_
         return;
     for (uint32_t c = 1; c < n_active; c++)
         to[c] += t.by_angle * angle[c] + t.by_rate * rate[c];
+    if (law->item->effect->looks_at_command) {
+        const gsid_real *command = command_row(l, z);
+        for (uint32_t c = 1; c < n_active; c++)
+            to[c] += t.by_command * command[c];
+    }
     if (law->memory != NONE) {
         const gsid_real *end = z + GSID_Z_ANGLE * n, *begin = z0 + GSID_Z_ANGLE * n, *memory = z0 + law->memory * n;
         for (uint32_t c = 1; c < n_active; c++)
@@ -341,29 +364,77 @@ static void accept(gsid_plant_layout *l, gsid_real length_s) {
     swap(&l->z, &l->next);
 }
 
+/* Whether the torques of the step to l->next are not what it was made with: the parabola's last point is a prediction, and
+ * three points far from a line may be a jump (PLT-4). */
+static int is_surprised(gsid_plant_layout *l) {
+    gsid_real found[CHANNELS_MAX] = {0}, size = 0, off = 0, curved = 0;
+    for (uint32_t i = 0; i < l->n_laws; i++) {
+        const plant_law *law = &l->law[i];
+        if (l->sticks && law->item->effect->holding != NULL)
+            continue;
+        const gsid_real torque = ask(l, law, l->next, l->z).torque;
+        found[law->channel] += torque;
+        size += gsid_fabs(torque);
+    }
+    for (size_t channel = 0, at = 0; channel < l->n_channels; channel++, at += l->n_columns) {
+        const gsid_real t0 = l->torque[0][at], t1 = l->torque[1][at], t2 = l->torque[2][at];
+        off += gsid_fabs(found[channel] - t2);
+        curved += gsid_fabs(t1 - (t0 + t2) / 2);
+    }
+    if (size > l->largest_torque)
+        l->largest_torque = size;
+    return off > SURPRISE * l->largest_torque || curved > CURVED * l->largest_torque;
+}
+
+/* Length of a step, at most left_s, over which the torques are those that it is made with. Only the value moves. A law that
+ * jumps surprises however short the step is. */
+static gsid_real foreseeable(gsid_plant_layout *l, const plant_flow *maps, gsid_real left_s) {
+    const uint32_t n_active = l->n_active, n_free = l->n_free;
+    gsid_real length_s = l->stride_s < left_s ? l->stride_s : left_s;
+    int n = 0;
+    if (!l->may_be_steep || l->is_too_steep)
+        return left_s;
+    l->n_active = 1;
+    l->n_free = 0;
+    for (; n <= HALVINGS_MAX; n++) {
+        advance(l, length_s < left_s ? NULL : maps, length_s, l->next);
+        if (!is_surprised(l))
+            break;
+        length_s /= 2;
+    }
+    l->n_active = n_active;
+    l->n_free = n_free;
+    l->is_too_steep |= n > HALVINGS_MAX || ++l->n_parts > PARTS_MAX;
+    l->stride_s = 2 * length_s;
+    return l->is_too_steep ? left_s : length_s;
+}
+
 static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
     const plant_flow *maps = flow;
     gsid_real left_s = flow->length_s;
-    for (int n_events = 0; left_s > 0; n_events++) {
-        advance(l, maps, left_s, l->next);
+    l->n_parts = 0;
+    for (int n_events = 0; left_s > 0;) {
+        const gsid_real length_s = foreseeable(l, maps, left_s);
+        maps = length_s < left_s ? NULL : maps;
+        advance(l, maps, length_s, l->next);
         guard end = look(l, l->next);
-        if (end.margin >= 0) {
-            accept(l, left_s);
-            return;
+        if (end.margin >= 0 || n_events == EVENTS_MAX) {
+            accept(l, length_s);
+            left_s -= length_s;
+            if (end.margin < 0) {
+                gsid_plant_choose_regime(l);
+                gsid_plant_choose_zones(l);
+            }
+            continue;
         }
-        if (n_events == EVENTS_MAX) {
-            accept(l, left_s);
-            gsid_plant_choose_regime(l);
-            gsid_plant_choose_zones(l);
-            return;
-        }
-        const gsid_real at_s = locate(l, left_s, end.margin);
+        const gsid_real at_s = locate(l, length_s, end.margin);
         advance(l, NULL, at_s, l->next);
         end = look(l, l->next);
         accept(l, at_s);
         handle(l, end.which);
         left_s -= at_s;
         maps = NULL;
+        n_events++;
     }
 }
 

@@ -84,6 +84,8 @@ static gsid_real *start(const shooting *s, uint32_t j) {
 /* Value and free columns come from the start that was found; each further column is one state's derivative by itself. */
 static void enter_start(shooting *s) {
     gsid_plant_layout *l = s->l;
+    l->is_too_steep = 0;
+    l->stride_s = l->sample_s;
     for (uint32_t row = GSID_Z_STATES; row < l->n_rows; row++)
         memset(l->z + (size_t)row * l->n_columns + 1, 0, (l->n_active - 1) * sizeof *l->z);
     for (uint32_t j = 0; j < l->n_shoot; j++) {
@@ -159,7 +161,7 @@ static gsid_status pass(shooting *s, gsid_real *change) {
     enter_start(s);
     run_period(s);
     *change = change_of(s, VALUE);
-    return gsid_plant_is_finite(s->l) ? GSID_OK : GSID_E_NONFINITE;
+    return gsid_plant_health(s->l);
 }
 
 /* Where Newton's method does not help (an orbit that sticks can be one of many, one with impacts can be unstable), time may:
@@ -198,8 +200,9 @@ static gsid_status settle(shooting *s, uint32_t n_periods) {
     gsid_plant_choose_regime(l);
     for (uint32_t p = 0; p < n_periods; p++) {
         run_period(s);
-        if (!gsid_plant_is_finite(l))
-            return GSID_E_NONFINITE;
+        const gsid_status status = gsid_plant_health(l);
+        if (status != GSID_OK)
+            return status;
     }
     return GSID_OK;
 }

@@ -45,6 +45,7 @@ struct gsid_plant_layout {
     plant_law *law;              /* [n_laws] */
     int holds, has_side;         /* a law can hold the axis at rest; depends on the direction of motion */
     int looks_at_angle, is_constant; /* every law between events */
+    int may_be_steep, looks_at_command; /* a law */
     gsid_real unit_rad;
     const gsid_plant_item *sampler; /* NULL: the sensor is always fresh */
     const uint32_t *sampler_column;
@@ -75,6 +76,10 @@ struct gsid_plant_layout {
     gsid_real since_start_s;     /* of the refreshes so far */
     gsid_real at_s;              /* time within the sample */
     gsid_real time_s;            /* of the disturbances */
+    gsid_real stride_s;          /* length that the next step of steep laws is tried with */
+    gsid_real largest_torque;    /* of steep laws so far */
+    uint32_t n_parts;            /* of this step so far */
+    int is_too_steep;
 
     /* Work space. */
     gsid_real *next, *stage, *peek, *term[3]; /* as z */
@@ -94,7 +99,7 @@ struct gsid_plant_layout {
 #define gsid_plant_flow_build GSID_NAME(gsid_plant_flow_build)
 #define gsid_plant_flow_move GSID_NAME(gsid_plant_flow_move)
 #define gsid_plant_give GSID_NAME(gsid_plant_give)
-#define gsid_plant_is_finite GSID_NAME(gsid_plant_is_finite)
+#define gsid_plant_health GSID_NAME(gsid_plant_health)
 #define gsid_plant_linear_build GSID_NAME(gsid_plant_linear_build)
 #define gsid_plant_output GSID_NAME(gsid_plant_output)
 #define gsid_plant_refresh GSID_NAME(gsid_plant_refresh)
@@ -126,6 +131,6 @@ void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column);
 void gsid_plant_sample(gsid_plant *plant, gsid_real u);
 void gsid_plant_refresh(gsid_plant_layout *l, const gsid_real *z);
 void gsid_plant_start_refresh(gsid_plant_layout *l);
-int gsid_plant_is_finite(const gsid_plant_layout *l);
+gsid_status gsid_plant_health(const gsid_plant_layout *l);
 
 #endif

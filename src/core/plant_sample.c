@@ -19,6 +19,9 @@ gsid_status gsid_plant_reset(gsid_plant *plant) {
     l->n_free = 0;
     l->side = 1;
     l->time_s = 0;
+    l->stride_s = l->sample_s;
+    l->largest_torque = 0;
+    l->is_too_steep = 0;
     gsid_plant_choose_zones(l);
     gsid_plant_choose_regime(l);
     gsid_plant_start_refresh(l);
@@ -183,8 +186,11 @@ static gsid_real zero_times_rows(const gsid_plant_layout *l, uint32_t first, uin
     return sum;
 }
 
-int gsid_plant_is_finite(const gsid_plant_layout *l) {
-    return zero_times_rows(l, 0, l->linear.n) == 0 && zero_times_rows(l, l->n_rows - l->n_memories, l->n_rows) == 0;
+/* GSID_OK, or why the state is no longer to be believed. */
+gsid_status gsid_plant_health(const gsid_plant_layout *l) {
+    if (zero_times_rows(l, 0, l->linear.n) != 0 || zero_times_rows(l, l->n_rows - l->n_memories, l->n_rows) != 0)
+        return GSID_E_NONFINITE;
+    return l->is_too_steep ? GSID_E_STEEP : GSID_OK;
 }
 
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy) {
@@ -200,9 +206,10 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
     gsid_plant_output(l, l->y);
     add_disturbances(plant, l->y);
     gsid_plant_sample(plant, u);
-    if (!gsid_plant_is_finite(l)) {
+    const gsid_status status = gsid_plant_health(l);
+    if (status != GSID_OK) {
         gsid_plant_reset(plant);
-        return GSID_E_NONFINITE;
+        return status;
     }
     *y = l->y[VALUE];
     if (dy != NULL)

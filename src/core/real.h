@@ -23,6 +23,8 @@
 #define gsid_cos GSID_LIBM(cos)
 #define gsid_pow GSID_LIBM(pow)
 #define gsid_exp GSID_LIBM(exp)
+#define gsid_log GSID_LIBM(log)
+#define gsid_tanh GSID_LIBM(tanh)
 #define gsid_sqrt GSID_LIBM(sqrt)
 #define gsid_hypot GSID_LIBM(hypot)
 #define gsid_fabs GSID_LIBM(fabs)
