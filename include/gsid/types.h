@@ -42,7 +42,7 @@ typedef struct {
     X(GSID_E_UNSTABLE, -8, "no stable model was found", "lower the order, or allow unstable models")                   \
     X(GSID_E_NO_MEMORY, -9, "out of memory", "")                                                                       \
     X(GSID_E_BACKEND, -10, "the library that does this was left out of the build", "rebuild with it")                  \
-    X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                              \
+    X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                    \
       "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")
 
 #define GSID_STATUS_ENUM(name, code, meaning, hint) name = code,
