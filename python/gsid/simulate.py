@@ -7,12 +7,13 @@ import os
 import select
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.effects import close, find
 from gsid.errors import InputError
 from gsid.link import COMMAND, COMMAND_LOST, FRAME_BYTES, HELLO, SAMPLE, STOP, Receiver, encode, frames
 
@@ -22,6 +23,27 @@ WATCHDOG_S = 0.25  # paced: no frame for so long, and the command is zero
 WAKE_S = 0.002  # paced: ticks are served in bursts
 OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
 
+#: Effects of the catalogue that can be hidden in the axis: their parameters, and what the axis calls them.
+HIDDEN = {
+    "drive_dead_zone": {"half_width": "drive_dead_zone"},
+    "drive_saturation": {"limit": "drive_limit"},
+    "coulomb_friction": {"level": "coulomb_level"},
+    "stribeck_friction": {
+        "level": "coulomb_level",
+        "extra": "stribeck_extra",
+        "velocity": "stribeck_velocity",
+    },
+    "quadratic_drag": {"rate": "drag_rate"},
+    "cubic_spring": {"stiffness": "cubic_stiffness"},
+    "mass_unbalance": {"level": "unbalance_level", "angle_deg": "unbalance_angle_deg"},
+    "motor_cogging": {
+        "level": "cogging_level",
+        "cycles_per_rev": "cogging_cycles",
+        "phase_rad": "cogging_phase_rad",
+    },
+    "sensor_sample_hold": {"rate_hz": "gyro_refresh_hz"},
+}
+
 
 def parameter_types() -> dict[str, type]:
     """Names of the axis's parameters and their types, as in the C struct gsid_axis_cfg."""
@@ -29,6 +51,37 @@ def parameter_types() -> dict[str, type]:
         name: int if field.type.cname.startswith("uint") else float
         for name, field in ffi.typeof("gsid_axis_cfg").fields
     }
+
+
+def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of the axis that put an effect of the catalogue into it.
+
+    Parameters
+    ----------
+    effect : str
+        Of `HIDDEN`.
+    params : dict of float
+        By the catalogue's names and in its units; those not given are typical ones.
+
+    Returns
+    -------
+    dict of float
+
+    Raises
+    ------
+    InputError
+        The axis has no such effect, or the effect no such parameter.
+    """
+    known = find(effect)
+    if effect not in HIDDEN:
+        raise InputError(
+            "the simulated axis cannot hide this effect", "", effect, f"it can: {', '.join(HIDDEN)}"
+        )
+    for name in params:
+        if name not in known.names:
+            hint = close(name, known.names) or f"it has {', '.join(known.names)}"
+            raise InputError("unknown parameter", f"{effect}.{name}", None, hint)
+    return {field: params.get(name, known[name].typical) for name, field in HIDDEN[effect].items()}
 
 
 class SimulatedAxis:
@@ -101,7 +154,7 @@ class SimulatedAxis:
         return out[0], out[1], out[2]
 
     def truth(self) -> dict:
-        """Parameters, and the transfer function from command to gyro without friction and limits.
+        """Parameters, and the transfer function from command to gyro of what is linear in the axis.
 
         Returns
         -------

@@ -5,12 +5,14 @@
 #include <string.h>
 
 #define PI 3.14159265358979323846
+#define RADIANS (PI / 180.0)
 
-/* Between two events (the delayed command switches, the rate passes zero) the axis is linear with constant inputs:
- *   theta' = w,   w' = gain u - viscous w - spring theta - level s,   s the sign of w
+/* Between two events (the delayed command switches, the rate passes zero, the gyro is refreshed) the axis is
+ *   theta' = w,   w' = gain u - viscous w - spring theta - level s - curved(theta, w),   s the sign of w
  *   p' = w0 r,    r' = residue gain u - w0 p - 2 zeta w0 r            (r = q', p = w0 q: rates both, well scaled)
  *   gyro' = (w + r - gyro) / lag
- * and a step of any length is a matrix. While the axis sticks, theta and w stand still. */
+ * with constant inputs: but for the curved laws a step of any length is a matrix. While the axis sticks, theta and w
+ * stand still, and no law is curved. */
 enum { THETA, RATE, MODE_P, MODE_R, GYRO, N_STATES, IN_COMMAND = N_STATES, IN_FRICTION, N_ALL };
 
 typedef struct {
@@ -23,20 +25,29 @@ typedef enum { SLIP, STICK, N_REGIMES } regime;
 typedef struct {
     double duration_s;
     matrix whole[N_REGIMES]; /* the step over the whole piece */
+    double part_s;           /* steps through curved laws */
+    matrix half;             /* half such a step, slipping */
 } piece;
+
+/* A gyro lag of 1 ms makes 2e-8 of the torque's effect wrong at a quarter of a tick of 3 kHz. */
+#define PARTS_A_TICK 4.0
+#define EVENTS_MAX 100 /* in one piece; then the axis rests until its end */
 
 #define DELAY_MAX 64u
 #define RING (DELAY_MAX + 1u)
 
 struct gsid_axis {
     gsid_axis_cfg cfg;
+    int is_curved;              /* some law is */
     matrix rates[N_REGIMES];
     piece pieces[2];
     uint32_t delay_ticks;
     double x[N_STATES];
     double side;                /* -1, 0 sticking or frictionless, +1: the side friction pushes against */
-    double command[RING];       /* applied commands, by tick modulo RING */
+    double command[RING];       /* what the drive makes of the commands, by tick modulo RING */
     uint64_t tick;
+    uint64_t n_refreshes;       /* of a gyro that is refreshed */
+    double shown;               /* and what it shows since the last */
     uint64_t random[4];
     double spare;               /* second half of the last pair of normal numbers */
     int has_spare;
@@ -133,13 +144,37 @@ static void advance(gsid_axis *axis, const matrix *e, double u) {
 
 /* ---- stick and slip ---- */
 
+/* The laws of the angle alone. */
+static double position_torque(const gsid_axis *axis) {
+    const gsid_axis_cfg *cfg = &axis->cfg;
+    const double theta = axis->x[THETA], turned = theta * RADIANS, rest = cfg->unbalance_angle_deg * RADIANS;
+    double torque = cfg->cubic_stiffness * theta * theta * theta;
+    if (cfg->unbalance_level > 0.0)
+        torque += cfg->unbalance_level * (sin(turned + rest) - sin(rest));
+    if (cfg->cogging_level > 0.0)
+        torque += cfg->cogging_level * sin(cfg->cogging_cycles * turned + cfg->cogging_phase_rad);
+    return torque;
+}
+
+/* What the matrix of a slipping axis leaves out of its torques. */
+static double curved_torque(const gsid_axis *axis) {
+    const gsid_axis_cfg *cfg = &axis->cfg;
+    const double w = axis->x[RATE];
+    double torque = position_torque(axis) + cfg->drag_rate * w * fabs(w);
+    if (cfg->stribeck_extra > 0.0) {
+        const double ratio = w / cfg->stribeck_velocity;
+        torque += axis->side * cfg->stribeck_extra * exp(-ratio * ratio);
+    }
+    return torque;
+}
+
 static double spring_and_motor(const gsid_axis *axis, double u) {
-    return axis->cfg.gain * u - axis->cfg.spring_stiffness * axis->x[THETA];
+    return axis->cfg.gain * u - axis->cfg.spring_stiffness * axis->x[THETA] - position_torque(axis);
 }
 
 /* At rest friction holds what it can; only a switch of the command can break it loose, since theta stands still. */
 static regime choose_side(gsid_axis *axis, double u) {
-    const double level = axis->cfg.coulomb_level;
+    const double level = axis->cfg.coulomb_level + axis->cfg.stribeck_extra;
     double towards = axis->x[RATE];
     axis->side = 0.0;
     if (level == 0.0)
@@ -170,23 +205,142 @@ static double time_to_rest(const gsid_axis *axis, double u) {
     return mu > 0.0 ? atanh(w * mu / -b) / mu : w / -b;
 }
 
-/* Ends: after an event the rate is zero, and the next is at least half a period of the spring away. */
-static void run_piece(gsid_axis *axis, const piece *p, double u) {
-    double left_s = p->duration_s;
-    while (left_s > 0.0) {
-        const regime how = choose_side(axis, u);
-        const double rest_s = axis->side != 0.0 ? time_to_rest(axis, u) : INFINITY;
-        const double t_s = fmin(rest_s, left_s);
-        if (t_s == p->duration_s) {
-            advance(axis, &p->whole[how], u);
-        } else {
-            const matrix e = exponential(&axis->rates[how], t_s);
-            advance(axis, &e, u);
-        }
-        if (rest_s <= left_s)
-            axis->x[RATE] = 0.0;
-        left_s -= t_s;
+/* The classical Runge-Kutta method in coordinates that move with the exact linear flow (Lawson 1967): `half` is that
+ * flow over half of t_s, applied before and after the torques of the middle. */
+static void curved_step(gsid_axis *axis, const matrix *half, double t_s, double u) {
+    double start[N_STATES], middle[N_STATES], slope[4];
+    memcpy(start, axis->x, sizeof start);
+    slope[0] = -curved_torque(axis);
+    advance(axis, half, u);
+    memcpy(middle, axis->x, sizeof middle);
+
+    memcpy(axis->x, start, sizeof start);
+    axis->x[RATE] += 0.5 * t_s * slope[0];
+    advance(axis, half, u);
+    slope[1] = -curved_torque(axis);
+
+    memcpy(axis->x, middle, sizeof middle);
+    axis->x[RATE] += 0.5 * t_s * slope[1];
+    slope[2] = -curved_torque(axis);
+
+    memcpy(axis->x, middle, sizeof middle);
+    axis->x[RATE] += t_s * slope[2];
+    advance(axis, half, u);
+    slope[3] = -curved_torque(axis);
+
+    memcpy(axis->x, start, sizeof start);
+    axis->x[RATE] += t_s / 6.0 * slope[0];
+    advance(axis, half, u);
+    axis->x[RATE] += t_s / 3.0 * (slope[1] + slope[2]);
+    advance(axis, half, u);
+    axis->x[RATE] += t_s / 6.0 * slope[3];
+}
+
+static void curved_step_of(gsid_axis *axis, const double *from, double t_s, double u) {
+    const matrix half = exponential(&axis->rates[SLIP], 0.5 * t_s);
+    memcpy(axis->x, from, sizeof axis->x);
+    curved_step(axis, &half, t_s, u);
+}
+
+/* The rate has changed its sign within a step from `from`: find the instant by secants and halving in turn. Returns the
+ * time until then, and leaves the axis at rest. */
+static double go_to_rest(gsid_axis *axis, const double *from, double t_s, double u) {
+    double low = 0.0, high = t_s, w_low = axis->side * from[RATE], w_high = axis->side * axis->x[RATE];
+    double t = high, w = w_high;
+    const double nothing = 1e-13 * (w_low - w_high);
+    for (int i = 0; i < 60 && fabs(w) > nothing; i++) {
+        t = i % 2 == 0 && w_low > 0.0 ? low + (high - low) * w_low / (w_low - w_high) : 0.5 * (low + high);
+        curved_step_of(axis, from, t, u);
+        w = axis->side * axis->x[RATE];
+        *(w > 0.0 ? &low : &high) = t;
+        *(w > 0.0 ? &w_low : &w_high) = w;
     }
+    axis->x[RATE] = 0.0;
+    return t;
+}
+
+/* One step of at most t_s of a slipping axis with curved laws; returns the time it took. */
+static double slip_curved(gsid_axis *axis, const piece *p, double t_s, double u) {
+    double from[N_STATES];
+    memcpy(from, axis->x, sizeof from);
+    const int is_usual = t_s > p->part_s * (1.0 - 1e-9);
+    if (is_usual) {
+        t_s = p->part_s;
+        curved_step(axis, &p->half, t_s, u);
+    } else {
+        curved_step_of(axis, from, t_s, u);
+    }
+    return axis->side * axis->x[RATE] < 0.0 ? go_to_rest(axis, from, t_s, u) : t_s;
+}
+
+/* One step of at most t_s through linear laws; returns the time it took. */
+static double go_straight(gsid_axis *axis, const piece *p, regime how, double t_s, double u) {
+    const double rest_s = axis->side != 0.0 ? time_to_rest(axis, u) : INFINITY;
+    const double done_s = fmin(rest_s, t_s);
+    if (done_s == p->duration_s) {
+        advance(axis, &p->whole[how], u);
+    } else {
+        const matrix e = exponential(&axis->rates[how], done_s);
+        advance(axis, &e, u);
+    }
+    if (rest_s <= t_s)
+        axis->x[RATE] = 0.0;
+    return done_s;
+}
+
+/* Through linear laws the next event is at least half a period of the spring away; curved ones may, by rounding, find
+ * one after the other. */
+static void run_for(gsid_axis *axis, const piece *p, double left_s, double u) {
+    for (int n_events = 0; left_s > 1e-12 * p->duration_s; n_events++) {
+        regime how = choose_side(axis, u);
+        if (n_events > EVENTS_MAX) {
+            axis->x[RATE] = axis->side = 0.0;
+            how = STICK;
+        }
+        const int curved = how == SLIP && axis->is_curved;
+        left_s -= curved ? slip_curved(axis, p, left_s, u) : go_straight(axis, p, how, left_s, u);
+    }
+}
+
+/* ---- the gyro's refreshes ---- */
+
+#define SAME_INSTANT 1e-6 /* ticks */
+
+/* Ticks from now to the next refresh. The instant comes from the refresh's number: it cannot drift. */
+static double until_refresh(const gsid_axis *axis) {
+    if (axis->cfg.gyro_refresh_hz == 0.0)
+        return INFINITY;
+    return (double)axis->n_refreshes * axis->cfg.fs_hz / axis->cfg.gyro_refresh_hz - (double)axis->tick;
+}
+
+static double gyro(const gsid_axis *axis) {
+    return axis->cfg.gyro_lag_s > 0.0 ? axis->x[GYRO] : axis->x[RATE] + axis->x[MODE_R];
+}
+
+static void refresh(gsid_axis *axis, double disturbance) {
+    axis->shown = gyro(axis) + disturbance;
+    axis->n_refreshes++;
+}
+
+static double gyro_sample(gsid_axis *axis, double disturbance) {
+    if (axis->cfg.gyro_refresh_hz == 0.0)
+        return gyro(axis) + disturbance;
+    if (until_refresh(axis) < SAME_INSTANT)
+        refresh(axis, disturbance);
+    return axis->shown;
+}
+
+/* Run through a piece that begins `start` ticks after the tick, with the gyro refreshed where that is due. */
+static void run_piece(gsid_axis *axis, const piece *p, double start, double u, double disturbance) {
+    const double fs_hz = axis->cfg.fs_hz, end = start + p->duration_s * fs_hz;
+    double left_s = p->duration_s;
+    for (double next = until_refresh(axis); next < end - SAME_INSTANT; next = until_refresh(axis)) {
+        const double before_s = fmax(0.0, left_s - (end - next) / fs_hz);
+        run_for(axis, p, before_s, u);
+        left_s -= before_s;
+        refresh(axis, disturbance);
+    }
+    run_for(axis, p, left_s, u);
 }
 
 /* ---- noise: xoshiro256** (Blackman and Vigna), seeded by splitmix64, made normal by Box and Muller ---- */
@@ -281,29 +435,41 @@ gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg) {
     return GSID_OK;
 }
 
-static gsid_status check_finite(const gsid_axis_cfg *c) {
-    const double all[] = {c->fs_hz,         c->gain,         c->viscous_rate,  c->coulomb_level, c->spring_stiffness,
-                          c->delay_s,       c->mode_f_hz,    c->mode_zeta,     c->mode_residue,  c->gyro_lag_s,
-                          c->command_limit, c->noise_rms,    c->noise_low_rms, c->noise_low_hz,  c->fan_f_hz,
-                          c->fan_amplitude, c->fan_phase_rad};
-    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
-        if (!isfinite(all[i]))
+static gsid_status check_numbers(const gsid_axis_cfg *c) {
+    const double any[] = {c->gain,     c->mode_residue,  c->unbalance_angle_deg, c->cogging_phase_rad,
+                          c->fan_f_hz, c->fan_amplitude, c->fan_phase_rad};
+    const double magnitudes[] = {c->fs_hz,          c->viscous_rate,      c->coulomb_level,   c->stribeck_extra,
+                                 c->drag_rate,      c->stribeck_velocity, c->cubic_stiffness, c->spring_stiffness,
+                                 c->cogging_cycles, c->unbalance_level,   c->cogging_level,   c->delay_s,
+                                 c->mode_f_hz,      c->mode_zeta,         c->gyro_lag_s,      c->command_limit,
+                                 c->drive_limit,    c->drive_dead_zone,   c->gyro_refresh_hz, c->noise_rms,
+                                 c->noise_low_rms,  c->noise_low_hz};
+    gsid_status status = GSID_OK;
+    for (size_t i = 0; i < sizeof any / sizeof any[0]; i++) {
+        if (!isfinite(any[i]))
             return GSID_E_NONFINITE;
     }
-    return GSID_OK;
+    for (size_t i = 0; i < sizeof magnitudes / sizeof magnitudes[0]; i++) {
+        if (!isfinite(magnitudes[i]))
+            return GSID_E_NONFINITE;
+        if (magnitudes[i] < 0.0)
+            status = GSID_E_CONFIG;
+    }
+    return status;
+}
+
+/* Those of curved laws are as fast as the ticks at most, since their steps are fractions of one. */
+static int has_slow_laws(const gsid_axis_cfg *c) {
+    const double fastest = c->fs_hz, cogging = c->cogging_level * c->cogging_cycles * RADIANS;
+    return c->stribeck_extra <= fastest * c->stribeck_velocity && c->unbalance_level * RADIANS <= fastest * fastest &&
+           cogging <= fastest * fastest;
 }
 
 static gsid_status check(const gsid_axis_cfg *c) {
-    if (check_finite(c) != GSID_OK)
-        return GSID_E_NONFINITE;
-    const double magnitudes[] = {c->viscous_rate, c->coulomb_level, c->spring_stiffness, c->delay_s,
-                                 c->mode_f_hz,    c->mode_zeta,     c->gyro_lag_s,       c->command_limit,
-                                 c->noise_rms,    c->noise_low_rms, c->noise_low_hz};
-    for (size_t i = 0; i < sizeof magnitudes / sizeof magnitudes[0]; i++) {
-        if (magnitudes[i] < 0.0)
-            return GSID_E_CONFIG;
-    }
-    if (c->fs_hz <= 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31)
+    const gsid_status status = check_numbers(c);
+    if (status != GSID_OK)
+        return status;
+    if (c->fs_hz == 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31 || c->gyro_refresh_hz > c->fs_hz)
         return GSID_E_CONFIG;
     if (c->noise_low_rms > 0.0 && c->noise_low_hz == 0.0)
         return GSID_E_CONFIG;
@@ -311,7 +477,19 @@ static gsid_status check(const gsid_axis_cfg *c) {
     if (c->viscous_rate > fastest || sqrt(c->spring_stiffness) > fastest || 2.0 * PI * c->mode_f_hz > fastest ||
         c->mode_zeta > GSID_AXIS_RATE_MAX || (c->gyro_lag_s > 0.0 && c->gyro_lag_s * fastest < 1.0))
         return GSID_E_CONFIG;
-    return GSID_OK;
+    return has_slow_laws(c) ? GSID_OK : GSID_E_CONFIG;
+}
+
+static int has_curved_law(const gsid_axis_cfg *c) {
+    return c->stribeck_extra > 0.0 || c->drag_rate > 0.0 || c->cubic_stiffness > 0.0 || c->unbalance_level > 0.0 ||
+           c->cogging_level > 0.0;
+}
+
+static void make_steps(gsid_axis *axis, piece *p) {
+    for (int how = 0; how < N_REGIMES; how++)
+        p->whole[how] = exponential(&axis->rates[how], p->duration_s);
+    p->part_s = p->duration_s / fmax(1.0, ceil(p->duration_s * axis->cfg.fs_hz * PARTS_A_TICK - 1e-9));
+    p->half = exponential(&axis->rates[SLIP], 0.5 * p->part_s);
 }
 
 gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg) {
@@ -328,11 +506,11 @@ gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg) {
     made->delay_ticks = (uint32_t)delay;
     made->pieces[0].duration_s = (delay - (double)made->delay_ticks) / cfg->fs_hz;
     made->pieces[1].duration_s = 1.0 / cfg->fs_hz - made->pieces[0].duration_s;
-    for (int how = 0; how < N_REGIMES; how++) {
+    made->is_curved = has_curved_law(cfg);
+    for (int how = 0; how < N_REGIMES; how++)
         fill_rates(cfg, (regime)how, &made->rates[how]);
-        for (int i = 0; i < 2; i++)
-            made->pieces[i].whole[how] = exponential(&made->rates[how], made->pieces[i].duration_s);
-    }
+    for (int i = 0; i < 2; i++)
+        make_steps(made, &made->pieces[i]);
     made->low_pole = exp(-2.0 * PI * cfg->noise_low_hz / cfg->fs_hz);
     gsid_axis_reset(made);
     *axis = made;
@@ -348,7 +526,7 @@ gsid_status gsid_axis_reset(gsid_axis *axis) {
         return GSID_E_NULL;
     memset(axis->x, 0, sizeof axis->x);
     memset(axis->command, 0, sizeof axis->command);
-    axis->tick = 0;
+    axis->tick = axis->n_refreshes = 0;
     axis->has_spare = 0;
     random_seed(axis->random, axis->cfg.seed);
     axis->low_noise = axis->cfg.noise_low_rms > 0.0 ? axis->cfg.noise_low_rms * random_normal(axis) : 0.0;
@@ -365,6 +543,11 @@ static double applied(const gsid_axis_cfg *cfg, double u) {
     return step * round(u / step);
 }
 
+static double driven(const gsid_axis_cfg *cfg, double u) {
+    u = copysign(fmax(fabs(u) - cfg->drive_dead_zone, 0.0), u);
+    return cfg->drive_limit > 0.0 ? fmax(-cfg->drive_limit, fmin(cfg->drive_limit, u)) : u;
+}
+
 static double command_before(const gsid_axis *axis, uint32_t n_ticks) {
     return axis->command[(axis->tick + RING - n_ticks) % RING];
 }
@@ -379,15 +562,16 @@ gsid_status gsid_axis_step(gsid_axis *axis, uint32_t n, const double *u, double 
     }
     for (uint32_t i = 0; i < n; i++) {
         const double now = applied(&axis->cfg, u[i]);
-        axis->command[axis->tick % RING] = now;
+        axis->command[axis->tick % RING] = driven(&axis->cfg, now);
         if (u_applied)
             u_applied[i] = now;
         if (angle_deg)
             angle_deg[i] = axis->x[THETA];
-        const double gyro = axis->cfg.gyro_lag_s > 0.0 ? axis->x[GYRO] : axis->x[RATE] + axis->x[MODE_R];
-        y[i] = gyro + noise(axis) + fan(axis);
-        run_piece(axis, &axis->pieces[0], command_before(axis, axis->delay_ticks + 1));
-        run_piece(axis, &axis->pieces[1], command_before(axis, axis->delay_ticks));
+        const double disturbance = noise(axis) + fan(axis);
+        y[i] = gyro_sample(axis, disturbance);
+        run_piece(axis, &axis->pieces[0], 0.0, command_before(axis, axis->delay_ticks + 1), disturbance);
+        run_piece(axis, &axis->pieces[1], axis->pieces[0].duration_s * axis->cfg.fs_hz,
+                  command_before(axis, axis->delay_ticks), disturbance);
         axis->tick++;
     }
     return GSID_OK;

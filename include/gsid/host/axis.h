@@ -1,5 +1,6 @@
 /* A simulated gimbal axis, the source's inner azimuth, to try the tool on. It shares no code with the models that are
- * fitted: exact integration between events, stick and slip found by their instants. */
+ * fitted: exact integration between events, stick and slip found by their instants. Laws that are not linear are
+ * integrated by a Runge-Kutta method of order 4 around the exact linear part. */
 #ifndef GSID_HOST_AXIS_H
 #define GSID_HOST_AXIS_H
 
@@ -9,18 +10,30 @@
 #define GSID_AXIS_RATE_MAX 1000.0
 
 /* Values divided by the inertia, as in the design's table of effects. A zero switches an effect off. Everything but the
- * gain, the residue and the fan is >= 0. */
+ * gain, the residue, the fan, angles and phases is >= 0. */
 typedef struct {
     double fs_hz;                    /* ticks per second, > 0 */
     double gain;                     /* deg/s^2 per command */
     double viscous_rate;             /* 1/s */
-    double coulomb_level;            /* deg/s^2 */
     double spring_stiffness;         /* 1/s^2 */
+    double coulomb_level;            /* deg/s^2 */
+    double stribeck_extra;           /* deg/s^2: friction is level + extra exp(-(w / velocity)^2) */
+    double stribeck_velocity;        /* deg/s, >= extra / fs_hz */
+    double drag_rate;                /* 1/deg: torque rate w |w| */
+    double cubic_stiffness;          /* 1/(s^2 deg^2): torque stiffness theta^3 */
+    double unbalance_level;          /* deg/s^2: torque level (sin(theta + angle) - sin(angle)) */
+    double unbalance_angle_deg;
+    double cogging_level;            /* deg/s^2: torque level sin(cycles theta + phase) */
+    double cogging_cycles;           /* in a turn; the law's oscillation is slower than fs_hz [rad/s] */
+    double cogging_phase_rad;
     double delay_s;                  /* of the command, >= 0, any fraction of a tick, < 64 ticks */
     double mode_f_hz, mode_zeta, mode_residue; /* adds q' to the rate: q'' + 2 zeta w q' + w^2 q = residue gain u */
     double gyro_lag_s;               /* first order */
+    double gyro_refresh_hz;          /* the gyro, noise and all, is held between refreshes, <= fs_hz; 0: it is not */
     double command_limit;            /* clipped at +- this, then rounded; 0: neither */
     uint32_t command_bits;           /* steps of 2 command_limit / 2^bits, <= 31; 0: not rounded */
+    double drive_dead_zone;          /* taken off every command behind that, and smaller ones are 0 */
+    double drive_limit;              /* clips what is left; 0: does not */
     double noise_rms;                /* deg/s, white part of the gyro's noise */
     double noise_low_rms;            /* deg/s, part filtered by a first-order low-pass at noise_low_hz */
     double noise_low_hz;             /* Hz */
@@ -30,7 +43,8 @@ typedef struct {
 
 typedef struct gsid_axis gsid_axis;
 
-/** The source's inner azimuth axis at 3 kHz; Coulomb friction off.  @return GSID_OK; GSID_E_NULL */
+/** The source's inner azimuth axis at 3 kHz, linear but for the limit and steps of the command.
+ *  @return GSID_OK; GSID_E_NULL */
 gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg);
 
 /** @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY */
@@ -42,7 +56,7 @@ gsid_status gsid_axis_reset(gsid_axis *axis);
 
 /** Advance n ticks: y[i] is sampled at the instant from which u[i] is applied.
  *  @param[in]  u          [n] command, finite
- *  @param[out] u_applied  [n] clipped and rounded command; may be NULL
+ *  @param[out] u_applied  [n] clipped and rounded command, before the drive; may be NULL
  *  @param[out] y          [n] gyro, deg/s
  *  @param[out] angle_deg  [n] true angle, deg; may be NULL
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE nothing was advanced */

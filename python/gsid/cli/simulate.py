@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from gsid.cli.add import Value
 from gsid.cli.common import json_option, options_as_arguments, print_json, say
 
 
@@ -17,6 +18,8 @@ from gsid.cli.common import json_option, options_as_arguments, print_json, say
 @click.option("--link", metavar="PATH", type=click.Path(), help="Make a symlink to the pseudo-terminal.")
 @click.option("--once", is_flag=True, help="End when the host closes the port.")
 @click.option("--coulomb", metavar="LEVEL", type=float, help="Coulomb friction [deg/s^2]. [default: 0]")
+@click.option("--effect", metavar="EFFECT", help="Hide this effect of `gsid effects` in the axis.")
+@click.option("--param", "params", type=Value(), multiple=True, help="Of EFFECT. [default: typical values]")
 @click.option("--linear", is_flag=True, help="No friction, and a command neither clipped nor rounded.")
 @click.option(
     "--noise-scale",
@@ -43,6 +46,8 @@ def simulate(
     link: str | None,
     once: bool,
     coulomb: float | None,
+    effect: str | None,
+    params: tuple[tuple[str, float], ...],
     linear: bool,
     noise_scale: float,
     seed: int | None,
@@ -56,13 +61,17 @@ def simulate(
     The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
     """
     from gsid.errors import GsidError
-    from gsid.simulate import Damage, Server, SimulatedAxis, pseudo_terminal, serve_line, symlink
+    from gsid.simulate import Damage, Server, SimulatedAxis, hidden_parameters, pseudo_terminal, serve_line, symlink
 
+    if params and not effect:
+        raise click.UsageError("--param needs --effect", click.get_current_context())
     values = _scaled_noise(noise_scale)
     if linear:
         values |= {"coulomb_level": 0.0, "command_limit": 0.0}
     if coulomb is not None:
         values["coulomb_level"] = coulomb
+    if effect:
+        values |= hidden_parameters(effect, dict(params))
     if seed is not None:
         values["seed"] = seed
     values |= dict(_parameter(text) for text in assignments)

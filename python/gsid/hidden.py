@@ -1,0 +1,97 @@
+"""An effect drawn by a seed, to be hidden in the simulated axis, and its sealed answer.
+
+The seal is the SHA-256 of the answer's file: shown before anything is measured, it lets everybody check at the
+end (`sha256sum`) that the answer was there from the start.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What is hidden.
+
+    Attributes
+    ----------
+    effect : str
+        Id of the catalogue.
+    params : dict of float
+        By the catalogue's names, in its units.
+    seed : int
+        That it was drawn by.
+    """
+
+    effect: str
+    params: dict[str, float]
+    seed: int
+
+    @property
+    def answer(self) -> str:
+        """Text of the file that is sealed; salted, so that the seal of a guess cannot be looked up."""
+        salt = hashlib.sha256(f"gsid demo, hidden effect of seed {self.seed}".encode()).hexdigest()
+        data = {"effect": self.effect, "params": self.params, "seed": self.seed, "salt": salt}
+        return json.dumps(data, indent=1) + "\n"
+
+    @property
+    def seal(self) -> str:
+        """SHA-256 of the answer, in hexadecimal digits."""
+        return hashlib.sha256(self.answer.encode()).hexdigest()
+
+
+def _stribeck(rng: Rng) -> dict[str, float]:
+    level = _between(rng, 2, 10)
+    return {"level": level, "extra": level * rng.uniform(0.3, 1.0), "velocity": _between(rng, 0.3, 3)}
+
+
+def _unbalance(rng: Rng) -> dict[str, float]:
+    return {"level": _between(rng, 500, 1500), "angle_deg": rng.choice([-1, 1]) * rng.uniform(20, 80)}
+
+
+def _cogging(rng: Rng) -> dict[str, float]:
+    cycles = float(rng.integers(36, 253))
+    return {"level": _between(rng, 3, 20), "cycles_per_rev": cycles, "phase_rad": rng.uniform(-3.1, 3.1)}
+
+
+def _between(rng: Rng, low: float, high: float) -> float:
+    """Uniform on a logarithmic scale."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+# What a gimbal of 7.4 deg/s^2 per command that moves by +-2 deg may have without anybody noticing.
+SIZES: dict[str, Callable[[Rng], dict[str, float]]] = {
+    "drive_dead_zone": lambda rng: {"half_width": _between(rng, 0.3, 3)},
+    "drive_saturation": lambda rng: {"limit": rng.uniform(60, 90)},
+    "coulomb_friction": lambda rng: {"level": _between(rng, 1, 15)},
+    "stribeck_friction": _stribeck,
+    "quadratic_drag": lambda rng: {"rate": _between(rng, 0.01, 0.2)},
+    "cubic_spring": lambda rng: {"stiffness": _between(rng, 2, 30)},
+    "mass_unbalance": _unbalance,
+    "motor_cogging": _cogging,
+    "sensor_sample_hold": lambda rng: {"rate_hz": float(rng.choice([250, 300, 375, 400, 500, 600]))},
+}
+
+
+def draw(seed: int) -> Hidden:
+    """Draw an effect and its size.
+
+    Parameters
+    ----------
+    seed : int
+        >= 0.
+
+    Returns
+    -------
+    Hidden
+    """
+    rng = np.random.default_rng(seed)
+    effect = str(rng.choice(list(SIZES)))
+    return Hidden(effect, {name: float(f"{value:.4g}") for name, value in SIZES[effect](rng).items()}, seed)
