@@ -142,7 +142,7 @@ $(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
 # ---- the program -------------------------------------------------------------------------------------------------
 
 .PHONY: demo
-demo: all ## excite, measure, fit and compare a simulated axis, twice, and write a report
+demo: all ## measure, fit and compare a simulated axis, find what is hidden in it, and write a report
 	$(VENV)/bin/gsid demo
 
 # ---- tests -------------------------------------------------------------------------------------------------------

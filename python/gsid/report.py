@@ -94,7 +94,8 @@ class _Experiment:
     run: Sequence[tuple[str, str]]
     tables: Sequence[_Table]
     pictures: Sequence[_Picture]
-    failing: _Table | None
+    closing: Sequence[_Table]  # after the pictures
+    answer: str = ""  # the last word
 
 
 class Report:
@@ -163,7 +164,7 @@ class Report:
                 run=_run_facts(records, all_spectra, frf, multisine),
                 tables=_tables(model, truth),
                 pictures=self._drawn(drawn),
-                failing=_failing_table(comparison),
+                closing=_failing_tables(comparison),
             )
         )
         return self
@@ -177,6 +178,8 @@ class Report:
         ladder: Ladder | None = None,
         band: tuple[float, float] | None = None,
         story: str = "",
+        answer: str = "",
+        truth: Sequence[Truth] = (),
     ) -> Report:
         """Add what a diagnosis found: where the model fails, which effect is missing, how sure that is.
 
@@ -192,6 +195,10 @@ class Report:
         band : (lo, hi), optional
             Hz; that of the diagnosis.
         story : str, optional
+        answer : str, optional
+            What was missing in truth, where that is known; it ends the section.
+        truth : sequence of Truth, optional
+            Its parameters beside what was found.
 
         Returns
         -------
@@ -222,7 +229,8 @@ class Report:
                 ],
                 tables=[*_ranking_tables(diagnosis), _plant_table(diagnosis.model)],
                 pictures=self._drawn(drawn),
-                failing=_failing_table(before),
+                closing=[*_failing_tables(before), *([_truth_table(truth)] if truth else [])],
+                answer=answer,
             )
         )
         return self
@@ -490,9 +498,9 @@ def _strength(group: Group) -> str:
     )
 
 
-def _failing_table(c: Comparison | None) -> _Table | None:
+def _failing_tables(c: Comparison | None) -> list[_Table]:
     if c is None:
-        return None
+        return []
     rows = [
         (
             plots.band_text(band["f_lo_hz"], band["f_hi_hz"]),
@@ -506,7 +514,8 @@ def _failing_table(c: Comparison | None) -> _Table | None:
     note = (
         "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
     )
-    return _Table("Where the model fails", ("Band", "Lines", "Share", "Error over response", "p"), rows, note)
+    head = ("Band", "Lines", "Share", "Error over response", "p")
+    return [_Table("Where the model fails", head, rows, note)]
 
 
 # --- pictures ---------------------------------------------------------------------------------------------

@@ -3,23 +3,45 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, json_option, print_json, print_table, say
+from gsid.cli.common import (
+    EXIT_CRITERION,
+    EXIT_GOOD,
+    json_option,
+    print_json,
+    print_ladder,
+    print_table,
+    say,
+)
+
+if TYPE_CHECKING:
+    from gsid.demo import Demo
+    from gsid.demo.missing import Search
+    from gsid.report import Truth
 
 
-@click.command(short_help="Measure, fit and compare the simulated axis, from end to end.")
+@click.command(short_help="Measure the simulated axis, and find what is hidden in it.")
 @click.option(
     "--folder", metavar="DIR", type=click.Path(), default="demo", help="Where the files go. [default: demo]"
 )
-@click.option("--seed", metavar="N", type=click.IntRange(0), default=1, help="Of the noise. [default: 1]")
+@click.option(
+    "--seed",
+    metavar="N",
+    type=click.IntRange(0),
+    default=1,
+    help="Of the noise, and of what is hidden. [default: 1]",
+)
 @json_option
 def demo(folder: str, seed: int, as_json: bool) -> int:
-    """Excite a simulated gimbal axis over a serial line, fit a model and compare.
+    """Excite a simulated gimbal axis over a serial line, fit, compare, and find what is hidden in it.
 
-    Once without friction, where the model stands beside the truth, and once with Coulomb friction, where a
-    linear model fails.
+    Once without friction, where the model stands beside the truth; once with Coulomb friction, where a
+    linear model fails; and once with an effect that the seed draws and the search does not know: it is
+    diagnosed, added, and revealed at the end.
 
     Exit code 1 when the runs do not show what they should.
     """
@@ -42,22 +64,42 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
         print_json(result.to_dict())
         return EXIT_GOOD if result.passed else EXIT_CRITERION
 
-    rows = [
-        [t.name, f"{t.truth:.7g}", f"{t.estimate:.7g}", f"{t.std:.2g}", f"{t.n_sigma:+.2f}", t.unit]
-        for t in result.linear.truth
-    ]
-    print_table(
-        ["parameter", "truth", "estimate", "sigma", "off by [sigma]", "unit"],
-        rows,
-        left=["parameter", "unit"],
-    )
+    _print(result)
+    if not result.passed:
+        say("the demo did not show what it should")
+    return EXIT_GOOD if result.passed else EXIT_CRITERION
+
+
+def _print(result: Demo) -> None:
+    _print_truth(result.linear.truth)
     print()
     for experiment in (result.linear, result.friction):
         print(f"{experiment.name}: {experiment.comparison!r}")
         print()
+    _print_search(result.search)
     for text, passed in result.checks.items():
         print(f"  {'yes' if passed else 'NO ':3}  {text}")
-    print(f"\nreport: {result.report}")
-    if not result.passed:
-        say("the demo did not show what it should")
-    return EXIT_GOOD if result.passed else EXIT_CRITERION
+    print(f"\nreport: {result.report}\n")
+    if rows := result.search.beside_truth():
+        _print_truth(rows)
+        print()
+    print(result.search.revealed)
+
+
+def _print_search(found: Search) -> None:
+    print(f"hidden, sealed as {found.hidden.seal}: {found.comparison!r}")
+    print()
+    print(repr(found.diagnosis))
+    print()
+    if found.ladder.rungs:
+        print_ladder(found.ladder)
+        print()
+
+
+def _print_truth(rows: Sequence[Truth]) -> None:
+    cells = [
+        [t.name, f"{t.truth:.7g}", f"{t.estimate:.7g}", f"{t.std:.2g}", f"{t.n_sigma:+.2f}", t.unit]
+        for t in rows
+    ]
+    header = ["parameter", "truth", "estimate", "sigma", "off by [sigma]", "unit"]
+    print_table(header, cells, left=["parameter", "unit"])

@@ -25,7 +25,7 @@ VERBS = {
     "diagnose": "Find the physical effect that a model misses.",
     "add": "Add an effect to a model and see how much the error falls.",
     "report": "Write a report as one HTML page.",
-    "demo": "Measure, fit and compare the simulated axis, from end to end.",
+    "demo": "Measure the simulated axis, and find what is hidden in it.",
     "doctor": "Say which versions are in use and what is missing.",
 }
 

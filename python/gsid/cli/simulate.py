@@ -17,7 +17,9 @@ from gsid.cli.common import json_option, options_as_arguments, print_json, say
 @click.option("--paced", is_flag=True, help="In real time, by the clock. [default: as fast as commands come]")
 @click.option("--link", metavar="PATH", type=click.Path(), help="Make a symlink to the pseudo-terminal.")
 @click.option("--once", is_flag=True, help="End when the host closes the port.")
-@click.option("--coulomb", metavar="LEVEL", type=float, help="Coulomb friction [deg/s^2]. [default: 0]")
+@click.option(
+    "--coulomb", metavar="LEVEL", type=float, help="Short for --effect coulomb_friction --param level=LEVEL."
+)
 @click.option("--effect", metavar="EFFECT", help="Hide this effect of `gsid effects` in the axis.")
 @click.option("--param", "params", type=Value(), multiple=True, help="Of EFFECT. [default: typical values]")
 @click.option("--linear", is_flag=True, help="No friction, and a command neither clipped nor rounded.")
@@ -61,7 +63,15 @@ def simulate(
     The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
     """
     from gsid.errors import GsidError
-    from gsid.simulate import Damage, Server, SimulatedAxis, hidden_parameters, pseudo_terminal, serve_line, symlink
+    from gsid.simulate import (
+        Damage,
+        Server,
+        SimulatedAxis,
+        hidden_parameters,
+        pseudo_terminal,
+        serve_line,
+        symlink,
+    )
 
     if params and not effect:
         raise click.UsageError("--param needs --effect", click.get_current_context())

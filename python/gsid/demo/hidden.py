@@ -1,7 +1,7 @@
 """An effect drawn by a seed, to be hidden in the simulated axis, and its sealed answer.
 
-The seal is the SHA-256 of the answer's file: shown before anything is measured, it lets everybody check at the
-end (`sha256sum`) that the answer was there from the start.
+The seal is the SHA-256 of the answer's file: shown before anything is measured, it lets everybody check at
+the end (`sha256sum`) that the answer was there from the start.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _stribeck(rng: Rng) -> dict[str, float]:
 
 
 def _unbalance(rng: Rng) -> dict[str, float]:
-    return {"level": _between(rng, 500, 1500), "angle_deg": rng.choice([-1, 1]) * rng.uniform(20, 80)}
+    return {"level": _between(rng, 700, 1500), "angle_deg": rng.choice([-1, 1]) * rng.uniform(45, 80)}
 
 
 def _cogging(rng: Rng) -> dict[str, float]:

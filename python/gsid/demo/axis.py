@@ -1,0 +1,101 @@
+"""The simulated axis in a process of its own, measured over a serial line as a real one would be."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gsid.excitation import Multisine
+from gsid.io import write_record
+from gsid.link import Progress, run
+from gsid.record import Record
+
+FS_HZ = 3000.0
+PERIOD = 6000
+SETTLE_PERIODS = 2
+
+
+@dataclass
+class Bench:
+    """Where files go, and who is told how far things are.
+
+    Attributes
+    ----------
+    folder : Path
+    on_step : callable
+        Told in words what comes next.
+    on_progress : callable or None
+        Told how far a run over the serial line is.
+    """
+
+    folder: Path
+    on_step: Callable[[str], None] = field(default=lambda text: None)
+    on_progress: Callable[[Progress], None] | None = None
+
+    def measure(
+        self,
+        name: str,
+        excitation: Multisine,
+        periods: int,
+        *,
+        seed: int,
+        effect: str = "",
+        params: Mapping[str, float] | None = None,
+        truth_file: Path | None = None,
+    ) -> Record:
+        """Drive a simulated axis and keep the record as NAME.csv.
+
+        Parameters
+        ----------
+        name : str
+        excitation : Multisine
+        periods : int
+            Good ones, after two that settle.
+        seed : int
+            Of the axis's noise.
+        effect, params
+            Hidden in the axis, as `gsid simulate --effect --param`.
+        truth_file : Path, optional
+            Where the axis writes its parameters.
+        """
+        with simulated_axis(seed, effect, params or {}, truth_file) as port:
+            record = run(
+                port,
+                excitation,
+                periods=periods,
+                settle=SETTLE_PERIODS * PERIOD,
+                on_progress=self.on_progress,
+            )
+        record.name = f"{name}.csv"
+        write_record(self.folder / record.name, record)
+        return record
+
+
+@contextlib.contextmanager
+def simulated_axis(
+    seed: int, effect: str, params: Mapping[str, float], truth_file: Path | None
+) -> Iterator[str]:
+    """Serve a simulated axis in a process of its own, as `gsid simulate` does; gives the port's path."""
+    command = [sys.executable, "-m", "gsid.cli.main", "simulate", "--once", "--seed", str(seed)]
+    if effect:
+        command += ["--effect", effect]
+    for name, value in params.items():
+        command += ["--param", f"{name}={value!r}"]
+    if truth_file:
+        command += ["--truth", str(truth_file)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            port = process.stdout.readline().strip()
+            if not port:
+                raise RuntimeError(f"the simulated axis did not start: {process.stderr.read()}")
+            yield port
+            process.wait(timeout=10)  # it ends by itself when the port is closed
+        finally:
+            process.terminate()

@@ -1,0 +1,237 @@
+"""The demo's second half: an effect is hidden in the axis, looked for, added, and at last revealed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gsid.compare import Comparison, compare
+from gsid.demo.axis import FS_HZ, PERIOD, Bench
+from gsid.demo.hidden import Hidden, draw
+from gsid.diagnose import Diagnosis, diagnose
+from gsid.excitation import Multisine
+from gsid.frf import Spectra, spectra
+from gsid.ladder import Ladder, add, ladder
+from gsid.plant import Effect, Param, PlantModel
+from gsid.report import Report, Truth
+from gsid.simulate import SimulatedAxis
+
+LEVELS = (8.0, 25.0)  # command of the first line; the larger one moves the axis by 2 deg
+SHAPE_DB = -10.0  # per decade: springs and gravity only show where the axis travels, below 2 Hz
+BAND_HZ = (0.5, 194.5)
+PERIODS = 6  # not a multiple of 5, as in the first half
+FITTED, KEPT_OUT = 2, 2  # realisations of each level; the error on four kept out scatters by 4 % of the noise
+WRONG_BY = 0.05  # every value that is believed
+FLOOR_RATIO = 1.1  # error on the records kept out, over what noise alone leaves
+
+# What is believed of the axis: parameters of the catalogue, and what the simulated axis calls them.
+BELIEVED = {
+    "rigid_body": {"gain": "gain"},
+    "viscous_friction": {"rate": "viscous_rate"},
+    "cable_spring": {"stiffness": "spring_stiffness"},
+    "transport_delay": {"delay_s": "delay_s"},
+    "flexible_mode": {"f_hz": "mode_f_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
+    "sensor_lag": {"time_constant_s": "gyro_lag_s"},
+}
+TURNS = {"phase_rad": 2 * np.pi, "angle_deg": 360.0}  # parameters that repeat
+
+
+@dataclass(eq=False)
+class Search:
+    """What was found in the records of an axis with something hidden in it.
+
+    Attributes
+    ----------
+    hidden : Hidden
+        The answer, which nothing of the search has seen.
+    fitted : list of Spectra
+    comparison : Comparison
+        Of what is believed, its parameters fitted, on the records fitted.
+    diagnosis : Diagnosis
+    model : PlantModel
+        With the effects found.
+    """
+
+    hidden: Hidden
+    fitted: list[Spectra]
+    comparison: Comparison
+    diagnosis: Diagnosis
+    model: PlantModel
+
+    @property
+    def ladder(self) -> Ladder:
+        """From what was believed to the model."""
+        return ladder(self.model)
+
+    @property
+    def named(self) -> bool:
+        """Whether the hidden effect is the first one found, or in one group with it."""
+        return bool(self.diagnosis.found) and self.hidden.effect in self.diagnosis.found[0].effects
+
+    @property
+    def over_floor(self) -> float:
+        """Error of the model on the records kept out, over what noise alone leaves."""
+        if not self.ladder.rungs:
+            return np.inf
+        last = self.ladder.rungs[-1]
+        return last.held_out["after"] / last.noise_floor_rms
+
+    @property
+    def revealed(self) -> str:
+        """The answer, and whether it was found, for people."""
+        hidden = Effect(
+            self.hidden.effect, {name: Param(value) for name, value in self.hidden.params.items()}
+        )
+        params = ", ".join(
+            f"{name} {p.value:g} {self.model.unit_of(hidden, name)}".rstrip()
+            for name, p in hidden.params.items()
+        )
+        if not self.named:
+            found = " and ".join(" or ".join(group.effects) for group in self.diagnosis.found) or "nothing"
+            end = f"it was NOT named, {found} was"
+        else:
+            rivals = [effect for effect in self.diagnosis.found[0].effects if effect != self.hidden.effect]
+            tied = (
+                f", together with {' and '.join(rivals)}, which these data cannot tell from it"
+                if rivals
+                else ""
+            )
+            end = f"it was named{tied}"
+        return f"The hidden effect was {self.hidden.effect} ({params}): {end}."
+
+    def beside_truth(self) -> list[Truth]:
+        """Parameters of the hidden effect beside those found; nothing when another was added."""
+        rows = []
+        for effect in self.model.effects:
+            if effect.id != self.hidden.effect:
+                continue
+            for name, true in self.hidden.params.items():
+                p, turn = effect.params[name], TURNS.get(name, np.inf)
+                value = p.value if np.isinf(turn) else p.value + turn * np.round((true - p.value) / turn)
+                std = np.nan if p.std is None else p.std
+                rows.append(Truth(f"{effect.id}.{name}", self.model.unit_of(effect, name), true, value, std))
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid demo --json`."""
+        return {
+            "seal": self.hidden.seal,
+            "effect": self.hidden.effect,
+            "params": self.hidden.params,
+            "named": self.named,
+            "held_out_over_noise": self.over_floor,
+            "compare": self.comparison.to_dict(),
+            "diagnosis": self.diagnosis.to_dict(),
+            "ladder": [rung.to_dict() for rung in self.ladder.rungs],
+        }
+
+
+def hide_and_seek(bench: Bench, seed: int) -> Search:
+    """Hide an effect, measure, search, and write the answer down only then."""
+    hidden = draw(seed)
+    answer = bench.folder / "hidden.json"
+    answer.unlink(missing_ok=True)
+    bench.on_step(f"hidden: an effect drawn by seed {seed}; SHA-256 of the sealed answer {hidden.seal}")
+    measured = []
+    seeds = np.random.SeedSequence(seed).generate_state(len(LEVELS) * (FITTED + KEPT_OUT))
+    for i, excitation in enumerate(excitations(seeds), 1):
+        bench.on_step(f"hidden: exciting the axis over the serial line, realisation {i} of {len(seeds)}")
+        record = bench.measure(
+            f"hidden{i}",
+            excitation,
+            PERIODS,
+            seed=int(seeds[i - 1]),
+            effect=hidden.effect,
+            params=hidden.params,
+        )
+        measured.append(spectra(record))
+    each = FITTED + KEPT_OUT
+    fitted = [one for i, one in enumerate(measured) if i % each < FITTED]
+    kept_out = [one for i, one in enumerate(measured) if i % each >= FITTED]
+    model = believed(seed)
+    model.save(bench.folder / "believed.json")
+    found = search(model, fitted, kept_out, bench.on_step)
+    found[-1].save(bench.folder / "found.json")
+    answer.write_text(hidden.answer, encoding="utf-8")
+    return Search(hidden, fitted, *found)
+
+
+def excitations(seeds: Sequence[int]) -> list[Multisine]:
+    """Odd random-phase multisines, one of each seed, low level first."""
+    levels = np.repeat(LEVELS, len(seeds) // len(LEVELS))
+    return [
+        Multisine.design(
+            FS_HZ,
+            PERIOD,
+            BAND_HZ,
+            grid="odd",
+            phases="random",
+            seed=int(seed),
+            amplitude=level,
+            shape_db_per_decade=SHAPE_DB,
+        )
+        for seed, level in zip(seeds, levels, strict=True)
+    ]
+
+
+def believed(seed: int) -> PlantModel:
+    """The axis without anything hidden, each value 5 % off, up or down as the seed has it."""
+    rng = np.random.default_rng(seed)
+    true = SimulatedAxis().parameters
+    return PlantModel(
+        FS_HZ,
+        [
+            Effect(
+                id,
+                {name: Param(true[of] * (1 + WRONG_BY * rng.choice([-1, 1]))) for name, of in names.items()},
+            )
+            for id, names in BELIEVED.items()
+        ],
+        u_unit="command",
+        y_unit="deg/s",
+    )
+
+
+def search(
+    model: PlantModel, fitted: list[Spectra], kept_out: list[Spectra], on_step: Callable[[str], None]
+) -> tuple[Comparison, Diagnosis, PlantModel]:
+    """Compare, diagnose, and add what is found; the records kept out only judge."""
+    diagnosis = diagnose(model, fitted, on_step=lambda text: on_step(f"hidden: {text}"))
+    comparison = compare(diagnosis.steps[0].fit.model, fitted)
+    for group in diagnosis.found:
+        on_step(f"hidden: adding {group.effects[0]}")
+        model = add(group.effects[0], model, fitted, held_out=kept_out).model
+    return comparison, diagnosis, model
+
+
+def add_to(page: Report, found: Search) -> None:
+    """Put the search on the page."""
+    story = (
+        f"Seed {found.hidden.seed} has hidden one effect of the catalogue in the axis. The answer was sealed "
+        f"before anything was measured (SHA-256 {found.hidden.seal} of the file hidden.json) and stands at "
+        "the end of this page. The model that is believed has the linear parts of the axis, every value 5 % "
+        f"off. It is fitted to {FITTED} records of each of {len(LEVELS)} levels; {KEPT_OUT} more of each are "
+        "kept out, to judge."
+    )
+    page.add_diagnosis(
+        "hidden",
+        found.fitted,
+        found.diagnosis,
+        ladder=found.ladder,
+        story=story,
+        answer=found.revealed,
+        truth=found.beside_truth(),
+    )
+
+
+def checks(found: Search) -> dict[str, bool]:
+    """What the search has to show."""
+    return {
+        "something is found missing": not found.diagnosis.adequate,
+        "the hidden effect is named": found.named,
+        "the error on records kept out falls to the noise (1.1 times at most)": found.over_floor
+        <= FLOOR_RATIO,
+    }
