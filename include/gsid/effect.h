@@ -6,6 +6,7 @@
 #include "gsid/types.h"
 
 #define GSID_EFFECT_PARAMETERS_MAX 4
+#define GSID_RATE_SAMPLES_MAX 16 /* that a controller takes the change of the angle over */
 
 /* Where an effect acts. The plant takes the stages in this order, and within a stage the order of the stack. */
 typedef enum {
@@ -141,6 +142,8 @@ struct gsid_effect {
     /* Command from reference, angle and rate, once a sample; by_signal [3], by_value [n_parameters]. */
     gsid_real (*control)(const gsid_plant_item *item, const gsid_real signal[3], gsid_real *by_signal,
                          gsid_real *by_value);
+    /* Samples over which the controller takes the change of the angle for its rate; 0 or NULL: it is given the rate. */
+    uint32_t (*rate_samples)(const gsid_plant_item *item);
     /* Rate at which the sensor is refreshed [Hz]; 0: always. */
     gsid_real (*refresh_hz)(const gsid_plant_item *item);
     /* Added to the output, not locked to the excitation; by_value [n_parameters]. */

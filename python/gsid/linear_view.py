@@ -78,7 +78,7 @@ def linear_view(
         sensor = sensor * _held(s, stack["sensor_sample_hold"]["rate_hz"])
     if output_angle:
         sensor = sensor / s
-    loop = 1 / (1 + actuator * body * _feedback(stack, s))
+    loop = 1 / (1 + actuator * body * _feedback(stack, s, fs_hz))
     command = actuator * (body * loop * _reference(stack) + _mode(stack, s))
     return LinearView(torque=body * loop * sensor, command=command * sensor, direct=actuator * sensor)
 
@@ -104,12 +104,14 @@ def _mode(stack: Stack, s: np.ndarray) -> np.ndarray | float:
     return mode["residue"] * s / (s**2 + 2 * mode["zeta"] * w0 * s + w0**2)
 
 
-def _feedback(stack: Stack, s: np.ndarray) -> np.ndarray | float:
-    """Rate to command through the controller kv (kp (r - angle) - rate)."""
+def _feedback(stack: Stack, s: np.ndarray, fs_hz: float) -> np.ndarray | float:
+    """Rate to command through the controller kv (kp (r - angle) - rate seen)."""
     if "position_velocity_loop" not in stack:
         return 0.0
     loop = stack["position_velocity_loop"]
-    return loop["kv"] * (1 + loop["kp"] / s)
+    samples = loop.get("rate_samples", 0.0)
+    seen = _held(s, fs_hz / samples) if samples > 0 else 1.0  # the angle's change is the rate's mean
+    return loop["kv"] * (seen + loop["kp"] / s)
 
 
 def _reference(stack: Stack) -> float:

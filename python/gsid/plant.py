@@ -455,6 +455,8 @@ def _check_params(effect: Effect, where: str) -> None:
             hint = close(name, known.names) or f"it has {', '.join(known.names) or 'none'}"
             raise InputError("unknown parameter", f"{where}.{name}", None, hint)
     for parameter in known.parameters:
+        if known.stage == "controller" and parameter.null_value is not None:  # a loop is one without it too
+            effect.params.setdefault(parameter.name, Param(parameter.null_value, free=False))
         if parameter.name not in effect.params:
             hint = f"a gimbal has {parameter.typical:g} {parameter.unit}".rstrip()
             raise InputError("a parameter is missing", f"{where}.{parameter.name}", None, hint)

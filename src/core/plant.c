@@ -161,6 +161,8 @@ static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout
     l->y = take_reals(b, l->n_columns);
     l->held = take_reals(b, l->n_columns);
     l->under_way = take_reals(b, (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->ring_columns);
+    l->angle_seen = take_reals(b, n->n_controllers > 0 ? (GSID_RATE_SAMPLES_MAX + 1) * (size_t)l->n_columns : 0);
+    l->rate_seen = take_reals(b, l->n_columns);
     l->start = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
     l->fallback = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
     l->largest_dy = take_reals(b, l->n_columns);
@@ -368,6 +370,7 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
     l->holds = n.holds;
     l->has_side = n.holds || n.n_memories > 0;
     l->looks_at_angle = n.looks_at_angle;
+    l->has_controller = n.n_controllers > 0;
     l->is_constant = n.is_constant;
     l->may_be_steep = n.may_be_steep;
     l->looks_at_command = n.looks_at_command;

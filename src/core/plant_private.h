@@ -44,7 +44,7 @@ struct gsid_plant_layout {
     uint32_t n_laws, n_channels, n_memories;
     plant_law *law;              /* [n_laws] */
     int holds, has_side;         /* a law can hold the axis at rest; depends on the direction of motion */
-    int looks_at_angle, is_constant; /* every law between events */
+    int looks_at_angle, has_controller, is_constant; /* is_constant: every law between events */
     int may_be_steep, looks_at_command; /* a law */
     gsid_real unit_rad;
     const gsid_plant_item *sampler; /* NULL: the sensor is always fresh */
@@ -71,6 +71,9 @@ struct gsid_plant_layout {
     gsid_real side;
     gsid_real *under_way;        /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
     uint32_t ring_columns, newest;
+    gsid_real *angle_seen;       /* [GSID_RATE_SAMPLES_MAX + 1][n_columns] by a controller, latest at `angle_newest` */
+    uint32_t angle_newest;
+    gsid_real *rate_seen;        /* [n_columns] by a controller */
     gsid_real *held;             /* [n_columns] what the sensor shows until it is refreshed */
     gsid_real to_refresh;        /* from this sample's start to the next refresh [samples] */
     gsid_real since_start_s;     /* of the refreshes so far */

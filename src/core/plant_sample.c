@@ -15,6 +15,9 @@ gsid_status gsid_plant_reset(gsid_plant *plant) {
         memset(l->torque[i], 0, (size_t)CHANNELS_MAX * l->n_columns * sizeof *l->torque[i]);
     l->z[GSID_Z_ONE * l->n_columns] = 1;
     l->newest = 0;
+    if (l->has_controller)
+        memset(l->angle_seen, 0, (GSID_RATE_SAMPLES_MAX + 1) * (size_t)l->n_columns * sizeof *l->angle_seen);
+    l->angle_newest = 0;
     l->n_active = 1;
     l->n_free = 0;
     l->side = 1;
@@ -99,9 +102,31 @@ static void scale_command(const gsid_plant_layout *l, gsid_real *u, gsid_real by
             u[column[k]] += by_value[k];
 }
 
+static gsid_real *angle_seen(const gsid_plant_layout *l, uint32_t samples_ago) {
+    const uint32_t at = (l->angle_newest + GSID_RATE_SAMPLES_MAX + 1 - samples_ago) % (GSID_RATE_SAMPLES_MAX + 1);
+    return l->angle_seen + (size_t)at * l->n_columns;
+}
+
+/* The rate that a controller works with: the axis's, or the change of the angle over n samples. */
+static void controlled_rate(const gsid_plant_layout *l, const gsid_plant_item *item, const gsid_real *angle,
+                            gsid_real *rate) {
+    const uint32_t n = item->effect->rate_samples != NULL ? item->effect->rate_samples(item) : 0;
+    if (n == 0) {
+        memcpy(rate, l->z + GSID_Z_RATE * l->n_columns, l->n_active * sizeof *rate);
+        return;
+    }
+    const gsid_real *past = angle_seen(l, n);
+    for (uint32_t c = 0; c < l->n_active; c++)
+        rate[c] = (angle[c] - past[c]) / ((gsid_real)n * l->sample_s);
+}
+
 /* The command from the reference in u[VALUE] and the sampled motion. */
-static void control(const gsid_plant_layout *l, const gsid_plant_item *item, const uint32_t *column, gsid_real *u) {
-    const gsid_real *angle = l->z + GSID_Z_ANGLE * l->n_columns, *rate = l->z + GSID_Z_RATE * l->n_columns;
+static void control(gsid_plant_layout *l, const gsid_plant_item *item, const uint32_t *column, gsid_real *u) {
+    const gsid_real *angle = l->z + GSID_Z_ANGLE * l->n_columns;
+    gsid_real *rate = l->rate_seen;
+    l->angle_newest = (l->angle_newest + 1) % (GSID_RATE_SAMPLES_MAX + 1);
+    memcpy(angle_seen(l, 0), angle, l->n_active * sizeof *angle);
+    controlled_rate(l, item, angle, rate);
     const gsid_real signal[3] = {u[VALUE], angle[VALUE], rate[VALUE]};
     gsid_real by_signal[3] = {0}, by_value[GSID_EFFECT_PARAMETERS_MAX] = {0};
     u[VALUE] = item->effect->control(item, signal, by_signal, by_value);
@@ -137,6 +162,9 @@ void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column) {
     for (uint32_t at = 0; at <= GSID_PLANT_DELAY_MAX; at++)
         for (uint32_t c = first_column; c < l->ring_columns; c++)
             l->under_way[(size_t)at * l->ring_columns + c] = 0;
+    for (uint32_t ago = 0; l->has_controller && ago <= GSID_RATE_SAMPLES_MAX; ago++)
+        for (uint32_t c = first_column; c < l->n_columns; c++)
+            angle_seen(l, ago)[c] = 0;
     for (uint32_t c = first_column; c < l->n_columns; c++)
         l->z[GSID_Z_COMMAND * l->n_columns + c] = 0;
 }

@@ -25,6 +25,7 @@ typedef struct {
     double gap, joint, ratio, damping;
     double step, dead_zone, limit;
     double kp, kv, loop_limit;
+    int rate_samples; /* the loop's rate is the change of the angle over so many; 0: it is the rate */
     double fan_hz, fan, fan_phase;
 } physics;
 
@@ -93,10 +94,15 @@ static double map_command(const physics *p, double u) {
     return p->limit > 0 ? fmax(-p->limit, fmin(p->limit, u)) : u;
 }
 
-static double control(const physics *p, double r, const double *x) {
+static double control(const physics *p, double r, int n, const double *x) {
+    static double angle[N];
+    angle[n] = x[ANGLE];
     if (p->kv == 0)
         return r;
-    const double u = p->kv * (p->kp * (r - x[ANGLE]) - x[RATE]);
+    const int past = n - p->rate_samples;
+    const double rate =
+        p->rate_samples > 0 ? (angle[n] - (past < 0 ? 0.0 : angle[past])) * FS / p->rate_samples : x[RATE];
+    const double u = p->kv * (p->kp * (r - x[ANGLE]) - rate);
     return fmax(-p->loop_limit, fmin(p->loop_limit, u));
 }
 
@@ -118,7 +124,7 @@ static void run_truth(const physics *p, double size, double offset) {
             if (k == 0) {
                 truth[n] =
                     (p->refresh_samples > 0 ? held : now) + p->fan * sin(2.0 * PI * p->fan_hz * n / FS + p->fan_phase);
-                given[n] = map_command(p, control(p, command_at(n, size, offset), x));
+                given[n] = map_command(p, control(p, command_at(n, size, offset), n, x));
             }
             const int late = n * SUBSTEPS + k - (int)p->delay_steps;
             runge_kutta(p, late < 0 ? 0.0 : given[late / SUBSTEPS], h, x);
@@ -255,9 +261,12 @@ static void command_maps_and_loops_follow_the_truth(void **state) {
 
     p = plain;
     start_stack();
-    bench_add_with(&b, "position_velocity_loop", 20, 5, 40);
+    gsid_plant_item *loop = bench_add_with(&b, "position_velocity_loop", 20, 5, 40);
     bench_add_with(&b, "periodic_disturbance", 30.9, 0.1, 0.5);
     p.kp = 20, p.kv = 5, p.loop_limit = 40, p.fan_hz = 30.9, p.fan = 0.1, p.fan_phase = 0.5;
+    compare(&p, 1, 0);
+    loop->value[3] = 2;
+    p.rate_samples = 2;
     compare(&p, 1, 0);
 }
 
@@ -334,7 +343,7 @@ static gsid_plant_item *add_shown(const char *id) {
     if (item->effect == gsid_catalogue_find("sensor_sample_hold"))
         item->value[0] = 397.3123;
     if (item->effect == gsid_catalogue_find("position_velocity_loop"))
-        item->value[2] = 40.0;
+        item->value[2] = 40.0, item->value[3] = 2.0;
     return item;
 }
 
