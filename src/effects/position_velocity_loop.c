@@ -32,7 +32,7 @@ const gsid_effect EFFECT(position_velocity_loop) = {
     .parameter = {{"kp", "1/s", R(20.0), R(0.0), ANY, NAN},
                   {"kv", "command per deg/s", R(5.0), -ANY, ANY, NAN},
                   {"limit", "command", R(179.0), R(1e-6), ANY, R(0.0)},
-                  {"rate_samples", "samples", R(0.0), R(1.0), (gsid_real)GSID_RATE_SAMPLES_MAX, R(0.0)}},
+                  {"rate_samples", "samples", R(0.0), R(0.0), (gsid_real)GSID_RATE_SAMPLES_MAX, R(0.0)}},
     .looks_at_angle = 1,
     .control = control,
     .rate_samples = rate_samples,

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plants import plant
 
 from gsid.diagnose import diagnose, with_effect
 from gsid.excitation import Multisine
@@ -119,6 +120,19 @@ def test_linear_view_is_the_held_response():
     exact = RationalModel(truth["num"], truth["den"], truth["delay_s"], fs_hz=FS, hold="zoh").response(f)
     view = linear_view(TRUTH, f, FS)
     assert np.max(np.abs(view.command - exact)) < 1e-3 * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize("samples", [0, 2])
+def test_linear_view_closes_the_loop(samples):
+    """Against the simulated plant, far below the sample rate, where sampling is a hold's delay."""
+    loop = {"kp": 30.0, "kv": 0.1, "rate_samples": samples}
+    stack = {"position_velocity_loop": loop, "rigid_body": {"gain": 900.0}, "viscous_friction": {"rate": 12.0}}
+    model = plant(stack, output="angle")
+    r = Multisine.design(FS, 1500, (2, 60), amplitude=1.0, phases="random", seed=1).table()
+    one = spectra(Record(np.tile(r, 3), np.tile(r, 3), FS, 1500, 0, hold="zoh"))
+    exact = model.predict(one).Y[one.excited] / one.u[one.excited]
+    view = linear_view(model.stack(), one.f_hz[one.excited], FS, output_angle=True)
+    assert np.max(np.abs(view.command - exact)) < 2e-3 * np.max(np.abs(exact))
 
 
 @pytest.mark.parametrize("level", [0.01, 0.1])

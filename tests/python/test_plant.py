@@ -95,6 +95,15 @@ def test_plain_numbers_are_free_but_for_a_controller():
     assert model.free_names == ["rigid_body.gain"]
 
 
+def test_a_loop_is_written_without_what_it_does_not_have():
+    loop = {"position_velocity_loop": {"kp": 20.0, "kv": 5.0}}
+    model = PlantModel.from_dict(file_of({"rigid_body": {"gain": 7.4}} | loop))
+    assert model["position_velocity_loop.limit"].value == 0
+    assert model["position_velocity_loop.rate_samples"].value == 0
+    with pytest.raises(InputError, match="a parameter is missing"):
+        PlantModel.from_dict(file_of({"rigid_body": {"gain": 7.4}, "position_velocity_loop": {"kp": 20.0}}))
+
+
 def test_the_second_of_a_kind_has_a_name_of_its_own():
     mode = find("flexible_mode").parameters
     modes = [Effect("flexible_mode", {p.name: Param(p.typical) for p in mode}) for _ in range(2)]
@@ -226,6 +235,36 @@ def test_sensitivities_are_derivatives(n):
         up, down = (model.with_values(model.free_values + sign * step).predict(s).Y for sign in (1, -1))
         difference = (up - down) / (2 * step[i])
         assert np.max(np.abs(difference - dY[i])) < 1e-5 * np.max(np.abs(dY[i])), model.free_names[i]
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2, 16])
+def test_a_loop_on_the_encoders_rate_has_its_closed_form(samples):
+    """The z-transform of the held axis under kv (kp (r - angle) - rate seen), and its derivative by kv."""
+    gain, rate, kp, kv = 900.0, 12.0, 30.0, 0.1
+    loop = {"kp": kp, "kv": kv, "rate_samples": samples}
+    model = plant(
+        {"position_velocity_loop": loop, "rigid_body": {"gain": gain}, "viscous_friction": {"rate": rate}},
+        output="angle",
+    )
+    model["position_velocity_loop.kv"].free = True
+    r = multisine(amplitude=1.0).table()
+    answer = model.predict(measured(r, r, "zoh"), sensitivities=True)
+    line = np.arange(1, N // 2)
+    z, ts = np.exp(2j * np.pi * line / N), 1 / FS_HZ
+    decay = np.exp(-rate * ts)
+    w = gain * (1 - decay) / rate / (z - decay)  # of the held command
+    angle = (gain * ts / rate + (1 - decay) / rate * (w - gain / rate)) / (z - 1)
+    seen = (1 - z**-samples) / (samples * ts) * angle if samples else w
+
+    def closed(kv):
+        return kv * kp * angle / (1 + kv * (kp * angle + seen))
+
+    exact, step = closed(kv) * lines_of(r)[line], 1e-4 * kv
+    slope = (closed(kv + step) - closed(kv - step)) / (2 * step) * lines_of(r)[line]
+    # rounding, summed up over a period; the difference's own error is 1e-8
+    assert np.max(np.abs(answer.Y[line] - exact)) < 1e-9 * np.max(np.abs(exact))
+    at = model.free_names.index("position_velocity_loop.kv")
+    assert np.max(np.abs(answer.dY[at][line] - slope)) < 1e-6 * np.max(np.abs(slope))
 
 
 def test_nothing_free_has_sensitivities_of_no_rows():
