@@ -126,7 +126,11 @@ def test_linear_view_is_the_held_response():
 def test_linear_view_closes_the_loop(samples):
     """Against the simulated plant, far below the sample rate, where sampling is a hold's delay."""
     loop = {"kp": 30.0, "kv": 0.1, "rate_samples": samples}
-    stack = {"position_velocity_loop": loop, "rigid_body": {"gain": 900.0}, "viscous_friction": {"rate": 12.0}}
+    stack = {
+        "position_velocity_loop": loop,
+        "rigid_body": {"gain": 900.0},
+        "viscous_friction": {"rate": 12.0},
+    }
     model = plant(stack, output="angle")
     r = Multisine.design(FS, 1500, (2, 60), amplitude=1.0, phases="random", seed=1).table()
     one = spectra(Record(np.tile(r, 3), np.tile(r, 3), FS, 1500, 0, hold="zoh"))
