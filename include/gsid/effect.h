@@ -6,7 +6,8 @@
 #include "gsid/types.h"
 
 #define GSID_EFFECT_PARAMETERS_MAX 4
-#define GSID_RATE_SAMPLES_MAX 16 /* that a controller takes the change of the angle over */
+/* Most samples that a controller takes the change of the angle over. */
+#define GSID_RATE_SAMPLES_MAX 16
 
 /* Where an effect acts. The plant takes the stages in this order, and within a stage the order of the stack. */
 typedef enum {

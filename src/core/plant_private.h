@@ -71,8 +71,8 @@ struct gsid_plant_layout {
     gsid_real side;
     gsid_real *under_way;        /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
     uint32_t ring_columns, newest;
-    gsid_real *angle_seen;       /* [GSID_RATE_SAMPLES_MAX + 1][n_columns] by a controller, latest at `angle_newest` */
-    uint32_t angle_newest;
+    gsid_real *angle_seen;       /* [GSID_RATE_SAMPLES_MAX + 1][n_columns] by a controller */
+    uint32_t angle_newest;       /* row of the latest */
     gsid_real *rate_seen;        /* [n_columns] by a controller */
     gsid_real *held;             /* [n_columns] what the sensor shows until it is refreshed */
     gsid_real to_refresh;        /* from this sample's start to the next refresh [samples] */
