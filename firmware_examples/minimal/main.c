@@ -18,7 +18,7 @@ static gsid_frf frf;
 static gsid_status measure_init(void) {
     gsid_multisine multisine;
     const gsid_multisine_cfg sines = {N_PERIOD, N_LINES, line, amplitude, phase_rad, twiddle};
-    const gsid_frf_cfg cfg = {N_PERIOD, N_LINES, N_SETTLE, line, twiddle, input, GSID_ENGINE_DIRECT};
+    const gsid_frf_cfg cfg = {N_PERIOD, N_LINES, N_SETTLE, line, twiddle, input};
     gsid_status status = gsid_twiddle_fill(N_PERIOD, twiddle);
     status = status ? status : gsid_lines_fill(GSID_GRID_FULL, 1, N_LINES, N_LINES, line, &n_lines);
     status = status ? status : gsid_amplitude_shape(N_LINES, line, 0, amplitude);

@@ -87,4 +87,29 @@ gsid_status gsid_multisine_table(const gsid_multisine *m, gsid_real *u);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
 gsid_status gsid_multisine_spectrum(const gsid_multisine *m, gsid_cplx *spectrum);
 
+/* One line, as of a stepped sine: u[n] = amplitude cos(2 pi line n / N + phase). */
+typedef struct {
+    uint32_t n_period;        /* private */
+    uint32_t line;            /* private */
+    uint32_t phase;           /* private: line * sample number mod N */
+    gsid_cplx amplitude;      /* private: amplitude exp(j phase) */
+    const gsid_cplx *twiddle; /* private */
+} gsid_sine;
+
+/** Set a sine to its first sample. Eq: EXC-1.
+ *  @param[in] n_period   N, samples in a period, 2 .. 2^30
+ *  @param[in] line       0 <= line <= N/2
+ *  @param[in] amplitude  unit of the command, finite
+ *  @param[in] phase_rad  finite
+ *  @param[in] twiddle    [n_period] from gsid_twiddle_fill; stays the caller's and must outlive the object
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE
+ *  Cost: one sine and one cosine.  Context: ISR-safe: the next line of a sweep may begin in the tick. */
+gsid_status gsid_sine_init(gsid_sine *sine, uint32_t n_period, uint32_t line, gsid_real amplitude, gsid_real phase_rad,
+                           const gsid_cplx *twiddle);
+
+/** Give the next sample: the same as that of a multisine of this one line.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE
+ *  Cost: two multiplications and an index.  Context: ISR-safe. */
+gsid_status gsid_sine_step(gsid_sine *sine, gsid_real *u);
+
 #endif

@@ -1,16 +1,19 @@
-/* Frequency response and its uncertainty: mean and (co)variance of the lines over periods, in fixed memory. */
+/* Frequency response and its uncertainty: mean and (co)variance of the lines over periods, in fixed memory.
+ *
+ * Two engines make the lines of a period; they agree to rounding, and only the one that is initialised is linked.
+ * gsid_frf_init, direct: every line is summed at every sample; any N; the lines enter the mean with the period's last
+ * sample. gsid_frf_init_spread: a transform spread over the ticks of the next period, for N even and N/2 without prime
+ * factors above 7; the lines enter the mean one after the other during that period, the last one with GSID_DONE. A tick
+ * takes 20 instructions a line or so on a Cortex-M7 with the direct engine, 250 for any number of lines with the spread
+ * one: that pays from ten lines on, and costs two buffers of the period.
+ *
+ * On a target gsid_frf_step or gsid_frf_skip belongs into the tick, one of the two in each; init and result into the
+ * background. */
 #ifndef GSID_FRF_H
 #define GSID_FRF_H
 
 #include "gsid/spectrum.h"
 #include "gsid/spread.h"
-
-/* How the lines of a period are made. DIRECT: every line is summed at every sample; any N; the lines enter the mean with
- * the period's last sample. SPREAD: a transform spread over the ticks of the next period, for N even with N/2 without
- * prime factors above 7; the lines enter the mean some n_period ticks later, the last one with GSID_DONE. Ticks cost
- * 17 n_lines instructions or so of a Cortex-M7 against some 200 for any number of lines: SPREAD pays from ten lines on,
- * and costs two buffers of the period. The two agree to rounding. */
-typedef enum { GSID_ENGINE_DIRECT = 0, GSID_ENGINE_SPREAD = 1 } gsid_engine;
 
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
@@ -20,11 +23,13 @@ typedef struct {
     const uint32_t *line;     /* [n_lines] 1 <= line < N/2, any order */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
-    gsid_engine engine;       /* 0: direct */
 } gsid_frf_cfg;
+
+struct gsid_frf_engine;
 
 typedef struct {
     gsid_frf_cfg cfg;
+    const struct gsid_frf_engine *engine; /* private */
     gsid_spectrum spectrum;   /* private: of the direct engine */
     gsid_spread spread;       /* private: of the spread engine */
     uint32_t line_next;       /* private: spread engine: the next line that enters the mean; n_lines: none */
@@ -62,10 +67,18 @@ typedef struct {
 /** Bytes that gsid_frf_init needs; 0 for a configuration that it refuses. */
 size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg);
 
-/** Lay an FRF measurement out in the caller's memory.
+/** Lay an FRF measurement with the direct engine out in the caller's memory.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE in u_known; GSID_E_MEMORY.  Context: background. */
 gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
+
+/** Bytes that gsid_frf_init_spread needs; 0 for a configuration that it refuses. */
+size_t gsid_frf_spread_mem_size(const gsid_frf_cfg *cfg);
+
+/** As gsid_frf_init, with the spread engine.
+ *  @param[in] cfg  as for gsid_frf_init; besides n_period as for gsid_spread_init
+ *  @return as gsid_frf_init */
+gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take one sample of input and output, from the first sample of the excitation on.
  *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11, once a period).

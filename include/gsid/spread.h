@@ -24,6 +24,7 @@ typedef struct {
     uint32_t span;          /* private: distance of a butterfly's elements in this stage */
     uint32_t stride;        /* private: of the twiddles in this stage */
     gsid_real scale;        /* private: 1 / n_period */
+    uint32_t left;          /* private: butterflies to do in this stage */
     uint32_t block, offset; /* private: the next butterfly begins at work[block + offset] */
     int has_lines;          /* private: work holds a complete transform */
     uint32_t n_ticks;       /* ticks from the end of a period to its lines: fewer than n_period - n_lines / lines_per_tick */

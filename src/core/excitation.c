@@ -279,3 +279,35 @@ gsid_status gsid_multisine_spectrum(const gsid_multisine *m, gsid_cplx *spectrum
     }
     return GSID_OK;
 }
+
+gsid_status gsid_sine_init(gsid_sine *sine, uint32_t n_period, uint32_t line, gsid_real amplitude, gsid_real phase_rad,
+                           const gsid_cplx *twiddle) {
+    if (sine == NULL || twiddle == NULL) {
+        return GSID_E_NULL;
+    }
+    if (n_period < 2 || n_period > GSID_N_PERIOD_MAX || line > n_period / 2) {
+        return GSID_E_CONFIG;
+    }
+    if (!gsid_is_finite(amplitude) || !gsid_is_finite(phase_rad)) {
+        return GSID_E_NONFINITE;
+    }
+    sine->n_period = n_period;
+    sine->line = line;
+    sine->phase = 0;
+    sine->amplitude = gsid_cplx_scale(amplitude, gsid_cplx_cis(phase_rad));
+    sine->twiddle = twiddle;
+    return GSID_OK;
+}
+
+gsid_status gsid_sine_step(gsid_sine *sine, gsid_real *u) {
+    if (sine == NULL || u == NULL) {
+        return GSID_E_NULL;
+    }
+    if (sine->twiddle == NULL) {
+        return GSID_E_STATE;
+    }
+    *u = real_product(sine->amplitude, sine->twiddle[sine->phase]); /* EXC-1 */
+    const uint32_t phase = sine->phase + sine->line;
+    sine->phase = phase >= sine->n_period ? phase - sine->n_period : phase;
+    return GSID_OK;
+}

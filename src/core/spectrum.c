@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "complex_math.h"
-#include "real.h"
+#include "streaming.h"
 
 static gsid_status check_cfg(const gsid_spectrum_cfg *cfg) {
     if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
@@ -62,30 +62,48 @@ gsid_status gsid_spectrum_reset(gsid_spectrum *s) {
     return GSID_OK;
 }
 
-/* FRF-1 for one signal or two. Two loops, because a loop over channels inside costs half the speed. */
+/* FRF-1 for one signal or two. Two loops, because a loop over channels inside costs half the speed; and copies of what the
+ * object says, because it might be what the sums are written into, for all the compiler knows. */
 static void sum_one(gsid_spectrum *s, gsid_real x) {
-    const uint32_t n_period = s->cfg.n_period;
-    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
-        gsid_cplx w = s->cfg.twiddle[s->phase[i]];
-        s->sum[i].re += x * w.re;
-        s->sum[i].im -= x * w.im;
-        uint32_t phase = s->phase[i] + s->cfg.line[i];
-        s->phase[i] = phase >= n_period ? phase - n_period : phase;
-    }
+    const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
+    const gsid_cplx *twiddle = s->cfg.twiddle;
+    uint32_t *at = s->phase;
+    gsid_cplx *sum = s->sum;
+    do { /* there is at least one line */
+        const gsid_cplx w = twiddle[*at];
+        const uint32_t phase = *at + *line++;
+        *at++ = phase >= n_period ? phase - n_period : phase;
+        *sum = gsid_cplx_make(sum->re + x * w.re, sum->im - x * w.im);
+        sum++;
+    } while (line < end);
 }
 
 static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1) {
-    const uint32_t n_period = s->cfg.n_period;
-    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
-        gsid_cplx w = s->cfg.twiddle[s->phase[i]];
-        gsid_cplx *sum = s->sum + 2 * (size_t)i;
-        sum[0].re += x0 * w.re;
-        sum[0].im -= x0 * w.im;
-        sum[1].re += x1 * w.re;
-        sum[1].im -= x1 * w.im;
-        uint32_t phase = s->phase[i] + s->cfg.line[i];
-        s->phase[i] = phase >= n_period ? phase - n_period : phase;
+    const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
+    const gsid_cplx *twiddle = s->cfg.twiddle;
+    uint32_t *at = s->phase;
+    gsid_cplx *sum = s->sum;
+    do {
+        const gsid_cplx w = twiddle[*at];
+        const uint32_t phase = *at + *line++;
+        *at++ = phase >= n_period ? phase - n_period : phase;
+        sum[0] = gsid_cplx_make(sum[0].re + x0 * w.re, sum[0].im - x0 * w.im);
+        sum[1] = gsid_cplx_make(sum[1].re + x1 * w.re, sum[1].im - x1 * w.im);
+        sum += 2;
+    } while (line < end);
+}
+
+gsid_status gsid_spectrum_sum(gsid_spectrum *s, gsid_real u, gsid_real y) {
+    if (s->n == s->cfg.n_period) {
+        clear_sums(s);
     }
+    s->n++;
+    if (s->cfg.n_channels == 1) {
+        sum_one(s, y);
+    } else {
+        sum_two(s, y, u);
+    }
+    return s->n == s->cfg.n_period ? GSID_DONE : GSID_OK;
 }
 
 gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x) {
@@ -95,19 +113,8 @@ gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x) {
     if (s->sum == NULL) {
         return GSID_E_STATE;
     }
-    if (!gsid_is_finite(x[0]) || (s->cfg.n_channels == 2 && !gsid_is_finite(x[1]))) {
-        return GSID_E_NONFINITE;
-    }
-    if (s->n == s->cfg.n_period) {
-        clear_sums(s);
-    }
-    if (s->cfg.n_channels == 1) {
-        sum_one(s, x[0]);
-    } else {
-        sum_two(s, x[0], x[1]);
-    }
-    s->n++;
-    return s->n == s->cfg.n_period ? GSID_DONE : GSID_OK;
+    const gsid_real x1 = s->cfg.n_channels == 2 ? x[1] : GSID_R(0.0);
+    return gsid_is_finite(x[0]) && gsid_is_finite(x1) ? gsid_spectrum_sum(s, x1, x[0]) : GSID_E_NONFINITE;
 }
 
 gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples) {

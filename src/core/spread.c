@@ -3,10 +3,10 @@
 #include <string.h>
 
 #include "complex_math.h"
-#include "real.h"
+#include "streaming.h"
 
 /* Instructions of a Cortex-M7 for a butterfly of each radix and for a line that enters a mean: only their ratios matter. */
-enum { COST_2 = 33, COST_3 = 66, COST_4 = 86, COST_5 = 126, COST_7 = 236, COST_LINE = 90 };
+enum { COST_2 = 31, COST_3 = 59, COST_4 = 72, COST_5 = 131, COST_7 = 260, COST_LINE = 120 };
 
 static uint32_t cost_of(uint32_t radix) {
     switch (radix) {
@@ -57,6 +57,7 @@ static uint32_t plan(gsid_spread *s, uint32_t budget) {
         s->n_ticks += ticks_for(n_points / s->radix[i], per_tick);
     }
     s->lines_per_tick = times_in(COST_LINE * s->cfg.n_channels, budget);
+    s->n_ticks += s->n_stages - 1; /* between the stages */
     return s->n_ticks + ticks_for(s->cfg.n_lines, s->lines_per_tick);
 }
 
@@ -234,57 +235,63 @@ static void butterfly_7(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_
     *x6 = times_conj(plus_j(even_1, odd_1), w[6 * step]);
 }
 
-static void butterfly(uint32_t radix, gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
-    switch (radix) {
-    case 2:
-        butterfly_2(x, span, w, step);
-        break;
-    case 3:
-        butterfly_3(x, span, w, step);
-        break;
-    case 4:
-        butterfly_4(x, span, w, step);
-        break;
-    case 5:
-        butterfly_5(x, span, w, step);
-        break;
-    default:
-        butterfly_7(x, span, w, step);
-        break;
-    }
-}
-
 /* ---- the slices ---- */
 
 static void begin_stage(gsid_spread *s, uint32_t stage) {
     s->stage = stage;
+    s->stride *= stage == 0 ? 1 : s->radix[stage - 1];
+    s->span /= s->radix[stage];
     s->block = s->offset = 0;
-    if (stage < s->n_stages) {
-        s->stride *= stage == 0 ? 1 : s->radix[stage - 1];
-        s->span /= s->radix[stage];
+    s->left = s->cfg.n_channels * (s->cfg.n_period / 2) / s->radix[stage];
+}
+
+/* The next n butterflies of this stage. Inline, so that each radix gets a loop of its own. */
+static inline void do_butterflies(gsid_spread *s, uint32_t n,
+                                  void (*butterfly)(gsid_cplx *, uint32_t, const gsid_cplx *, uint32_t)) {
+    const uint32_t span = s->span, length = span * s->radix[s->stage];
+    uint32_t block = s->block, offset = s->offset;
+    for (; n > 0; n--) {
+        butterfly(s->work + block + offset, span, s->cfg.twiddle, offset * s->stride);
+        if (++offset == span) {
+            offset = 0;
+            block += length;
+        }
     }
+    s->block = block;
+    s->offset = offset;
 }
 
 /* FRF-3, decimation in frequency: one slice of the stage under way. Both channels are blocks of one array. */
 static gsid_status do_slice(gsid_spread *s) {
-    const uint32_t radix = s->radix[s->stage], n_points = s->cfg.n_channels * (s->cfg.n_period / 2);
-    for (uint32_t i = s->per_tick[s->stage]; i > 0 && s->block < n_points; i--) {
-        butterfly(radix, s->work + s->block + s->offset, s->span, s->cfg.twiddle, s->offset * s->stride);
-        if (++s->offset == s->span) {
-            s->offset = 0;
-            s->block += s->span * radix;
-        }
-    }
-    if (s->block < n_points) {
+    if (s->left == 0) { /* a tick of its own, so that none has to do both */
+        begin_stage(s, s->stage + 1);
         return GSID_OK;
     }
-    begin_stage(s, s->stage + 1);
-    s->has_lines = s->stage == s->n_stages;
-    return s->has_lines ? GSID_DONE : GSID_OK;
-}
-
-static gsid_status advance(gsid_spread *s) {
-    return s->stage < s->n_stages ? do_slice(s) : GSID_OK;
+    const uint32_t most = s->per_tick[s->stage], n = most < s->left ? most : s->left;
+    s->left -= n;
+    switch (s->radix[s->stage]) {
+    case 2:
+        do_butterflies(s, n, butterfly_2);
+        break;
+    case 3:
+        do_butterflies(s, n, butterfly_3);
+        break;
+    case 4:
+        do_butterflies(s, n, butterfly_4);
+        break;
+    case 5:
+        do_butterflies(s, n, butterfly_5);
+        break;
+    default:
+        do_butterflies(s, n, butterfly_7);
+        break;
+    }
+    if (s->left > 0 || s->stage + 1 < s->n_stages) {
+        return GSID_OK;
+    }
+    s->stage = s->n_stages;
+    s->has_lines = 1;
+    return GSID_DONE;
 }
 
 /* The buffers change places, unless samples are missing from the one that was filled. */
@@ -304,6 +311,19 @@ static gsid_status end_period(gsid_spread *s) {
     return GSID_OK;
 }
 
+gsid_status gsid_spread_take(gsid_spread *s, gsid_real u, gsid_real y) {
+    const gsid_status status = s->stage < s->n_stages ? do_slice(s) : GSID_OK;
+    const uint32_t n_period = s->cfg.n_period;
+    gsid_real *place = s->filling + s->next;
+    place[0] = y;
+    if (s->cfg.n_channels == 2) {
+        place[n_period] = u;
+    }
+    s->next = s->next + 1 < n_period ? s->next + 1 : 0;
+    s->n++;
+    return s->n < n_period ? status : end_period(s);
+}
+
 gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x) {
     if (s == NULL || x == NULL) {
         return GSID_E_NULL;
@@ -311,19 +331,8 @@ gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x) {
     if (s->work == NULL) {
         return GSID_E_STATE;
     }
-    const uint32_t n_period = s->cfg.n_period, is_two = s->cfg.n_channels == 2;
-    if (!gsid_is_finite(x[0]) || (is_two && !gsid_is_finite(x[1]))) {
-        return GSID_E_NONFINITE;
-    }
-    const gsid_status status = advance(s);
-    gsid_real *place = s->filling + s->next;
-    place[0] = x[0];
-    if (is_two) {
-        place[n_period] = x[1];
-    }
-    s->next = s->next + 1 < n_period ? s->next + 1 : 0;
-    s->n++;
-    return s->n < n_period ? status : end_period(s);
+    const gsid_real x1 = s->cfg.n_channels == 2 ? x[1] : GSID_R(0.0);
+    return gsid_is_finite(x[0]) && gsid_is_finite(x1) ? gsid_spread_take(s, x1, x[0]) : GSID_E_NONFINITE;
 }
 
 gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples) {
@@ -365,6 +374,15 @@ gsid_status gsid_spread_finish(gsid_spread *s) {
 
 /* FRF-3, real samples: with Z the transform of x[2m] + j x[2m+1], and * its mirror image conj(Z(N/2 - k)),
  * N X(k) = (Z + Z*) - j exp(-j 2 pi k / N) (Z - Z*). */
+gsid_cplx gsid_spread_read(const gsid_spread *s, uint32_t i, uint32_t channel) {
+    const uint32_t k = s->cfg.line[i], half = s->cfg.n_period / 2;
+    const gsid_cplx *work = s->work + channel * half;
+    const gsid_cplx z = work[s->place[i][0]], mirror = gsid_cplx_conj(work[s->place[i][1]]);
+    const gsid_cplx odd = times_conj(gsid_cplx_sub(z, mirror), s->cfg.twiddle[k]);
+    const gsid_real scale = k == 0 || k == half ? s->scale / 2 : s->scale;
+    return gsid_cplx_scale(scale, minus_j(gsid_cplx_add(z, mirror), odd));
+}
+
 gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel, gsid_cplx *line) {
     if (s == NULL || line == NULL) {
         return GSID_E_NULL;
@@ -375,11 +393,6 @@ gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel,
     if (i >= s->cfg.n_lines || channel >= s->cfg.n_channels) {
         return GSID_E_CONFIG;
     }
-    const uint32_t k = s->cfg.line[i], half = s->cfg.n_period / 2;
-    const gsid_cplx *work = s->work + channel * half;
-    const gsid_cplx z = work[s->place[i][0]], mirror = gsid_cplx_conj(work[s->place[i][1]]);
-    const gsid_cplx odd = times_conj(gsid_cplx_sub(z, mirror), s->cfg.twiddle[k]);
-    const gsid_real scale = k % half == 0 ? s->scale / 2 : s->scale;
-    *line = gsid_cplx_scale(scale, minus_j(gsid_cplx_add(z, mirror), odd));
+    *line = gsid_spread_read(s, i, channel);
     return GSID_OK;
 }
