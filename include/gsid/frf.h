@@ -106,6 +106,21 @@ gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
  *  Cost: at most that of n_period steps.  Context: background, while nobody calls gsid_frf_step. */
 gsid_status gsid_frf_finish(gsid_frf *frf);
 
+/** Add a period whose lines are known already, from a transform of a whole record. Settling is the caller's business.
+ *  Eq: FRF-2.
+ *  @param[in] lines  [n_lines][n_channels] as gsid_spectrum_result gives them: of y, then of u unless that is known
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE also while the spread engine adds lines; GSID_E_NONFINITE nothing changed
+ *  Cost: one Welford update per line.  Context: background, between periods. */
+gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines);
+
+/** Add the good periods of another measurement of the same lines, as if they had been measured one after the other.
+ *  Eq: FRF-4.  A period under way in `other` is not added.
+ *  @param[in] other  same n_period, lines and kind of input (the same one, where it is known); any engine
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE also while the spread engine of either adds lines (gsid_frf_finish ends that);
+ *          GSID_E_CONFIG not the same lines or input: nothing changed
+ *  Cost: one pass over the lines.  Context: background, between periods. */
+gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other);
+
 /** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no variance is asked)
  *  Cost: one pass over the lines, with the division of eq. 4.10.  Context: background. Beside a running interrupt: within

@@ -3,6 +3,7 @@
 #define GSID_H
 
 #include "gsid/catalogue.h"
+#include "gsid/distortion.h"
 #include "gsid/effect.h"
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"

@@ -330,7 +330,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
     """
     periods = split_periods(record, period=period, settle=settle)
     line = np.arange(periods.period_samples // 2 + 1, dtype=np.uint32)
-    U, Y = (_lines(x, line, periods.settle_samples) for x in (periods.u, periods.y))
+    U, Y = (period_lines(x, line, periods.settle_samples) for x in (periods.u, periods.y))
     excited = excited_lines(U, periods.period_samples)
     if not excited.any():
         what = "u has no line that stands out of its own noise"
@@ -425,7 +425,7 @@ def frf(
     parts = [r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in records]
     first = parts[0]
     for part in parts[1:]:
-        _require_same(first, part)
+        require_same(first, part)
     chosen = np.logical_and.reduce([part.excited for part in parts])
     if band is not None:
         chosen &= (first.f_hz >= band[0]) & (first.f_hz <= band[1])
@@ -603,8 +603,8 @@ class StreamingFrf:
         return f"StreamingFrf({len(self.line)} lines, {periods})"
 
 
-def _lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:
-    """Lines of each row of `periods` (P, N), referred to the record's first sample, (P, K) complex."""
+def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:
+    """Lines (uint32) of each row of `periods` (P, N), referred to the record's first sample, (P, K)."""
     n_periods, n_period = periods.shape
     periods = np.ascontiguousarray(periods, np.float64)
     lines = np.empty((n_periods, len(line)), complex)
@@ -629,7 +629,8 @@ def _covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
 
 
-def _require_same(first: Spectra, other: Spectra) -> None:
+def require_same(first: Spectra, other: Spectra) -> None:
+    """Refuse to average records of unequal period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)
         if ours != theirs:

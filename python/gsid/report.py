@@ -38,10 +38,12 @@ if TYPE_CHECKING:
 
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis, Group
+    from gsid.distortion import Distortion
     from gsid.excitation import Multisine
     from gsid.frf import Frf, Spectra
     from gsid.model import RationalModel
     from gsid.record import Record
+    from gsid.verdict import DistortedBand
 
 
 RANKED = 5  # groups of effects shown of each round
@@ -126,6 +128,7 @@ class Report:
         comparison: Comparison | None = None,
         *,
         multisine: Multisine | None = None,
+        distortion: Distortion | None = None,
         truth: Sequence[Truth] | None = None,
         story: str = "",
     ) -> Report:
@@ -143,6 +146,8 @@ class Report:
         comparison : Comparison, optional
         multisine : Multisine, optional
             The excitation as designed; without it the applied one is shown, from the spectra.
+        distortion : Distortion, optional
+            Shown where it could be told from noise.
         truth : sequence of Truth, optional
         story : str, optional
             A sentence or two on what was done and why.
@@ -155,6 +160,11 @@ class Report:
         records, all_spectra = _as_list(record), _as_list(spectra)
         verdict, grade = _verdict(frf, model, comparison)
         drawn = _pictures(records[0] if records else None, all_spectra, frf, model, comparison, multisine)
+        bands = distortion.bands if distortion is not None else []
+        if bands and comparison is None:
+            verdict = f"{verdict} {distortion.verdict}"
+        if bands:
+            drawn.append(("Noise and distortion", lambda: plots.distortion(distortion)))
         self._experiments.append(
             _Experiment(
                 name=name,
@@ -162,7 +172,7 @@ class Report:
                 verdict=verdict,
                 grade=grade,
                 run=_run_facts(records, all_spectra, frf, multisine),
-                tables=_tables(model, truth),
+                tables=[*_tables(model, truth), *([_distortion_table(bands)] if bands else [])],
                 pictures=self._drawn(drawn),
                 closing=_failing_tables(comparison),
             )
@@ -360,6 +370,17 @@ def _tables(model: RationalModel | PlantModel | None, truth: Sequence[Truth] | N
     return tables
 
 
+def _distortion_table(bands: Sequence[DistortedBand]) -> _Table:
+    rows = []
+    for band in bands:
+        low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
+        size = "" if band.kind == "noise" else low if low == high else f"{low} to {high}"
+        kind = "noise leads" if band.kind == "noise" else f"{band.kind} distortion"
+        rows.append((plots.band_text(band.f_lo_hz, band.f_hi_hz), kind, size))
+    note = "Averaging over more periods lowers the noise only."
+    return _Table("Noise and distortion", ("Band", "What limits", "Above noise [dB]"), rows, note)
+
+
 def _truth_table(truth: Sequence[Truth]) -> _Table:
     rows = [
         (t.name, t.unit, _number(t.truth), _number(t.estimate), _number(t.std, 2), _signed(t.n_sigma))
@@ -543,6 +564,9 @@ _CAPTIONS = {
     "brings the error on data not fitted down to the noise, one that is not leaves it where it was.",
     "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
     "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
+    "Noise and distortion": "Above, the response with its uncertainty by noise alone, which averaging "
+    "lowers, and by noise and distortion together; below, the output at the lines that are excited and at "
+    "those that are not.",
 }
 
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "complex_math.h"
+#include "frf_private.h"
 #include "streaming.h"
 
 /* Settling need not be a whole number of periods: the lines stay referred to the excitation's first sample. */
@@ -69,6 +70,7 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     frf->cfg = *cfg;
     frf->engine = engine;
     frf->settle_left = cfg->n_settle;
+    frf->line_next = cfg->n_lines;
     /* Complex numbers first, integers (in the engine) last: nothing needs padding. */
     frf->mean = mem;
     gsid_cplx *end = frf->mean + n;
@@ -146,44 +148,54 @@ gsid_status gsid_frf_finish(gsid_frf *frf) {
 
 /* 7.29 with mean lines, multiplied out so that no line of Y stands in a denominator: an antiresonance may measure 0.
  * Rounding can take it below zero when the noise of u and y is the same noise. */
-static gsid_real variance_of_quotient(gsid_cplx g, gsid_cplx u, gsid_real var_y, gsid_real var_u, gsid_cplx cov_yu) {
-    gsid_real v = var_y + gsid_cplx_abs2(g) * var_u - GSID_R(2.0) * gsid_cplx_mul(cov_yu, gsid_cplx_conj(g)).re;
-    return v > GSID_R(0.0) ? v / gsid_cplx_abs2(u) : GSID_R(0.0);
+gsid_real gsid_frf_error_variance(const gsid_frf_line *line, gsid_cplx g) {
+    gsid_real v =
+        line->var_y + gsid_cplx_abs2(g) * line->var_u - GSID_R(2.0) * gsid_cplx_mul(line->cov_yu, gsid_cplx_conj(g)).re;
+    return v > GSID_R(0.0) ? v : GSID_R(0.0);
 }
 
-static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out) {
+gsid_frf_line gsid_frf_line_at(const gsid_frf *frf, uint32_t i) {
     const size_t at = (size_t)i * gsid_frf_channels(&frf->cfg);
     const int measured = frf->cross != NULL;
     const gsid_real p = (gsid_real)frf->n_periods;
     const gsid_real per_dof = p > GSID_R(1.0) ? GSID_R(1.0) / (p - GSID_R(1.0)) : GSID_R(0.0); /* 4.11 */
     const gsid_cplx zero = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
 
-    gsid_cplx y = frf->mean[at], u = measured ? frf->mean[at + 1] : frf->cfg.u_known[i];
-    gsid_real var_y = per_dof * frf->m2[at], var_u = measured ? per_dof * frf->m2[at + 1] : GSID_R(0.0);
-    gsid_cplx cov_yu = measured ? gsid_cplx_scale(per_dof, frf->cross[i]) : zero;
-    int is_excited = gsid_cplx_abs2(u) > GSID_R(0.0);
-    gsid_cplx g = is_excited ? gsid_cplx_div(y, u) : zero; /* 4.10 */
+    gsid_frf_line line;
+    line.y = frf->mean[at];
+    line.u = measured ? frf->mean[at + 1] : frf->cfg.u_known[i];
+    line.var_y = per_dof * frf->m2[at];
+    line.var_u = measured ? per_dof * frf->m2[at + 1] : GSID_R(0.0);
+    line.cov_yu = measured ? gsid_cplx_scale(per_dof, frf->cross[i]) : zero;
+    const gsid_real u2 = gsid_cplx_abs2(line.u);
+    const int is_excited = u2 > GSID_R(0.0);
+    line.g = is_excited ? gsid_cplx_div(line.y, line.u) : zero; /* 4.10 */
+    line.var_g = is_excited ? gsid_frf_error_variance(&line, line.g) / u2 / p : (gsid_real)INFINITY;
+    return line;
+}
 
+static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out) {
+    const gsid_frf_line line = gsid_frf_line_at(frf, i);
     if (out->g != NULL) {
-        out->g[i] = g;
+        out->g[i] = line.g;
     }
     if (out->var_g != NULL) {
-        out->var_g[i] = is_excited ? variance_of_quotient(g, u, var_y, var_u, cov_yu) / p : (gsid_real)INFINITY;
+        out->var_g[i] = line.var_g;
     }
     if (out->y != NULL) {
-        out->y[i] = y;
+        out->y[i] = line.y;
     }
     if (out->u != NULL) {
-        out->u[i] = u;
+        out->u[i] = line.u;
     }
     if (out->var_y != NULL) {
-        out->var_y[i] = var_y;
+        out->var_y[i] = line.var_y;
     }
     if (out->var_u != NULL) {
-        out->var_u[i] = var_u;
+        out->var_u[i] = line.var_u;
     }
     if (out->cov_yu != NULL) {
-        out->cov_yu[i] = cov_yu;
+        out->cov_yu[i] = line.cov_yu;
     }
 }
 

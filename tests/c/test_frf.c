@@ -418,8 +418,90 @@ static void every_refusal(void **state) {
     assert_int_equal(gsid_frf_result(&frf, NULL), GSID_E_NULL);
 }
 
+static void parts_measured_apart_merge_to_the_whole(void **state) {
+    (void)state;
+    static union {
+        gsid_cplx align;
+        unsigned char bytes[GSID_FRF_MEM_SIZE(F, 1)];
+    } part_memory[3];
+    const int n_periods[3] = {5, 0, P - 5};
+    gsid_frf_cfg cfg = cfg_of(NULL, 0);
+    gsid_frf part[3];
+    uint64_t starts[P], at = 0;
+    for (int p = 0; p < P; p++) {
+        starts[p] = (uint64_t)p * N;
+    }
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(gsid_frf_init(&part[i], &cfg, part_memory[i].bytes, sizeof part_memory[i].bytes), GSID_OK);
+        run(&part[i], at, at + (uint64_t)n_periods[i] * N);
+        at += (uint64_t)n_periods[i] * N;
+    }
+    run(&part[2], at, at + N / 2); /* a period under way does not count */
+    part[2].n_spoiled = 3;
+    assert_int_equal(gsid_frf_merge(&part[1], &part[2]), GSID_OK); /* into one that is empty */
+    assert_int_equal(gsid_frf_merge(&part[0], &part[1]), GSID_OK);
+    assert_int_equal(part[0].n_periods, P);
+    assert_int_equal(part[0].n_spoiled, 3);
+    result r;
+    assert_int_equal(read_out(&part[0], &r), GSID_OK);
+    assert_result(&r, P, starts);
+}
+
+static void only_the_same_measurement_merges(void **state) {
+    (void)state;
+    static union {
+        gsid_cplx align;
+        unsigned char bytes[GSID_FRF_MEM_SIZE(F, 1)];
+    } other_memory;
+    const uint32_t other_lines[F] = {1, 4, 11, 28};
+    const gsid_cplx known[F] = {{1, 1}, {0, -2}, {2, 0}, {3, 0}}, other_known[F] = {{1, 1}, {0, -2}, {2, 0}, {3, 1}};
+    gsid_frf_cfg cfg = cfg_of(NULL, 0), lines_differ = cfg, input_known = cfg_of(known, 0);
+    gsid_frf_cfg input_differs = cfg_of(other_known, 0);
+    lines_differ.line = other_lines;
+    gsid_frf frf, other;
+    memset(&other, 0, sizeof other);
+    init(&frf, &cfg);
+    assert_int_equal(gsid_frf_merge(&frf, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_STATE);
+    assert_int_equal(gsid_frf_merge(&frf, &frf), GSID_E_CONFIG);
+    const gsid_frf_cfg *different[2] = {&lines_differ, &input_known};
+    for (int i = 0; i < 2; i++) {
+        gsid_frf_init(&other, different[i], other_memory.bytes, sizeof other_memory.bytes);
+        assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_CONFIG);
+    }
+    init(&frf, &input_differs); /* other has a known input too, of another phase */
+    assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_CONFIG);
+}
+
+static void whole_periods_are_taken_as_lines(void **state) {
+    (void)state;
+    gsid_frf_cfg cfg = cfg_of(NULL, 0);
+    gsid_frf frf;
+    result r;
+    uint64_t starts[P];
+    init(&frf, &cfg);
+    for (int p = 0; p < P; p++) {
+        gsid_cplx both[2 * F];
+        starts[p] = (uint64_t)p * N;
+        for (int i = 0; i < F; i++) {
+            const cplx_l y = slow_line(output, lines[i], starts[p]), u = slow_line(input, lines[i], starts[p]);
+            both[2 * i] = (gsid_cplx){(gsid_real)y.re, (gsid_real)y.im};
+            both[2 * i + 1] = (gsid_cplx){(gsid_real)u.re, (gsid_real)u.im};
+        }
+        assert_int_equal(gsid_frf_add_period(&frf, both), GSID_OK);
+        both[3].im = (gsid_real)NAN;
+        assert_int_equal(gsid_frf_add_period(&frf, both), GSID_E_NONFINITE);
+    }
+    assert_int_equal(read_out(&frf, &r), GSID_OK);
+    assert_result(&r, P, starts);
+    assert_int_equal(gsid_frf_add_period(&frf, NULL), GSID_E_NULL);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(parts_measured_apart_merge_to_the_whole),
+        cmocka_unit_test(only_the_same_measurement_merges),
+        cmocka_unit_test(whole_periods_are_taken_as_lines),
         cmocka_unit_test(measured_input_is_the_two_pass_formula),
         cmocka_unit_test(known_input_divides_by_it),
         cmocka_unit_test(noise_common_to_input_and_output_leaves_no_variance),

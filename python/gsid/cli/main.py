@@ -19,6 +19,7 @@ VERBS = {
     "simulate": "Serve a simulated gimbal axis on a serial line.",
     "run": "Drive an axis over a serial line and record it.",
     "frf": "Measure the frequency response and its variance from records.",
+    "distortion": "Tell noise from nonlinear distortion in a frequency response.",
     "fit": "Fit a rational model with delay to records.",
     "compare": "Compare a model with records: adequate or not, and where not.",
     "effects": "List the catalogue of physical effects.",

@@ -60,6 +60,8 @@ def report(
     Without --model and --order the page shows the measurement only. The name of the page is printed.
     """
     from gsid.compare import compare
+    from gsid.distortion import distortion
+    from gsid.errors import InputError
     from gsid.fit import fit
     from gsid.frf import frf, spectra
     from gsid.model import load_model
@@ -80,7 +82,16 @@ def report(
             model = fit(response, order)
         comparison = compare(model, measured, band=band) if model else None
         page = Report(title or f"Report on {describe(records)}")
-        page.add_experiment(describe(records), records, measured, response, model, comparison)
+        try:
+            found = distortion(measured, band=band)
+        except (
+            InputError
+        ) as error:  # records of several levels are compared with a plant, but have no one BLA
+            say(f"note: distortion left out: {error.what}")
+            found = None
+        page.add_experiment(
+            describe(records), records, measured, response, model, comparison, distortion=found
+        )
         if diagnose:
             _add_diagnosis(page, model, measured, band)
         path = page.write(output)

@@ -4,6 +4,7 @@ Confidence throughout is 95 %, point by point; the bands are those of gsid.confi
 """
 
 from gsid.plots.compare import comparison, ladder
+from gsid.plots.distortion import distortion, superposition
 from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.response import bode, bode_of_plant, frf, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
@@ -18,6 +19,7 @@ __all__ = [
     "comparison",
     "crest_factors",
     "delay_text",
+    "distortion",
     "excitation",
     "frf",
     "ladder",
@@ -27,6 +29,7 @@ __all__ = [
     "residual",
     "residual_of_plant",
     "root_text",
+    "superposition",
     "torque_residual",
     "with_interval",
 ]

@@ -26,6 +26,7 @@ MODEL = "#0072B2"
 NOISE = "#8A8A8A"
 EXCESS = "#D55E00"
 SIGNAL = "#0072B2"
+EVEN = "#009E73"
 KINDS = ("excited", "odd", "even")
 
 STYLE = {

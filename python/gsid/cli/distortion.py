@@ -1,0 +1,154 @@
+"""gsid distortion"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import (
+    band_option,
+    json_option,
+    print_json,
+    print_table,
+    reading_options,
+    records_argument,
+    say,
+)
+
+if TYPE_CHECKING:
+    from gsid.distortion import Distortion
+    from gsid.level_tests import Superposition
+    from gsid.record import Record
+
+
+@click.command(short_help="Noise and nonlinear distortion, apart.")
+@records_argument
+@reading_options
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "--other-level",
+    metavar="REC",
+    type=click.Path(),
+    multiple=True,
+    help="Record at another input level, to compare the responses; may be given several times.",
+)
+@json_option
+def distortion(
+    records: Sequence[str],
+    read: Callable[[Sequence[str]], list[Record]],
+    band: tuple[float, float] | None,
+    other_level: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Tell noise from nonlinear distortion in a frequency response.
+
+    One REC is one realisation: a random-phase multisine of its own phases, measured over several periods.
+    The scatter over periods is noise, the scatter over realisations noise and distortion. Lines that are
+    not excited show the distortion too, even and odd apart where the excited lines are odd; for that one
+    REC is enough.
+
+    std_nonlinear is of the response of one realisation; var_noise and var_total are of the mean (bla).
+    even and odd are amplitudes of the output at the lines even_hz and odd_hz that are not excited,
+    even_noise and odd_noise what noise alone would leave there.
+    """
+    from gsid.distortion import distortion as measure
+    from gsid.level_tests import superposition
+
+    result = measure(read(records), band=band)
+    change = superposition(result, measure(read(other_level), band=band)) if other_level else None
+    if as_json:
+        print_json(_values(result) | (_change(change) if change else {}))
+    else:
+        _print(result)
+        if change:
+            print(change.sentence)
+
+
+def _values(d: Distortion) -> dict:
+    interval = d.intervals()
+    values = {
+        "line": d.line,
+        "f_hz": d.f_hz,
+        "bla_re": d.bla.real,
+        "bla_im": d.bla.imag,
+        "var_noise": d.var_noise,
+        "var_total": d.var_total,
+        "std_nonlinear": d.std_nonlinear,
+        "std_nonlinear_95": interval["std_nonlinear"],
+        "std_noise_95": interval["std_noise"],
+        "u": d.u,
+        "coherence": d.coherence,
+    }
+    for name, chosen in (("even", d.even), ("odd", d.odd)):
+        values[name] = d.level[chosen]
+        values[f"{name}_hz"] = d.free_f_hz[chosen]
+        values[f"{name}_noise"] = d.level_noise[chosen]
+    if len(d.line) == 1:
+        from gsid.level_tests import harmonics
+
+        values["harmonics"] = [vars(h) for h in harmonics(d)]
+    keys = ("n_periods", "n_realisations", "n_spoiled", "period_samples", "settle_samples", "fs_hz")
+    return values | {
+        "noncausal_power_ratio": d.noncausal_power_ratio,
+        "orders_apart": d.orders_apart,
+        "bands": [vars(band) for band in d.bands],
+        "verdict": d.verdict,
+        **{key: getattr(d, key) for key in (*keys, "u_unit", "y_unit")},
+    }
+
+
+def _change(change: Superposition) -> dict:
+    return {
+        "superposition": {
+            "f_hz": change.f_hz,
+            "level_ratio": change.level_ratio,
+            "change_db": change.change_db,
+            "change_deg": change.change_deg,
+            "std": change.std,
+            "p_value": change.p_value,
+            "sentence": change.sentence,
+        }
+    }
+
+
+def _print(d: Distortion) -> None:
+    import numpy as np
+
+    say(
+        f"{d.name}: {d.n_realisations} realisation{'s' * (d.n_realisations != 1)}, {d.n_periods} periods of "
+        f"{d.period_samples} samples, {len(d.line)} lines excited, {len(d.free_line)} free"
+    )
+    with np.errstate(divide="ignore"):
+        columns = {
+            "f [Hz]": [f"{f:.4f}" for f in d.f_hz],
+            "|G| [dB]": [f"{x:.2f}" for x in 20 * np.log10(np.abs(d.bla))],
+            "noise [dB]": [f"{x:.2f}" for x in 10 * np.log10(d.var_noise)],
+        }
+        if d.n_realisations > 1:
+            columns["total [dB]"] = [f"{x:.2f}" for x in 10 * np.log10(d.var_total)]
+            columns["distortion [dB]"] = [f"{x:.2f}" for x in 20 * np.log10(d.std_nonlinear)]
+    if len(d.line) == 1:
+        _print_harmonics(d)
+    else:
+        print_table(list(columns), zip(*columns.values(), strict=True))
+    print(d.verdict)
+
+
+def _print_harmonics(d: Distortion) -> None:
+    from gsid.level_tests import harmonics
+
+    unit = f" [{d.y_unit}]" if d.y_unit else ""
+    header = ["order", "f [Hz]", f"amplitude{unit}", "below the sine [dB]", "above noise [dB]"]
+    rows = (
+        [
+            f"{h.order}",
+            f"{h.f_hz:.4f}",
+            f"{h.level:.4g}",
+            f"{h.below_fundamental_db:.1f}",
+            f"{h.above_noise_db:.1f}",
+        ]
+        for h in harmonics(d)
+    )
+    print_table(header, rows)

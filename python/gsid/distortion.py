@@ -1,0 +1,606 @@
+"""Noise split from nonlinear distortion, and both from the response.
+
+The robust method (DIS-1, DIS-2; source, eqs. 5.12 to 5.16) measures M realisations of a random-phase
+multisine over P periods each: the scatter over periods is noise, the scatter over realisations noise and
+distortion. The fast method (DIS-3) needs one realisation: lines left free of excitation show what the axis
+adds, odd and even orders apart where the excited lines are odd. Both come out of one measurement here, and
+the core does the sums (`gsid_distortion`), on the target as on the desk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from gsid._lib import check, ffi, ffi32, lib, lib32
+from gsid.errors import InputError
+from gsid.frf import Spectra, excited_lines, period_lines, require_same
+from gsid.record import Record, split_periods
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from gsid.verdict import DistortedBand
+
+SAME_LEVEL = 0.1  # realisations whose amplitudes differ by more, as a share, are of different levels
+NEIGHBOURS = 4  # free odd lines that tell the distortion at an excited one
+N_HARMONICS = 20  # looked at when a single line is excited
+
+
+@dataclass(repr=False)
+class Distortion:
+    """Best linear approximation, with noise and nonlinear distortion apart.
+
+    Attributes
+    ----------
+    line : (F,) int
+        Lines that every realisation excites.
+    f_hz : (F,) [Hz]
+    bla : (F,) complex
+        Mean of the realisations' responses, unit y over u (source, eq. 5.14).
+    var_noise, var_total : (F,)
+        Variance of `bla` by noise, and by noise and distortion together (source, eq. 5.14); the latter NaN
+        with one realisation.
+    std_nonlinear : (F,)
+        Standard deviation of one realisation's response by distortion (source, eq. 5.16). With one
+        realisation from the odd free lines beside each (DIS-3), NaN where the excited lines leave none.
+    u : (F,)
+        Amplitude of the input, rms over realisations.
+    free_line : (D,) int
+        Lines that no realisation excites.
+    free_f_hz : (D,) [Hz]
+    free_order : (D,) int
+        Order in units of the excited lines' greatest common divisor; 0 where the axis can have no line.
+    level, level_noise : (D,)
+        Rms amplitude of the output at the free lines, and what noise alone would leave of it, unit of y.
+    n_periods, n_realisations, n_spoiled, settle_samples, period_samples : int
+    fs_hz : float
+    u_unit, y_unit, name : str
+    """
+
+    line: np.ndarray
+    f_hz: np.ndarray
+    bla: np.ndarray
+    var_noise: np.ndarray
+    var_total: np.ndarray
+    std_nonlinear: np.ndarray
+    u: np.ndarray
+    free_line: np.ndarray
+    free_f_hz: np.ndarray
+    free_order: np.ndarray
+    level: np.ndarray
+    level_noise: np.ndarray
+    n_periods: int
+    n_realisations: int
+    n_spoiled: int
+    settle_samples: int
+    period_samples: int
+    fs_hz: float
+    u_unit: str = ""
+    y_unit: str = ""
+    name: str = ""
+
+    @property
+    def odd(self) -> np.ndarray:
+        """Free lines of odd order, (D,) bool."""
+        return self.free_order % 2 == 1
+
+    @property
+    def even(self) -> np.ndarray:
+        """Free lines of even order, (D,) bool."""
+        return (self.free_order % 2 == 0) & (self.free_order > 0)
+
+    @property
+    def orders_apart(self) -> bool:
+        """Whether odd and even distortion fall on lines of their own: all excited lines are of odd order."""
+        return bool(np.all(self.line // np.gcd.reduce(self.line) % 2 == 1))
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Coherence of input and output over all periods, (F,), 0 .. 1 (source, eq. 5.3).
+
+        Periods repeat the distortion: over the periods of one realisation only noise lowers it.
+        """
+        m, p = self.n_realisations, self.n_periods / self.n_realisations
+        scatter = (p - 1) * m * self.var_noise
+        if m > 1:
+            scatter = scatter + (m - 1) * self.var_total
+        gain = np.abs(self.bla) ** 2
+        return gain / (gain + scatter)
+
+    @property
+    def noncausal_power_ratio(self) -> float:
+        """Share of the power of the response's inverse transform before t = 0 (source, eqs. 5.4 to 5.6).
+
+        Transformed over the excited lines alone: the edges of the band put some of a linear axis there too,
+        so that only the same band at another level is a fair comparison.
+        """
+        n, line = self.period_samples, self.line
+        spectrum = np.zeros(n // 2 + 1, complex)
+        spectrum[line] = self.bla
+        g = np.fft.irfft(spectrum, n)
+        # lines k0 + i d repeat, but for their phase, every N/d samples: half of that is before t = 0
+        half = n // (2 * int(np.gcd.reduce(np.diff(line)))) if len(line) > 1 else n // 2
+        before, after = np.sum(g[n - half :] ** 2), np.sum(g[:half] ** 2)
+        return float(before / (before + after))
+
+    @property
+    def bands(self) -> list[DistortedBand]:
+        """Bands in which noise or distortion leads; see `gsid.verdict`."""
+        from gsid.verdict import distorted_bands
+
+        return distorted_bands(self)
+
+    @property
+    def verdict(self) -> str:
+        """What limits the measurement, in words."""
+        from gsid.verdict import verdict
+
+        return verdict(self)
+
+    def intervals(self, level: float = 0.95) -> dict[str, np.ndarray]:
+        """Intervals of the standard deviations, line by line.
+
+        Parameters
+        ----------
+        level : float
+            Probability, 0 .. 1.
+
+        Returns
+        -------
+        dict of (2, F) arrays, lower and upper
+            `std_noise` of `bla` by noise: exact, chi-square with 2 M (P - 1) degrees of freedom.
+            `std_nonlinear` of one realisation by distortion: that of Williams and Tukey for a component of
+            variance (DIS-4), from 0 where noise alone explains the scatter; NaN with one realisation.
+
+        Raises
+        ------
+        ValueError
+            A level that is no probability.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"the level must be between 0 and 1, not {level}")
+        m = self.n_realisations
+        nu_noise, nu_total = 2 * (self.n_periods - m), 2 * (m - 1)
+        tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
+        noise = self.var_noise * nu_noise / chi2.ppf(tails, nu_noise)
+        if m < 2:
+            return {"std_noise": np.sqrt(noise), "std_nonlinear": np.full((2, len(self.line)), np.nan)}
+        ratio = f_distribution.ppf(tails, nu_total, nu_noise)
+        above = self.var_total - ratio * self.var_noise
+        nonlinear = m * np.maximum(above, 0) * nu_total / chi2.ppf(tails, nu_total)
+        return {"std_noise": np.sqrt(noise), "std_nonlinear": np.sqrt(nonlinear)}
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Response, noise and distortion in one dB axis, and the output's lines by kind."""
+        from gsid import plots
+
+        return plots.distortion(self)
+
+    def __repr__(self) -> str:
+        lines = f"{len(self.line)} lines {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz"
+        measured = f"{self.n_realisations} realisations, {self.n_periods} periods"
+        return (
+            f"Distortion({self.name or 'unnamed'}: {lines}, {len(self.free_line)} free, {measured}; "
+            f"{self.verdict})"
+        )
+
+
+class StreamingDistortion:
+    """The measurement as it runs beside a controller: the C core, in fixed memory.
+
+    Parameters
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    period_samples : int
+        N.
+    line : (F,) int
+        Excited lines, ascending, 1 <= line < N/2.
+    free_line : (D,) int, optional
+        Lines left free, ascending, none of them excited.
+    settle_samples : int
+        Thrown away at the start of every realisation.
+    input_is_known : bool
+        Each realisation is given the lines of its input; else the input is measured.
+    precision : {"double", "single"}
+        Build of the core.
+
+    Raises
+    ------
+    ValueError
+        An unknown precision.
+    GsidError
+        The core refuses the configuration.
+    """
+
+    def __init__(
+        self,
+        fs_hz: float,
+        period_samples: int,
+        line: np.ndarray,
+        free_line: np.ndarray | None = None,
+        *,
+        settle_samples: int = 0,
+        input_is_known: bool = False,
+        precision: str = "double",
+    ) -> None:
+        if precision not in ("double", "single"):
+            raise ValueError(f"precision must be double or single, not {precision!r}")
+        is_double = precision == "double"
+        self._ffi, self._lib = (ffi, lib) if is_double else (ffi32, lib32)
+        self._real, self._cplx = (np.float64, np.complex128) if is_double else (np.float32, np.complex64)
+        self.fs_hz, self.period_samples, self.n_spoiled = float(fs_hz), int(period_samples), 0
+        self.line = np.asarray(line, int)
+        self.free_line = np.asarray([] if free_line is None else free_line, int)
+        self.settle_samples, self.input_is_known = int(settle_samples), bool(input_is_known)
+        self._power_u = np.zeros(len(self.line))
+        self._all = np.concatenate([self.line, self.free_line]).astype(np.uint32)
+        self._twiddle = np.empty(period_samples, self._cplx)
+        check(
+            self._lib.gsid_twiddle_fill(period_samples, self._pointer(self._twiddle)),
+            "making the twiddle table",
+        )
+        cfg = self._ffi.new("gsid_distortion_cfg *")
+        cfg.n_period, cfg.n_lines, cfg.n_excited = period_samples, len(self._all), len(self.line)
+        cfg.n_settle, cfg.input_is_known = settle_samples, input_is_known
+        cfg.line = self._ffi.from_buffer("uint32_t[]", self._all)
+        cfg.twiddle = self._pointer(self._twiddle)
+        self._memory = np.zeros(self._lib.gsid_distortion_mem_size(cfg) // 16 + 1, complex)
+        self._d = self._ffi.new("gsid_distortion *")
+        memory = self._ffi.from_buffer(self._memory)
+        status = self._lib.gsid_distortion_init(self._d, cfg, memory, len(memory))
+        check(status, "setting up the measurement of distortion")
+
+    @property
+    def n_realisations(self) -> int:
+        """Realisations finished."""
+        return self._d.n_realisations
+
+    def start(self, u_known: np.ndarray | None = None) -> None:
+        """Begin a realisation.
+
+        Parameters
+        ----------
+        u_known : (F,) complex, when the input is known
+            Its lines.
+
+        Raises
+        ------
+        ValueError
+            u_known is missing, not wanted, or of another length than line.
+        GsidError
+            A line is not finite.
+        """
+        if (u_known is None) == self.input_is_known:
+            raise ValueError("u_known goes with a known input, and only with that")
+        self._known = None
+        if u_known is not None:
+            if np.shape(u_known) != self.line.shape:
+                raise ValueError(f"u_known has shape {np.shape(u_known)}, line {self.line.shape}")
+            self._known = np.concatenate([u_known, np.zeros(len(self.free_line))]).astype(self._cplx)
+        pointer = self._ffi.NULL if self._known is None else self._pointer(self._known)
+        check(self._lib.gsid_distortion_start(self._d, pointer), "beginning a realisation")
+
+    def step(self, u: np.ndarray, y: np.ndarray) -> None:
+        """Take the next samples of the realisation.
+
+        Parameters
+        ----------
+        u, y : (n,) array_like
+            Input and output at the same instants; a sample that is not finite counts as lost.
+        """
+        for u_n, y_n in zip(np.atleast_1d(u).tolist(), np.atleast_1d(y).tolist(), strict=True):
+            status = self._lib.gsid_distortion_step(self._d, u_n, y_n)
+            if status == lib.GSID_E_NONFINITE:
+                status = self._lib.gsid_distortion_skip(self._d, 1)
+            check(status, "taking a sample")
+
+    def add_periods(self, Y: np.ndarray, U: np.ndarray | None = None) -> None:
+        """Take whole periods whose lines are known already.
+
+        Parameters
+        ----------
+        Y : (P, F + D) complex
+            Lines of the output, the excited ones first.
+        U : (P, F + D) complex, when the input is measured
+
+        Raises
+        ------
+        GsidError
+            A line is not finite.
+        """
+        channels = [Y] if U is None else [Y, U]
+        lines = np.ascontiguousarray(np.stack(channels, axis=-1), self._cplx)
+        base, stride = self._pointer(lines), len(self._all) * len(channels)
+        for p in range(len(Y)):
+            check(self._lib.gsid_distortion_add_period(self._d, base + p * stride), "taking a period")
+
+    def finish(self) -> None:
+        """End the realisation and add it to the means.
+
+        Raises
+        ------
+        GsidError
+            None is under way, it has fewer than 2 good periods, or an excited line has no input.
+        """
+        mean, n_spoiled = self._u_mean(), self._d.frf.n_spoiled
+        check(self._lib.gsid_distortion_finish(self._d), "ending a realisation")
+        self.n_spoiled += n_spoiled
+        self._power_u += np.abs(mean) ** 2
+
+    def _u_mean(self) -> np.ndarray:
+        """Mean input lines of the realisation under way, (F,)."""
+        if self.input_is_known:
+            return self._known[: len(self.line)] if self._known is not None else np.zeros(len(self.line))
+        n = len(self._all)
+        u = np.zeros(n, self._cplx)
+        out = self._ffi.new("gsid_frf_out *")
+        out.u = self._pointer(u)
+        self._lib.gsid_frf_result(self._ffi.addressof(self._d.frf), out)
+        return u[: len(self.line)].astype(complex)
+
+    def result(self) -> Distortion:
+        """Read the realisations finished so far.
+
+        Returns
+        -------
+        Distortion
+
+        Raises
+        ------
+        GsidError
+            No realisation is finished.
+        """
+        n, n_free = len(self.line), len(self.free_line)
+        bla = np.empty(n, self._cplx)
+        real = {name: np.full(n, np.nan, self._real) for name in ("var_noise", "var_total", "std_nonlinear")}
+        real |= {name: np.empty(n_free, self._real) for name in ("level", "level_noise")}
+        if self.n_realisations < 2:
+            asked = {
+                name: array for name, array in real.items() if name not in ("var_total", "std_nonlinear")
+            }
+        else:
+            asked = real
+        out = self._ffi.new("gsid_distortion_out *")
+        out.bla = self._pointer(bla)
+        for name, array in asked.items():
+            setattr(out, name, self._ffi.from_buffer("gsid_real[]", array))
+        check(self._lib.gsid_distortion_result(self._d, out), "reading the distortion")
+        spacing = self.fs_hz / self.period_samples
+        return Distortion(
+            line=self.line,
+            f_hz=self.line * spacing,
+            bla=bla.astype(complex),
+            u=np.sqrt(self._power_u / self.n_realisations),
+            free_line=self.free_line,
+            free_f_hz=self.free_line * spacing,
+            free_order=_orders(self.line, self.free_line),
+            n_periods=self._d.n_periods,
+            n_realisations=self.n_realisations,
+            n_spoiled=self.n_spoiled,
+            settle_samples=self.settle_samples,
+            period_samples=self.period_samples,
+            fs_hz=self.fs_hz,
+            **{name: array.astype(float) for name, array in real.items()},
+        )
+
+    def _pointer(self, array: np.ndarray):
+        return self._ffi.from_buffer("gsid_cplx[]", array)
+
+    def __repr__(self) -> str:
+        lines = f"{len(self.line)} lines, {len(self.free_line)} free"
+        return f"StreamingDistortion({lines}, {self.n_realisations} realisations)"
+
+
+@dataclass
+class _Part:
+    """One realisation: lines of its input, one row per period or one for all, and its output."""
+
+    U: np.ndarray  # (P or 1, K), lines 0 .. N/2
+    y: np.ndarray | None  # (P, N) samples, or
+    Y: np.ndarray | None  # (P, K) lines
+    excited: np.ndarray
+    n_spoiled: int
+    settle_samples: int
+    period_samples: int
+    fs_hz: float
+    hold: str
+    u_unit: str
+    y_unit: str
+    name: str
+
+    def output(self, line: np.ndarray) -> np.ndarray:
+        """Lines of the output, (P, len(line))."""
+        if self.Y is not None:
+            return self.Y[:, line]
+        return period_lines(self.y, line.astype(np.uint32), self.settle_samples)
+
+
+def distortion(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    period: int | None = None,
+    settle: int | None = None,
+    band: tuple[float, float] | None = None,
+) -> Distortion:
+    """Split noise and nonlinear distortion.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+        One per realisation; of one input level.
+    period, settle : int, optional
+        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+    band : (lo, hi), optional
+        Only lines within [Hz].
+
+    Returns
+    -------
+    Distortion
+
+    Raises
+    ------
+    InputError
+        As `gsid.frf.frf`; realisations of different levels.
+    ValueError
+        No record.
+    """
+    records = [records] if isinstance(records, Record | Spectra) else list(records)
+    if not records:
+        raise ValueError("no record to look for distortion in")
+    parts = [_part_of(r, period, settle) for r in records]
+    first = parts[0]
+    for part in parts[1:]:
+        require_same(first, part)
+    line, free_line = _lines_of(parts, band)
+    _require_one_level(parts, line)
+    is_known = all(len(part.U) == 1 for part in parts)
+    measured = StreamingDistortion(
+        first.fs_hz, first.period_samples, line, free_line, input_is_known=is_known
+    )
+    lines = np.concatenate([line, free_line])
+    for part in parts:
+        Y = part.output(lines)
+        if is_known:
+            measured.start(part.U[0, line])
+            measured.add_periods(Y)
+        else:
+            measured.start()
+            measured.add_periods(Y, np.broadcast_to(part.U[:, lines], Y.shape))
+        measured.finish()
+    return replace(
+        _fast(measured.result()),
+        n_spoiled=sum(part.n_spoiled for part in parts),
+        settle_samples=first.settle_samples,
+        u_unit=first.u_unit,
+        y_unit=first.y_unit,
+        name=", ".join(part.name for part in parts if part.name),
+    )
+
+
+def _fast(d: Distortion) -> Distortion:
+    """With one realisation, the distortion at the excited lines from the odd lines left free beside them.
+
+    Odd distortion is as large at a free odd line as it would be at an excited one beside it (DIS-3): the mean
+    power above noise of the nearest NEIGHBOURS of them is taken.
+    """
+    free = np.flatnonzero(d.odd & (d.free_line > d.line[0]) & (d.free_line < d.line[-1]))
+    if d.n_realisations > 1 or not d.orders_apart or len(free) < NEIGHBOURS:
+        return d
+    excess = d.level[free] ** 2 - d.level_noise[free] ** 2
+    distance = np.abs(d.free_line[free] - d.line[:, None])
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :NEIGHBOURS]
+    return replace(d, std_nonlinear=np.sqrt(np.maximum(excess[nearest].mean(axis=1), 0)) / d.u)
+
+
+def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
+    """Split noise and distortion of responses measured elsewhere, such as one entry of a matrix of responses.
+
+    Parameters
+    ----------
+    f_hz : (F,) array_like
+        Hz.
+    g : (M, P, F) complex array_like
+        Response of each period of each realisation, P >= 2 (source, eq. 5.12).
+
+    Returns
+    -------
+    Distortion
+        With unit input; lines are numbered 1 .. F, and there are no free lines.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit.
+    """
+    f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
+    if g.ndim != 3 or f_hz.shape != g.shape[2:] or g.shape[1] < 2:
+        raise ValueError(f"g has shape {g.shape} and f_hz {f_hz.shape}, not (M, P, F) with P >= 2 and (F,)")
+    n_lines = len(f_hz)
+    measured = StreamingDistortion(np.nan, 2 * n_lines + 2, 1 + np.arange(n_lines), input_is_known=True)
+    for one in g:
+        measured.start(np.ones(n_lines))
+        measured.add_periods(one)
+        measured.finish()
+    return replace(measured.result(), f_hz=f_hz, period_samples=0)
+
+
+def _part_of(record: Record | Spectra, period: int | None, settle: int | None) -> _Part:
+    if isinstance(record, Spectra):
+        U, y, Y, excited = record.U, None, record.Y, record.excited
+        n_period, n_settle, n_spoiled = record.period_samples, record.settle_samples, record.n_spoiled
+    else:
+        periods = split_periods(record, period=period, settle=settle)
+        n_period, n_settle, n_spoiled = periods.period_samples, periods.settle_samples, periods.n_spoiled
+        # a command that repeats to the bit is known exactly, and transformed once
+        is_known = np.array_equal(periods.u[1:], periods.u[:-1])
+        line = np.arange(n_period // 2 + 1, dtype=np.uint32)
+        U = period_lines(periods.u[:1] if is_known else periods.u, line, n_settle)
+        y, Y = periods.y, None
+        excited = excited_lines(np.repeat(U, 2, axis=0) if is_known else U, n_period)
+        if not excited.any():
+            what = "u has no line that stands out of its own noise"
+            raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
+    return _Part(
+        U,
+        y,
+        Y,
+        excited,
+        n_spoiled,
+        n_settle,
+        n_period,
+        record.fs_hz,
+        record.hold,
+        record.u_unit,
+        record.y_unit,
+        record.name,
+    )
+
+
+def _lines_of(parts: list[_Part], band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Lines that every realisation excites, and lines that none does."""
+    first = parts[0]
+    n = first.period_samples
+    every = np.logical_and.reduce([part.excited for part in parts])
+    some = np.logical_or.reduce([part.excited for part in parts])
+    f_hz = np.arange(len(every)) * (first.fs_hz / n)
+    within = np.ones(len(every), bool) if band is None else (f_hz >= band[0]) & (f_hz <= band[1])
+    line = np.flatnonzero(every & within)
+    if not len(line):
+        where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
+        excited_hz = f_hz[first.excited]
+        raise InputError(
+            f"no line{where} is excited in every record",
+            first.name,
+            None,
+            f"{first.name or 'the first record'} has lines {excited_hz[0]:g} .. {excited_hz[-1]:g} Hz",
+        )
+    excited = np.flatnonzero(some)
+    top = N_HARMONICS * excited[-1] if len(excited) == 1 else excited[-1]
+    candidate = np.arange(1, min(top, (n - 1) // 2) + 1)
+    return line, candidate[~some[candidate] & within[candidate]]
+
+
+def _orders(line: np.ndarray, free_line: np.ndarray) -> np.ndarray:
+    """Order of each free line in units of the excited lines' greatest common divisor; 0 between units."""
+    unit = int(np.gcd.reduce(line))
+    return np.where(free_line % unit == 0, free_line // unit, 0)
+
+
+def _require_one_level(parts: list[_Part], line: np.ndarray) -> None:
+    """The best linear approximation is that of one level: another one has another."""
+    level = [float(np.sqrt(np.sum(np.abs(part.U[:, line].mean(axis=0)) ** 2))) for part in parts]
+    for part, one in zip(parts[1:], level[1:], strict=True):
+        if abs(one / level[0] - 1) > SAME_LEVEL:
+            raise InputError(
+                "the records are of different input levels",
+                part.name,
+                f"{one / level[0]:.3g} times that of {parts[0].name or 'the first'}",
+                "compare levels with --other-level REC",
+            )

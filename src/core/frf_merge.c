@@ -1,0 +1,94 @@
+/* Means of what was measured elsewhere: whole periods, other measurements. */
+#include "complex_math.h"
+#include "streaming.h"
+
+/* The spread engine adds a period over several ticks: some lines have it already. */
+static int is_adding(const gsid_frf *frf) {
+    return frf->line_next < frf->cfg.n_lines;
+}
+
+gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines) {
+    if (frf == NULL || lines == NULL) {
+        return GSID_E_NULL;
+    }
+    if (frf->engine == NULL || is_adding(frf)) {
+        return GSID_E_STATE;
+    }
+    const uint32_t n = gsid_frf_channels(&frf->cfg);
+    for (size_t i = 0; i < (size_t)frf->cfg.n_lines * n; i++) {
+        if (!gsid_cplx_is_finite(lines[i])) {
+            return GSID_E_NONFINITE;
+        }
+    }
+    for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
+        gsid_frf_add_line(frf, i, lines + (size_t)i * n);
+    }
+    frf->n_periods++;
+    return GSID_OK;
+}
+
+static int is_same_input(const gsid_frf *a, const gsid_frf *b) {
+    if ((a->cross == NULL) != (b->cross == NULL)) {
+        return 0;
+    }
+    for (uint32_t i = 0; a->cross == NULL && i < a->cfg.n_lines; i++) {
+        const gsid_cplx ua = a->cfg.u_known[i], ub = b->cfg.u_known[i];
+        if (ua.re < ub.re || ua.re > ub.re || ua.im < ub.im || ua.im > ub.im) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int is_same_measurement(const gsid_frf *a, const gsid_frf *b) {
+    if (a->cfg.n_period != b->cfg.n_period || a->cfg.n_lines != b->cfg.n_lines || !is_same_input(a, b)) {
+        return 0;
+    }
+    for (uint32_t i = 0; i < a->cfg.n_lines; i++) {
+        if (a->cfg.line[i] != b->cfg.line[i]) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* FRF-4 for one channel of one line; returns the distance of the two means. */
+static gsid_cplx merge_mean(gsid_real share, gsid_real weight, gsid_cplx *mean, gsid_real *m2, gsid_cplx mean_other,
+                            gsid_real m2_other) {
+    const gsid_cplx d = gsid_cplx_sub(mean_other, *mean);
+    *mean = gsid_cplx_add(*mean, gsid_cplx_scale(share, d));
+    *m2 += m2_other + weight * gsid_cplx_abs2(d);
+    return d;
+}
+
+gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other) {
+    if (frf == NULL || other == NULL) {
+        return GSID_E_NULL;
+    }
+    if (frf->engine == NULL || other->engine == NULL || is_adding(frf) || is_adding(other)) {
+        return GSID_E_STATE;
+    }
+    if (frf == other || !is_same_measurement(frf, other)) {
+        return GSID_E_CONFIG;
+    }
+    frf->n_spoiled += other->n_spoiled;
+    frf->n_refused += other->n_refused;
+    if (other->n_periods == 0) {
+        return GSID_OK;
+    }
+    const gsid_real a = (gsid_real)frf->n_periods, b = (gsid_real)other->n_periods;
+    const gsid_real share = b / (a + b), weight = a * share;
+    for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
+        if (frf->cross == NULL) {
+            merge_mean(share, weight, &frf->mean[i], &frf->m2[i], other->mean[i], other->m2[i]);
+            continue;
+        }
+        const size_t y = 2 * (size_t)i, u = y + 1;
+        gsid_cplx dy = merge_mean(share, weight, &frf->mean[y], &frf->m2[y], other->mean[y], other->m2[y]);
+        gsid_cplx du = merge_mean(share, weight, &frf->mean[u], &frf->m2[u], other->mean[u], other->m2[u]);
+        gsid_cplx product = gsid_cplx_scale(weight, gsid_cplx_mul(dy, gsid_cplx_conj(du)));
+        frf->cross[i] = gsid_cplx_add(frf->cross[i], gsid_cplx_add(other->cross[i], product));
+    }
+    frf->n_periods += other->n_periods;
+    return GSID_OK;
+}
