@@ -11,14 +11,21 @@ typedef struct {
     const gsid_real *f_hz;  /* [n_lines] Hz, finite */
     const gsid_cplx *g;     /* [n_lines] finite */
     const gsid_real *sigma; /* [n_lines] standard deviation of g (of the mean, complex), > 0; NULL: all 1 */
+    /* Errors of the input too, NULL without: variance of its error and covariance of output and input error, E{N_Y conj(N_U)},
+     * both over |U|^2, >= 0 and complex. sigma is then that of g as measured, and V takes what it is at the model's G. */
+    const gsid_real *var_u;  /* [n_lines] */
+    const gsid_cplx *cov_yu; /* [n_lines] */
+    int logarithmic; /* 1: errors are |g|/sigma (without sigma: 1) times ln(G/g), phase to the nearest turn; g is not 0 */
 } gsid_frd;
 
 /** Bytes of work memory for the calls below; 0 for orders above GSID_ORDER_MAX. */
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 #define GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros)                                                                       \
-    (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) + 5 * ((n_poles) + (n_zeros) + 2) * sizeof(gsid_real))
+    (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) +                                                                 \
+     ((GSID_LSQ_BLOCK + 3) * ((n_poles) + (n_zeros) + 2) + GSID_LSQ_BLOCK) * sizeof(gsid_real))
 
-/** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2.  Eq: EST-3 (source, eq. 7.28).
+/** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd says.  Eq: EST-3, EST-8, EST-9
+ *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE */
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
 
@@ -34,7 +41,7 @@ typedef struct {
  *  @param[out]    cost   V of the model; may be NULL
  *  @return GSID_OK; GSID_RANK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_NONFINITE;
  *          GSID_E_MEMORY
- *  Cost: per iteration 2 n_lines rows of gsid_lsq_add with n_poles + n_zeros + 1 columns.  Context: background. */
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block with n_poles + n_zeros + 1 columns.  Context: background. */
 gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
                                void *mem, size_t mem_size);
 
@@ -52,12 +59,12 @@ typedef struct {
     const gsid_cplx *drift;
 } gsid_ml_cfg;
 
-/** Gauss-Newton on V with Levenberg-Marquardt damping and geodesic acceleration, from the model given.
+/** Gauss-Newton on V, whichever gsid_frd makes it, with Levenberg-Marquardt damping and geodesic acceleration, from the model given.
  *  Eq: EST-3 (source, eq. 7.28).
  *  @param[in,out] model  in: start; out: the model of least cost found. The held coefficient (gsid_rational_held) stays
  *  @param[out]    cost   V; may be NULL
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY
- *  Cost: per iteration 2 n_lines rows of gsid_lsq_add, and for each damping tried two passes over the lines (four on
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block, and for each damping tried two passes over the lines (four on
  *  average, 60 at most).  Context: background. */
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size);

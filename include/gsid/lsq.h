@@ -34,6 +34,16 @@ gsid_status gsid_lsq_reset(gsid_lsq *q);
  *  Cost: n_columns rotations, 3 (n_columns + 2)^2 flops. */
 gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
 
+#define GSID_LSQ_BLOCK 8
+
+/** Append up to GSID_LSQ_BLOCK rows at once, by Householder's reflections: a third of the time of as many gsid_lsq_add.
+ *  @param[in]     n_rows  0 .. GSID_LSQ_BLOCK
+ *  @param[in,out] block   [n_columns + 1][GSID_LSQ_BLOCK] the rows of A, and of the right-hand side last, column by column;
+ *                         finite; used as work space
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE refused, nothing changed
+ *  Cost: n_columns + 1 reflections, 2 GSID_LSQ_BLOCK (n_columns + 2)^2 flops. */
+gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block);
+
 /** Solve. A column that its predecessors explain, but for rank_tol of its own length, says nothing more: its
  *  unknown is pinned to 0. Rows added later do not free it: gsid_lsq_reset does.
  *  @param[in]  rank_tol  >= 0; 0: 8 (n_columns + 1) times the rounding unit

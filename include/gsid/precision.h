@@ -69,6 +69,7 @@
 #define gsid_lsq_init GSID_NAME(gsid_lsq_init)
 #define gsid_lsq_reset GSID_NAME(gsid_lsq_reset)
 #define gsid_lsq_add GSID_NAME(gsid_lsq_add)
+#define gsid_lsq_add_block GSID_NAME(gsid_lsq_add_block)
 #define gsid_lsq_solve GSID_NAME(gsid_lsq_solve)
 #define gsid_lsq_solve_normal GSID_NAME(gsid_lsq_solve_normal)
 #define gsid_lsq_covariance GSID_NAME(gsid_lsq_covariance)

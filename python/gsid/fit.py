@@ -8,6 +8,7 @@ import numpy as np
 
 from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
+from gsid.confidence import unwrapped_phase_deg
 from gsid.model import RationalModel
 
 if TYPE_CHECKING:
@@ -16,9 +17,14 @@ if TYPE_CHECKING:
 METHODS = {
     "ls": lib.GSID_METHOD_LS,
     "iwls": lib.GSID_METHOD_IWLS,
+    "ga": lib.GSID_METHOD_GA,
+    "nls-output": lib.GSID_METHOD_NLS_OUTPUT,
     "nls": lib.GSID_METHOD_NLS,
+    "log": lib.GSID_METHOD_LOG,
+    "ml-io": lib.GSID_METHOD_ML_INPUT_OUTPUT,
     "ml": lib.GSID_METHOD_ML,
 }
+SOLVERS = {"gauss-newton": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVER_NLOPT}
 
 # Sample variances with fewer degrees of freedom than this are averaged over neighbouring lines before they
 # weigh.
@@ -35,6 +41,11 @@ def fit(
     domain: str = "s",
     hold: str | None = None,
     allow_unstable: bool = False,
+    min_delay_s: float | None = None,
+    exponent: float = 1.0,
+    solver: str = "gauss-newton",
+    start: RationalModel | None = None,
+    seed: int = 0,
 ) -> RationalModel:
     """Fit a rational transfer function with delay to a measured frequency response.
 
@@ -46,9 +57,12 @@ def fit(
         Degrees of denominator and numerator.
     delay : "free", "none" or float
         Estimated from 0 to 12 ms without a starting value, absent, or given [s].
-    method : "ls", "iwls", "nls" or "ml"
-        Linear least squares (eq. 7.9), iteratively reweighted (eq. 7.14), nonlinear least squares on the
-        response (eq. 7.21), or maximum likelihood: weighted with the measured variance (eq. 7.28).
+    method : str
+        "ls": linear least squares (eq. 7.9); "iwls": iteratively reweighted (eqs. 7.14 to 7.16); "ga": an
+        evolutionary search for the start, then "nls" (eq. 7.18); "nls-output" and "nls": nonlinear least
+        squares on the output and on the response (eqs. 7.20, 7.21); "log": logarithmic least squares
+        (eq. 7.23); "ml": maximum likelihood, weighted with the variance measured (eq. 7.28); "ml-io": the
+        same with errors in input and output, weighted with their covariance (eqs. 7.24, 7.26).
     band : (lo, hi), optional
         Lines to use [Hz]; default all.
     domain : "s" or "z"
@@ -57,6 +71,16 @@ def fit(
         what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
     allow_unstable : bool
         Take the model of least cost even when it is unstable.
+    min_delay_s : float, optional
+        Least free delay allowed [s]; default: any, a small delay may come out negative.
+    exponent : float
+        r of eq. 7.16, for "iwls": below 1 relaxes the reweighting, above 1 sharpens it.
+    solver : "gauss-newton" or "nlopt"
+        Of the nonlinear methods; both find the same minimum.
+    start : RationalModel, optional
+        Nonlinear methods: search from this model only; default: from the best of a scan of delays.
+    seed : int
+        Of the evolutionary search.
 
     Returns
     -------
@@ -71,7 +95,7 @@ def fit(
         No stable model, or singular equations.
     """
     n_poles, n_zeros = parse_order(order)
-    _check_choices(method, domain)
+    _check_choices(method, domain, solver)
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
     if hold not in ("zoh", "none"):
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
@@ -85,15 +109,28 @@ def fit(
         )
 
     cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
+    cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
+    if min_delay_s is not None:
+        cfg.bound_delay, cfg.delay_min_s = True, min_delay_s
+    if start is not None:
+        if (start.n_poles, start.n_zeros, start.domain) != (n_poles, n_zeros, domain):
+            raise ValueError(f"start has order {start.n_poles}/{start.n_zeros} in {start.domain}")
+        cfg.start = c_start = start._to_c()  # noqa: F841  (keeps it alive)
+    amplitude = np.ascontiguousarray(np.abs(frf.u[use]))
+    cfg.input = ffi.from_buffer("double[]", amplitude)
+    var_u, cov_yu = _input_errors(frf, use, sigma)
     data = ffi.new("gsid_frd *")
     data.n_lines = len(f)
     data.f_hz, data.sigma = ffi.from_buffer("double[]", f), ffi.from_buffer("double[]", sigma)
     data.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g))
+    data.var_u = ffi.from_buffer("double[]", var_u)
+    data.cov_yu = ffi.cast("gsid_cplx *", ffi.from_buffer(cov_yu))
     result = ffi.new("gsid_fit_result *")
     check(lib.gsid_fit_run(data, cfg, result), f"fit of order {n_poles}/{n_zeros}")
 
     num, den, cov = _plain(result, domain)
-    if method == "ml" and 2 < dof < np.inf:
+    is_ml = method in ("ml", "ml-io")
+    if is_ml and 2 < dof < np.inf:
         cov = cov * dof / (dof - 2)
     return RationalModel(
         num=num,
@@ -105,8 +142,8 @@ def fit(
         cov=cov,
         free_delay=delay == "free",
         method=method,
-        cost=result.cost_ml,
-        cost_expected=_inflation(dof) * (len(f) - n_parameters / 2) if method == "ml" and dof > 1 else None,
+        cost=result.cost if method == "ml-io" else result.cost_ml,
+        cost_expected=_inflation(dof) * (len(f) - n_parameters / 2) if is_ml and dof > 1 else None,
         n_lines=len(f),
         converged=bool(result.converged),
         band_hz=(float(f[0]), float(f[-1])),
@@ -162,11 +199,13 @@ def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
     return poles, zeros
 
 
-def _check_choices(method: str, domain: str) -> None:
+def _check_choices(method: str, domain: str, solver: str) -> None:
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if domain not in ("s", "z"):
         raise ValueError(f"domain must be 's' or 'z', got {domain!r}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
 
 
 def _configuration(
@@ -219,6 +258,43 @@ def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
         floor = np.finfo(float).eps * np.abs(frf.g[use])
         var = np.maximum(var, np.maximum(floor, np.finfo(float).tiny ** 0.5) ** 2)
     return np.ascontiguousarray(np.sqrt(var)), dof
+
+
+def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the input's error and covariance with the output's, over |U|^2, in scale with sigma.
+
+    The scale is that of the sum they are part of: the variance of g (source, eq. 7.29).
+    """
+    g, var_u, cov_yu = frf.g[use], frf.var_u[use], frf.cov_yu[use]
+    whole = frf.var_y[use] + var_u * np.abs(g) ** 2 - 2 * (cov_yu * g.conj()).real
+    scale = np.divide(sigma**2, whole, out=np.zeros(len(g)), where=whole > 0)
+    return np.ascontiguousarray(var_u * scale), np.ascontiguousarray(cov_yu * scale, dtype=complex)
+
+
+def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
+    """Delay by the mean slope of the unwrapped phase, the source's starting value (eq. 7.8; EST-7).
+
+    Parameters
+    ----------
+    frf : Frf
+    band : (lo, hi), optional
+        Passband to take the slope of [Hz].
+
+    Returns
+    -------
+    float
+        s. The plant's own lag is in it: a fit scans delays from 0 on instead of trusting it.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two lines in the band.
+    """
+    use = in_band(frf.f_hz, band)
+    if np.count_nonzero(use) < 2:
+        raise ValueError("the slope of the phase needs two lines")
+    phase = np.radians(unwrapped_phase_deg(frf.f_hz[use], frf.g[use], np.sqrt(frf.var_g[use])))
+    return float(-np.mean(np.diff(phase) / (2 * np.pi * np.diff(frf.f_hz[use]))))
 
 
 def _inflation(dof: float) -> float:

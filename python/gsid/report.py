@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis, Group
     from gsid.distortion import Distortion
+    from gsid.estimators import Estimators
     from gsid.excitation import Multisine
     from gsid.frf import Frf, Spectra
     from gsid.model import RationalModel
@@ -241,6 +242,47 @@ class Report:
                 pictures=self._drawn(drawn),
                 closing=[*_failing_tables(before), *([_truth_table(truth)] if truth else [])],
                 answer=answer,
+            )
+        )
+        return self
+
+    def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
+        """Add what each estimator made of the same response (source, section 7.10).
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        frf : Frf
+            What they were fitted to.
+        found : Estimators
+        story : str, optional
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        head, rows = found.table()
+        good = [row for row in found.rows if not row.note]
+        expected = (
+            ""
+            if found.cost_expected is None
+            else f" Noise alone leaves {found.cost_expected:.0f} of the cost."
+        )
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=f"{len(good)} of {len(found.rows)} estimators converged to a stable model.{expected}",
+                grade="good" if len(good) == len(found.rows) else "none",
+                run=[
+                    ("Order", f"{found.order}, {found.n_lines} lines"),
+                    ("Delay by the slope of the phase", f"{1e3 * found.initial_delay_s:.4g} ms"),
+                ],
+                tables=[_Table("Estimators", head, rows, _ESTIMATORS_NOTE)],
+                pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
+                failing=None,
             )
         )
         return self
@@ -541,7 +583,14 @@ def _failing_tables(c: Comparison | None) -> list[_Table]:
 
 # --- pictures ---------------------------------------------------------------------------------------------
 
+_ESTIMATORS_NOTE = (
+    "Errors are root mean squares over the lines, from the measured response; the cost is that of maximum "
+    "likelihood (eq. 7.28), whatever the method minimised."
+)
+
 _CAPTIONS = {
+    "Estimators": "Where only noise is left, errors stay below the bound; linear least squares is weak at "
+    "low frequencies, and maximum likelihood spends its errors where the noise is.",
     "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
     "limited command.",
     "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "

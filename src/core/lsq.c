@@ -101,6 +101,74 @@ gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs) {
     return GSID_OK;
 }
 
+static void rotate_in_rows(gsid_lsq *q, uint32_t first, gsid_real *block) {
+    for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++) {
+        for (uint32_t j = first; j <= q->n_columns; j++)
+            q->row[j] = block[(size_t)j * GSID_LSQ_BLOCK + t];
+        rotate_in(q, first);
+    }
+}
+
+/* r <- r - s, x <- x - s v with s = tau (r + v'x): one column under the reflection 1 - tau (1, v)(1, v)'. */
+static void reflect(gsid_real tau, const gsid_real *v, gsid_real *r, gsid_real *x) {
+    gsid_real sum = *r;
+    for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++)
+        sum += v[t] * x[t];
+    sum *= tau;
+    *r -= sum;
+    for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++)
+        x[t] -= sum * v[t];
+}
+
+static int is_zero(const gsid_real *x) {
+    for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++)
+        if (x[t] != 0)
+            return 0;
+    return 1;
+}
+
+/* Householder's reflections, column by column; rotations where squares would leave the range. */
+static void reflect_in(gsid_lsq *q, gsid_real *block) {
+    const uint32_t n = q->n_columns;
+    for (uint32_t i = 0; i <= n; i++) {
+        gsid_real *r = triangle_row(q, i), *x = block + (size_t)i * GSID_LSQ_BLOCK, v[GSID_LSQ_BLOCK], sum = 0;
+        for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++)
+            sum += x[t] * x[t];
+        if (sum == 0 && is_zero(x))
+            continue;
+        const gsid_real length2 = r[i] * r[i] + sum;
+        if (!(sum > GSID_SMALLEST / GSID_EPSILON && length2 <= GSID_LARGEST)) {
+            rotate_in_rows(q, i, block);
+            return;
+        }
+        const gsid_real length = gsid_sqrt(length2), pivot = gsid_fabs(r[i]) + length;
+        const gsid_real scale = (r[i] < 0 ? GSID_R(-1.0) : GSID_R(1.0)) / pivot;
+        for (uint32_t t = 0; t < GSID_LSQ_BLOCK; t++)
+            v[t] = x[t] * scale;
+        const gsid_real tau = pivot / length;
+        for (uint32_t j = i + 1; j <= n; j++)
+            reflect(tau, v, &r[j], block + (size_t)j * GSID_LSQ_BLOCK);
+        r[i] = r[i] < 0 ? length : -length;
+    }
+}
+
+gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block) {
+    if (q == NULL || block == NULL)
+        return GSID_E_NULL;
+    if (n_rows > GSID_LSQ_BLOCK)
+        return GSID_E_CONFIG;
+    for (uint32_t j = 0; j <= q->n_columns; j++)
+        for (uint32_t t = 0; t < n_rows; t++)
+            if (!gsid_is_finite(block[(size_t)j * GSID_LSQ_BLOCK + t]))
+                return GSID_E_NONFINITE;
+    for (uint32_t j = 0; j <= q->n_columns; j++)
+        for (uint32_t t = n_rows; t < GSID_LSQ_BLOCK; t++)
+            block[(size_t)j * GSID_LSQ_BLOCK + t] = 0;
+    reflect_in(q, block);
+    q->n_rows += n_rows;
+    return GSID_OK;
+}
+
 /* Replace the equation whose pivot is only rounding by "unknown = 0"; what it said of later unknowns is kept. */
 static void pin(gsid_lsq *q, uint32_t column) {
     gsid_real *r = triangle_row(q, column);

@@ -25,6 +25,7 @@
 #define gsid_exp GSID_LIBM(exp)
 #define gsid_log GSID_LIBM(log)
 #define gsid_tanh GSID_LIBM(tanh)
+#define gsid_atan2 GSID_LIBM(atan2)
 #define gsid_sqrt GSID_LIBM(sqrt)
 #define gsid_hypot GSID_LIBM(hypot)
 #define gsid_fabs GSID_LIBM(fabs)

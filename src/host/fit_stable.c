@@ -4,15 +4,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../core/complex_math.h"
+#include "../core/residual.h"
 #include "backend/backend.h"
 #include "gsid/host/fit.h"
 
 #ifndef GSID_WITH_NLOPT
 
-gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost) {
+gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds, gsid_rational *model, double *cost) {
     (void)data;
-    (void)delay_max_s;
+    (void)bounds;
     (void)model;
     (void)cost;
     return GSID_E_BACKEND;
@@ -63,6 +63,8 @@ static void section_derivatives(gsid_domain domain, uint32_t order, const double
 typedef struct {
     const gsid_frd *data;
     gsid_rational model; /* domain, orders, scale; num, den and delay are those of the last evaluation */
+    const gsid_fit_bounds *bounds;
+    gsid_cplx *variable;          /* [n_lines] */
     int free_delay;
     uint32_t n;                   /* n_poles + n_zeros + 1 + free_delay */
     double scale[PARAMETERS_MAX]; /* the search runs over x / scale, whose curvatures are alike */
@@ -73,7 +75,7 @@ static uint32_t section_order(const gsid_rational *model, uint32_t first) {
 }
 
 /* Sections in x -> coefficients of the denominator. */
-static void multiply_sections(const double *x, gsid_rational *model) {
+void gsid_fit_sections(const double *x, gsid_rational *model) {
     double den[GSID_ORDER_MAX + 3] = {1};
     for (uint32_t first = 0; first < model->n_poles; first += 2) {
         double c[3];
@@ -85,37 +87,37 @@ static void multiply_sections(const double *x, gsid_rational *model) {
 }
 
 static void unpack(const search *s, const double *x, gsid_rational *model) {
-    multiply_sections(x, model);
+    gsid_fit_sections(x, model);
     for (uint32_t i = 0; i <= model->n_zeros; i++)
         model->num[i] = x[model->n_poles + i];
     if (s->free_delay)
         model->delay_s = x[s->n - 1];
 }
 
-/* Weighted model output and its derivatives by every parameter, at one line. */
+/* Error at one line and its derivatives by every parameter. */
 static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by) {
     const gsid_rational *m = &s->model;
     const double w_rad_s = GSID_TWO_PI * s->data->f_hz[k];
-    const double weight = s->data->sigma == NULL ? 1 : 1 / s->data->sigma[k];
-    const gsid_cplx v = gsid_rational_variable(m, w_rad_s);
-    gsid_cplx by_num = gsid_cplx_scale(weight, gsid_cplx_cis(-w_rad_s * m->delay_s));
+    const gsid_cplx v = s->variable[k];
+    gsid_cplx by_num = gsid_cplx_cis(-w_rad_s * m->delay_s);
     by_num = gsid_cplx_div(by_num, gsid_cplx_polynomial(m->n_poles, m->den, v));
     const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(m->n_zeros, m->num, v));
+    const gsid_residual error = gsid_residual_at(s->data, k, g);
     for (uint32_t first = 0; first < m->n_poles; first += 2) {
         const uint32_t order = section_order(m, first);
         double c[3];
         section_coefficients(m->domain, order, x + first, c);
         section_derivatives(m->domain, order, x + first, v, by + first);
-        const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(2, c, v));
+        const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(order, c, v));
         for (uint32_t i = 0; i < order; i++)
-            by[first + i] = gsid_cplx_mul(minus_g, by[first + i]);
+            by[first + i] = gsid_residual_slope(&error, gsid_cplx_mul(minus_g, by[first + i]));
     }
-    gsid_cplx power = {1, 0};
+    gsid_cplx power = by_num;
     for (uint32_t i = 0; i <= m->n_zeros; i++, power = gsid_cplx_mul(power, v))
-        by[m->n_poles + i] = gsid_cplx_mul(power, by_num);
+        by[m->n_poles + i] = gsid_residual_slope(&error, power);
     if (s->free_delay)
-        by[s->n - 1] = gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re);
-    return g;
+        by[s->n - 1] = gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re));
+    return error.value;
 }
 
 static double objective(unsigned n, const double *scaled, double *gradient, void *user) {
@@ -129,12 +131,10 @@ static double objective(unsigned n, const double *scaled, double *gradient, void
     }
     unpack(s, x, &s->model);
     for (uint32_t k = 0; k < s->data->n_lines; k++) {
-        const gsid_cplx g = line_derivatives(s, x, k, by);
-        const double weight = s->data->sigma == NULL ? 1 : 1 / s->data->sigma[k];
-        const gsid_cplx error = gsid_cplx_sub(gsid_cplx_scale(weight, s->data->g[k]), g);
+        const gsid_cplx error = line_derivatives(s, x, k, by);
         v += gsid_cplx_abs2(error);
         for (unsigned i = 0; gradient != NULL && i < n; i++)
-            gradient[i] -= 2 * (error.re * by[i].re + error.im * by[i].im) * s->scale[i];
+            gradient[i] += 2 * (error.re * by[i].re + error.im * by[i].im) * s->scale[i];
     }
     return isfinite(v) ? v : HUGE_VAL;
 }
@@ -156,6 +156,13 @@ static void set_scales(search *s, const double *x) {
 static int by_magnitude(const void *a, const void *b) {
     const double x = gsid_cplx_abs2(*(const gsid_cplx *)a), y = gsid_cplx_abs2(*(const gsid_cplx *)b);
     return (x > y) - (x < y);
+}
+
+/* A pole as a root of the sections' own variable. */
+static gsid_cplx unscaled(gsid_domain domain, gsid_cplx p) {
+    if (domain == GSID_DOMAIN_S)
+        return gsid_cplx_make(p.re + EDGE, p.im);
+    return gsid_cplx_scale(1 / (1 - EDGE), p);
 }
 
 /* Reflect a pole into the stable region, and off its edge; then take it as a root of the sections' own variable. */
@@ -220,7 +227,7 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
     if (status != GSID_OK)
         return status;
     for (uint32_t i = 0; i < model->n_poles; i++)
-        pole[i] = stabilised(model->domain, pole[i]);
+        pole[i] = s->bounds->unstable ? unscaled(model->domain, pole[i]) : stabilised(model->domain, pole[i]);
     sections_from_poles(model->domain, model->n_poles, pole, x);
     for (uint32_t i = 0; i <= model->n_zeros; i++)
         x[model->n_poles + i] = model->num[i];
@@ -229,36 +236,49 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
     return GSID_OK;
 }
 
-static void set_bounds(const search *s, double delay_max_s, double *lower, double *upper) {
+static void set_bounds(const search *s, double *lower, double *upper) {
     const int in_s = s->model.domain == GSID_DOMAIN_S;
     for (uint32_t i = 0; i < s->n; i++) {
-        const int is_pole = i < s->model.n_poles;
-        lower[i] = is_pole ? (in_s ? 0 : -1 / s->scale[i]) : -HUGE_VAL;
-        upper[i] = is_pole && !in_s ? 1 / s->scale[i] : HUGE_VAL;
+        const int is_bounded = i < s->model.n_poles && !s->bounds->unstable;
+        lower[i] = is_bounded ? (in_s ? 0 : -1 / s->scale[i]) : -HUGE_VAL;
+        upper[i] = is_bounded && !in_s ? 1 / s->scale[i] : HUGE_VAL;
     }
     if (s->free_delay) {
-        lower[s->n - 1] = 0;
-        upper[s->n - 1] = delay_max_s / s->scale[s->n - 1];
+        lower[s->n - 1] = s->bounds->delay_min_s / s->scale[s->n - 1];
+        upper[s->n - 1] = s->bounds->delay_max_s / s->scale[s->n - 1];
     }
 }
 
-gsid_status gsid_fit_stable(const gsid_frd *data, double delay_max_s, gsid_rational *model, double *cost) {
-    search s = {.data = data, .model = *model, .free_delay = delay_max_s > 0};
+/* From x to the least point. */
+static gsid_status minimise(search *s, double tolerance, double *x, double *least) {
+    double lower[PARAMETERS_MAX], upper[PARAMETERS_MAX];
+    set_scales(s, x);
+    set_bounds(s, lower, upper);
+    for (uint32_t i = 0; i < s->n; i++)
+        x[i] = fmin(fmax(x[i] / s->scale[i], lower[i]), upper[i]);
+    const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, EVALUATIONS_MAX, 0, 0};
+    const gsid_status status = gsid_nlopt_minimise(&how, s->n, objective, s, lower, upper, x, least);
+    for (uint32_t i = 0; i < s->n; i++)
+        x[i] *= s->scale[i];
+    return status;
+}
+
+gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds, gsid_rational *model, double *cost) {
+    search s = {.data = data, .model = *model, .bounds = bounds, .free_delay = bounds->free_delay};
     s.n = model->n_poles + model->n_zeros + 1 + (s.free_delay ? 1 : 0);
-    double x[PARAMETERS_MAX], lower[PARAMETERS_MAX], upper[PARAMETERS_MAX], least;
+    double x[PARAMETERS_MAX], least;
     gsid_status status = start_from(&s, model, x);
     if (status != GSID_OK)
         return status;
-    set_scales(&s, x);
-    set_bounds(&s, delay_max_s, lower, upper);
-    for (uint32_t i = 0; i < s.n; i++)
-        x[i] = fmin(fmax(x[i] / s.scale[i], lower[i]), upper[i]);
-    const double tolerance = TOLERANCE * fmin(1, *cost / data->n_lines);
-    status = gsid_nlopt_minimise(s.n, objective, &s, lower, upper, tolerance, EVALUATIONS_MAX, x, &least);
+    s.variable = malloc(data->n_lines * sizeof *s.variable);
+    if (s.variable == NULL)
+        return GSID_E_NO_MEMORY;
+    for (uint32_t k = 0; k < data->n_lines; k++)
+        s.variable[k] = gsid_rational_variable(model, GSID_TWO_PI * data->f_hz[k]);
+    status = minimise(&s, TOLERANCE * fmin(1, *cost / data->n_lines), x, &least);
+    free(s.variable);
     if (status < 0)
         return status;
-    for (uint32_t i = 0; i < s.n; i++)
-        x[i] *= s.scale[i];
     unpack(&s, x, &s.model);
     *model = s.model;
     *cost = least;

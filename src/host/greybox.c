@@ -121,7 +121,8 @@ gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, cons
     if (objective == NULL || lower == NULL || upper == NULL || x == NULL || least == NULL)
         return GSID_E_NULL;
 #ifdef GSID_WITH_NLOPT
-    return gsid_nlopt_minimise(n, objective, user, lower, upper, tolerance, (int)n_max, x, least);
+    const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, (int)n_max, 0, 0};
+    return gsid_nlopt_minimise(&how, n, objective, user, lower, upper, x, least);
 #else
     (void)n;
     (void)user;

@@ -42,7 +42,7 @@ static double draw_normal(void) {
 }
 
 static gsid_frd data_of(uint32_t n_lines, const gsid_real *s) {
-    const gsid_frd data = {n_lines, f_hz, g, s};
+    const gsid_frd data = {.n_lines = n_lines, .f_hz = f_hz, .g = g, .sigma = s};
     return data;
 }
 
@@ -330,7 +330,7 @@ static void the_unit_of_unweighted_data_does_not_matter(void **state) {
             scaled[k].re = unit * g[k].re;
             scaled[k].im = unit * g[k].im;
         }
-        const gsid_frd data = {40, f_hz, scaled, NULL};
+        const gsid_frd data = {.n_lines = 40, .f_hz = f_hz, .g = scaled};
         m[small] = truth;
         for (int i = 0; i < 2; i++)
             m[small].num[i] *= unit * (gsid_real)1.3;
@@ -380,7 +380,7 @@ static void data_may_depend_on_the_model(void **state) {
     gsid_rational plain = truth, corrected = truth;
     plain.den[1] = corrected.den[1] *= (gsid_real)1.3;
     gsid_real v[2];
-    const gsid_frd half = {40, f_hz, halved, sigma}, data = data_of(40, sigma);
+    const gsid_frd half = {.n_lines = 40, .f_hz = f_hz, .g = halved, .sigma = sigma}, data = data_of(40, sigma);
     gsid_ml_cfg ml = {.free_delay = 1, .tolerance = 100 * EPSILON};
     assert_int_equal(gsid_estimate_ml(&half, &ml, &plain, &v[0], memory, sizeof memory), GSID_OK);
     int n_updates = 0;

@@ -322,6 +322,58 @@ static void memory_is_counted_and_checked(void **state) {
     free(exact);
 }
 
+/* Blocks of n_rows rows of the problem, times scale. */
+static gsid_lsq load_blocks(uint32_t n_rows, double scale) {
+    gsid_lsq q = start(N);
+    for (uint32_t first = 0; first < N_ROWS; first += n_rows) {
+        gsid_real block[(N + 1) * GSID_LSQ_BLOCK];
+        const uint32_t n = N_ROWS - first < n_rows ? N_ROWS - first : n_rows;
+        for (size_t i = 0; i < (N + 1) * GSID_LSQ_BLOCK; i++)
+            block[i] = 7; /* what rows beyond n hold does not matter */
+        for (uint32_t t = 0; t < n; t++) {
+            for (uint32_t j = 0; j < N; j++)
+                block[j * GSID_LSQ_BLOCK + t] = (gsid_real)(scale * (double)a[first + t][j]);
+            block[N * GSID_LSQ_BLOCK + t] = (gsid_real)(scale * (double)b[first + t]);
+        }
+        assert_int_equal(gsid_lsq_add_block(&q, n, block), GSID_OK);
+    }
+    return q;
+}
+
+/* Against rows one by one, for every size of block, in mid range and where squares leave it. */
+static void blocks_of_rows_say_what_single_rows_say(void **state) {
+    (void)state;
+    const double scales[] = {1, sizeof(gsid_real) == 4 ? 1e25 : 1e200, sizeof(gsid_real) == 4 ? 1e-25 : 1e-200};
+    draw_problem();
+    gsid_real want[N], got[N], cost_want, cost_got;
+    gsid_lsq one_by_one = load(N);
+    assert_int_equal(gsid_lsq_solve(&one_by_one, 0, want, &cost_want), GSID_OK);
+    for (uint32_t n_rows = 1; n_rows <= GSID_LSQ_BLOCK; n_rows++)
+        for (int s = 0; s < 3; s++) {
+            gsid_lsq q = load_blocks(n_rows, scales[s]);
+            assert_int_equal(q.n_rows, N_ROWS);
+            assert_int_equal(gsid_lsq_solve(&q, 0, got, s == 0 ? &cost_got : NULL), GSID_OK);
+            for (int j = 0; j < N; j++) /* both are within 100 roundings of the exact solution */
+                assert_true(fabs((double)(got[j] - want[j])) <= 200 * (double)EPSILON * (1 + fabs((double)want[j])));
+            assert_true(s > 0 || fabs((double)(cost_got - cost_want)) <= 200 * (double)EPSILON * (double)cost_want);
+        }
+}
+
+static void refused_blocks_change_nothing(void **state) {
+    (void)state;
+    draw_problem();
+    gsid_lsq q = load(N);
+    gsid_real block[(N + 1) * GSID_LSQ_BLOCK] = {0}, before[(N + 1) * (N + 1)];
+    memcpy(before, q.r, sizeof before);
+    assert_int_equal(gsid_lsq_add_block(&q, GSID_LSQ_BLOCK + 1, block), GSID_E_CONFIG);
+    assert_int_equal(gsid_lsq_add_block(&q, 1, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_lsq_add_block(NULL, 1, block), GSID_E_NULL);
+    block[N * GSID_LSQ_BLOCK + 1] = (gsid_real)NAN;
+    assert_int_equal(gsid_lsq_add_block(&q, 2, block), GSID_E_NONFINITE);
+    assert_int_equal(gsid_lsq_add_block(&q, 1, block), GSID_OK); /* the bad row is not among those given */
+    assert_memory_equal(q.r, before, sizeof before);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(solution_cost_and_covariance_are_those_of_the_normal_equations),
@@ -330,6 +382,8 @@ int main(void) {
         cmocka_unit_test(reset_forgets_rows_and_pins),
         cmocka_unit_test(the_rank_tolerance_is_relative_to_the_column),
         cmocka_unit_test(entries_near_the_ends_of_the_range_are_no_rank_loss),
+        cmocka_unit_test(blocks_of_rows_say_what_single_rows_say),
+        cmocka_unit_test(refused_blocks_change_nothing),
         cmocka_unit_test(refused_rows_change_nothing),
         cmocka_unit_test(failures_leave_the_outputs),
         cmocka_unit_test(memory_is_counted_and_checked),

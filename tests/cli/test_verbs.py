@@ -260,3 +260,16 @@ def test_bench_fit_and_compare(gsid):
 def test_known_response_is_what_was_said():
     """The system of these records, at rest: gain 3."""
     assert abs(response(0.0)) == pytest.approx(3)
+
+
+def test_fit_by_every_method(gsid, rec_csv):
+    result = gsid("fit", rec_csv, "--order", "2/0", "--method", "all", "--json", "-o", "best.json")
+    assert result.code == 0
+    values = json.loads(result.out)
+    assert [row["method"] for row in values["estimators"]][-1] == "ml"
+    costs = {row["method"]: row["cost"] for row in values["estimators"] if row["method"] != "ml-io"}
+    assert costs["ml"] == min(cost for cost in costs.values() if cost is not None)
+    assert "wrote best.json, the model of" in result.err
+    table = gsid("fit", rec_csv, "--order", "2/0", "--method", "all").out
+    assert "amplitude [dB]" in table
+    assert "delay by the slope of the phase" in table

@@ -4,7 +4,19 @@
 
 #include "gsid/estimate.h"
 
-typedef enum { GSID_METHOD_LS = 0, GSID_METHOD_IWLS = 1, GSID_METHOD_NLS = 2, GSID_METHOD_ML = 3 } gsid_method;
+typedef enum {
+    GSID_METHOD_LS = 0,              /* linear least squares, eq. 7.9 */
+    GSID_METHOD_IWLS = 1,            /* iteratively reweighted, eqs. 7.14 to 7.16 */
+    GSID_METHOD_NLS = 2,             /* nonlinear least squares on the response, eq. 7.21 */
+    GSID_METHOD_ML = 3,              /* maximum likelihood on the response, eq. 7.28 */
+    GSID_METHOD_GA = 4,              /* evolutionary search for the start of NLS, eq. 7.18 */
+    GSID_METHOD_NLS_OUTPUT = 5,      /* nonlinear least squares on the output, eq. 7.20 */
+    GSID_METHOD_LOG = 6,             /* logarithmic least squares, eq. 7.23 */
+    GSID_METHOD_ML_INPUT_OUTPUT = 7, /* maximum likelihood with errors in input and output, eqs. 7.24 and 7.26 */
+    GSID_METHOD_COUNT = 8
+} gsid_method;
+/* Both find the same minimum; NLopt's search keeps to its bounds, Gauss-Newton is faster and calls it where it leaves them. */
+typedef enum { GSID_SOLVER_GAUSS_NEWTON = 0, GSID_SOLVER_NLOPT = 1 } gsid_solver;
 typedef enum { GSID_DELAY_NONE = 0, GSID_DELAY_FIXED = 1, GSID_DELAY_FREE = 2 } gsid_delay_mode;
 
 /* Zero means default unless a field says otherwise. */
@@ -22,6 +34,13 @@ typedef struct {
                                 the least distance of two lines, beyond which delays repeat. A bound of the scan and of the
                                 search among stable models only: the estimate may be negative where the delay is small */
     int allow_unstable;      /* 1: the best model, stable or not */
+    int bound_delay;         /* 1: a free delay is at least delay_min_s */
+    double delay_min_s;
+    double exponent;         /* IWLS: r of eq. 7.16; below 1 is the source's relaxation; 0: 1 */
+    const double *input;     /* NLS_OUTPUT: [n_lines] amplitude of the input, > 0 */
+    gsid_solver solver;      /* of the nonlinear methods */
+    const gsid_rational *start; /* nonlinear methods: search from this model only, of the same domain and orders; NULL: find one */
+    uint32_t seed;           /* GA */
 } gsid_fit_cfg;
 
 typedef struct {

@@ -22,6 +22,7 @@ from gsid.cli.common import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from gsid.frf import Frf
     from gsid.model import RationalModel
     from gsid.record import Record
 
@@ -67,10 +68,11 @@ class Delay(click.ParamType):
 )
 @click.option(
     "--method",
-    type=click.Choice(["ls", "iwls", "nls", "ml"]),
+    type=click.Choice(["ls", "iwls", "ga", "nls-output", "nls", "log", "ml-io", "ml", "all"]),
     default="ml",
     show_default=True,
-    help="Least squares, reweighted, nonlinear, or maximum likelihood.",
+    help="Least squares, reweighted, evolutionary start, nonlinear on output or response, logarithmic, "
+    "maximum likelihood (io: errors in the input, too); all: a table of them.",
 )
 @band_option("Fit the lines from LO to HI [Hz] only.")
 @click.option(
@@ -99,6 +101,9 @@ def fit(
     from gsid.frf import frf
 
     measured = frf(records)
+    if method == "all":
+        _fit_all(measured, describe(records), output, as_json, order, delay=delay, band=band, domain=domain)
+        return
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_model(measured, order, delay=delay, method=method, band=band, domain=domain)
     if output:
@@ -108,6 +113,39 @@ def fit(
         print_json(_as_json(model))
     else:
         _print(model)
+
+
+def _fit_all(
+    frf: Frf, records: str, output: str | None, as_json: bool, order: str, **options: object
+) -> None:
+    """Every estimator; the model written is the best."""
+    from gsid.estimators import fit_all
+
+    with working(f"fitting {order} to {records} by every estimator"), options_as_arguments():
+        found = fit_all(frf, order, **options)
+        if output:
+            best = found.best()
+            best.model.save(output)
+            say(f"wrote {output}, the model of {best.method}")
+    if as_json:
+        rows = [vars(row) | {"model": row.model and _as_json(row.model)} for row in found.rows]
+        print_json(
+            {
+                "order": found.order,
+                "initial_delay_s": found.initial_delay_s,
+                "cost_expected": found.cost_expected,
+                "estimators": rows,
+            }
+        )
+        return
+    print(
+        f"order {found.order}, {found.n_lines} lines, delay by the slope of the phase "
+        f"{1e3 * found.initial_delay_s:.4g} ms"
+    )
+    if found.cost_expected is not None:
+        print(f"cost expected of noise alone {found.cost_expected:.5g}")
+    print()
+    print_table(*found.table(), left=["method", ""])
 
 
 # fmt: off

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     "--diagnose", is_flag=True, help="Find what the model misses, and show how the error falls with it."
 )
 @click.option("--order", type=Order(), help="Fit a model of this order, with free delay, instead.")
+@click.option("--estimators", is_flag=True, help="With --order: show what every estimator makes of it.")
 @band_option("Measure, fit and compare from LO to HI [Hz] only.")
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
@@ -50,6 +51,7 @@ def report(
     model_path: str | None,
     diagnose: bool,
     order: str | None,
+    estimators: bool,
     band: tuple[float, float] | None,
     title: str | None,
     output: str,
@@ -72,6 +74,8 @@ def report(
         raise click.UsageError("give --model or --order, not both", context)
     if diagnose and not model_path:
         raise click.UsageError("--diagnose needs --model, a stack of effects", context)
+    if estimators and not order:
+        raise click.UsageError("--estimators needs --order", context)
     with working(f"writing a report on {describe(records)}"), options_as_arguments():
         measured = [spectra(record) for record in records]
         response = frf(records, band=band)
@@ -92,6 +96,10 @@ def report(
         page.add_experiment(
             describe(records), records, measured, response, model, comparison, distortion=found
         )
+        if estimators:
+            from gsid.estimators import fit_all
+
+            page.add_estimators("Estimators", response, fit_all(response, order))
         if diagnose:
             _add_diagnosis(page, model, measured, band)
         path = page.write(output)

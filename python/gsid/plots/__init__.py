@@ -5,6 +5,7 @@ Confidence throughout is 95 %, point by point; the bands are those of gsid.confi
 
 from gsid.plots.compare import comparison, ladder
 from gsid.plots.distortion import distortion, superposition
+from gsid.plots.estimators import estimators
 from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.response import bode, bode_of_plant, frf, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
@@ -20,6 +21,7 @@ __all__ = [
     "crest_factors",
     "delay_text",
     "distortion",
+    "estimators",
     "excitation",
     "frf",
     "ladder",

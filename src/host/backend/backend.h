@@ -22,15 +22,28 @@ gsid_status gsid_suitesparse_reduce(const gsid_arrow *arrow, double *triangle);
 
 #ifdef GSID_WITH_NLOPT
 
-/** Minimise within bounds, by sequential quadratic programming (NLopt's LD_SLSQP).
- *  @param[in]     lower, upper  [n] bounds, infinite where there is none
- *  @param[in]     tolerance     stop when a step lowers the value by less
- *  @param[in]     n_max         evaluations at most
+typedef enum {
+    GSID_NLOPT_SLSQP, /* sequential quadratic programming, with derivatives */
+    GSID_NLOPT_ESCH,  /* evolution */
+    GSID_NLOPT_CRS,   /* controlled random search of a population, with local mutation */
+    GSID_NLOPT_ISRES  /* evolution strategy with stochastic ranking */
+} gsid_nlopt_algorithm;
+
+typedef struct {
+    gsid_nlopt_algorithm algorithm;
+    double tolerance;    /* stop when a step lowers the value by less */
+    int n_max;           /* evaluations at most */
+    unsigned population; /* 0: the algorithm's own */
+    unsigned seed;
+} gsid_nlopt_search;
+
+/** Minimise within bounds.
+ *  @param[in]     lower, upper  [n] bounds; infinite where there is none, which only SLSQP takes
  *  @param[in,out] x             [n] start, within the bounds; least point found
  *  @param[out]    least         value there
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start */
-gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const double *lower, const double *upper,
-                                double tolerance, int n_max, double *x, double *least);
+gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
+                                const double *lower, const double *upper, double *x, double *least);
 
 #endif
 

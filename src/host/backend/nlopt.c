@@ -5,21 +5,30 @@
 
 #include "backend.h"
 
-gsid_status gsid_nlopt_minimise(unsigned n, gsid_objective f, void *user, const double *lower, const double *upper,
-                                double tolerance, int n_max, double *x, double *least) {
-    nlopt_opt opt = nlopt_create(NLOPT_LD_SLSQP, n);
+static nlopt_opt create(const gsid_nlopt_search *how, unsigned n) {
+    static const nlopt_algorithm ALGORITHM[] = {NLOPT_LD_SLSQP, NLOPT_GN_ESCH, NLOPT_GN_CRS2_LM, NLOPT_GN_ISRES};
+    return nlopt_create(ALGORITHM[how->algorithm], n);
+}
+
+gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
+                                const double *lower, const double *upper, double *x, double *least) {
+    nlopt_opt opt = create(how, n);
     if (opt == NULL)
         return GSID_E_NO_MEMORY;
     double best = INFINITY;
+    if (how->algorithm != GSID_NLOPT_SLSQP)
+        nlopt_srand(how->seed);
     nlopt_result result = nlopt_set_min_objective(opt, f, user);
     if (result == NLOPT_SUCCESS)
         result = nlopt_set_lower_bounds(opt, lower);
     if (result == NLOPT_SUCCESS)
         result = nlopt_set_upper_bounds(opt, upper);
     if (result == NLOPT_SUCCESS)
-        result = nlopt_set_ftol_abs(opt, tolerance);
+        result = nlopt_set_ftol_abs(opt, how->tolerance);
     if (result == NLOPT_SUCCESS)
-        result = nlopt_set_maxeval(opt, n_max);
+        result = nlopt_set_maxeval(opt, how->n_max);
+    if (result == NLOPT_SUCCESS && how->population > 0)
+        result = nlopt_set_population(opt, how->population);
     if (result == NLOPT_SUCCESS)
         result = nlopt_optimize(opt, x, &best);
     nlopt_destroy(opt);

@@ -1,0 +1,122 @@
+#include "equations.h"
+
+#include "residual.h"
+
+static gsid_status check_errors(const gsid_frd *data, uint32_t k) {
+    if (data->sigma != NULL && !(data->sigma[k] > 0 && gsid_is_finite(data->sigma[k])))
+        return GSID_E_CONFIG;
+    if (data->logarithmic && data->g[k].re == 0 && data->g[k].im == 0)
+        return GSID_E_NONFINITE;
+    if (data->var_u == NULL)
+        return GSID_OK;
+    if (!gsid_is_finite(data->var_u[k]) || !gsid_cplx_is_finite(data->cov_yu[k]))
+        return GSID_E_NONFINITE;
+    return data->var_u[k] >= 0 ? GSID_OK : GSID_E_CONFIG;
+}
+
+static gsid_status check_data(const gsid_frd *data) {
+    if (data == NULL || data->f_hz == NULL || data->g == NULL)
+        return GSID_E_NULL;
+    if (data->var_u != NULL && (data->cov_yu == NULL || data->sigma == NULL))
+        return GSID_E_NULL;
+    for (uint32_t k = 0; k < data->n_lines; k++) {
+        if (!gsid_is_finite(data->f_hz[k]) || !gsid_cplx_is_finite(data->g[k]))
+            return GSID_E_NONFINITE;
+        const gsid_status status = check_errors(data, k);
+        if (status != GSID_OK)
+            return status;
+    }
+    return GSID_OK;
+}
+
+static gsid_status check_model(const gsid_rational *model) {
+    if (model == NULL)
+        return GSID_E_NULL;
+    if (model->n_poles > GSID_ORDER_MAX || model->n_zeros > GSID_ORDER_MAX || !gsid_is_finite(model->delay_s))
+        return GSID_E_CONFIG;
+    const gsid_real rate = model->domain == GSID_DOMAIN_S ? model->scale_rad_s : model->sample_s;
+    return rate > 0 && gsid_is_finite(rate) ? GSID_OK : GSID_E_CONFIG;
+}
+
+gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model) {
+    const gsid_status status = check_data(data);
+    return status != GSID_OK ? status : check_model(model);
+}
+
+size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
+    if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX)
+        return 0;
+    return GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros);
+}
+
+gsid_status gsid_equations_init(gsid_equations *q, const gsid_frd *data, const gsid_rational *model, int free_delay,
+                                void *mem, size_t mem_size) {
+    const gsid_status status = gsid_equations_check(data, model);
+    if (status != GSID_OK)
+        return status;
+    if (mem == NULL)
+        return GSID_E_NULL;
+    if (mem_size < GSID_ESTIMATE_MEM_SIZE(model->n_poles, model->n_zeros) || (uintptr_t)mem % sizeof(gsid_real) != 0)
+        return GSID_E_MEMORY;
+    q->n_den = model->n_poles;
+    q->n_num = model->n_zeros + 1;
+    q->n = q->n_den + q->n_num + (free_delay ? 1u : 0u);
+    q->held = gsid_rational_held(model);
+    q->n_rows = 0;
+    if (2 * data->n_lines < q->n)
+        return GSID_E_TOO_FEW;
+    const size_t lsq_size = GSID_LSQ_MEM_SIZE(q->n);
+    unsigned char *bytes = mem;
+    gsid_lsq_init(&q->normal, q->n, bytes, lsq_size);
+    gsid_lsq_init(&q->damped, q->n, bytes + lsq_size, lsq_size);
+    q->block = (gsid_real *)(void *)(bytes + 2 * lsq_size);
+    q->step = q->block + ((size_t)q->n + 1) * GSID_LSQ_BLOCK;
+    q->bend = q->step + q->n;
+    q->length = q->bend + q->n;
+    return GSID_OK;
+}
+
+gsid_status gsid_equations_end(gsid_equations *q) {
+    const uint32_t n_rows = q->n_rows;
+    q->n_rows = 0;
+    return n_rows > 0 ? gsid_lsq_add_block(&q->normal, n_rows, q->block) : GSID_OK;
+}
+
+gsid_status gsid_equations_next(gsid_equations *q) {
+    q->n_rows += 2;
+    return q->n_rows < GSID_LSQ_BLOCK ? GSID_OK : gsid_equations_end(q);
+}
+
+void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real held, gsid_rational *model) {
+    model->den[q->held] = held;
+    for (uint32_t i = 0; i < q->n_den; i++)
+        model->den[i < q->held ? i : i + 1] = x[i];
+    for (uint32_t i = 0; i < q->n_num; i++)
+        model->num[i] = x[q->n_den + i];
+    if (q->n > q->n_den + q->n_num)
+        model->delay_s = x[q->n - 1];
+}
+
+gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) {
+    gsid_real cost = 0;
+    for (uint32_t k = 0; k < data->n_lines; k++) {
+        gsid_cplx g;
+        if (gsid_rational_eval(model, 1, &data->f_hz[k], &g) != GSID_OK)
+            return INFINITY;
+        cost += gsid_cplx_abs2(gsid_residual_at(data, k, g).value);
+    }
+    return gsid_is_finite(cost) ? cost : INFINITY;
+}
+
+gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
+    const gsid_status status = gsid_equations_check(data, model);
+    if (status != GSID_OK)
+        return status;
+    if (cost == NULL)
+        return GSID_E_NULL;
+    const gsid_real v = gsid_equations_cost(data, model);
+    if (!gsid_is_finite(v))
+        return GSID_E_NONFINITE;
+    *cost = v;
+    return GSID_OK;
+}

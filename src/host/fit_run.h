@@ -1,0 +1,61 @@
+/* What the files of the rational fit share: the run, its data as an estimator sees them, and the steps of it. */
+#ifndef GSID_FIT_RUN_H
+#define GSID_FIT_RUN_H
+
+#include "gsid/host/fit.h"
+
+/* What one run works on. `work` is the data as the estimators see them: without the hold, with the method's weights. */
+typedef struct {
+    const gsid_frd *data;
+    gsid_fit_cfg cfg;
+    gsid_frd work;
+    gsid_cplx *g; /* [n_lines] the response freed of the hold */
+    gsid_cplx *hold; /* [n_lines] response of the hold itself; 1 without hold */
+    gsid_cplx *moved; /* [n_lines] for images of a model next to it */
+    gsid_cplx *images; /* [n_lines] what sampling folds back of a held input, by the last model */
+    gsid_cplx *drift; /* [n_lines][n_poles + n_zeros + 2] of g by the parameters, through the images */
+    int follow_images; /* 1: Gauss-Newton takes its model's own images off */
+    double *sigma; /* [n_lines] of g, by the method */
+    gsid_cplx *cov_yu; /* [n_lines] of the data, freed of the hold */
+    gsid_frd thin; /* every few of the lines of work, for the scan of delays */
+    double *thin_f, *thin_sigma; /* [n_lines] at most */
+    gsid_cplx *thin_g; /* [n_lines] at most */
+    uint32_t stride; /* from one line of thin to the next */
+    double delay_limit_s;
+    void *mem;
+    size_t mem_size;
+} fit_run;
+
+typedef struct {
+    gsid_rational model;
+    double cost;
+} fit_candidate;
+
+/* ---- the run */
+double gsid_fit_highest_frequency(const gsid_frd *data);
+uint32_t gsid_fit_n_parameters(const gsid_fit_cfg *cfg);
+int gsid_fit_is_linear(const fit_run *r); /* LS or IWLS */
+int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model); /* stable and late enough, where asked for */
+void gsid_fit_keep_best(const fit_candidate *c, uint32_t n_kept, fit_candidate *kept);
+
+/* ---- fit_hold.c */
+void gsid_fit_free_of_hold(fit_run *r);
+gsid_cplx gsid_fit_hold(double w_rad_s, double sample_s);
+gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int with_drift);
+
+/* ---- fit_scan.c: delays and linear fits */
+#define GSID_FIT_DELAYS_MAX 4096
+double gsid_fit_rate(const fit_run *r); /* scale [rad/s] of the models of a run, or sample time */
+void gsid_fit_thin_out(fit_run *r);
+void gsid_fit_forget(uint32_t n, fit_candidate *kept);
+void gsid_fit_plan_scan(fit_run *r);
+gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept);
+gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best);
+
+/* ---- fit_evolve.c: starts by an evolutionary search */
+gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept);
+
+/* ---- fit_answer.c: costs, roots, covariance */
+gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_result *result);
+
+#endif
