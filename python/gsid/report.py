@@ -282,7 +282,7 @@ class Report:
                 ],
                 tables=[_Table("Estimators", head, rows, _ESTIMATORS_NOTE)],
                 pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
-                failing=None,
+                closing=[],
             )
         )
         return self
