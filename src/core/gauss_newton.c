@@ -12,27 +12,22 @@
 /* The cost of a model that cannot be evaluated: more than any that can. */
 #define UNUSABLE INFINITY
 
-/* The response at one line, its derivatives, in the order of the columns, and the error with the derivatives of it. */
+/* The response at one line and its derivatives, in the order of the columns, and the error. */
 typedef struct {
     gsid_cplx g, by[GSID_RATIONAL_PARAMETERS_MAX];
     gsid_residual error;
-    gsid_cplx slope[GSID_RATIONAL_PARAMETERS_MAX];
 } linearised;
 
-static gsid_status linearise(const gsid_frd *data, const gsid_cplx *drift, uint32_t n, const gsid_rational *model,
-                             uint32_t k, linearised *l) {
+static gsid_status linearise(const gsid_frd *data, const gsid_rational *model, uint32_t k, linearised *l) {
     const gsid_status status = gsid_rational_gradient(model, data->f_hz[k], &l->g, l->by);
-    if (status != GSID_OK)
-        return status;
-    l->error = gsid_residual_at(data, k, l->g);
-    for (uint32_t i = 0; i < n; i++)
-        l->slope[i] = gsid_residual_slope(&l->error, l->by[i]);
-    if (drift == NULL)
-        return GSID_OK;
-    const gsid_cplx *data_by = drift + (size_t)k * (model->n_poles + model->n_zeros + 2);
-    for (uint32_t i = 0; i < n; i++)
-        l->slope[i] = gsid_cplx_add(l->slope[i], gsid_cplx_mul(l->error.by_data, data_by[i]));
-    return GSID_OK;
+    if (status == GSID_OK)
+        l->error = gsid_residual_at(data, k, l->g);
+    return status;
+}
+
+/* How the data of line k move with the parameters; NULL: they do not. */
+static const gsid_cplx *drift_at(const gsid_cplx *drift, const gsid_rational *model, uint32_t k) {
+    return drift == NULL ? NULL : drift + (size_t)k * (model->n_poles + model->n_zeros + 2);
 }
 
 static gsid_status linearise_all(gsid_equations *q, const gsid_frd *data, const gsid_cplx *drift,
@@ -40,11 +35,16 @@ static gsid_status linearise_all(gsid_equations *q, const gsid_frd *data, const 
     linearised l;
     gsid_lsq_reset(&q->normal);
     for (uint32_t k = 0; k < data->n_lines; k++) {
-        gsid_status status = linearise(data, drift, q->n, model, k, &l);
+        gsid_status status = linearise(data, model, k, &l);
         if (status != GSID_OK)
             return status;
-        for (uint32_t i = 0; i < q->n; i++)
-            gsid_equations_put(q, i, l.slope[i]);
+        const gsid_cplx *moves = drift_at(drift, model, k);
+        for (uint32_t i = 0; i < q->n; i++) {
+            gsid_cplx slope = gsid_residual_slope(&l.error, l.by[i]);
+            if (moves != NULL)
+                slope = gsid_cplx_add(slope, gsid_cplx_mul(l.error.by_data, moves[i]));
+            gsid_equations_put(q, i, slope);
+        }
         gsid_equations_put(q, q->n, gsid_cplx_scale(GSID_R(-1.0), l.error.value));
         status = gsid_equations_next(q);
         if (status != GSID_OK)
@@ -119,15 +119,20 @@ static gsid_status project_bend(gsid_equations *q, const gsid_frd *data, const g
     gsid_equations_set(q, q->step, 0, &step);
     memset(q->bend, 0, q->n * sizeof(*q->bend));
     for (uint32_t k = 0; k < data->n_lines; k++) {
-        const gsid_status status = linearise(data, drift, q->n, model, k, &l);
+        const gsid_status status = linearise(data, model, k, &l);
         if (status != GSID_OK)
             return status;
         gsid_cplx along = {0, 0};
         for (uint32_t i = 0; i < q->n; i++)
             along = gsid_cplx_add(along, gsid_cplx_scale(q->step[i], l.by[i]));
         const gsid_cplx second = second_of_error(data, &l, along, second_derivative(model, &step, data->f_hz[k]));
+        const gsid_cplx p = gsid_residual_project(&l.error, second);
+        const gsid_cplx p_data = gsid_cplx_mul(gsid_cplx_conj(second), l.error.by_data);
+        const gsid_cplx *moves = drift_at(drift, model, k);
         for (uint32_t i = 0; i < q->n; i++)
-            q->bend[i] += l.slope[i].re * second.re + l.slope[i].im * second.im;
+            q->bend[i] += l.by[i].re * p.re - l.by[i].im * p.im;
+        for (uint32_t i = 0; i < q->n && moves != NULL; i++)
+            q->bend[i] += moves[i].re * p_data.re - moves[i].im * p_data.im;
     }
     return GSID_OK;
 }

@@ -64,4 +64,10 @@ static inline gsid_cplx gsid_residual_slope(const gsid_residual *e, gsid_cplx dg
     return gsid_cplx_add(gsid_cplx_mul(e->by_model, dg), gsid_cplx_scale(tilt, e->value));
 }
 
+/* The q for which Re(conj(s) d value) = Re(q dG): what a sum over the lines needs of many derivatives at once. */
+static inline gsid_cplx gsid_residual_project(const gsid_residual *e, gsid_cplx s) {
+    const gsid_cplx q = gsid_cplx_mul(gsid_cplx_conj(s), e->by_model);
+    return gsid_cplx_add(q, gsid_cplx_scale(e->value.re * s.re + e->value.im * s.im, e->tilt));
+}
+
 #endif

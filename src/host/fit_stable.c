@@ -94,15 +94,14 @@ static void unpack(const search *s, const double *x, gsid_rational *model) {
         model->delay_s = x[s->n - 1];
 }
 
-/* Error at one line and its derivatives by every parameter. */
-static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by) {
+/* Error at one line, and the response's derivatives by every parameter. */
+static gsid_residual line_derivatives(const search *s, const double *x, uint32_t k, gsid_cplx *by) {
     const gsid_rational *m = &s->model;
     const double w_rad_s = GSID_TWO_PI * s->data->f_hz[k];
     const gsid_cplx v = s->variable[k];
     gsid_cplx by_num = gsid_cplx_cis(-w_rad_s * m->delay_s);
     by_num = gsid_cplx_div(by_num, gsid_cplx_polynomial(m->n_poles, m->den, v));
     const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(m->n_zeros, m->num, v));
-    const gsid_residual error = gsid_residual_at(s->data, k, g);
     for (uint32_t first = 0; first < m->n_poles; first += 2) {
         const uint32_t order = section_order(m, first);
         double c[3];
@@ -110,14 +109,14 @@ static gsid_cplx line_derivatives(const search *s, const double *x, uint32_t k, 
         section_derivatives(m->domain, order, x + first, v, by + first);
         const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(order, c, v));
         for (uint32_t i = 0; i < order; i++)
-            by[first + i] = gsid_residual_slope(&error, gsid_cplx_mul(minus_g, by[first + i]));
+            by[first + i] = gsid_cplx_mul(minus_g, by[first + i]);
     }
     gsid_cplx power = by_num;
     for (uint32_t i = 0; i <= m->n_zeros; i++, power = gsid_cplx_mul(power, v))
-        by[m->n_poles + i] = gsid_residual_slope(&error, power);
+        by[m->n_poles + i] = power;
     if (s->free_delay)
-        by[s->n - 1] = gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re));
-    return error.value;
+        by[s->n - 1] = gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re);
+    return gsid_residual_at(s->data, k, g);
 }
 
 static double objective(unsigned n, const double *scaled, double *gradient, void *user) {
@@ -131,10 +130,11 @@ static double objective(unsigned n, const double *scaled, double *gradient, void
     }
     unpack(s, x, &s->model);
     for (uint32_t k = 0; k < s->data->n_lines; k++) {
-        const gsid_cplx error = line_derivatives(s, x, k, by);
-        v += gsid_cplx_abs2(error);
+        const gsid_residual error = line_derivatives(s, x, k, by);
+        const gsid_cplx q = gsid_residual_project(&error, error.value);
+        v += gsid_cplx_abs2(error.value);
         for (unsigned i = 0; gradient != NULL && i < n; i++)
-            gradient[i] += 2 * (error.re * by[i].re + error.im * by[i].im) * s->scale[i];
+            gradient[i] += 2 * (by[i].re * q.re - by[i].im * q.im) * s->scale[i];
     }
     return isfinite(v) ? v : HUGE_VAL;
 }
@@ -145,9 +145,9 @@ static void set_scales(search *s, const double *x) {
     gsid_cplx by[PARAMETERS_MAX];
     unpack(s, x, &s->model);
     for (uint32_t k = 0; k < s->data->n_lines; k++) {
-        line_derivatives(s, x, k, by);
+        const gsid_residual error = line_derivatives(s, x, k, by);
         for (uint32_t i = 0; i < s->n; i++)
-            curvature[i] += gsid_cplx_abs2(by[i]);
+            curvature[i] += gsid_cplx_abs2(gsid_residual_slope(&error, by[i]));
     }
     for (uint32_t i = 0; i < s->n; i++)
         s->scale[i] = curvature[i] > 0 && isfinite(curvature[i]) ? 1 / sqrt(curvature[i]) : 1;
