@@ -5,7 +5,10 @@ import pytest
 from line import frames_in, quiet_axis
 from scipy import signal
 
-from gsid.errors import GsidError
+from gsid.demo.missing import BELIEVED
+from gsid.effects import find
+from gsid.errors import GsidError, InputError
+from gsid.excitation import Multisine
 from gsid.link import (
     COMMAND,
     COMMAND_LOST,
@@ -16,7 +19,18 @@ from gsid.link import (
     encode,
     frames,
 )
-from gsid.simulate import LEAD_S, QUEUE, WATCHDOG_S, Damage, Server, SimulatedAxis, parameter_types
+from gsid.plant import Effect, Param, PlantModel
+from gsid.simulate import (
+    HIDDEN,
+    LEAD_S,
+    QUEUE,
+    WATCHDOG_S,
+    Damage,
+    Server,
+    SimulatedAxis,
+    hidden_parameters,
+    parameter_types,
+)
 
 
 def hello(server: Server) -> np.ndarray:
@@ -64,6 +78,42 @@ def test_the_inner_azimuth_has_its_resonance():
     # the gyro's lag is taken out of both
     g = np.abs(g) * np.abs(1 + 2j * np.pi * np.array([60.0, 179.0]) * 1e-3)
     assert 10 < 20 * np.log10(g[1] / (g[0] * 60 / 179)) < 20
+
+
+SIZES = {"drive_saturation": {"limit": 60.0}}  # the typical one is above the excitation
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_what_can_be_hidden_is_what_the_catalogue_means(effect):
+    """Names, units and signs: the axis and the plant of the core share no code, and agree in steady state."""
+    u = Multisine.design(3000, 3000, (1, 150), grid="odd", phases="random", seed=5, amplitude=40).table()
+    u *= 75 / np.max(np.abs(u))
+    axis = quiet_axis(command_limit=0.0, **hidden_parameters(effect, SIZES.get(effect, {})))
+    y = axis.step(np.tile(u, 9))[1][-3000:]  # settled to exp(-5.5 * 8) = 1e-19
+    true = axis.parameters
+    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in BELIEVED.items()]
+    linear = PlantModel(3000, list(stack)).simulate(u).y
+    stack.append(Effect(effect, {name: Param(true[of]) for name, of in HIDDEN[effect].items()}))
+    plant = PlantModel(3000, stack).simulate(u)
+    assert plant.settled
+    assert np.std(plant.y - linear) > 1e-3 * np.std(linear)  # the effect is there to be seen
+    # The core integrates to 1e-8 of the peak, where the axis sticks to 1e-7; a mean the gyro has too.
+    np.testing.assert_allclose(y, plant.y, atol=1e-6 * np.std(y))
+
+
+def test_typical_values_stand_for_those_not_given():
+    assert hidden_parameters("stribeck_friction", {"level": 3}) == {
+        "coulomb_level": 3,
+        "stribeck_extra": find("stribeck_friction")["extra"].typical,
+        "stribeck_velocity": find("stribeck_friction")["velocity"].typical,
+    }
+    with pytest.raises(InputError, match="cannot hide"):
+        hidden_parameters("gear_backlash", {})
+    with pytest.raises(InputError, match="unknown parameter") as caught:
+        hidden_parameters("cubic_spring", {"stifness": 3})
+    assert "did you mean stiffness?" in str(caught.value.hint)
+    with pytest.raises(InputError, match="unknown effect"):
+        hidden_parameters("cubic_sprint", {})
 
 
 def test_hello_answers_with_rate_and_queue():

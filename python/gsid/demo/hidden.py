@@ -66,14 +66,14 @@ def _between(rng: Rng, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-# What a gimbal of 7.4 deg/s^2 per command that moves by +-2 deg may have without anybody noticing.
+# What a gimbal of 7.4 deg/s^2 per command that moves by +-3 deg may have without anybody noticing.
 SIZES: dict[str, Callable[[Rng], dict[str, float]]] = {
     "drive_dead_zone": lambda rng: {"half_width": _between(rng, 0.3, 3)},
     "drive_saturation": lambda rng: {"limit": rng.uniform(60, 90)},
     "coulomb_friction": lambda rng: {"level": _between(rng, 1, 15)},
     "stribeck_friction": _stribeck,
     "quadratic_drag": lambda rng: {"rate": _between(rng, 0.01, 0.2)},
-    "cubic_spring": lambda rng: {"stiffness": _between(rng, 2, 30)},
+    "cubic_spring": lambda rng: {"stiffness": _between(rng, 1, 15)},
     "mass_unbalance": _unbalance,
     "motor_cogging": _cogging,
     "sensor_sample_hold": lambda rng: {"rate_hz": float(rng.choice([250, 300, 375, 400, 500, 600]))},

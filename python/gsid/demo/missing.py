@@ -19,10 +19,10 @@ from gsid.plant import Effect, Param, PlantModel
 from gsid.report import Report, Truth
 from gsid.simulate import SimulatedAxis
 
-LEVELS = (8.0, 25.0)  # command of the first line; the larger one moves the axis by 2 deg
-SHAPE_DB = -10.0  # per decade: springs and gravity only show where the axis travels, below 2 Hz
+LEVELS = (15.0, 45.0)  # command of the first line; the larger one moves the axis by 3 deg
+SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis travels, below 2 Hz
 BAND_HZ = (0.5, 194.5)
-PERIODS = 6  # not a multiple of 5, as in the first half
+PERIODS = 8  # not a multiple of 5, as in the first half
 FITTED, KEPT_OUT = 2, 2  # realisations of each level; the error on four kept out scatters by 4 % of the noise
 WRONG_BY = 0.05  # every value that is believed
 FLOOR_RATIO = 1.1  # error on the records kept out, over what noise alone leaves
