@@ -207,6 +207,10 @@ format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-for
 bench: all ## run the benchmarks; each prints its figures and versions as JSON
 	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; $(PY) $$bench || exit 1; done
 
+.PHONY: coverage
+coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
+	$(PY) benchmarks/coverage_fit.py
+
 .PHONY: errors-page
 errors-page: all ## make docs/errors.md anew from the list of status codes
 	$(PY) tools/make_errors_page > docs/errors.md

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid.errors import GsidError
 from gsid.fit import METHODS, fit, in_band, initial_delay
+from gsid.frf import Frf
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
     from gsid.model import RationalModel
 
 
@@ -189,6 +189,60 @@ def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict
         seconds=seconds,
         note=note,
     )
+
+
+def bootstrap(model: RationalModel, frf: Frf, *, n: int = 200, seed: int = 0) -> np.ndarray:
+    """Standard deviations of the parameters by fits to redrawn responses: a check of the covariance.
+
+    Parameters
+    ----------
+    model : RationalModel
+        Fitted to `frf`.
+    frf : Frf
+        Its lines and variances are used; noise is drawn around the model's response.
+    n : int
+        Responses to draw.
+    seed : int
+
+    Returns
+    -------
+    (p,) ndarray
+        Of (den[1:], num, delay if free), beside the roots of the diagonal of `model.cov`.
+
+    Raises
+    ------
+    ValueError
+        The model was not fitted, or fewer than two responses are asked for.
+    """
+    if model.method is None or model.cov is None or n < 2:
+        raise ValueError("a bootstrap needs a fitted model and at least two responses")
+    rng = np.random.default_rng(seed)
+    use = in_band(frf.f_hz, model.band_hz)
+    g = model.response(frf.f_hz[use])
+    nothing = np.zeros(len(g))
+    parameters = []
+    for _ in range(n):
+        noise = (rng.standard_normal(len(g)) + 1j * rng.standard_normal(len(g))) / np.sqrt(2)
+        drawn = replace(
+            Frf.from_arrays(
+                frf.f_hz[use], g + np.sqrt(frf.var_g[use]) * noise, frf.var_g[use], fs_hz=frf.fs_hz
+            ),
+            u=np.abs(frf.u[use]) + 0j,
+            var_u=nothing,
+            hold=frf.hold,
+        )
+        one = fit(
+            drawn,
+            (model.n_poles, model.n_zeros),
+            method=model.method,
+            delay="free" if model.free_delay else model.delay_s,
+            domain=model.domain,
+            hold=model.hold,
+            start=None if model.method in ("ls", "iwls", "ga") else model,
+            allow_unstable=True,
+        )
+        parameters.append([*one.den[1:], *one.num, *([one.delay_s] if model.free_delay else [])])
+    return np.std(parameters, axis=0, ddof=1)
 
 
 def _rms(x: np.ndarray) -> float:

@@ -273,3 +273,11 @@ def test_fit_by_every_method(gsid, rec_csv):
     table = gsid("fit", rec_csv, "--order", "2/0", "--method", "all").out
     assert "amplitude [dB]" in table
     assert "delay by the slope of the phase" in table
+
+
+def test_fit_of_an_order_found(gsid, rec_csv):
+    result = gsid("fit", rec_csv, "--order", "auto", "--band", "5:100", "--json")
+    assert result.code == 0
+    values = json.loads(result.out)
+    assert len(values["den"]) == 3
+    assert [row["chosen"] for row in values["orders"]].count(True) == 1

@@ -24,16 +24,19 @@ if TYPE_CHECKING:
 
     from gsid.frf import Frf
     from gsid.model import RationalModel
+    from gsid.order import OrderChoice
     from gsid.record import Record
 
 
 class Order(click.ParamType):
-    """POLES/ZEROS."""
+    """POLES/ZEROS, or auto where that is allowed."""
 
-    name = "POLES/ZEROS"
+    def __init__(self, *, may_be_auto: bool = False) -> None:
+        self.may_be_auto = may_be_auto
+        self.name = "POLES/ZEROS|auto" if may_be_auto else "POLES/ZEROS"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if not re.fullmatch(r"\d+/\d+", value):
+        if not re.fullmatch(r"\d+/\d+", value) and not (self.may_be_auto and value == "auto"):
             self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
         return value
 
@@ -57,7 +60,12 @@ class Delay(click.ParamType):
 
 @click.command(short_help="Fit a rational model with delay to records.")
 @record_options
-@click.option("--order", type=Order(), required=True, help="Numbers of poles and zeros, for example 4/3.")
+@click.option(
+    "--order",
+    type=Order(may_be_auto=True),
+    required=True,
+    help="Numbers of poles and zeros, for example 4/3; auto: the order of least MDL.",
+)
 @click.option(
     "--delay",
     metavar="free|none|SECONDS",
@@ -101,6 +109,10 @@ def fit(
     from gsid.frf import frf
 
     measured = frf(records)
+    choice = None
+    if order == "auto":
+        choice = _choose_order(measured, describe(records), delay=delay, band=band, domain=domain)
+        order = choice.chosen.order
     if method == "all":
         _fit_all(measured, describe(records), output, as_json, order, delay=delay, band=band, domain=domain)
         return
@@ -110,9 +122,30 @@ def fit(
         model.save(output)
         say(f"wrote {output}")
     if as_json:
-        print_json(_as_json(model))
-    else:
-        _print(model)
+        print_json(_as_json(model) | ({} if choice is None else {"orders": _orders(choice)}))
+        return
+    if choice is not None:
+        print_table(*choice.table(), left=["order", ""])
+        for text in choice.removed:
+            print(text)
+        print()
+    _print(model)
+
+
+def _choose_order(frf: Frf, records: str, **options: object) -> OrderChoice:
+    from gsid.order import select_order
+
+    with working(f"choosing an order for {records}"), options_as_arguments():
+        return select_order(frf, **options)
+
+
+def _orders(choice: OrderChoice) -> list[dict]:
+    """What was tried, without the models."""
+    rows = []
+    for c in choice.tried:
+        row = {name: value for name, value in vars(c).items() if name != "model"}
+        rows.append(row | {"chosen": c is choice.chosen})
+    return rows
 
 
 def _fit_all(
