@@ -41,33 +41,10 @@ gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table) {
         uint32_t octant = (uint32_t)(eighths / n_period);
         uint32_t r = (uint32_t)(eighths % n_period);
         gsid_cplx z = unit_at_eighth(octant % 2 == 0 ? r : n_period - r, n_period);
-        gsid_real c = z.re, s = z.im;
-        switch (octant) {
-        case 0:
-            table[i] = gsid_cplx_make(c, s);
-            break;
-        case 1:
-            table[i] = gsid_cplx_make(s, c);
-            break;
-        case 2:
-            table[i] = gsid_cplx_make(-s, c);
-            break;
-        case 3:
-            table[i] = gsid_cplx_make(-c, s);
-            break;
-        case 4:
-            table[i] = gsid_cplx_make(-c, -s);
-            break;
-        case 5:
-            table[i] = gsid_cplx_make(-s, -c);
-            break;
-        case 6:
-            table[i] = gsid_cplx_make(s, -c);
-            break;
-        default:
-            table[i] = gsid_cplx_make(c, -s);
-            break;
-        }
+        /* Octants 1, 2, 5, 6 lie nearer the imaginary axis, 2 to 5 left of it, 4 to 7 below the real one. */
+        const int is_steep = ((octant + 1) & 2) != 0;
+        const gsid_real re = is_steep ? z.im : z.re, im = is_steep ? z.re : z.im;
+        table[i] = gsid_cplx_make(((octant + 2) & 4) != 0 ? -re : re, (octant & 4) != 0 ? -im : im);
     }
     return GSID_OK;
 }

@@ -17,11 +17,9 @@ static gsid_spectrum_cfg spectrum_cfg(const gsid_frf_cfg *cfg) {
     return s;
 }
 
-static size_t mean_size(const gsid_frf_cfg *cfg) {
-    return GSID_FRF_MEAN_SIZE(cfg->n_lines, gsid_frf_channels(cfg) - 1);
-}
-
-static gsid_status check_cfg(const struct gsid_frf_engine *engine, const gsid_frf_cfg *cfg) {
+/* Checks, and gives the bytes of the means and of the engine. */
+static gsid_status measure(const struct gsid_frf_engine *engine, const gsid_frf_cfg *cfg, size_t *of_means,
+                           size_t *of_engine) {
     if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
         return GSID_E_NULL;
     }
@@ -29,8 +27,8 @@ static gsid_status check_cfg(const struct gsid_frf_engine *engine, const gsid_fr
         return GSID_E_CONFIG;
     }
     const gsid_spectrum_cfg s = spectrum_cfg(cfg);
-    const size_t engine_size = engine->mem_size(&s);
-    if (engine_size == 0 || cfg->n_lines > (SIZE_MAX - engine_size) / GSID_FRF_MEAN_SIZE(1, 1)) {
+    *of_engine = engine->mem_size(&s);
+    if (*of_engine == 0 || cfg->n_lines > (SIZE_MAX - *of_engine) / GSID_FRF_MEAN_SIZE(1, 1)) {
         return GSID_E_CONFIG;
     }
     for (uint32_t i = 0; i < cfg->n_lines; i++) {
@@ -41,15 +39,13 @@ static gsid_status check_cfg(const struct gsid_frf_engine *engine, const gsid_fr
             return GSID_E_NONFINITE;
         }
     }
+    *of_means = GSID_FRF_MEAN_SIZE(cfg->n_lines, gsid_frf_channels(cfg) - 1);
     return GSID_OK;
 }
 
 size_t gsid_frf_size_with(const struct gsid_frf_engine *engine, const gsid_frf_cfg *cfg) {
-    if (check_cfg(engine, cfg) != GSID_OK) {
-        return 0;
-    }
-    const gsid_spectrum_cfg s = spectrum_cfg(cfg);
-    return mean_size(cfg) + engine->mem_size(&s);
+    size_t of_means, of_engine;
+    return measure(engine, cfg, &of_means, &of_engine) == GSID_OK ? of_means + of_engine : 0;
 }
 
 gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem,
@@ -57,21 +53,22 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     if (frf == NULL || mem == NULL) {
         return GSID_E_NULL;
     }
-    gsid_status status = check_cfg(engine, cfg);
+    size_t of_means, of_engine;
+    gsid_status status = measure(engine, cfg, &of_means, &of_engine);
     if (status != GSID_OK) {
         return status;
     }
-    if (mem_size < gsid_frf_size_with(engine, cfg) || !gsid_is_aligned(mem)) {
+    if (mem_size < of_means + of_engine || !gsid_is_aligned(mem)) {
         return GSID_E_MEMORY;
     }
-    size_t n = (size_t)cfg->n_lines * gsid_frf_channels(cfg);
     memset(frf, 0, sizeof *frf);
-    memset(mem, 0, mean_size(cfg));
+    memset(mem, 0, of_means);
     frf->cfg = *cfg;
     frf->engine = engine;
     frf->settle_left = cfg->n_settle;
     frf->line_next = cfg->n_lines;
     /* Complex numbers first, integers (in the engine) last: nothing needs padding. */
+    const size_t n = (size_t)cfg->n_lines * gsid_frf_channels(cfg);
     frf->mean = mem;
     gsid_cplx *end = frf->mean + n;
     if (cfg->u_known == NULL) {
@@ -80,7 +77,7 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     }
     frf->m2 = (gsid_real *)(void *)end;
     const gsid_spectrum_cfg s = spectrum_cfg(cfg);
-    return engine->init(frf, &s, frf->m2 + n, engine->mem_size(&s));
+    return engine->init(frf, &s, frf->m2 + n, of_engine);
 }
 
 /* FRF-2: mean += d/P, m2 += |d|^2 (P - 1)/P, with d the distance of the new period from the old mean. Nothing is ever

@@ -10,24 +10,23 @@ static int has_lines(const gsid_frf *frf) {
     return frf->line_next < frf->cfg.n_lines;
 }
 
-static gsid_status add_ready_lines(gsid_frf *frf) {
-    const uint32_t n = gsid_frf_channels(&frf->cfg);
-    for (uint32_t i = frf->spread.lines_per_tick; i > 0 && has_lines(frf); i--) {
+static gsid_status add_lines(gsid_frf *frf) {
+    const uint32_t n_lines = frf->cfg.n_lines, n = gsid_frf_channels(&frf->cfg);
+    if (frf->line_next >= n_lines) {
+        return GSID_OK;
+    }
+    for (uint32_t i = frf->spread.lines_per_tick; i > 0 && frf->line_next < n_lines; i--) {
         gsid_cplx x[2];
         for (uint32_t channel = 0; channel < n; channel++) {
             x[channel] = gsid_spread_read(&frf->spread, frf->line_next, channel);
         }
         gsid_frf_add_line(frf, frf->line_next++, x);
     }
-    if (has_lines(frf)) {
+    if (frf->line_next < n_lines) {
         return GSID_OK;
     }
     frf->n_periods++;
     return GSID_DONE;
-}
-
-static gsid_status add_lines(gsid_frf *frf) {
-    return has_lines(frf) ? add_ready_lines(frf) : GSID_OK;
 }
 
 /* What a tick returns whose lines were added with the one status and whose transform went on with the other. The transform
@@ -57,7 +56,8 @@ static gsid_status skip(gsid_frf *frf, uint32_t n_samples) {
         const gsid_status now = conclude(frf, added, gsid_spread_skip(&frf->spread, 1));
         status = now != GSID_OK ? now : status;
     }
-    frf->n_spoiled += (uint32_t)(((uint64_t)frf->spread.n + n_samples) / frf->cfg.n_period);
+    const uint32_t n_period = frf->cfg.n_period;
+    frf->n_spoiled += n_samples / n_period + (frf->spread.n + n_samples % n_period) / n_period;
     return gsid_spread_skip(&frf->spread, n_samples) == GSID_SPOILED ? GSID_SPOILED : status;
 }
 
@@ -67,7 +67,7 @@ static gsid_status finish(gsid_frf *frf) {
     }
     gsid_status status = GSID_OK;
     while (has_lines(frf)) {
-        status = add_ready_lines(frf);
+        status = add_lines(frf);
     }
     return status;
 }

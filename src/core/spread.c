@@ -5,23 +5,9 @@
 #include "complex_math.h"
 #include "streaming.h"
 
-/* Instructions of a Cortex-M7 for a butterfly of each radix and for a line that enters a mean: only their ratios matter. */
-enum { COST_2 = 31, COST_3 = 59, COST_4 = 72, COST_5 = 131, COST_7 = 260, COST_LINE = 120 };
-
-static uint32_t cost_of(uint32_t radix) {
-    switch (radix) {
-    case 2:
-        return COST_2;
-    case 3:
-        return COST_3;
-    case 4:
-        return COST_4;
-    case 5:
-        return COST_5;
-    default:
-        return COST_7;
-    }
-}
+/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a line that enters a mean: only their ratios matter. */
+static const uint16_t cost_of[8] = {[2] = 31, [3] = 59, [4] = 72, [5] = 131, [7] = 330};
+enum { COST_LINE = 120 };
 
 /* ---- the plan: which butterflies, and how many of them in a tick ---- */
 
@@ -39,8 +25,7 @@ static uint32_t factorise(uint32_t n, uint8_t *radix) {
 }
 
 static uint32_t times_in(uint32_t cost, uint32_t budget) {
-    const uint32_t times = (budget + cost / 2) / cost;
-    return times < 1 ? 1 : times > 255 ? 255 : times;
+    return (budget + cost / 2) / cost;
 }
 
 static uint32_t ticks_for(uint32_t n, uint32_t per_tick) {
@@ -52,7 +37,7 @@ static uint32_t plan(gsid_spread *s, uint32_t budget) {
     const uint32_t n_points = s->cfg.n_channels * (s->cfg.n_period / 2);
     s->n_ticks = 0;
     for (uint32_t i = 0; i < s->n_stages; i++) {
-        const uint32_t per_tick = times_in(cost_of(s->radix[i]), budget);
+        const uint32_t per_tick = times_in(cost_of[s->radix[i]], budget);
         s->per_tick[i] = (uint8_t)per_tick;
         s->n_ticks += ticks_for(n_points / s->radix[i], per_tick);
     }
@@ -65,11 +50,11 @@ static uint32_t plan(gsid_spread *s, uint32_t budget) {
 static void make_plan(gsid_spread *s) {
     uint32_t budget = COST_LINE * s->cfg.n_channels;
     for (uint32_t i = 0; i < s->n_stages; i++) {
-        const uint32_t cost = cost_of(s->radix[i]);
+        const uint32_t cost = cost_of[s->radix[i]];
         budget = cost > budget ? cost : budget;
     }
     while (plan(s, budget) >= s->cfg.n_period) {
-        budget += COST_2;
+        budget += cost_of[2];
     }
 }
 
@@ -124,8 +109,10 @@ gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void 
     s->n_stages = factorise(n_points, s->radix);
     make_plan(s);
     for (uint32_t i = 0; i < cfg->n_lines; i++) {
-        s->place[i][0] = place_of(s, cfg->line[i] % n_points);
-        s->place[i][1] = place_of(s, (n_points - cfg->line[i]) % n_points);
+        const uint32_t line[2] = {cfg->line[i], n_points - cfg->line[i]};
+        for (uint32_t mirrored = 0; mirrored < 2; mirrored++) {
+            s->place[i][mirrored] = place_of(s, line[mirrored] % n_points);
+        }
     }
     return gsid_spread_reset(s);
 }
@@ -208,31 +195,32 @@ static void butterfly_5(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_
     *x4 = times_conj(plus_j(even_1, odd_1), w[4 * step]);
 }
 
-static gsid_cplx mix_3(gsid_real c1, gsid_cplx a, gsid_real c2, gsid_cplx b, gsid_real c3, gsid_cplx c) {
-    return gsid_cplx_add(mix_2(c1, a, c2, b), gsid_cplx_scale(c3, c));
-}
-
+/* Rare, and so in loops: a third of the code of the other four together would be its, written out. */
 static void butterfly_7(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
-    const gsid_real cos_1 = GSID_R(0.62348980185873353053), sin_1 = GSID_R(0.78183148246802980871);
-    const gsid_real cos_2 = GSID_R(-0.22252093395631440429), sin_2 = GSID_R(0.97492791218182360702);
-    const gsid_real cos_3 = GSID_R(-0.90096886790241912624), sin_3 = GSID_R(0.43388373911755812048);
-    gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span, *x4 = x3 + span, *x5 = x4 + span, *x6 = x5 + span;
-    const gsid_cplx sum_16 = gsid_cplx_add(*x1, *x6), diff_16 = gsid_cplx_sub(*x1, *x6);
-    const gsid_cplx sum_25 = gsid_cplx_add(*x2, *x5), diff_25 = gsid_cplx_sub(*x2, *x5);
-    const gsid_cplx sum_34 = gsid_cplx_add(*x3, *x4), diff_34 = gsid_cplx_sub(*x3, *x4);
-    const gsid_cplx even_1 = gsid_cplx_add(*x, mix_3(cos_1, sum_16, cos_2, sum_25, cos_3, sum_34));
-    const gsid_cplx even_2 = gsid_cplx_add(*x, mix_3(cos_2, sum_16, cos_3, sum_25, cos_1, sum_34));
-    const gsid_cplx even_3 = gsid_cplx_add(*x, mix_3(cos_3, sum_16, cos_1, sum_25, cos_2, sum_34));
-    const gsid_cplx odd_1 = mix_3(sin_1, diff_16, sin_2, diff_25, sin_3, diff_34);
-    const gsid_cplx odd_2 = mix_3(sin_2, diff_16, -sin_3, diff_25, -sin_1, diff_34);
-    const gsid_cplx odd_3 = mix_3(sin_3, diff_16, -sin_1, diff_25, sin_2, diff_34);
-    *x = gsid_cplx_add(gsid_cplx_add(*x, sum_16), gsid_cplx_add(sum_25, sum_34));
-    *x1 = times_conj(minus_j(even_1, odd_1), w[step]);
-    *x2 = times_conj(minus_j(even_2, odd_2), w[2 * step]);
-    *x3 = times_conj(minus_j(even_3, odd_3), w[3 * step]);
-    *x4 = times_conj(plus_j(even_3, odd_3), w[4 * step]);
-    *x5 = times_conj(plus_j(even_2, odd_2), w[5 * step]);
-    *x6 = times_conj(plus_j(even_1, odd_1), w[6 * step]);
+    static const gsid_cplx turn[7] = {/* exp(j 2 pi k / 7) */
+                                      {GSID_R(1.0), GSID_R(0.0)},
+                                      {GSID_R(0.62348980185873353053), GSID_R(0.78183148246802980871)},
+                                      {GSID_R(-0.22252093395631440429), GSID_R(0.97492791218182360702)},
+                                      {GSID_R(-0.90096886790241912624), GSID_R(0.43388373911755812048)},
+                                      {GSID_R(-0.90096886790241912624), GSID_R(-0.43388373911755812048)},
+                                      {GSID_R(-0.22252093395631440429), GSID_R(-0.97492791218182360702)},
+                                      {GSID_R(0.62348980185873353053), GSID_R(-0.78183148246802980871)}};
+    gsid_cplx sum[4], diff[4];
+    const gsid_cplx first = x[0];
+    for (uint32_t p = 1; p <= 3; p++) {
+        sum[p] = gsid_cplx_add(x[p * span], x[(7 - p) * span]);
+        diff[p] = gsid_cplx_sub(x[p * span], x[(7 - p) * span]);
+        x[0] = gsid_cplx_add(x[0], sum[p]);
+    }
+    for (uint32_t q = 1; q <= 3; q++) {
+        gsid_cplx even = first, odd = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
+        for (uint32_t p = 1, k = q; p <= 3; p++, k = k + q < 7 ? k + q : k + q - 7) {
+            even = gsid_cplx_add(even, gsid_cplx_scale(turn[k].re, sum[p]));
+            odd = gsid_cplx_add(odd, gsid_cplx_scale(turn[k].im, diff[p]));
+        }
+        x[q * span] = times_conj(minus_j(even, odd), w[q * step]);
+        x[(7 - q) * span] = times_conj(plus_j(even, odd), w[(7 - q) * step]);
+    }
 }
 
 /* ---- the slices ---- */
@@ -346,15 +334,15 @@ gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples) {
     for (uint32_t i = 0; i < n_samples && s->stage < s->n_stages; i++) {
         status = do_slice(s);
     }
-    const uint32_t n_period = s->cfg.n_period;
-    const uint64_t n = (uint64_t)s->n + n_samples;
-    s->next = (uint32_t)(((uint64_t)s->next + n_samples) % n_period);
+    const uint32_t n_period = s->cfg.n_period, rest = n_samples % n_period; /* no sum passes 2^31 */
+    const uint32_t n = s->n + rest, next = s->next + rest;
     s->has_gap = s->has_gap || n_samples > 0;
-    if (n >= n_period) {
+    if (n_samples >= n_period || n >= n_period) {
         status = end_period(s);
         s->has_gap = n % n_period > 0;
     }
-    s->n = (uint32_t)(n % n_period);
+    s->n = n % n_period;
+    s->next = next % n_period;
     return status;
 }
 
