@@ -15,3 +15,39 @@ $(EXAMPLES): $(BUILD)/float/libgsid_effects.a $(BUILD)/float/libgsid_core.a
 examples: $(EXAMPLES) ## the firmware examples that run on a computer
 test: $(EXAMPLES)
 C_FILES += $(wildcard firmware_examples/*/*.[ch])
+
+# ---- Cortex-M ----------------------------------------------------------------------------------------------------
+
+ARM_CC := arm-none-eabi-gcc
+ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -O2 -g -mthumb -mfloat-abi=hard -ffreestanding \
+    -ffunction-sections -fdata-sections -fno-math-errno -fcallgraph-info=su $(WARN) $(PRECISION_float) -Werror
+ARM_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T firmware_examples/cortex_m7/mps2.ld
+# Single precision only on both, so that on the M4F an instruction in double would fault.
+CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
+CPU_m4 := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
+
+# An image that measures for a shorter time, for tests of what goes wrong on the line.
+SIZE_full :=
+SIZE_short := -DEXPERIMENT_SHORT
+
+BOARD := $(wildcard firmware_examples/cortex_m7/*.c)
+FIRMWARE_SRC := $(BOARD) $(wildcard firmware_examples/rate_loop/*.c) $(CORE_SRC)
+
+# $(1): CPU, $(2): size
+define image_rules
+$(BUILD)/firmware/$(1)-$(2).elf: $(FIRMWARE_SRC:%.c=$(BUILD)/firmware/$(1)-$(2)/%.o) firmware_examples/cortex_m7/mps2.ld
+	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(ARM_LINK) -Wl,-Map=$$@.map -o $$@ $$(filter %.o,$$^) -lm
+$(BUILD)/firmware/$(1)-$(2)/%.o: %.c $(BUILD)/firmware/setup.stamp
+	@mkdir -p $$(@D)
+	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(SIZE_$(2)) -c -o $$@ $$<
+endef
+IMAGES := m7-full m4-full m7-short m4-short
+$(foreach image,$(IMAGES),$(eval $(call image_rules,$(firstword $(subst -, ,$(image))),$(lastword $(subst -, ,$(image))))))
+
+$(BUILD)/firmware/setup.stamp: tools/setup
+	tools/setup firmware
+	@mkdir -p $(@D) && touch $@
+
+.PHONY: firmware
+firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmware for Cortex-M7 and M4F
+-include $(shell find $(BUILD)/firmware -name '*.d' 2>/dev/null)

@@ -56,6 +56,7 @@ gsid_status experiment_start(experiment *e) {
                               .twiddle = e->twiddle};
     const gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
     e->n = 0;
+    e->n_left_out = 0;
     if (status == GSID_OK)
         e->state = EXPERIMENT_RUNNING; /* last: from here on the tick owns it */
     return status;
@@ -76,19 +77,42 @@ static void judge_period(experiment *e) {
         e->state = EXPERIMENT_STOPPED;
 }
 
-void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
+static void skip(experiment *e, uint32_t n_samples) {
+    if (gsid_frf_skip(&e->frf, n_samples) == GSID_SPOILED)
+        judge_period(e);
+}
+
+/* Whether the experiment still wants this sample. */
+static int is_wanted(experiment *e) {
     if (e->state != EXPERIMENT_RUNNING)
+        return 0;
+    if (e->n_left_out == 0)
+        return 1;
+    e->n_left_out--;
+    return 0;
+}
+
+void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
+    if (!is_wanted(e))
         return;
-    gsid_status status = gsid_frf_step(&e->frf, u, y);
+    const gsid_status status = gsid_frf_step(&e->frf, u, y);
     if (status == GSID_E_NONFINITE)
-        status = gsid_frf_skip(&e->frf, 1);
-    if (status == GSID_DONE || status == GSID_SPOILED)
+        skip(e, 1);
+    else if (status == GSID_DONE || status == GSID_SPOILED)
         judge_period(e);
 }
 
 void experiment_skip(experiment *e) {
-    if (e->state == EXPERIMENT_RUNNING && gsid_frf_skip(&e->frf, 1) == GSID_SPOILED)
-        judge_period(e);
+    if (is_wanted(e))
+        skip(e, 1);
+}
+
+void experiment_settle(experiment *e) {
+    if (e->state != EXPERIMENT_RUNNING)
+        return;
+    const uint32_t n_samples = EXPERIMENT_N_SETTLE + 1 - e->n_left_out;
+    e->n_left_out = EXPERIMENT_N_SETTLE;
+    skip(e, n_samples);
 }
 
 /* The best of linear fits with delays tried over a grid: V has a minimum every few samples of delay, and Gauss-Newton

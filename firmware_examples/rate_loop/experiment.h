@@ -10,12 +10,15 @@
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
 
+#ifdef EXPERIMENT_SHORT /* for tests of what goes wrong on the line */
+enum { EXPERIMENT_N_PERIOD = 600, EXPERIMENT_N_LINES = 50, EXPERIMENT_N_GOOD = 4 };
+#else
+enum { EXPERIMENT_N_PERIOD = 6000, EXPERIMENT_N_LINES = 500, EXPERIMENT_N_GOOD = 10 };
+#endif
+
 enum {
-    EXPERIMENT_FS_HZ = 3000,
-    EXPERIMENT_N_PERIOD = 6000,
-    EXPERIMENT_N_LINES = 500, /* 0.5 to 250 Hz */
-    EXPERIMENT_N_SETTLE = 6000,
-    EXPERIMENT_N_GOOD = 10, /* periods asked for */
+    EXPERIMENT_FS_HZ = 3000, /* the lines end at 250 Hz */
+    EXPERIMENT_N_SETTLE = EXPERIMENT_N_PERIOD,
     EXPERIMENT_N_SPOILED_MAX = 4, /* periods lost before it is given up */
     EXPERIMENT_N_POLES = 3,
     EXPERIMENT_N_ZEROS = 2
@@ -32,6 +35,7 @@ typedef struct {
     volatile experiment_state
         state; /* written by one side at a time: the tick while RUNNING, the background otherwise */
     uint32_t n; /* sample of the excitation */
+    uint32_t n_left_out;             /* samples to come that are counted as lost already */
     gsid_frf frf;
     gsid_cplx twiddle[EXPERIMENT_N_PERIOD];
     gsid_real excitation[EXPERIMENT_N_PERIOD];
@@ -59,6 +63,9 @@ void experiment_measure(experiment *e, gsid_real u, gsid_real y);
 
 /* Tick: a sample was lost; its period will be left out. */
 void experiment_skip(experiment *e);
+
+/* Tick: the axis was disturbed; this sample and those of the settling time are left out. */
+void experiment_settle(experiment *e);
 
 /* Background, when MEASURED: response, its standard deviation, and the model. */
 gsid_status experiment_fit(experiment *e);

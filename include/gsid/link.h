@@ -11,7 +11,8 @@ typedef enum {
     GSID_FRAME_COMMAND = 1, /* host to axis: a = command for this tick, b = command for the next one */
     GSID_FRAME_SAMPLE = 2,  /* axis to host: a = command in force at this tick, b = output at this tick */
     GSID_FRAME_HELLO = 3,   /* host to axis: start again at tick 0, at rest; the axis answers with its own */
-    GSID_FRAME_STOP = 4     /* host to axis: command zero, forget what is queued; answered with the same */
+    GSID_FRAME_STOP = 4,    /* host to axis: command zero, forget what is queued; answered with the same */
+    GSID_FRAME_RESULT = 5   /* from a drive that measures by itself: flags = what a and b are, tick = which of them */
 } gsid_frame_kind;
 
 /* Flags of a sample frame. The count tells of a lost command whose own sample was lost too. */

@@ -23,6 +23,7 @@ COMMAND = lib.GSID_FRAME_COMMAND
 SAMPLE = lib.GSID_FRAME_SAMPLE
 HELLO = lib.GSID_FRAME_HELLO
 STOP = lib.GSID_FRAME_STOP
+RESULT = lib.GSID_FRAME_RESULT
 COMMAND_LOST = lib.GSID_FLAG_COMMAND_LOST
 LOST_COUNT = lib.GSID_FLAG_LOST_COUNT
 
@@ -68,7 +69,7 @@ def frames(kind: int, tick=0, a=0.0, b=0.0, flags=0) -> np.ndarray:
     Parameters
     ----------
     kind : int
-        COMMAND, SAMPLE, HELLO or STOP.
+        COMMAND, SAMPLE, HELLO, STOP or RESULT.
     tick : (n,) array_like of int, or int
         Tick the frame speaks of, modulo 2^32.
     a, b : (n,) array_like, or float

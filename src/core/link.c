@@ -56,7 +56,7 @@ static float get_float(const uint8_t *bytes) {
 }
 
 static int is_known(uint8_t kind) {
-    return kind >= GSID_FRAME_COMMAND && kind <= GSID_FRAME_STOP;
+    return kind >= GSID_FRAME_COMMAND && kind <= GSID_FRAME_RESULT;
 }
 
 size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes) {

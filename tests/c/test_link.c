@@ -68,7 +68,7 @@ static void every_kind_and_value_comes_back(void **state) {
     const uint32_t bits[] = {0, 0x80000000u, 1, 0x7F7FFFFFu, 0x7F800000u, 0x7FC00001u, 0x3F800000u, 0xA55AA55Au};
     gsid_link link;
     gsid_link_reset(&link);
-    for (uint8_t kind = GSID_FRAME_COMMAND; kind <= GSID_FRAME_STOP; kind++) {
+    for (uint8_t kind = GSID_FRAME_COMMAND; kind <= GSID_FRAME_RESULT; kind++) {
         for (size_t i = 0; i < 64; i++) {
             gsid_frame sent = frame_of(kind, bits[i % 8], 0, 0), got;
             memcpy(&sent.a, &bits[i / 8], sizeof sent.a);
@@ -260,7 +260,7 @@ static void misuse_is_refused(void **state) {
     size_t n_frames = 77;
     gsid_link link;
     assert_int_equal(gsid_link_encode(&frame, bytes), 0);
-    frame.kind = GSID_FRAME_STOP + 1;
+    frame.kind = GSID_FRAME_RESULT + 1;
     assert_int_equal(gsid_link_encode(&frame, bytes), 0);
     frame.kind = GSID_FRAME_STOP;
     assert_int_equal(gsid_link_encode(NULL, bytes), 0);

@@ -1,0 +1,207 @@
+#include "drive.h"
+
+#include <math.h>
+#include <string.h>
+
+#define COMMAND_LIMIT 10.0f
+#define EXCITATION_PEAK 5.0f
+#define KP 3.0f
+#define KI 0.005f
+
+static void send(uint8_t kind, uint8_t flags, uint32_t tick, float a, float b) {
+    const gsid_frame frame = {.kind = kind, .flags = flags, .tick = tick, .a = a, .b = b};
+    uint8_t bytes[GSID_LINK_FRAME_MAX];
+    line_send(bytes, gsid_link_encode(&frame, bytes));
+}
+
+gsid_status drive_init(drive *d) {
+    memset(d, 0, sizeof *d);
+    d->hello_due = 1;
+    return experiment_init(&d->experiment, EXCITATION_PEAK);
+}
+
+/* ---- receive interrupt ---- */
+
+int drive_receive(drive *d, uint8_t byte) {
+    gsid_frame frame;
+    size_t n_frames = 0;
+    const uint32_t damaged = d->link.n_damaged;
+    gsid_link_decode(&d->link, 1, &byte, 1, &frame, &n_frames);
+    d->n_damaged += d->link.n_damaged - damaged;
+    if (n_frames > 0 && d->n_come - d->n_taken < DRIVE_FRAMES) {
+        d->frame[d->n_come % DRIVE_FRAMES] = frame;
+        d->n_come++; /* last: the tick looks at it first */
+    }
+    return n_frames > 0 || d->link.n_damaged != damaged;
+}
+
+/* ---- tick ---- */
+
+/* The excitation stops within the tick: the axis sets its command to zero. */
+static void end(drive *d, drive_why why) {
+    d->why = why;
+    d->why_tick = d->tick;
+    d->state = DRIVE_ENDED;
+    send(GSID_FRAME_STOP, 0, 0, 0.0f, 0.0f);
+}
+
+/* The command of the tick whose sample will be due. A controller cannot know the next one: no copy. */
+static void send_command(drive *d) {
+    float u = rate_controller_step(&d->controller, 0.0f, d->rate_deg_s) + (float)experiment_excite(&d->experiment);
+    u = u > COMMAND_LIMIT ? COMMAND_LIMIT : u < -COMMAND_LIMIT ? -COMMAND_LIMIT : u;
+    d->n_silent = 0;
+    send(GSID_FRAME_COMMAND, 0, d->tick, u, NAN);
+}
+
+static void next_tick(drive *d) {
+    d->tick++;
+    if (d->experiment.state == EXPERIMENT_RUNNING)
+        send_command(d);
+    else
+        end(d, d->experiment.state == EXPERIMENT_MEASURED ? DRIVE_MEASURED : DRIVE_LOSSES);
+}
+
+static void take_sample(drive *d, const gsid_frame *sample) {
+    if (sample->tick != d->tick)
+        return; /* given up before */
+    d->n_lost_in_a_row = 0;
+    if ((sample->flags & GSID_FLAG_LOST_COUNT) != d->lost_count) {
+        d->lost_count = sample->flags & GSID_FLAG_LOST_COUNT;
+        experiment_settle(&d->experiment);
+    } else {
+        experiment_measure(&d->experiment, sample->a, sample->b);
+    }
+    if (isfinite(sample->b))
+        d->rate_deg_s = sample->b;
+    next_tick(d);
+}
+
+/* The controller goes on with the rate it had. */
+static void lose_sample(drive *d) {
+    d->n_lost++;
+    d->n_lost_in_a_row++;
+    if (d->n_lost_in_a_row >= DRIVE_LOST_IN_A_ROW_MAX) {
+        end(d, DRIVE_SILENT);
+    } else if (d->n_lost >= DRIVE_LOST_MAX) {
+        end(d, DRIVE_LOSSES);
+    } else {
+        experiment_skip(&d->experiment);
+        next_tick(d);
+    }
+}
+
+static void take_frame(drive *d, const gsid_frame *frame) {
+    const int running = d->state == DRIVE_RUNNING;
+    if (frame->kind == GSID_FRAME_SAMPLE && running)
+        take_sample(d, frame);
+    else if (frame->kind == GSID_FRAME_STOP && running)
+        end(d, DRIVE_ASKED);
+    else if (frame->kind == GSID_FRAME_HELLO && running)
+        end(d, DRIVE_RESTARTED);
+    else if (frame->kind == GSID_FRAME_HELLO && fabsf(frame->a - EXPERIMENT_FS_HZ) < 0.5f)
+        d->axis_answered = 1;
+}
+
+void drive_tick(drive *d, int by_timer) {
+    while (d->n_taken != d->n_come) {
+        take_frame(d, &d->frame[d->n_taken % DRIVE_FRAMES]);
+        d->n_taken++;
+    }
+    const uint32_t n_damaged = d->n_damaged;
+    const int damage = n_damaged != d->damage_seen;
+    d->damage_seen = n_damaged;
+    d->n_silent += by_timer ? 1u : 0u;
+    if (d->state == DRIVE_RUNNING && (damage || d->n_silent >= DRIVE_SILENCE_MAX)) {
+        lose_sample(d);
+    } else if (d->state == DRIVE_WAITING && d->n_silent >= DRIVE_HELLO_EVERY) {
+        d->n_silent = 0;
+        d->hello_due = 1;
+    }
+}
+
+/* ---- background ---- */
+
+static void report_state(const drive *d) {
+    send(GSID_FRAME_RESULT, DRIVE_RESULT_STATE, d->why_tick, (float)d->why, (float)d->experiment.frf.n_periods);
+}
+
+static void start(drive *d) {
+    const rate_controller at_rest = {.kp = KP, .ki = KI, .limit = COMMAND_LIMIT};
+    d->axis_answered = 0;
+    if (d->why != DRIVE_NEVER_RAN)
+        report_state(d); /* who comes now may not have heard it */
+    if (experiment_start(&d->experiment) != GSID_OK) {
+        end(d, DRIVE_REFUSED);
+        return;
+    }
+    d->controller = at_rest;
+    d->rate_deg_s = 0;
+    d->tick = d->lost_count = d->n_lost = d->n_lost_in_a_row = 0;
+    send_command(d);         /* tick 0 */
+    d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
+}
+
+static void wait(drive *d) {
+    if (d->axis_answered) {
+        start(d);
+    } else if (d->hello_due) {
+        d->hello_due = 0;
+        send(GSID_FRAME_HELLO, 0, 0, 0.0f, 0.0f);
+    }
+}
+
+/* Lines of the response first, then the model. Returns 0 after the last frame. */
+static int report_next(const drive *d, uint32_t i) {
+    const experiment *e = &d->experiment;
+    const gsid_rational *m = &e->model;
+    if (i == 0) {
+        report_state(d);
+        return d->why == DRIVE_MEASURED;
+    }
+    i--;
+    if (i < 2 * EXPERIMENT_N_LINES) {
+        const uint32_t line = i / 2;
+        if (i % 2 == 0)
+            send(GSID_FRAME_RESULT, DRIVE_RESULT_G, e->line[line], e->g[line].re, e->g[line].im);
+        else
+            send(GSID_FRAME_RESULT, DRIVE_RESULT_SIGMA, e->line[line], e->f_hz[line], e->sigma[line]);
+        return 1;
+    }
+    i -= 2 * EXPERIMENT_N_LINES;
+    if (i <= EXPERIMENT_N_ZEROS)
+        send(GSID_FRAME_RESULT, DRIVE_RESULT_NUM, i, m->num[i], m->scale_rad_s);
+    else if (i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES)
+        send(GSID_FRAME_RESULT, DRIVE_RESULT_DEN, i - EXPERIMENT_N_ZEROS - 1, m->den[i - EXPERIMENT_N_ZEROS - 1],
+             m->scale_rad_s);
+    else
+        send(GSID_FRAME_RESULT, DRIVE_RESULT_FIT, (uint32_t)(d->fit_status + 128), m->delay_s, e->cost);
+    return i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES;
+}
+
+static int report(drive *d) {
+    if (line_room() < GSID_LINK_FRAME_MAX)
+        return 0;
+    if (!report_next(d, d->n_reported++)) {
+        d->n_silent = 0;
+        d->state = DRIVE_WAITING;
+    }
+    return 1;
+}
+
+int drive_background(drive *d) {
+    switch (d->state) {
+    case DRIVE_WAITING:
+        wait(d);
+        return 0;
+    case DRIVE_ENDED:
+        d->fit_status = d->why == DRIVE_MEASURED ? experiment_fit(&d->experiment) : GSID_OK;
+        d->n_reported = 0;
+        d->axis_answered = 0;
+        d->state = DRIVE_REPORTING;
+        return 1;
+    case DRIVE_REPORTING:
+        return report(d);
+    default:
+        return 0;
+    }
+}
