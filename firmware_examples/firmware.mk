@@ -4,12 +4,17 @@
 EXAMPLES := $(BUILD)/firmware/minimal $(BUILD)/firmware/posix
 EXAMPLE_FLAGS := $(BASE_FLAGS) $(WARN) $(PRECISION_float)
 RATE_LOOP := firmware_examples/rate_loop/experiment.c
+# The drive of the bare-metal image, built for a computer: the test compares what both say to the same axis.
+REPLAY := $(BUILD)/firmware/replay
 
 $(BUILD)/firmware/minimal: firmware_examples/minimal/main.c
 $(BUILD)/firmware/posix: firmware_examples/posix/main.c $(RATE_LOOP)
 $(EXAMPLES): $(BUILD)/float/libgsid_effects.a $(BUILD)/float/libgsid_core.a
 	@mkdir -p $(@D)
 	$(CC) $(EXAMPLE_FLAGS) $(CFLAGS) -o $@ $(filter %.c,$^) $(filter %.a,$^) $(LDFLAGS) -lm
+
+$(REPLAY): firmware_examples/tests/replay.c $(wildcard firmware_examples/rate_loop/*.[ch]) $(BUILD)/float/libgsid_core.a
+	$(CC) $(EXAMPLE_FLAGS) $(CFLAGS) -o $@ $(filter %.c %.a,$^) $(LDFLAGS) -lm
 
 .PHONY: examples
 examples: $(EXAMPLES) ## the firmware examples that run on a computer

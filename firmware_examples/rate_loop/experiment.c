@@ -13,15 +13,12 @@
 enum { N_DELAYS = 13 };
 #define DELAY_STEP_S GSID_R(1e-3)
 
-/* Amplitudes fall with frequency so that a rigid axis, whose response falls too, is not driven far at the low lines. */
-#define DB_PER_DECADE GSID_R(10.0)
-
 static gsid_status fill_excitation(experiment *e, gsid_real peak) {
     /* Needed for the table only: the arrays of the answer are free until then. */
     gsid_real *amplitude = e->f_hz, *phase_rad = e->sigma;
     const gsid_multisine_cfg cfg = {EXPERIMENT_N_PERIOD, EXPERIMENT_N_LINES, e->line, amplitude, phase_rad, e->twiddle};
     gsid_multisine multisine;
-    gsid_status status = gsid_amplitude_shape(EXPERIMENT_N_LINES, e->line, DB_PER_DECADE, amplitude);
+    gsid_status status = gsid_amplitude_shape(EXPERIMENT_N_LINES, e->line, 0, amplitude);
     if (status == GSID_OK)
         status = gsid_phase_schroeder(EXPERIMENT_N_LINES, amplitude, phase_rad);
     if (status == GSID_OK)
@@ -53,7 +50,8 @@ gsid_status experiment_start(experiment *e) {
                               .n_lines = EXPERIMENT_N_LINES,
                               .n_settle = EXPERIMENT_N_SETTLE,
                               .line = e->line,
-                              .twiddle = e->twiddle};
+                              .twiddle = e->twiddle,
+                              .engine = GSID_ENGINE_SPREAD};
     const gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
     e->n = 0;
     e->n_left_out = 0;
@@ -70,6 +68,7 @@ gsid_real experiment_excite(experiment *e) {
     return u;
 }
 
+/* The spread engine adds a period in the course of the next: the experiment ends that much later. */
 static void judge_period(experiment *e) {
     if (e->frf.n_periods >= EXPERIMENT_N_GOOD)
         e->state = EXPERIMENT_MEASURED;
@@ -77,42 +76,31 @@ static void judge_period(experiment *e) {
         e->state = EXPERIMENT_STOPPED;
 }
 
-static void skip(experiment *e, uint32_t n_samples) {
-    if (gsid_frf_skip(&e->frf, n_samples) == GSID_SPOILED)
-        judge_period(e);
-}
-
-/* Whether the experiment still wants this sample. */
-static int is_wanted(experiment *e) {
-    if (e->state != EXPERIMENT_RUNNING)
-        return 0;
-    if (e->n_left_out == 0)
-        return 1;
-    e->n_left_out--;
-    return 0;
-}
-
-void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
-    if (!is_wanted(e))
-        return;
-    const gsid_status status = gsid_frf_step(&e->frf, u, y);
-    if (status == GSID_E_NONFINITE)
-        skip(e, 1);
-    else if (status == GSID_DONE || status == GSID_SPOILED)
+static void judge(experiment *e, gsid_status status) {
+    if (status == GSID_DONE || status == GSID_SPOILED)
         judge_period(e);
 }
 
 void experiment_skip(experiment *e) {
-    if (is_wanted(e))
-        skip(e, 1);
+    if (e->state != EXPERIMENT_RUNNING)
+        return;
+    e->n_left_out -= e->n_left_out > 0 ? 1u : 0u;
+    judge(e, gsid_frf_skip(&e->frf, 1));
+}
+
+void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
+    if (e->state != EXPERIMENT_RUNNING)
+        return;
+    const gsid_status status = e->n_left_out > 0 ? GSID_E_NONFINITE : gsid_frf_step(&e->frf, u, y);
+    if (status == GSID_E_NONFINITE)
+        experiment_skip(e);
+    else
+        judge(e, status);
 }
 
 void experiment_settle(experiment *e) {
-    if (e->state != EXPERIMENT_RUNNING)
-        return;
-    const uint32_t n_samples = EXPERIMENT_N_SETTLE + 1 - e->n_left_out;
-    e->n_left_out = EXPERIMENT_N_SETTLE;
-    skip(e, n_samples);
+    e->n_left_out = EXPERIMENT_N_SETTLE + 1;
+    experiment_skip(e);
 }
 
 /* The best of linear fits with delays tried over a grid: V has a minimum every few samples of delay, and Gauss-Newton

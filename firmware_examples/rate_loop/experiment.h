@@ -35,12 +35,12 @@ typedef struct {
     volatile experiment_state
         state; /* written by one side at a time: the tick while RUNNING, the background otherwise */
     uint32_t n; /* sample of the excitation */
-    uint32_t n_left_out;             /* samples to come that are counted as lost already */
+    uint32_t n_left_out;             /* samples to come that are not wanted: the axis settles */
     gsid_frf frf;
     gsid_cplx twiddle[EXPERIMENT_N_PERIOD];
     gsid_real excitation[EXPERIMENT_N_PERIOD];
     uint32_t line[EXPERIMENT_N_LINES];
-    gsid_cplx memory[GSID_FRF_MEM_SIZE(EXPERIMENT_N_LINES, 1) / sizeof(gsid_cplx) + 1];
+    gsid_cplx memory[GSID_FRF_SPREAD_MEM_SIZE(EXPERIMENT_N_PERIOD, EXPERIMENT_N_LINES, 1) / sizeof(gsid_cplx) + 1];
     /* The answer, from the background. */
     gsid_real f_hz[EXPERIMENT_N_LINES], sigma[EXPERIMENT_N_LINES];
     gsid_cplx g[EXPERIMENT_N_LINES];

@@ -1,0 +1,78 @@
+"""Runs of the emulated drive, made once for all tests."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from emulator import Axis, emulator, serve
+
+from gsid.simulate import SimulatedAxis
+
+SILENCE_S = 120  # of the emulator: then the test has failed. No test judges a time.
+
+
+def three_pole_axis() -> SimulatedAxis:
+    """The default axis with as many poles and zeros as the firmware fits."""
+    mode = {"mode_f_hz": 60, "mode_zeta": 0.03, "mode_residue": 0.3}
+    return SimulatedAxis(gyro_lag_s=0, spring_stiffness=0, **mode)
+
+
+@contextlib.contextmanager
+def running(name: str, path: Path) -> Iterator[socket.socket]:
+    """The image in the emulator, and its serial port."""
+    process = subprocess.Popen(
+        emulator(name, "-serial", f"unix:{path},server=on,wait=on"), stderr=subprocess.PIPE, text=True
+    )
+    line = socket.socket(socket.AF_UNIX)
+    line.settimeout(SILENCE_S)
+    try:
+        while not path.exists():
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.01)
+        line.connect(str(path))
+        yield line
+    finally:
+        line.close()
+        process.terminate()
+        process.communicate(timeout=10)
+
+
+@dataclass
+class Run:
+    """All bytes that the axis said and heard, and the report as `Axis.reports`."""
+
+    said: bytes
+    heard: bytes
+    reports: list[tuple[str, int, float, float]]
+
+
+def measure(name: str, path: Path, cpu: int) -> Run:
+    """One whole run; emulator and axis on one processor answer each other several times as fast."""
+    cpus = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cpus[cpu % len(cpus)]})  # of this process, and of what it starts
+    axis = Axis(three_pole_axis())
+    with running(name, path) as line:
+        serve(axis, line, axis.finished)
+    return Run(bytes(axis.said), bytes(axis.heard), axis.reports)
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory) -> dict[str, Run]:
+    """500 lines over 10 periods on the M7, the same again, and on the M4F."""
+    folder = tmp_path_factory.mktemp("line")
+    names = {"first": "m7-full", "second": "m7-full", "m4": "m4-full"}
+    with ProcessPoolExecutor(len(names)) as pool:
+        made = {
+            key: pool.submit(measure, name, folder / key, cpu)
+            for cpu, (key, name) in enumerate(names.items())
+        }
+        return {key: run.result() for key, run in made.items()}
