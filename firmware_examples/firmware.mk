@@ -56,3 +56,7 @@ $(BUILD)/firmware/setup.stamp: tools/setup
 .PHONY: firmware
 firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmware for Cortex-M7 and M4F
 -include $(shell find $(BUILD)/firmware -name '*.d' 2>/dev/null)
+
+.PHONY: test-firmware
+test-firmware: all firmware $(REPLAY) ## run the firmware in an emulator, in lock-step with a simulated axis
+	$(PY) -m pytest -q -s firmware_examples/tests

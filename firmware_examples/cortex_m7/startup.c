@@ -33,10 +33,10 @@ typedef union {
 } vector;
 
 __attribute__((section(".vectors"), used)) static const vector vectors[18] = {
-    {.stack = stack_end},          {.handler = reset_handler},         {.handler = fault_handler},
-    {.handler = fault_handler},    {.handler = fault_handler},         {.handler = fault_handler},
-    {.handler = fault_handler},    {.handler = fault_handler},         {.handler = fault_handler},
-    {.handler = fault_handler},    {.handler = fault_handler},         {.handler = fault_handler},
-    {.handler = fault_handler},    {.handler = fault_handler},         {.handler = fault_handler},
-    {.handler = systick_handler},  {.handler = uart_receive_handler},  {.handler = uart_transmit_handler},
+    {.stack = stack_end},         {.handler = reset_handler},        {.handler = fault_handler},
+    {.handler = fault_handler},   {.handler = fault_handler},        {.handler = fault_handler},
+    {.handler = fault_handler},   {.handler = fault_handler},        {.handler = fault_handler},
+    {.handler = fault_handler},   {.handler = fault_handler},        {.handler = fault_handler},
+    {.handler = fault_handler},   {.handler = fault_handler},        {.handler = fault_handler},
+    {.handler = systick_handler}, {.handler = uart_receive_handler}, {.handler = uart_transmit_handler},
 };

@@ -59,8 +59,15 @@ static void print_answer(void) {
 }
 
 int main(void) {
+    const gsid_guard_cfg limits = {.command_limit = COMMAND_LIMIT,
+                                   .rate_limit = 20,
+                                   .angle_lo = -2,
+                                   .angle_hi = 2,
+                                   .reaction_s = GSID_R(0.0054),
+                                   .acceleration_per_command = GSID_R(7.4),
+                                   .deceleration = 20};
     rate_controller controller = {.kp = 3.0f, .ki = 0.005f, .limit = COMMAND_LIMIT};
-    if (axis_init() != GSID_OK || experiment_init(&beside, EXCITATION_PEAK) != GSID_OK ||
+    if (axis_init() != GSID_OK || experiment_init(&beside, EXCITATION_PEAK, &limits) != GSID_OK ||
         experiment_start(&beside) != GSID_OK)
         return 1;
     gsid_real u = 0;
@@ -70,7 +77,13 @@ int main(void) {
             return 1;
         y += noise();
         experiment_measure(&beside, u, y);
-        u = clipped(rate_controller_step(&controller, 0.0f, (float)y) + (float)experiment_excite(&beside));
+        const gsid_guard_sample sample = {.rate = y};
+        const float command = rate_controller_step(&controller, 0.0f, (float)y);
+        u = clipped(command + (float)experiment_excite(&beside, &sample, command));
+    }
+    if (beside.state == EXPERIMENT_STOPPED) {
+        fprintf(stderr, "stopped: %s\n", gsid_trip_str(beside.guard.reason));
+        return 1;
     }
     const gsid_status status = experiment_fit(&beside);
     if (status < 0) {

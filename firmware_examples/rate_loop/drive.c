@@ -8,6 +8,15 @@
 #define KP 3.0f
 #define KI 0.005f
 
+/* Of an axis with 7.4 deg/s^2 per command and a delay of 5.4 ms, which may turn by 2 deg each way. */
+static const gsid_guard_cfg limits = {.command_limit = COMMAND_LIMIT,
+                                      .rate_limit = 20.0f,
+                                      .angle_lo = -2.0f,
+                                      .angle_hi = 2.0f,
+                                      .reaction_s = 5.4e-3f,
+                                      .acceleration_per_command = 7.4f,
+                                      .deceleration = 20.0f};
+
 static void send(uint8_t kind, uint8_t flags, uint32_t tick, float a, float b) {
     const gsid_frame frame = {.kind = kind, .flags = flags, .tick = tick, .a = a, .b = b};
     uint8_t bytes[GSID_LINK_FRAME_MAX];
@@ -17,7 +26,7 @@ static void send(uint8_t kind, uint8_t flags, uint32_t tick, float a, float b) {
 gsid_status drive_init(drive *d) {
     memset(d, 0, sizeof *d);
     d->hello_due = 1;
-    return experiment_init(&d->experiment, EXCITATION_PEAK);
+    return experiment_init(&d->experiment, EXCITATION_PEAK, &limits);
 }
 
 /* ---- receive interrupt ---- */
@@ -45,48 +54,42 @@ static void end(drive *d, drive_why why) {
     send(GSID_FRAME_STOP, 0, 0, 0.0f, 0.0f);
 }
 
-/* The command of the tick whose sample will be due. A controller cannot know the next one: no copy. */
-static void send_command(drive *d) {
-    float u = rate_controller_step(&d->controller, 0.0f, d->rate_deg_s) + (float)experiment_excite(&d->experiment);
+/* The next tick's command, and the experiment's end when there is to be none. sample: NULL when it was lost; the
+ * controller goes on with the rate it had. A controller cannot know the command after this one: no copy. */
+static void command_next(drive *d, const gsid_guard_sample *sample) {
+    if (sample != NULL)
+        d->rate_deg_s = sample->rate;
+    const float command = rate_controller_step(&d->controller, 0.0f, d->rate_deg_s);
+    float u = command + experiment_excite(&d->experiment, sample, command);
     u = u > COMMAND_LIMIT ? COMMAND_LIMIT : u < -COMMAND_LIMIT ? -COMMAND_LIMIT : u;
     d->n_silent = 0;
-    send(GSID_FRAME_COMMAND, 0, d->tick, u, NAN);
-}
-
-static void next_tick(drive *d) {
-    d->tick++;
-    if (d->experiment.state == EXPERIMENT_RUNNING)
-        send_command(d);
+    if (d->experiment.state == EXPERIMENT_MEASURED)
+        end(d, DRIVE_MEASURED);
+    else if (d->experiment.state == EXPERIMENT_STOPPED)
+        end(d, d->experiment.guard.state == GSID_GUARD_TRIPPED ? DRIVE_TRIPPED : DRIVE_LOSSES);
     else
-        end(d, d->experiment.state == EXPERIMENT_MEASURED ? DRIVE_MEASURED : DRIVE_LOSSES);
+        send(GSID_FRAME_COMMAND, 0, ++d->tick, u, NAN);
 }
 
-static void take_sample(drive *d, const gsid_frame *sample) {
-    if (sample->tick != d->tick)
+static void take_sample(drive *d, const gsid_frame *frame) {
+    if (frame->tick != d->tick)
         return; /* given up before */
-    d->n_lost_in_a_row = 0;
-    if ((sample->flags & GSID_FLAG_LOST_COUNT) != d->lost_count) {
-        d->lost_count = sample->flags & GSID_FLAG_LOST_COUNT;
+    if ((frame->flags & GSID_FLAG_LOST_COUNT) != d->lost_count) {
+        d->lost_count = frame->flags & GSID_FLAG_LOST_COUNT;
         experiment_settle(&d->experiment);
     } else {
-        experiment_measure(&d->experiment, sample->a, sample->b);
+        experiment_measure(&d->experiment, frame->a, frame->b);
     }
-    if (isfinite(sample->b))
-        d->rate_deg_s = sample->b;
-    next_tick(d);
+    const gsid_guard_sample sample = {.rate = frame->b};
+    command_next(d, &sample);
 }
 
-/* The controller goes on with the rate it had. */
 static void lose_sample(drive *d) {
-    d->n_lost++;
-    d->n_lost_in_a_row++;
-    if (d->n_lost_in_a_row >= DRIVE_LOST_IN_A_ROW_MAX) {
-        end(d, DRIVE_SILENT);
-    } else if (d->n_lost >= DRIVE_LOST_MAX) {
+    if (++d->n_lost >= DRIVE_LOST_MAX) {
         end(d, DRIVE_LOSSES);
     } else {
         experiment_skip(&d->experiment);
-        next_tick(d);
+        command_next(d, NULL);
     }
 }
 
@@ -122,6 +125,8 @@ void drive_tick(drive *d, int by_timer) {
 /* ---- background ---- */
 
 static void report_state(const drive *d) {
+    const gsid_guard *guard = &d->experiment.guard;
+    send(GSID_FRAME_RESULT, DRIVE_RESULT_TRIP, (uint32_t)guard->reason, guard->value, guard->angle);
     send(GSID_FRAME_RESULT, DRIVE_RESULT_STATE, d->why_tick, (float)d->why, (float)d->experiment.frf.n_periods);
 }
 
@@ -136,8 +141,10 @@ static void start(drive *d) {
     }
     d->controller = at_rest;
     d->rate_deg_s = 0;
-    d->tick = d->lost_count = d->n_lost = d->n_lost_in_a_row = 0;
-    send_command(d);         /* tick 0 */
+    d->lost_count = d->n_lost = 0;
+    d->tick = UINT32_MAX; /* the command of tick 0 is the next one */
+    const gsid_guard_sample at_rest_too = {.rate = 0};
+    command_next(d, &at_rest_too);
     d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
 }
 
@@ -179,7 +186,7 @@ static int report_next(const drive *d, uint32_t i) {
 }
 
 static int report(drive *d) {
-    if (line_room() < GSID_LINK_FRAME_MAX)
+    if (line_room() < 2 * GSID_LINK_FRAME_MAX)
         return 0;
     if (!report_next(d, d->n_reported++)) {
         d->n_silent = 0;

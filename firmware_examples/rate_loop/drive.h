@@ -16,14 +16,13 @@
 enum {
     DRIVE_HELLO_EVERY = EXPERIMENT_FS_HZ, /* 1 s */
     DRIVE_SILENCE_MAX = EXPERIMENT_FS_HZ, /* 1 s without the sample that is due: it is lost */
-    DRIVE_LOST_IN_A_ROW_MAX = 3,          /* samples: the axis is gone */
-    DRIVE_LOST_MAX = 16                   /* samples of one run: the line is no good */
+    DRIVE_LOST_MAX = 16 /* samples of one run: the line is no good */
 };
 
 typedef enum {
-    DRIVE_WAITING = 0,  /* background's: command zero, says HELLO until an axis answers */
-    DRIVE_RUNNING = 1,  /* tick's: the loop is closed, the experiment runs */
-    DRIVE_ENDED = 2,    /* background's: command zero; the answer is to be worked out */
+    DRIVE_WAITING = 0, /* background's: command zero, says HELLO until an axis answers */
+    DRIVE_RUNNING = 1, /* tick's: the loop is closed, the experiment runs */
+    DRIVE_ENDED = 2, /* background's: command zero; the answer is to be worked out */
     DRIVE_REPORTING = 3 /* background's: command zero; the answer goes up */
 } drive_state;
 
@@ -31,47 +30,48 @@ typedef enum {
 typedef enum {
     DRIVE_NEVER_RAN = 0,
     DRIVE_MEASURED = 1,
-    DRIVE_SILENT = 2,    /* the axis is gone */
-    DRIVE_LOSSES = 3,    /* too many samples or periods lost */
-    DRIVE_ASKED = 4,     /* STOP came */
+    DRIVE_TRIPPED = 2, /* the guard took the excitation away */
+    DRIVE_LOSSES = 3, /* too many samples or periods lost */
+    DRIVE_ASKED = 4, /* STOP came */
     DRIVE_RESTARTED = 5, /* the axis said HELLO: it has begun anew */
-    DRIVE_REFUSED = 6    /* the experiment could not be started */
+    DRIVE_REFUSED = 6 /* the experiment could not be started */
 } drive_why;
 
 /* Flags of a RESULT frame: what it carries. */
 typedef enum {
     DRIVE_RESULT_STATE = 0, /* tick: at which the run ended; a: drive_why; b: good periods */
-    DRIVE_RESULT_G = 1,     /* tick: line number; a, b: response, real and imaginary part */
+    DRIVE_RESULT_G = 1, /* tick: line number; a, b: response, real and imaginary part */
     DRIVE_RESULT_SIGMA = 2, /* tick: line number; a: frequency [Hz]; b: standard deviation of the response */
-    DRIVE_RESULT_FIT = 3,   /* tick: status of the fit, plus 128; a: delay [s]; b: cost */
-    DRIVE_RESULT_NUM = 4,   /* tick: power of s/scale; a: coefficient; b: scale [rad/s] */
-    DRIVE_RESULT_DEN = 5    /* the same */
+    DRIVE_RESULT_FIT = 3, /* tick: status of the fit, plus 128; a: delay [s]; b: cost */
+    DRIVE_RESULT_NUM = 4, /* tick: power of s/scale; a: coefficient; b: scale [rad/s] */
+    DRIVE_RESULT_DEN = 5, /* the same */
+    DRIVE_RESULT_TRIP = 6 /* tick: gsid_trip of the last run; a: what passed its limit; b: angle [deg] */
 } drive_result;
 
 enum { DRIVE_FRAMES = 4 }; /* waiting for the tick: one is usual, a power of two */
 
 typedef struct {
     volatile drive_state state;
-    drive_why why;     /* of the last run's end */
+    drive_why why; /* of the last run's end */
     uint32_t why_tick;
     /* From the receive interrupt to the tick. */
     gsid_link link;
     gsid_frame frame[DRIVE_FRAMES];
     volatile uint32_t n_come, n_taken; /* frames ever */
-    volatile uint32_t n_damaged;       /* frames ever */
+    volatile uint32_t n_damaged; /* frames ever */
     /* The tick's. */
-    uint32_t tick;         /* whose sample is due */
-    uint32_t n_silent;     /* timer's turns since the last command went */
+    uint32_t tick; /* whose sample is due */
+    uint32_t n_silent; /* timer's turns since the last command went */
     uint32_t damage_seen;
-    uint32_t lost_count;   /* the axis's count of lost commands */
-    uint32_t n_lost, n_lost_in_a_row;
-    float rate_deg_s;      /* measured last */
+    uint32_t lost_count; /* the axis's count of lost commands */
+    uint32_t n_lost;
+    float rate_deg_s; /* measured last */
     rate_controller controller;
     /* From the tick to the background. */
     volatile int axis_answered, hello_due;
     /* The background's. */
     gsid_status fit_status;
-    uint32_t n_reported;   /* frames of the report so far */
+    uint32_t n_reported; /* frames of the report so far */
     experiment experiment;
 } drive;
 

@@ -35,10 +35,16 @@ static gsid_status fill_excitation(experiment *e, gsid_real peak) {
     return status;
 }
 
-gsid_status experiment_init(experiment *e, gsid_real peak) {
+gsid_status experiment_init(experiment *e, gsid_real peak, const gsid_guard_cfg *limits) {
     uint32_t n_lines;
+    gsid_guard_cfg guard = *limits;
+    guard.fs_hz = EXPERIMENT_FS_HZ;
+    guard.n_ramp = EXPERIMENT_N_RAMP;
+    guard.n_missing_max = EXPERIMENT_N_MISSING_MAX;
     e->state = EXPERIMENT_IDLE;
-    gsid_status status = gsid_twiddle_fill(EXPERIMENT_N_PERIOD, e->twiddle);
+    gsid_status status = gsid_guard_init(&e->guard, &guard);
+    if (status == GSID_OK)
+        status = gsid_twiddle_fill(EXPERIMENT_N_PERIOD, e->twiddle);
     if (status == GSID_OK)
         status = gsid_lines_fill(GSID_GRID_FULL, 1, EXPERIMENT_N_LINES, EXPERIMENT_N_LINES, e->line, &n_lines);
     return status == GSID_OK ? fill_excitation(e, peak) : status;
@@ -52,7 +58,10 @@ gsid_status experiment_start(experiment *e) {
                               .line = e->line,
                               .twiddle = e->twiddle,
                               .engine = GSID_ENGINE_SPREAD};
-    const gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
+    gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
+    gsid_guard_reset(&e->guard);
+    if (status == GSID_OK)
+        status = gsid_guard_start(&e->guard, 0); /* the range of angles counts from here */
     e->n = 0;
     e->n_left_out = 0;
     if (status == GSID_OK)
@@ -60,12 +69,14 @@ gsid_status experiment_start(experiment *e) {
     return status;
 }
 
-gsid_real experiment_excite(experiment *e) {
+gsid_real experiment_excite(experiment *e, const gsid_guard_sample *sample, gsid_real command) {
     if (e->state != EXPERIMENT_RUNNING)
         return 0;
-    const gsid_real u = e->excitation[e->n];
+    gsid_real allowed = 0;
+    if (gsid_guard_step(&e->guard, sample, command, e->excitation[e->n], &allowed) == GSID_TRIPPED)
+        e->state = EXPERIMENT_STOPPED;
     e->n = e->n + 1 < EXPERIMENT_N_PERIOD ? e->n + 1 : 0;
-    return u;
+    return allowed;
 }
 
 /* The spread engine adds a period in the course of the next: the experiment ends that much later. */

@@ -9,16 +9,18 @@
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
+#include "gsid/guard.h"
 
 #ifdef EXPERIMENT_SHORT /* for tests of what goes wrong on the line */
-enum { EXPERIMENT_N_PERIOD = 600, EXPERIMENT_N_LINES = 50, EXPERIMENT_N_GOOD = 4 };
+enum { EXPERIMENT_N_PERIOD = 600, EXPERIMENT_N_LINES = 50, EXPERIMENT_N_GOOD = 4, EXPERIMENT_N_RAMP = 60 };
 #else
-enum { EXPERIMENT_N_PERIOD = 6000, EXPERIMENT_N_LINES = 500, EXPERIMENT_N_GOOD = 10 };
+enum { EXPERIMENT_N_PERIOD = 6000, EXPERIMENT_N_LINES = 500, EXPERIMENT_N_GOOD = 10, EXPERIMENT_N_RAMP = 600 };
 #endif
 
 enum {
     EXPERIMENT_FS_HZ = 3000, /* the lines end at 250 Hz */
     EXPERIMENT_N_SETTLE = EXPERIMENT_N_PERIOD,
+    EXPERIMENT_N_MISSING_MAX = 2, /* samples in a row */
     EXPERIMENT_N_SPOILED_MAX = 4, /* periods lost before it is given up */
     EXPERIMENT_N_POLES = 3,
     EXPERIMENT_N_ZEROS = 2
@@ -28,14 +30,15 @@ typedef enum {
     EXPERIMENT_IDLE = 0,
     EXPERIMENT_RUNNING = 1,
     EXPERIMENT_MEASURED = 2, /* the background may fit */
-    EXPERIMENT_STOPPED = 3 /* before its end: the excitation is off, and `why` says why */
+    EXPERIMENT_STOPPED = 3 /* before its end: the guard tripped, or too many periods were lost */
 } experiment_state;
 
 typedef struct {
     volatile experiment_state
         state; /* written by one side at a time: the tick while RUNNING, the background otherwise */
     uint32_t n; /* sample of the excitation */
-    uint32_t n_left_out;             /* samples to come that are not wanted: the axis settles */
+    uint32_t n_left_out; /* samples to come that are not wanted: the axis settles */
+    gsid_guard guard;
     gsid_frf frf;
     gsid_cplx twiddle[EXPERIMENT_N_PERIOD];
     gsid_real excitation[EXPERIMENT_N_PERIOD];
@@ -49,14 +52,17 @@ typedef struct {
     gsid_real cost; /* sum of squared errors over sigma */
 } experiment;
 
-/* Background, once: fill the tables. peak: of the excitation, unit of the command. */
-gsid_status experiment_init(experiment *e, gsid_real peak);
+/* Background, once: fill the tables.
+ *  peak    of the excitation, unit of the command
+ *  limits  of the guard; the rest of its configuration is the experiment's */
+gsid_status experiment_init(experiment *e, gsid_real peak, const gsid_guard_cfg *limits);
 
 /* Background, while not RUNNING: begin anew. */
 gsid_status experiment_start(experiment *e);
 
-/* Tick: what to add to the command; 0 unless RUNNING. */
-gsid_real experiment_excite(experiment *e);
+/* Tick: what to add to the controller's command; 0 unless RUNNING, and from the tick on in which the guard trips.
+ *  sample  what was measured in this tick; NULL: nothing came */
+gsid_real experiment_excite(experiment *e, const gsid_guard_sample *sample, gsid_real command);
 
 /* Tick: take the command in force and the output sampled at the same instant. */
 void experiment_measure(experiment *e, gsid_real u, gsid_real y);

@@ -15,7 +15,7 @@ from gsid.simulate import SimulatedAxis
 
 ROOT = Path(__file__).resolve().parents[2]
 BOARDS = {"m7": "mps2-an500", "m4": "mps2-an386"}
-RESULTS = ("state", "g", "sigma", "fit", "num", "den")  # drive_result, in rate_loop/drive.h
+RESULTS = ("state", "g", "sigma", "fit", "num", "den", "trip")  # drive_result, in rate_loop/drive.h
 
 
 def image(name: str) -> Path:
@@ -55,7 +55,11 @@ class Axis:
         self.reports: list[tuple[str, int, float, float]] = []
         self.n_stops = 0
         self.running, self.ticks, self.n_lost, self.held = False, 0, 0, 0.0
-        self._link, self._frames, self._n = ffi.new("gsid_link *"), ffi.new("gsid_frame[64]"), ffi.new("size_t *")
+        self._link, self._frames, self._n = (
+            ffi.new("gsid_link *"),
+            ffi.new("gsid_frame[64]"),
+            ffi.new("size_t *"),
+        )
         self._frame, self._bytes = ffi.new("gsid_frame *"), ffi.new("uint8_t[]", lib.GSID_LINK_FRAME_MAX)
         self._u = np.zeros(1)
 
@@ -108,7 +112,9 @@ class Axis:
         return bool(self.reports) and self.reports[-1][0] == "fit"
 
 
-def serve(axis: Axis, line: socket.socket, until: Callable[[], bool], damage: Callable[[bytes], bytes] = bytes) -> None:
+def serve(
+    axis: Axis, line: socket.socket, until: Callable[[], bool], damage: Callable[[bytes], bytes] = bytes
+) -> None:
     """Answer the drive until `until`; EOFError when it has gone, TimeoutError as the socket says."""
     while not until():
         data = line.recv(4096)

@@ -6,7 +6,7 @@
 static drive the_drive;
 
 size_t line_room(void) {
-    return GSID_LINK_FRAME_MAX;
+    return 2 * GSID_LINK_FRAME_MAX;
 }
 
 void line_send(const uint8_t *bytes, size_t n_bytes) {

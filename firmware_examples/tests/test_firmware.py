@@ -72,7 +72,9 @@ def test_the_response_is_that_of_the_desktop(runs, desktop):
     y, u = np.abs(desktop.y), np.abs(desktop.u)
     bound = 2e-6 * (y.max() + np.abs(desktop.g) * u.max()) / u
     error = np.abs(g[:, 1] + 1j * g[:, 2] - desktop.g)
-    print(f"response: largest error {np.max(error / np.abs(desktop.g)):.1e} of |G|, {np.max(error / bound):.2f} of the bound")
+    print(
+        f"response: largest error {np.max(error / np.abs(desktop.g)):.1e} of |G|, {np.max(error / bound):.2f} of the bound"
+    )
     assert (error < bound).all()
     # Deviations from the mean are rounded at 2e-6 of the largest line too, against deviations of at least a
     # thousandth of it: a relative error of 2e-3, in the worst line of 500.
@@ -86,7 +88,9 @@ def test_the_model_is_that_of_the_desktop(runs, desktop):
     fitted = gsid.fit(desktop, "3/2", delay="free", method="ml", hold="none")
     f, sigma = desktop.f_hz, np.sqrt(desktop.var_g)
     error = np.abs(model.response(f) - fitted.response(f)) / sigma
-    print(f"model: largest difference {error.max():.1e} of a line's deviation; delay {model.delay_s - fitted.delay_s:.1e} s")
+    print(
+        f"model: largest difference {error.max():.1e} of a line's deviation; delay {model.delay_s - fitted.delay_s:.1e} s"
+    )
     assert status == 0
     assert error.max() < 0.02
     assert cost == pytest.approx(fitted.cost, rel=1e-3)
@@ -95,7 +99,10 @@ def test_the_model_is_that_of_the_desktop(runs, desktop):
 
 def disassembly(name):
     return subprocess.run(
-        ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", image(name)], check=True, capture_output=True, text=True
+        ["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", image(name)],
+        check=True,
+        capture_output=True,
+        text=True,
     ).stdout
 
 

@@ -50,9 +50,61 @@ static inline gsid_cplx gsid_cplx_div(gsid_cplx a, gsid_cplx b) {
     return gsid_cplx_make((r * a.re + a.im) / d, (r * a.im - a.re) / d);
 }
 
+/* exp(j (x + rest)) for |x| <= pi/4 or a rounding more, rest a rounding of x, by Taylor's series to below the rounding unit. No two C libraries agree on
+ * the last bit of a sine: with the core's own, the same samples give the same bits on target and desktop. */
+static inline gsid_cplx gsid_cplx_cis_octant(gsid_real x, gsid_real rest) {
+#ifdef GSID_SINGLE
+    enum { N_TERMS = 4 };
+#else
+    enum { N_TERMS = 8 };
+#endif
+    static const gsid_real sine[8] = { /* of x^3, x^5, ... */
+                                      GSID_R(-1.66666666666666667e-1),  GSID_R(8.33333333333333333e-3),
+                                      GSID_R(-1.98412698412698413e-4),  GSID_R(2.75573192239858907e-6),
+                                      GSID_R(-2.50521083854417188e-8),  GSID_R(1.60590438368216146e-10),
+                                      GSID_R(-7.64716373181981648e-13), GSID_R(2.81145725434552076e-15)};
+    static const gsid_real cosine[8] = { /* of x^4, x^6, ... */
+                                        GSID_R(4.16666666666666667e-2),  GSID_R(-1.38888888888888889e-3),
+                                        GSID_R(2.48015873015873016e-5),  GSID_R(-2.75573192239858907e-7),
+                                        GSID_R(2.08767569878680990e-9),  GSID_R(-1.14707455977297247e-11),
+                                        GSID_R(4.77947733238738530e-14), GSID_R(-1.56192069685862265e-16)};
+    const gsid_real x2 = x * x, half = GSID_R(0.5) * x2, near_one = 1 - half;
+    gsid_real s = sine[N_TERMS - 1], c = cosine[N_TERMS - 1];
+    for (int i = N_TERMS - 1; i-- > 0;) {
+        s = sine[i] + x2 * s;
+        c = cosine[i] + x2 * c;
+    }
+    /* What rounding took from 1 - x^2/2 is put back with the small terms. */
+    return gsid_cplx_make(near_one + (((1 - near_one) - half) + (x2 * x2 * c - rest * x)),
+                          x + (x * x2 * s + rest * near_one));
+}
+
 /* exp(j angle) */
 static inline gsid_cplx gsid_cplx_cis(gsid_real angle) {
-    return gsid_cplx_make(gsid_cos(angle), gsid_sin(angle));
+    /* pi/2 in three pieces, the first two so short that their multiples are exact up to the largest angle. */
+#ifdef GSID_SINGLE
+    const gsid_real first = GSID_R(1.5703125), second = GSID_R(0.000483751297), third = GSID_R(7.54978995e-08);
+    const gsid_real largest = GSID_R(12000.0);
+#else
+    const gsid_real first = GSID_R(1.5707963267341256), second = GSID_R(6.077100506303966e-11);
+    const gsid_real third = GSID_R(2.0222662487959506e-21);
+    const gsid_real largest = GSID_R(1.6e6);
+#endif
+    if (!(gsid_fabs(angle) <= largest))
+        return gsid_cplx_make(gsid_cos(angle), gsid_sin(angle));
+    const gsid_real n_quarters = gsid_floor(angle * GSID_R(0.636619772367581343) + GSID_R(0.5));
+    const gsid_real short_angle = ((angle - n_quarters * first) - n_quarters * second) - n_quarters * third;
+    const gsid_cplx z = gsid_cplx_cis_octant(short_angle, 0);
+    switch ((int32_t)n_quarters & 3) {
+    case 0:
+        return z;
+    case 1:
+        return gsid_cplx_make(-z.im, z.re);
+    case 2:
+        return gsid_cplx_make(-z.re, -z.im);
+    default:
+        return gsid_cplx_make(z.im, -z.re);
+    }
 }
 
 /* sum coef[i] v^i, by Horner's rule. */

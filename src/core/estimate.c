@@ -34,7 +34,8 @@ static gsid_status solve_reweighted(gsid_equations *q, const gsid_frd *data, gsi
         gsid_real weight = gsid_residual_weight(data, k);
         if (reweight) {
             const gsid_real a2 = gsid_cplx_abs2(gsid_cplx_polynomial(model->n_poles, model->den, v));
-            weight /= gsid_pow(a2, exponent / 2);
+            /* The usual exponent by a root, which is the same to the bit everywhere. */
+            weight /= exponent == 1 ? gsid_sqrt(a2) : gsid_pow(a2, exponent / 2);
         }
         const gsid_status status = add_equation_error(q, model, v, g, weight);
         if (status != GSID_OK)

@@ -25,8 +25,7 @@ static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period) {
     const gsid_real angle_rest =
         gsid_fma(quarter_pi, ratio, -angle) + quarter_pi * ratio_rest + quarter_pi_rest * ratio;
 
-    const gsid_real c = gsid_cos(angle), s = gsid_sin(angle);
-    return gsid_cplx_make(c - angle_rest * s, s + angle_rest * c);
+    return gsid_cplx_cis_octant(angle, angle_rest);
 }
 
 gsid_status gsid_twiddle_fill(uint32_t n_period, gsid_cplx *table) {

@@ -27,7 +27,6 @@
 #define gsid_tanh GSID_LIBM(tanh)
 #define gsid_atan2 GSID_LIBM(atan2)
 #define gsid_sqrt GSID_LIBM(sqrt)
-#define gsid_hypot GSID_LIBM(hypot)
 #define gsid_fabs GSID_LIBM(fabs)
 #define gsid_floor GSID_LIBM(floor)
 #define gsid_fma GSID_LIBM(fma)
@@ -44,6 +43,14 @@ struct gsid_align_cplx {
 
 static inline int gsid_is_aligned(const void *mem) {
     return (uintptr_t)mem % GSID_ALIGN_CPLX == 0;
+}
+
+/* Length of (a, b) without overflow on the way; not libm's, whose last bit depends on the library. */
+static inline gsid_real gsid_hypot(gsid_real a, gsid_real b) {
+    const gsid_real size_a = gsid_fabs(a), size_b = gsid_fabs(b);
+    const gsid_real large = size_a > size_b ? size_a : size_b, small = size_a > size_b ? size_b : size_a;
+    const gsid_real ratio = large > 0 ? small / large : 0;
+    return large * gsid_sqrt(1 + ratio * ratio);
 }
 
 static inline int gsid_is_finite(gsid_real x) {

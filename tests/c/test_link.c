@@ -82,7 +82,7 @@ static void every_kind_and_value_comes_back(void **state) {
             assert_same(&got, &sent);
         }
     }
-    assert_int_equal(link.n_frames, 256);
+    assert_int_equal(link.n_frames, 5 * 64);
     assert_int_equal(link.n_damaged + link.n_garbage, 0);
 }
 
