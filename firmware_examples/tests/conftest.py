@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from emulator import Axis, emulator, serve
+from emulator import SILENCE_S, Axis, SocketLine, emulator, serve
 
 from gsid.simulate import SimulatedAxis
-
-SILENCE_S = 120  # of the emulator: then the test has failed. No test judges a time.
 
 
 def three_pole_axis() -> SimulatedAxis:
@@ -27,23 +25,32 @@ def three_pole_axis() -> SimulatedAxis:
 
 
 @contextlib.contextmanager
-def running(name: str, path: Path) -> Iterator[socket.socket]:
-    """The image in the emulator, and its serial port."""
+def emulated(name: str, serial: str) -> Iterator[subprocess.Popen]:
+    """The image in the emulator, with a serial port of that kind."""
     process = subprocess.Popen(
-        emulator(name, "-serial", f"unix:{path},server=on,wait=on"), stderr=subprocess.PIPE, text=True
+        emulator(name, "-serial", serial), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
-    line = socket.socket(socket.AF_UNIX)
-    line.settimeout(SILENCE_S)
     try:
-        while not path.exists():
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(0.01)
-        line.connect(str(path))
-        yield line
+        yield process
+        assert process.poll() is None, (
+            f"the emulator has ended with {process.returncode}: 100 + a fault's number"
+        )
     finally:
-        line.close()
         process.terminate()
         process.communicate(timeout=10)
+
+
+def connect(path: Path) -> SocketLine:
+    line = socket.socket(socket.AF_UNIX)
+    line.settimeout(SILENCE_S)
+    end = time.monotonic() + SILENCE_S
+    while True:
+        try:
+            line.connect(str(path))
+            return SocketLine(line)
+        except OSError:
+            assert time.monotonic() < end, "the emulator does not start"
+            time.sleep(0.01)
 
 
 @dataclass
@@ -60,8 +67,8 @@ def measure(name: str, path: Path, cpu: int) -> Run:
     cpus = sorted(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {cpus[cpu % len(cpus)]})  # of this process, and of what it starts
     axis = Axis(three_pole_axis())
-    with running(name, path) as line:
-        serve(axis, line, axis.finished)
+    with emulated(name, f"unix:{path},server=on,wait=on"):
+        serve(axis, connect(path), axis.finished)
     return Run(bytes(axis.said), bytes(axis.heard), axis.reports)
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import socket
-import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from gsid._lib import ffi, lib
+from gsid.link import Transport
 from gsid.simulate import SimulatedAxis
 
 ROOT = Path(__file__).resolve().parents[2]
 BOARDS = {"m7": "mps2-an500", "m4": "mps2-an386"}
+SILENCE_S = 120  # of the emulator: then a test has failed. No test judges a time.
 RESULTS = ("state", "g", "sigma", "fit", "num", "den", "trip")  # drive_result, in rate_loop/drive.h
 
 
@@ -30,15 +31,11 @@ def emulator(name: str, *options: str) -> list[str]:
             "-kernel", str(image(name))]  # fmt: skip
 
 
-def pin(cpu: int) -> Callable[[], None]:
-    """For a process to be started: emulator and axis on one processor answer each other five times as fast."""
-    cpus = sorted(os.sched_getaffinity(0))
-    return lambda: os.sched_setaffinity(0, {cpus[cpu % len(cpus)]})
-
-
 class Axis:
-    """The axis's end of the line in lock-step, as `gsid.simulate.Server` keeps it, but frame by frame and so much
-    faster; what the drive reports is collected.
+    """The axis's end of the line in lock-step.
+
+    It keeps the rules that `gsid.simulate.Server` keeps, but frame by frame, and so much faster;
+    what the drive reports is collected.
 
     Attributes
     ----------
@@ -47,13 +44,18 @@ class Axis:
     reports : list of (what, tick, a, b)
     ticks : int
         Advanced since HELLO.
+    n_hello, n_stop : int
+        Frames that came.
+    bump : (int, float)
+        Added to the output at that tick.
     """
 
     def __init__(self, axis: SimulatedAxis) -> None:
         self.axis = axis
         self.said, self.heard = bytearray(), bytearray()
         self.reports: list[tuple[str, int, float, float]] = []
-        self.n_stops = 0
+        self.n_hello, self.n_stop = 0, 0
+        self.bump = (-1, 0.0)
         self.running, self.ticks, self.n_lost, self.held = False, 0, 0, 0.0
         self._link, self._frames, self._n = (
             ffi.new("gsid_link *"),
@@ -79,11 +81,12 @@ class Axis:
             return self._advance(frame.tick, frame.a) if self.running else b""
         if frame.kind == lib.GSID_FRAME_HELLO:
             self.axis.reset()
+            self.n_hello += 1
             self.running, self.ticks, self.n_lost, self.held = True, 0, 0, 0.0
             return self._encode(lib.GSID_FRAME_HELLO, 0, 0, self.axis.fs_hz, 1)
         if frame.kind == lib.GSID_FRAME_STOP:
             self.running = False
-            self.n_stops += 1
+            self.n_stop += 1
             return self._encode(lib.GSID_FRAME_STOP, 0, self.ticks, 0, 0)
         if frame.kind == lib.GSID_FRAME_RESULT:
             self.reports.append((RESULTS[frame.flags], frame.tick, frame.a, frame.b))
@@ -97,6 +100,7 @@ class Axis:
             self.held = self.held if lost else u
             self._u[0] = self.held
             applied, y, _ = self.axis.step(self._u)
+            y = y + (self.bump[1] if self.ticks == self.bump[0] else 0.0)
             flags = lost | (self.n_lost % 128) << 1
             answer += self._encode(lib.GSID_FRAME_SAMPLE, flags, self.ticks, applied[0], y[0])
             self.ticks += 1
@@ -112,12 +116,22 @@ class Axis:
         return bool(self.reports) and self.reports[-1][0] == "fit"
 
 
+class SocketLine:
+    """A socket with the interface of `gsid.link.Transport`."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.read = lambda: line.recv(4096)
+        self.write = line.sendall
+        self.close = line.close
+
+
 def serve(
-    axis: Axis, line: socket.socket, until: Callable[[], bool], damage: Callable[[bytes], bytes] = bytes
+    axis: Axis, line: Transport, until: Callable[[], bool], damage: Callable[[bytes], bytes] = bytes
 ) -> None:
-    """Answer the drive until `until`; EOFError when it has gone, TimeoutError as the socket says."""
+    """Answer the drive until `until`, with `damage` on the line both ways."""
+    end = time.monotonic() + SILENCE_S
     while not until():
-        data = line.recv(4096)
-        if not data:
-            raise EOFError("the emulator has gone")
-        line.sendall(damage(axis.take(damage(data))))
+        if data := line.read():
+            end = time.monotonic() + SILENCE_S
+            line.write(damage(axis.take(damage(data))))
+        assert time.monotonic() < end, "the drive is silent"

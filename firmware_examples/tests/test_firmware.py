@@ -67,13 +67,13 @@ def test_the_drive_built_for_a_computer_gives_the_same_bytes(runs):
 
 
 def test_the_response_is_that_of_the_desktop(runs, desktop):
-    """Within what single precision costs: 2e-6 of the largest line, for each of Y and U (include/gsid/frf.h)."""
+    """Within what single precision costs Y and U: 2e-6 of the largest line (include/gsid/frf.h)."""
     _, g, sigma = report_of(runs["first"])
     y, u = np.abs(desktop.y), np.abs(desktop.u)
     bound = 2e-6 * (y.max() + np.abs(desktop.g) * u.max()) / u
     error = np.abs(g[:, 1] + 1j * g[:, 2] - desktop.g)
     print(
-        f"response: largest error {np.max(error / np.abs(desktop.g)):.1e} of |G|, {np.max(error / bound):.2f} of the bound"
+        f"response: error <= {np.max(error / np.abs(desktop.g)):.1e} |G|, {np.max(error / bound):.2f} of the bound"
     )
     assert (error < bound).all()
     # Deviations from the mean are rounded at 2e-6 of the largest line too, against deviations of at least a
@@ -82,15 +82,12 @@ def test_the_response_is_that_of_the_desktop(runs, desktop):
 
 
 def test_the_model_is_that_of_the_desktop(runs, desktop):
-    """Both stop when V would fall by less than a hundredth of what noise moves it: at a line, that is some hundredth
-    of the line's own deviation."""
+    """Both stop where V would fall by less than 0.005: at a line that is far below its own deviation."""
     model, status, cost = model_of(runs["first"])
     fitted = gsid.fit(desktop, "3/2", delay="free", method="ml", hold="none")
     f, sigma = desktop.f_hz, np.sqrt(desktop.var_g)
     error = np.abs(model.response(f) - fitted.response(f)) / sigma
-    print(
-        f"model: largest difference {error.max():.1e} of a line's deviation; delay {model.delay_s - fitted.delay_s:.1e} s"
-    )
+    print(f"model: difference <= {error.max():.1e} sigma, delay {model.delay_s - fitted.delay_s:.1e} s")
     assert status == 0
     assert error.max() < 0.02
     assert cost == pytest.approx(fitted.cost, rel=1e-3)

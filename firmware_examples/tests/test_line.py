@@ -1,0 +1,123 @@
+"""What goes wrong on the line leaves the drive safe, is reported, and does not hinder the next run."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import re
+import signal
+
+import numpy as np
+import pytest
+from conftest import Run, connect, emulated, measure, three_pole_axis
+from emulator import Axis, serve
+
+from gsid.link import COMMAND, HELLO, STOP, Receiver, SerialTransport
+
+IMAGE = "m7-short"
+MIDDLE = 900  # a tick in the middle of the run
+TRIPPED, LOSSES = 2, 3  # drive_why
+TRIP_MISSING, TRIP_RATE = 2, 3  # gsid_trip
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Run:
+    """A run on a good line."""
+    return measure(IMAGE, tmp_path_factory.mktemp("line") / "good", 0)
+
+
+def assert_next_run_is_good(line, undisturbed) -> tuple[int, int]:
+    """Without a reset: what the drive says of the run before, and then, to the bit, a fresh drive's run.
+
+    Returns
+    -------
+    trip, why : int
+        Of the run before.
+    """
+    axis = Axis(three_pole_axis())
+    serve(axis, line, axis.finished)
+    assert axis.reports[-len(undisturbed.reports) :] == undisturbed.reports
+    (trip, state) = axis.reports[:2]
+    assert (trip[0], state[0]) == ("trip", "state")
+    return trip[1], state[2]
+
+
+def until_the_middle(path) -> None:
+    """A host that drops dead."""
+    axis = Axis(three_pole_axis())
+    serve(axis, connect(path), lambda: axis.ticks >= MIDDLE)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_the_host_is_killed(tmp_path, undisturbed):
+    path = tmp_path / "line"
+    with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
+        host = multiprocessing.get_context("fork").Process(target=until_the_middle, args=(path,))
+        host.start()
+        host.join()
+        assert host.exitcode == -signal.SIGKILL
+        assert assert_next_run_is_good(connect(path), undisturbed) == (TRIP_MISSING, TRIPPED)
+
+
+def test_the_pseudo_terminal_is_unplugged(undisturbed):
+    with emulated(IMAGE, "pty") as process:
+        port = re.search(r"/dev/\S+", process.stdout.readline())[0]
+        axis, line = Axis(three_pole_axis()), SerialTransport(port)
+        serve(axis, line, lambda: axis.ticks >= MIDDLE)
+        line.close()
+        line = SerialTransport(port)
+        assert assert_next_run_is_good(line, undisturbed) == (TRIP_MISSING, TRIPPED)
+        line.close()
+
+
+def test_one_byte_in_a_hundred_is_wrong(tmp_path, undisturbed):
+    random = np.random.default_rng(1)
+
+    def damage(data: bytes) -> bytes:
+        block = np.frombuffer(data, np.uint8)
+        wrong = random.random(len(block)) < 0.01
+        return (
+            (block ^ (wrong * random.integers(1, 256, len(block), dtype=np.uint8))).astype(np.uint8).tobytes()
+        )
+
+    path = tmp_path / "line"
+    with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
+        line, axis = connect(path), Axis(three_pole_axis())
+        serve(axis, line, lambda: axis.ticks > 0 and not axis.running, damage)  # STOP came
+        trip, why = assert_next_run_is_good(line, undisturbed)
+        assert (trip, why) == (TRIP_MISSING, TRIPPED) or why == LOSSES
+
+
+def test_a_lost_sample_spoils_its_period_only(tmp_path, undisturbed):
+    """The drive sees the damaged frame, and does without this sample."""
+    lost = []
+
+    def damage(data: bytes) -> bytes:
+        if axis.ticks >= MIDDLE and not lost and len(data) == 18 and data[2] == 2:
+            lost.append(axis.ticks)
+            return data[:-1] + bytes([data[-1] ^ 1])
+        return data
+
+    path = tmp_path / "line"
+    with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
+        axis = Axis(three_pole_axis())
+        serve(axis, connect(path), axis.finished, damage)
+    state = next(row for row in axis.reports if row[0] == "state")
+    good = next(row for row in undisturbed.reports if row[0] == "state")
+    assert (state[2], state[3]) == (good[2], good[3])  # measured, as many good periods
+    assert state[1] == good[1] + 600  # ticks: one period more
+    assert lost
+
+
+def test_the_guard_stops_the_excitation_within_a_tick(tmp_path, undisturbed):
+    path = tmp_path / "line"
+    with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
+        line, axis = connect(path), Axis(three_pole_axis())
+        axis.bump = (MIDDLE, 30.0)  # deg/s; the limit is 20
+        serve(axis, line, lambda: axis.n_stop > 0)
+        heard = Receiver().decode(bytes(axis.heard))
+        last = np.flatnonzero(heard["kind"] == COMMAND)[-1]
+        assert heard["tick"][last] == MIDDLE  # whose sample has the bump
+        assert heard["kind"][last + 1] == STOP
+        assert heard["kind"][0] == HELLO
+        assert assert_next_run_is_good(line, undisturbed) == (TRIP_RATE, TRIPPED)
