@@ -24,10 +24,11 @@ C_FILES += $(wildcard firmware_examples/*/*.[ch])
 # ---- Cortex-M ----------------------------------------------------------------------------------------------------
 
 ARM_CC := arm-none-eabi-gcc
-ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -O2 -g -mthumb -mfloat-abi=hard -ffreestanding \
+ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -O2 -g -mthumb -mfloat-abi=hard \
     -ffunction-sections -fdata-sections -fno-math-errno -fcallgraph-info=su $(WARN) $(PRECISION_float) -Werror
 ARM_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T firmware_examples/cortex_m7/mps2.ld
 # Single precision only on both, so that on the M4F an instruction in double would fault.
+# Not -ffreestanding: it makes calls of square root and fused multiply-add, which are one instruction each.
 CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
 CPU_m4 := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
 
@@ -42,7 +43,7 @@ FIRMWARE_SRC := $(BOARD) $(wildcard firmware_examples/rate_loop/*.c) $(CORE_SRC)
 define image_rules
 $(BUILD)/firmware/$(1)-$(2).elf: $(FIRMWARE_SRC:%.c=$(BUILD)/firmware/$(1)-$(2)/%.o) firmware_examples/cortex_m7/mps2.ld
 	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(ARM_LINK) -Wl,-Map=$$@.map -o $$@ $$(filter %.o,$$^) -lm
-$(BUILD)/firmware/$(1)-$(2)/%.o: %.c $(BUILD)/firmware/setup.stamp
+$(BUILD)/firmware/$(1)-$(2)/%.o: %.c firmware_examples/firmware.mk $(BUILD)/firmware/setup.stamp
 	@mkdir -p $$(@D)
 	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(SIZE_$(2)) -c -o $$@ $$<
 endef

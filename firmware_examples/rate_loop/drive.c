@@ -106,6 +106,11 @@ static void take_frame(drive *d, const gsid_frame *frame) {
 }
 
 void drive_tick(drive *d, int by_timer) {
+    if (d->state == DRIVE_RUNNING && d->begin) {
+        const gsid_guard_sample at_rest = {.rate = 0};
+        d->begin = 0;
+        command_next(d, &at_rest);
+    }
     while (d->n_taken != d->n_come) {
         take_frame(d, &d->frame[d->n_taken % DRIVE_FRAMES]);
         d->n_taken++;
@@ -142,9 +147,9 @@ static void start(drive *d) {
     d->controller = at_rest;
     d->rate_deg_s = 0;
     d->lost_count = d->n_lost = 0;
-    d->tick = UINT32_MAX; /* the command of tick 0 is the next one */
-    const gsid_guard_sample at_rest_too = {.rate = 0};
-    command_next(d, &at_rest_too);
+    d->tick =
+        UINT32_MAX; /* the command of tick 0 is the next one; the tick sends it, which then is there for the answer */
+    d->begin = 1;
     d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
 }
 

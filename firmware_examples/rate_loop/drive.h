@@ -65,6 +65,7 @@ typedef struct {
     uint32_t damage_seen;
     uint32_t lost_count; /* the axis's count of lost commands */
     uint32_t n_lost;
+    int begin; /* a run: its first command is due */
     float rate_deg_s; /* measured last */
     rate_controller controller;
     /* From the tick to the background. */

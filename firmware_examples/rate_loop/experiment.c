@@ -56,9 +56,8 @@ gsid_status experiment_start(experiment *e) {
                               .n_lines = EXPERIMENT_N_LINES,
                               .n_settle = EXPERIMENT_N_SETTLE,
                               .line = e->line,
-                              .twiddle = e->twiddle,
-                              .engine = GSID_ENGINE_SPREAD};
-    gsid_status status = gsid_frf_init(&e->frf, &cfg, e->memory, sizeof e->memory);
+                              .twiddle = e->twiddle};
+    gsid_status status = gsid_frf_init_spread(&e->frf, &cfg, e->memory, sizeof e->memory);
     gsid_guard_reset(&e->guard);
     if (status == GSID_OK)
         status = gsid_guard_start(&e->guard, 0); /* the range of angles counts from here */

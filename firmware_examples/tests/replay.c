@@ -23,9 +23,12 @@ int main(void) {
         return 1;
     background();
     for (int byte; (byte = getchar()) != EOF;) {
-        if (drive_receive(&the_drive, (uint8_t)byte))
+        if (drive_receive(&the_drive, (uint8_t)byte)) {
             drive_tick(&the_drive, 0);
-        background();
+            background();
+            drive_tick(&the_drive, 0); /* a run begins with a tick */
+            background();
+        }
     }
     return 0;
 }

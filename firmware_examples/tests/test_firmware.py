@@ -73,7 +73,7 @@ def test_the_response_is_that_of_the_desktop(runs, desktop):
     bound = 2e-6 * (y.max() + np.abs(desktop.g) * u.max()) / u
     error = np.abs(g[:, 1] + 1j * g[:, 2] - desktop.g)
     print(
-        f"response: error <= {np.max(error / np.abs(desktop.g)):.1e} |G|, {np.max(error / bound):.2f} of the bound"
+        f"response: error <= {np.max(error / np.abs(desktop.g)):.1e} of it, {np.max(error / bound):.2f} of the bound"
     )
     assert (error < bound).all()
     # Deviations from the mean are rounded at 2e-6 of the largest line too, against deviations of at least a
