@@ -25,7 +25,7 @@ C_FILES += $(wildcard firmware_examples/*/*.[ch])
 
 ARM_CC := arm-none-eabi-gcc
 ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -O2 -g -mthumb -mfloat-abi=hard \
-    -ffunction-sections -fdata-sections -fno-math-errno -fcallgraph-info=su $(WARN) $(PRECISION_float) -Werror
+    -ffunction-sections -fdata-sections -fno-math-errno -fstack-usage $(WARN) $(PRECISION_float) -Werror
 ARM_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T firmware_examples/cortex_m7/mps2.ld
 # Single precision only on both, so that on the M4F an instruction in double would fault.
 # Not -ffreestanding: it makes calls of square root and fused multiply-add, which are one instruction each.
@@ -53,6 +53,27 @@ $(foreach image,$(IMAGES),$(eval $(call image_rules,$(firstword $(subst -, ,$(im
 $(BUILD)/firmware/setup.stamp: tools/setup
 	tools/setup firmware
 	@mkdir -p $(@D) && touch $@
+
+# ---- what it costs -----------------------------------------------------------------------------------------------
+
+BUDGET_SRC := firmware_examples/budget/main.c $(filter-out %/main.c,$(BOARD)) $(CORE_SRC)
+define budget_rules
+$(BUILD)/firmware/$(1)-budget.elf: $(BUDGET_SRC:%.c=$(BUILD)/firmware/$(1)-full/%.o) firmware_examples/cortex_m7/mps2.ld
+	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(ARM_LINK) -o $$@ $$(filter %.o,$$^) -lm
+	@echo '$(CPU_$(1)) -mthumb -mfloat-abi=hard' > $(BUILD)/firmware/$(1).flags
+endef
+$(foreach cpu,m7 m4,$(eval $(call budget_rules,$(cpu))))
+
+$(BUILD)/firmware/count.so: firmware_examples/budget/count.c
+	@mkdir -p $(@D)
+	$(CC) -std=c99 -O2 -fPIC -shared -fvisibility=hidden -o $@ $<
+
+.PHONY: size
+size: all firmware $(BUILD)/firmware/m7-budget.elf $(BUILD)/firmware/m4-budget.elf $(BUILD)/firmware/count.so ## what the firmware costs: docs/budget.md anew, and what has changed
+	$(PY) tools/firmware_budget > $(BUILD)/firmware/budget.md
+	@cp $(BUILD)/firmware/budget.md docs/budget.md
+	@cat docs/budget.md
+	@git diff --unified=0 -- docs/budget.md
 
 .PHONY: firmware
 firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmware for Cortex-M7 and M4F

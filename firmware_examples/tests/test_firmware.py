@@ -72,9 +72,8 @@ def test_the_response_is_that_of_the_desktop(runs, desktop):
     y, u = np.abs(desktop.y), np.abs(desktop.u)
     bound = 2e-6 * (y.max() + np.abs(desktop.g) * u.max()) / u
     error = np.abs(g[:, 1] + 1j * g[:, 2] - desktop.g)
-    print(
-        f"response: error <= {np.max(error / np.abs(desktop.g)):.1e} of it, {np.max(error / bound):.2f} of the bound"
-    )
+    relative, share = np.max(error / np.abs(desktop.g)), np.max(error / bound)
+    print(f"response: error <= {relative:.1e} of it, {share:.2f} of the bound")
     assert (error < bound).all()
     # Deviations from the mean are rounded at 2e-6 of the largest line too, against deviations of at least a
     # thousandth of it: a relative error of 2e-3, in the worst line of 500.

@@ -79,32 +79,28 @@ static inline gsid_cplx gsid_cplx_cis_octant(gsid_real x, gsid_real rest) {
                           x + (x * x2 * s + rest * near_one));
 }
 
-/* exp(j angle) */
+/* exp(j angle). Beyond some million radians an angle is known no better than to a part of a turn, and so is the answer. */
 static inline gsid_cplx gsid_cplx_cis(gsid_real angle) {
-    /* pi/2 in three pieces, the first two so short that their multiples are exact up to the largest angle. */
+    /* pi/2 in three pieces, the first two so short that their multiples are exact up to 10^4 quarter turns (10^6). */
 #ifdef GSID_SINGLE
     const gsid_real first = GSID_R(1.5703125), second = GSID_R(0.000483751297), third = GSID_R(7.54978995e-08);
-    const gsid_real largest = GSID_R(12000.0);
 #else
     const gsid_real first = GSID_R(1.5707963267341256), second = GSID_R(6.077100506303966e-11);
     const gsid_real third = GSID_R(2.0222662487959506e-21);
-    const gsid_real largest = GSID_R(1.6e6);
 #endif
-    if (!(gsid_fabs(angle) <= largest))
-        return gsid_cplx_make(gsid_cos(angle), gsid_sin(angle));
+    const gsid_real largest = GSID_R(0.8); /* pi/4 and what rounding adds to it */
     const gsid_real n_quarters = gsid_floor(angle * GSID_R(0.636619772367581343) + GSID_R(0.5));
-    const gsid_real short_angle = ((angle - n_quarters * first) - n_quarters * second) - n_quarters * third;
-    const gsid_cplx z = gsid_cplx_cis_octant(short_angle, 0);
-    switch ((int32_t)n_quarters & 3) {
-    case 0:
+    const gsid_real quadrant = n_quarters - 4 * gsid_floor(n_quarters * GSID_R(0.25));
+    gsid_real rest = ((angle - n_quarters * first) - n_quarters * second) - n_quarters * third;
+    rest = rest > largest ? largest : rest < -largest ? -largest : rest;
+    const gsid_cplx z = gsid_cplx_cis_octant(rest, 0);
+    if (quadrant == 0)
         return z;
-    case 1:
+    if (quadrant == 1)
         return gsid_cplx_make(-z.im, z.re);
-    case 2:
+    if (quadrant == 2)
         return gsid_cplx_make(-z.re, -z.im);
-    default:
-        return gsid_cplx_make(z.im, -z.re);
-    }
+    return gsid_cplx_make(z.im, -z.re);
 }
 
 /* sum coef[i] v^i, by Horner's rule. */
