@@ -36,7 +36,8 @@ def test_no_verb_shows_the_help(gsid):
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_words_and_documented_options(verb):
-    command = getattr(importlib.import_module(f"gsid.cli.{verb}"), verb)
+    word = verb.replace("-", "_")
+    command = getattr(importlib.import_module(f"gsid.cli.{word}"), word)
     commands = command.commands.values() if isinstance(command, click.Group) else [command]
     for one in commands:
         assert one.help

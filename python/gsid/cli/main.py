@@ -25,6 +25,7 @@ VERBS = {
     "effects": "List the catalogue of physical effects.",
     "diagnose": "Find the physical effect that a model misses.",
     "add": "Add an effect to a model and see how much the error falls.",
+    "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
     "demo": "Measure the simulated axis, and find what is hidden in it.",
     "doctor": "Say which versions are in use and what is missing.",
@@ -38,7 +39,10 @@ class Verbs(click.Group):
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        return getattr(importlib.import_module(f"gsid.cli.{name}"), name) if name in VERBS else None
+        if name not in VERBS:
+            return None
+        word = name.replace("-", "_")
+        return getattr(importlib.import_module(f"gsid.cli.{word}"), word)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -1,0 +1,45 @@
+"""gsid export-c"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from gsid.cli.common import json_option, options_as_arguments, print_json, say
+
+
+@click.command("export-c", short_help="Write a model as C for firmware.")
+@click.argument("model_path", metavar="MODEL.json", type=click.Path())
+@click.option("--fs", "fs_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
+              help="Rate at which the step is called. [default: the model's]")  # fmt: skip
+@click.option("-o", "--output", metavar="NAME.c", type=click.Path(dir_okay=False),
+              help="Source to write, with NAME.h beside it. [default: MODEL.c]")  # fmt: skip
+@json_option
+def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: bool) -> None:
+    """Write a fitted transfer function or a stack of effects as C99, in single precision.
+
+    NAME_step takes the command of a sample and gives the output. A plant's friction and other torques that
+    are not linear are left out of it: NAME_feedforward gives the command that takes them away.
+    """
+    from gsid.export_c import export_c as export
+    from gsid.io import write_atomically
+    from gsid.model import load_model
+
+    source = Path(output) if output else Path(model_path).with_suffix(".c")
+    header = source.with_suffix(".h")
+    with options_as_arguments():
+        made = export(load_model(model_path), source.stem, fs_hz=fs_hz, where=model_path)
+    for path, text in ((header, made.header), (source, made.source)):
+        write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
+        say(f"wrote {path}")
+    if as_json:
+        print_json(
+            {
+                "files": [str(header), str(source)],
+                "fs_hz": made.fs_hz,
+                "n_states": made.n_states,
+                "delay_samples": made.delay_samples,
+                "feedforward": made.feedforward,
+            }
+        )

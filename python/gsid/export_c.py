@@ -1,0 +1,354 @@
+"""A model as C for firmware: a step of its state per sample, and the feed-forward of a plant's friction."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsid._lib import version
+from gsid.errors import InputError
+from gsid.model import RationalModel
+from gsid.plant import RADIANS, Effect, PlantModel
+
+#: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
+ROUNDING_RAD_S = 1e-6
+
+# Laws that are not linear, as C. {name} is a parameter, `rate` and `angle` are the motion; torque / inertia.
+SIGN = "(rate > 0 ? 1.0f : rate < 0 ? -1.0f : 0.0f)"
+TORQUES = {
+    "coulomb_friction": f"{{level}} * {SIGN}",
+    "stribeck_friction": "({level} + {extra} * expf(-(rate / {velocity}) * (rate / {velocity}))) * " + SIGN,
+    "quadratic_drag": "{rate} * rate * fabsf(rate)",
+    "torque_bias": "{level}",
+    "cubic_spring": "{stiffness} * angle * angle * angle",
+    "mass_unbalance": "{level} * (sinf(angle * {unit_rad} + {angle_deg} * RAD_PER_DEG)"
+    " - sinf({angle_deg} * RAD_PER_DEG))",
+    "motor_cogging": "{level} * sinf({cycles_per_rev} * angle * {unit_rad} + {phase_rad})",
+}
+# Static maps of the command.
+MAPS = {
+    "drive_saturation": "u > {limit} ? {limit} : u < -{limit} ? -{limit} : u",
+    "drive_dead_zone": "u > {half_width} ? u - {half_width} : u < -{half_width} ? u + {half_width} : 0.0f",
+    "drive_quantization": "{step} * floorf(u / {step} + 0.5f)",
+}
+LINEAR = {"rigid_body", "viscous_friction", "cable_spring", "transport_delay", "motor_lag", "sensor_lag",
+          "flexible_mode"}  # fmt: skip
+
+
+@dataclass
+class CSource:
+    """A model as C99: a header and a source, which need math.h at most.
+
+    Attributes
+    ----------
+    name : str
+        What its functions begin with.
+    header, source : str
+    fs_hz : float
+        Rate at which the step is to be called [Hz].
+    n_states : int
+    delay_samples : float
+    feedforward : list of str
+        Effects that the step leaves out and the feed-forward takes away.
+    """
+
+    name: str
+    header: str
+    source: str
+    fs_hz: float
+    n_states: int
+    delay_samples: float
+    feedforward: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Step:
+    """x[n+1] = a x + early u[n-d-1] + late u[n-d], y[n] = c x + direct u[n-d-passed]."""
+
+    a: np.ndarray
+    early: np.ndarray
+    late: np.ndarray
+    c: np.ndarray
+    direct: float
+    n_delay: int
+    passed: int
+    delay_samples: float
+
+
+def export_c(
+    model: RationalModel | PlantModel, name: str = "model", *, fs_hz: float | None = None, where: str = ""
+) -> CSource:
+    """Write a model as C, in single precision.
+
+    The command is held over each sample. A model that was fitted to an input that was not held (hold "none")
+    has the hold's half sample in its delay: that is taken off.
+
+    Parameters
+    ----------
+    model : RationalModel or PlantModel
+    name : str
+        What the C functions begin with: a C identifier.
+    fs_hz : float, optional
+        Rate of the loop [Hz], when the model does not say it.
+    where : str
+        File of the model, for messages.
+
+    Returns
+    -------
+    CSource
+
+    Raises
+    ------
+    ValueError
+        `name` is not a C identifier.
+    InputError
+        The model is not stable, answers before it is asked, has no rate, or an effect that is not exported.
+    """
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        raise ValueError(f"name must be a C identifier, not {name!r}")
+    fs_hz = model.fs_hz or fs_hz
+    if not fs_hz:
+        raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
+    if isinstance(model, PlantModel):
+        return _export_plant(model, name, fs_hz, where)
+    return _write(model, name, fs_hz, _rational_step(model, fs_hz, where), "", [], [])
+
+
+# ---- the linear part ---------------------------------------------------------------------------------------
+
+
+def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
+    from scipy import signal
+
+    if model.domain == "z":
+        delay = model.delay_s * fs_hz
+        if delay < 0 or abs(delay - round(delay)) > 1e-6:
+            hint = "fit with --domain s, or with --delay of whole samples"
+            raise InputError("a model in z is exported with whole samples of delay", where, delay, hint)
+        n = max(len(model.num), len(model.den))
+        padded = [np.pad(row, (0, n - len(row))) for row in (model.num, model.den)]
+        a, b, c, d = _schur(signal.tf2ss(*padded))
+        _refuse_unstable(np.abs(np.linalg.eigvals(a)) > 1 + 1e-9, model.poles, where)
+        return _Step(a, np.zeros(len(a)), b, c, d, round(delay), 0, round(delay))
+    if model.n_zeros > model.n_poles:
+        hint = "lower the number of zeros"
+        raise InputError("more zeros than poles: a derivative of the command", where, model.n_zeros, hint)
+    delay_s = model.delay_s - (0.5 / fs_hz if model.hold == "none" else 0.0)
+    return _held(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
+
+
+def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
+    """The linear effects in series, as states: command, actuator, axis beside flexible mode, sensor."""
+    import control
+
+    stack = {effect.id: {n: p.value for n, p in effect.params.items()} for effect in model.effects}
+    body = stack["rigid_body"]["gain"]
+
+    def of(effect: str, parameter: str) -> float:
+        return stack[effect][parameter] if effect in stack else 0.0
+
+    def filter_of(num: list[float], den: list[float]) -> control.StateSpace:
+        return control.tf2ss(control.tf(num, den))
+
+    rate, spring = of("viscous_friction", "rate"), of("cable_spring", "stiffness")
+    if model.output == "angle":
+        axis = filter_of([body], [1, rate, spring])
+    else:
+        axis = filter_of([body, 0], [1, rate, spring]) if spring else filter_of([body], [1, rate])
+    if "flexible_mode" in stack:
+        w = 2 * math.pi * of("flexible_mode", "f_hz")
+        bend = [of("flexible_mode", "residue") * body]
+        mode = [1, 2 * of("flexible_mode", "zeta") * w, w**2]
+        axis = axis + filter_of(bend if model.output == "angle" else [*bend, 0], mode)
+    for lag in ("motor_lag", "sensor_lag"):
+        if of(lag, "time_constant_s") > 0:
+            axis = axis * filter_of([1], [of(lag, "time_constant_s"), 1])
+    system = _schur((axis.A, axis.B, axis.C, axis.D))
+    return _held(system, of("transport_delay", "delay_s"), fs_hz, where)
+
+
+def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The same system in balanced real Schur form: rotations only, so that single precision does for it."""
+    from scipy import linalg
+
+    a, b, c, d = (np.asarray(part, dtype=float) for part in system)
+    if not len(a):
+        return a.reshape(0, 0), np.zeros(0), np.zeros(0), float(d.ravel()[0])
+    a, scale = linalg.matrix_balance(a)
+    b, c = np.linalg.solve(scale, b), c @ scale
+    a, turn = linalg.schur(a, output="real")
+    return a, (turn.T @ b)[:, 0], (c @ turn)[0], float(d.ravel()[0])
+
+
+def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
+    """The command held over each sample and then delayed: it switches inside the sample (MOD-2)."""
+    from scipy import linalg
+
+    a, b, c, d = system
+    poles = np.linalg.eigvals(a)
+    _refuse_unstable(poles.real > ROUNDING_RAD_S, poles, where)
+    if delay_s < -1e-9 / fs_hz:
+        hint = "such a model predicts its input; fit with a delay >= 0 (half a sample without hold)"
+        raise InputError("the delay behind the hold is negative", where, f"{delay_s:.3g} s", hint)
+    n_delay, part = divmod(max(delay_s, 0.0) * fs_hz, 1.0)
+    if part < 1e-9:
+        part = 0.0
+
+    def over(samples: float) -> tuple[np.ndarray, np.ndarray]:
+        joint = np.zeros((len(a) + 1, len(a) + 1))
+        joint[:-1, :-1], joint[:-1, -1] = a, b
+        moved = linalg.expm(joint * samples / fs_hz)
+        return moved[:-1, :-1], moved[:-1, -1]
+
+    (_, early), (rest, late) = over(part), over(1 - part)
+    return _Step(over(1.0)[0], rest @ early, late, c, d, int(n_delay), 1, n_delay + part)
+
+
+def _refuse_unstable(outside: np.ndarray, poles: np.ndarray, where: str) -> None:
+    if outside.any():
+        worst = poles[np.argmax(outside)]
+        hint = "fit a stable model (the default of `gsid fit`), or lower the order"
+        raise InputError("the model is not stable: its step would run away", where, f"pole {worst:.4g}", hint)
+
+
+# ---- a plant's other effects -------------------------------------------------------------------------------
+
+
+def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSource:
+    for effect in model.effects:
+        if effect.id not in LINEAR | MAPS.keys() | TORQUES.keys():
+            known = ", ".join(sorted(LINEAR | MAPS.keys() | TORQUES.keys()))
+            raise InputError("this effect is not exported as C", where, effect.id, f"exported are {known}")
+    gain = next(effect for effect in model.effects if effect.id == "rigid_body").params["gain"].value
+    maps = [_fill(MAPS[e.id], e, model) for e in model.effects if e.id in MAPS]
+    laws = [(e.id, _fill(TORQUES[e.id], e, model)) for e in model.effects if e.id in TORQUES]
+    return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), _number(1 / gain), maps, laws)
+
+
+def _fill(law: str, effect: Effect, model: PlantModel) -> str:
+    values = {name: _number(param.value) for name, param in effect.params.items()}
+    return law.format(**values, unit_rad=_number(RADIANS[model.angle_unit]))
+
+
+# ---- C ---------------------------------------------------------------------------------------------------
+
+
+def _number(value: float) -> str:
+    """A float literal that reads back as the same float."""
+    text = f"{np.float32(value):.9g}"
+    text = text if re.search(r"[.e]", text) else text + ".0"
+    return f"{text}f" if value >= 0 else f"({text}f)"
+
+
+def _sum(terms: list[tuple[float, str]]) -> str:
+    """sum factor * variable, without the terms that are zero."""
+    said = [f"{_number(factor)} * {variable}" for factor, variable in terms if np.float32(factor) != 0]
+    return " + ".join(said) or "0.0f"
+
+
+def _write(
+    model: RationalModel | PlantModel,
+    name: str,
+    fs_hz: float,
+    step: _Step,
+    per_torque: str,
+    maps: list[str],
+    laws: list[tuple[str, str]],
+) -> CSource:
+    units = f"{model.u_unit or 'command'} to {model.y_unit or 'output'}"
+    made = f"Made by gsid {version()} export-c: {units}, {fs_hz:g} calls a second."
+    header = _header(made, name, len(step.c), step.n_delay, bool(laws))
+    source = _source(made, name, step, per_torque, maps, laws)
+    return CSource(name, header, source, fs_hz, len(step.c), step.delay_samples, [law[0] for law in laws])
+
+
+def _header(made: str, name: str, n_states: int, n_delay: int, has_laws: bool) -> str:
+    guard = f"{name.upper()}_H"
+    states = f"    float x[{n_states}];\n" if n_states else ""
+    feedforward = (
+        f"""
+/* Command that takes away the friction and other torques that the step leaves out: with it added the axis
+ * follows the step. Give the wanted motion, not the measured one, or noise makes it chatter. */
+float {name}_feedforward(float rate, float angle);
+"""
+        if has_laws
+        else ""
+    )
+    return f"""/* {made} */
+#ifndef {guard}
+#define {guard}
+
+typedef struct {{
+{states}    float u[{n_delay + 2}]; /* the last commands */
+    unsigned at;
+}} {name};
+
+/* At rest. */
+void {name}_reset({name} *m);
+
+/* One sample: gives the output at the instant from which the command u is applied. */
+float {name}_step({name} *m, float u);
+{feedforward}
+#endif
+"""
+
+
+def _source(
+    made: str, name: str, step: _Step, per_torque: str, maps: list[str], laws: list[tuple[str, str]]
+) -> str:
+    n, ring = len(step.c), step.n_delay + 2
+    state = [f"x[{i}]" for i in range(n)]
+    inputs = [(step.early, "early"), (step.late, "late")]
+    lines = [f"    u = {one};" for one in maps]
+    lines.append("    m->u[m->at] = u;")
+    if step.late.any() or not step.passed:
+        lines.append(f"    const float late = m->u[(m->at + {ring - step.n_delay}u) % {ring}u];")
+    if step.early.any() or (step.passed and step.direct):
+        lines.append(f"    const float early = m->u[(m->at + 1u) % {ring}u];")
+    through = [(step.direct, "early" if step.passed else "late")]
+    if n:
+        lines.append("    const float *x = m->x;")
+    lines.append(f"    const float y = {_sum([*zip(step.c, state, strict=True), *through])};")
+    if n:
+        rows = [
+            _sum([*zip(step.a[i], state, strict=True), *((part[i], word) for part, word in inputs)])
+            for i in range(n)
+        ]
+        lines.append("    const float next[] = {\n        " + ",\n        ".join(rows) + "};")
+        lines += [f"    for (int i = 0; i < {n}; i++)", "        m->x[i] = next[i];"]
+    lines += [f"    m->at = (m->at + 1u) % {ring}u;", "    return y;"]
+    body = "\n".join(lines)
+    text = f"""/* {made} */
+#include "{name}.h"
+
+#include <math.h>
+#include <string.h>
+
+void {name}_reset({name} *m) {{
+    memset(m, 0, sizeof *m);
+}}
+
+float {name}_step({name} *m, float u) {{
+{body}
+}}
+"""
+    return text + _feedforward(name, per_torque, laws) if laws else text
+
+
+def _feedforward(name: str, per_torque: str, laws: list[tuple[str, str]]) -> str:
+    rad = "#define RAD_PER_DEG 0.0174532925f\n\n" if any("RAD_PER_DEG" in law for _, law in laws) else ""
+    lines = "\n".join(f"    torque += {law}; /* {effect} */" for effect, law in laws)
+    unused = [
+        word for word in ("rate", "angle") if not any(re.search(rf"\b{word}\b", law) for _, law in laws)
+    ]
+    ignore = "".join(f"    (void){word};\n" for word in unused)
+    return f"""
+{rad}float {name}_feedforward(float rate, float angle) {{
+{ignore}    float torque = 0.0f; /* over the inertia */
+{lines}
+    return torque * {per_torque};
+}}
+"""
