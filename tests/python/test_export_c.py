@@ -22,7 +22,7 @@ RIG = {"num": [9.4, 3, 1.1e6], "den": np.polymul([1, 11], [1, 24, 1.6e5])}
 
 @pytest.fixture
 def compiled(tmp_path):
-    """Export a model, compile it, and give it as functions: step over a signal, feed-forward of (rate, angle)."""
+    """Export and compile a model; give its step over a signal, and its feed-forward of rate and angle."""
 
     def compiled(model, **options):
         made = export_c(model, "rig", **options)
