@@ -1,4 +1,4 @@
-"""Exported models compiled for Cortex-M7: to the bit what the same C does on a computer, and what the desktop says."""
+"""Exported models compiled for Cortex-M7: to the bit what the same C does on a computer."""
 
 from __future__ import annotations
 
