@@ -87,7 +87,11 @@ class Delay(click.ParamType):
     "--domain", type=click.Choice(["s", "z"]), default="s", show_default=True, help="Continuous or discrete."
 )
 @click.option(
-    "-o", "--output", metavar="M.json", type=click.Path(), help="Write the model, with its covariance."
+    "-o",
+    "--output",
+    metavar="M.json|M.mat",
+    type=click.Path(),
+    help="Write the model, with its covariance; .mat is for MATLAB.",
 )
 @json_option
 def fit(
@@ -119,7 +123,7 @@ def fit(
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_model(measured, order, delay=delay, method=method, band=band, domain=domain)
     if output:
-        model.save(output)
+        _save(model, output)
         say(f"wrote {output}")
     if as_json:
         print_json(_as_json(model) | ({} if choice is None else {"orders": _orders(choice)}))
@@ -130,6 +134,15 @@ def fit(
             print(text)
         print()
     _print(model)
+
+
+def _save(model: RationalModel, output: str) -> None:
+    if output.lower().endswith(".mat"):
+        from gsid.convert import save_mat
+
+        save_mat(model, output)
+    else:
+        model.save(output)
 
 
 def _choose_order(frf: Frf, records: str, **options: object) -> OrderChoice:
@@ -158,7 +171,7 @@ def _fit_all(
         found = fit_all(frf, order, **options)
         if output:
             best = found.best()
-            best.model.save(output)
+            _save(best.model, output)
             say(f"wrote {output}, the model of {best.method}")
     if as_json:
         rows = [vars(row) | {"model": row.model and _as_json(row.model)} for row in found.rows]
