@@ -144,7 +144,7 @@ gsid_status experiment_fit(experiment *e) {
         e->f_hz[i] = (gsid_real)e->line[i] * (GSID_R(1.0) * EXPERIMENT_FS_HZ / EXPERIMENT_N_PERIOD);
         e->sigma[i] = SQRT(e->sigma[i]);
     }
-    const gsid_frd data = {EXPERIMENT_N_LINES, e->f_hz, e->g, e->sigma};
+    const gsid_frd data = {.n_lines = EXPERIMENT_N_LINES, .f_hz = e->f_hz, .g = e->g, .sigma = e->sigma};
     const gsid_ml_cfg ml = {.free_delay = 1};
     /* Powers of s are near 1 at a fast line, where the poles and zeros of interest are. */
     status = gsid_rational_init(&e->model, GSID_DOMAIN_S, EXPERIMENT_N_POLES, EXPERIMENT_N_ZEROS,
