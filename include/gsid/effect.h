@@ -151,4 +151,13 @@ struct gsid_effect {
     gsid_real (*disturbance)(const gsid_plant_item *item, gsid_real t_s, gsid_real *by_value);
 };
 
+/* An effect of your own in a shared object, for gsid.effects.load in Python: behind its definition write
+ *     GSID_SHARE_EFFECT(my_effect);
+ * The size tells a shared object that was compiled with another version of this header. */
+typedef struct {
+    size_t size;
+    const gsid_effect *effect;
+} gsid_shared_effect;
+#define GSID_SHARE_EFFECT(effect) const gsid_shared_effect GSID_NAME(effect##_shared) = {sizeof(gsid_effect), &effect}
+
 #endif

@@ -23,7 +23,7 @@ import numpy as np
 from scipy import stats
 
 from gsid._callable import callable_as
-from gsid.effects import catalogue, find
+from gsid.effects import EffectType, catalogue, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
 from gsid.greybox import PlantFit, RecordFit, fit_plant
@@ -490,7 +490,7 @@ def _share_wanted(effect: str) -> float:
 
 def with_effect(
     model: PlantModel,
-    effect: str,
+    effect: str | EffectType,
     params: dict[str, float],
     limits: dict[str, tuple[float, float]] | None = None,
     fixed: Sequence[str] = (),
@@ -500,8 +500,8 @@ def with_effect(
     Parameters
     ----------
     model : PlantModel
-    effect : str
-        Id of the catalogue.
+    effect : str or EffectType
+        Id of the catalogue, or an effect of one's own.
     params : dict of float
         Values; those not given are typical ones.
     limits : dict of (lo, hi), optional
@@ -512,12 +512,13 @@ def with_effect(
     larger = copy.deepcopy(model)
     larger.cov, larger.fit = None, None
     added = {}
-    for known in find(effect).parameters:
+    own = effect if isinstance(effect, EffectType) else None
+    for known in (own or find(effect)).parameters:
         limit = (limits or {}).get(known.name)
         lower, upper = limit or (known.lower, known.upper)
         value = float(np.clip(params.get(known.name, known.typical), lower, upper))
         added[known.name] = Param(value, known.name not in fixed, limits=limit)
-    larger.effects.append(Effect(effect, added))
+    larger.effects.append(Effect(own.id if own else effect, added, own))
     return larger
 
 

@@ -163,7 +163,7 @@ class Addition:
 
 
 def add(
-    effect: str,
+    effect: str | EffectType,
     model: PlantModel,
     records: Records,
     *,
@@ -172,19 +172,19 @@ def add(
     band: tuple[float, float] | None = None,
     on_step: Callable[[str], None] = lambda text: None,
 ) -> Addition:
-    """Add an effect of the catalogue, fit again, and judge on data that the fit has not seen.
+    """Add an effect, fit again, and judge on data that the fit has not seen.
 
     Parameters
     ----------
-    effect : str
-        Id of the catalogue.
+    effect : str or EffectType
+        Id of the catalogue, or an effect of your own: `gsid.effects.expression`, `table` or `load`.
     model : PlantModel
         Its free parameters are fitted with and without the effect.
     records : Record or Spectra, or a sequence of them
         Realisations.
     params : dict of float, optional
         Where the fit starts; those not given are typical ones. Default: the best of several sizes and
-        shapes, found along the model's own path.
+        shapes, found along the model's own path; for an effect of your own, its typical values.
     held_out : Record or Spectra, or a sequence of them, optional
         Judged on, never fitted. Default: the last third of the realisations of each level; with less than
         three records, or one of each level, the second half of the periods of each.
@@ -205,21 +205,20 @@ def add(
         No such effect or parameter, a value out of its bounds, or an effect that no plant is without; too
         few periods to keep any out; the effect can be fitted from no start; as `gsid.greybox.fit_plant`.
     """
-    known = find(effect)
+    known = effect if isinstance(effect, EffectType) else find(effect)
     if known.null_kind == "never":
         hint = "write it into the model file, with its values"
-        raise InputError("this effect is what a plant starts with, not one to add", effect, None, hint)
+        raise InputError("this effect is what a plant starts with, not one to add", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
     fitted, kept, words = _split(_spectra(records), None if held_out is None else _spectra(held_out))
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
-    after = _best_fit(before, effect, _starts(before, effect, fitted, params), fitted, band, on_step)
+    after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
     on_step(f"judging on {words}")
-    label = after.model.labels()[-1][0]
-    rung = _rung(label, before, after, fitted, kept, words, band)
-    step = {"add": effect, "rung": rung.to_dict(), "previous": _previous(model)}
+    rung = _rung(_title(after.model), before, after, fitted, kept, words, band)
+    step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
 
@@ -347,17 +346,26 @@ def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
 # ---- the fit -----------------------------------------------------------------------------------------------
 
 
+def _title(model: PlantModel) -> str:
+    """The last effect's label; with the law, where the label does not say it."""
+    label, effect = model.labels()[-1]
+    law = effect.type.definition.get("torque")
+    return f"{label} {law}" if isinstance(law, str) else label
+
+
 def _starts(
-    fit: PlantFit, effect: str, measured: list[Spectra], params: Mapping[str, float] | None
+    fit: PlantFit, effect: EffectType, measured: list[Spectra], params: Mapping[str, float] | None
 ) -> list[PlantModel]:
     """The model with the effect at the points to fit from: the likeliest of its grid, or typical ones."""
-    tries = _likeliest(fit, effect, measured)
+    if effect.definition:
+        return [with_effect(fit.model, effect, dict(params or {}))]
+    tries = _likeliest(fit, effect.id, measured)
     fixed = tries[0][0].fixed if tries else ()
     if params is not None:
         return [with_effect(fit.model, effect, dict(params), fixed=fixed)]
     if tries:
         return [with_effect(fit.model, effect, p.start(size), p.limits, p.fixed) for p, size in tries]
-    strengths = {p.name: p.typical for p in find(effect).parameters if p.null_value is not None}
+    strengths = {p.name: p.typical for p in effect.parameters if p.null_value is not None}
     sizes = [
         with_effect(fit.model, effect, {name: size * value for name, value in strengths.items()})
         for size in SIZES
@@ -390,7 +398,7 @@ def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tupl
 
 def _best_fit(
     before: PlantFit,
-    effect: str,
+    effect: EffectType,
     starts: list[PlantModel],
     measured: list[Spectra],
     band: tuple[float, float] | None,
@@ -399,7 +407,7 @@ def _best_fit(
     best: PlantFit | None = None
     failure: Exception | None = None
     for i, start in enumerate(starts, 1):
-        on_step(f"fitting {effect}, start {i} of {len(starts)}")
+        on_step(f"fitting {effect.id}, start {i} of {len(starts)}")
         try:
             tried = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
         except (GsidError, InputError) as error:
@@ -408,8 +416,8 @@ def _best_fit(
         if best is None or tried.cost < best.cost:
             best = tried
     if best is None:
-        hint = "give values to start from with --param"
-        raise InputError(f"{effect} can be fitted from no start", measured[0].name, str(failure), hint)
+        hint = getattr(failure, "hint", "") or "give values to start from with --param"
+        raise InputError(f"{effect.id} can be fitted from no start", measured[0].name, str(failure), hint)
     promising = before.cost - best.cost > WORTH
     return fit_plant(best.model, measured, band=band) if promising and not best.converged else best
 

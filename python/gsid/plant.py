@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib, version
-from gsid.effects import EffectParameter, EffectType, close, find
+from gsid.effects import EffectParameter, EffectType, close, find, of_entry
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra
 from gsid.model import FORMAT, read_model_file, write_model_file
@@ -57,15 +57,16 @@ class Param:
 
 @dataclass
 class Effect:
-    """One effect of a stack: id of the catalogue, and all its parameters by name."""
+    """One effect of a stack: id, all its parameters by name, and its type when it is one of your own."""
 
     id: str
     params: dict[str, Param]
+    own: EffectType | None = None
 
     @property
     def type(self) -> EffectType:
-        """Its entry in the catalogue."""
-        return find(self.id)
+        """What it is: its entry in the catalogue, or one of your own."""
+        return self.own or find(self.id)
 
 
 @dataclass(eq=False)
@@ -242,7 +243,7 @@ class PlantModel:
     @property
     def looks_at_angle(self) -> bool:
         """Whether anything depends on where the axis stands. If not, the mean angle is arbitrary."""
-        return any(lib.gsid_catalogue_find(effect.id.encode()).looks_at_angle for effect in self.effects)
+        return any(effect.type.c.looks_at_angle for effect in self.effects)
 
     # ---- prediction ----------------------------------------------------------------------------------
 
@@ -299,7 +300,8 @@ class PlantModel:
             "u_unit": self.u_unit,
             "y_unit": self.y_unit,
             "effects": [
-                {"effect": effect.id, "params": {name: plain(param) for name, param in effect.params.items()}}
+                {"effect": effect.id, **effect.type.definition}
+                | {"params": {name: plain(param) for name, param in effect.params.items()}}
                 for effect in self.effects
             ],
         }
@@ -411,11 +413,13 @@ def _read_effect(entry: Any, index: int, where: str) -> Effect:
     params = entry.get("params", {})
     if not isinstance(params, dict):
         raise InputError("params is not an object of numbers", f"{where} {entry['effect']}", params, EXAMPLE)
-    known = find(entry["effect"], where)
+    own = of_entry(entry, where)
+    known = own or find(entry["effect"], where)
     free = known.stage != "controller"
     return Effect(
         entry["effect"],
         {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
+        own,
     )
 
 
@@ -448,7 +452,7 @@ def _read_param(value: Any, free: bool, where: str) -> Param:
 
 
 def _check_params(effect: Effect, where: str) -> None:
-    known = find(effect.id, where)
+    known = effect.own or find(effect.id, where)
     where = f"{where} {effect.id}".strip()
     for name in effect.params:
         if name not in known.names:
@@ -547,8 +551,9 @@ class PeriodicPlant:
         self._values = model.free_values
         self._items = ffi.new("gsid_plant_item[]", len(model.effects))
         self._free = []
+        self._types = [effect.type for effect in model.effects]  # whose memory the items point to
         for i, effect in enumerate(model.effects):
-            self._items[i].effect = lib.gsid_catalogue_find(effect.id.encode())
+            self._items[i].effect, self._items[i].data = effect.type.c, effect.type.data
             for j, param in enumerate(effect.params.values()):
                 self._items[i].value[j] = param.value
                 if param.free:

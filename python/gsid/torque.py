@@ -11,15 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.effects import EffectType, table
 from gsid.frf import Spectra, spectra
 from gsid.greybox import lines_used, pooled_variance
 from gsid.linear_view import linear_view
 from gsid.plant import RADIANS, PlantModel, input_period
 from gsid.record import Record
+from gsid.tables import TORQUE, short_name, write_table
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -55,6 +58,23 @@ class Curve:
     share: np.ndarray
     explained: float
 
+    def to_effect(self) -> EffectType:
+        """The law that the curve shows, as an effect to add: the missing torque turned round, since laws
+        count torque against the motion."""
+        return table((self.name, self.at, -self.torque), unit=self.unit)
+
+    def save(self, path: str | Path) -> None:
+        """Write that law as a CSV file, for `gsid.effects.table` and `gsid add --table`; a curve against
+        the time is none.
+
+        Parameters
+        ----------
+        path : path
+        """
+        columns = {short_name(self.name): self.at, TORQUE: -self.torque, "std": self.std, "share": self.share}
+        notes = {"unit": self.unit, "explained": f"{self.explained:.3g}"}
+        write_table(path, columns, notes)
+
 
 @dataclass(eq=False, repr=False)
 class TorqueResidual:
@@ -81,6 +101,11 @@ class TorqueResidual:
     def curves(self) -> list[Curve]:
         """All four."""
         return [self.rate, self.angle, self.command, self.time]
+
+    @property
+    def best(self) -> Curve:
+        """The curve that holds most of the torque, of those that can be a law."""
+        return max((self.rate, self.angle, self.command), key=lambda curve: curve.explained)
 
     def plot(self) -> matplotlib.figure.Figure:
         """The four curves with bars of two standard deviations."""
