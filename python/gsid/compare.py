@@ -26,6 +26,7 @@ from gsid.fit import in_band
 from gsid.frf import Spectra, spectra
 from gsid.greybox import lines_used
 from gsid.plant import PlantModel
+from gsid.units import check_units
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -213,7 +214,7 @@ def compare(
     ValueError
         No line in the band, or alpha not between 0 and 1.
     InputError
-        A record has less than two good periods, or no period, or its unit is not the plant's.
+        A record has less than two good periods, or no period, or its units are not the model's.
     GsidError
         The plant cannot be simulated.
     """
@@ -256,6 +257,7 @@ def _same_lines(parts: list[_Lines]) -> bool:
 
 
 def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, float] | None) -> _Lines:
+    check_units(model, s)
     if isinstance(model, PlantModel):
         use = lines_used(model, s, band)
     else:

@@ -244,6 +244,9 @@ def expression(
 
     if not isinstance(text, str):
         raise InputError("a torque law is not text", "", text, "write it as in c*tanh(w/0.1)")
+    for what, given in (("params", params), ("bounds", bounds or {})):
+        if not isinstance(given, Mapping):
+            raise InputError(f"{what} of a torque law are not given by name", text, given)
     params, limits = dict(params), {name: (-ANY, ANY) for name in params} | dict(bounds or {})
     if len(params) > lib.GSID_EFFECT_PARAMETERS_MAX:
         most = f"{len(params)} of at most {lib.GSID_EFFECT_PARAMETERS_MAX}"

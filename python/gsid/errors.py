@@ -24,6 +24,10 @@ class GsidError(RuntimeError):
         return f"{self.message} (status {self.code})"
 
 
+class SimulationError(GsidError):
+    """A plant with the values that it has cannot be simulated: the model is at fault, not the library."""
+
+
 class InputError(ValueError):
     """A file or a record is not what it should be.
 

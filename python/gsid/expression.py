@@ -91,7 +91,8 @@ class _Parser:
         try:
             tree = ast.parse(self.python, mode="eval")
         except SyntaxError as error:
-            raise self._fault("a torque law is no expression", (error.offset or 1) - 1, GRAMMAR) from error
+            at = (error.offset or len(self.python) + 1) - 1  # 0: it ends too early
+            raise self._fault("a torque law is no expression", at, GRAMMAR) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise self._fault("a torque law cannot be read", 0, GRAMMAR) from error
         self._visit(tree.body)

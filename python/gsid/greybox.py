@@ -495,7 +495,7 @@ def _minimise(problem: _Problem, solver: str, max_iter: int) -> _Minimum:
             "the model cannot be simulated as it starts",
             problem.parts[0].name,
             error.message,
-            "start from other values, nearer to those of a working axis",
+            error.hint or "start from other values, nearer to those of a working axis",
         ) from error
     return (
         _levenberg_marquardt(problem, start, max_iter) if solver == "lm" else _nlopt(problem, start, max_iter)

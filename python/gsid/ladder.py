@@ -39,6 +39,9 @@ SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects that h
 HELD_OUT_SHARE = 3  # one realisation in three
 PERIODS_LEAST = 2  # for a variance, on either side
 
+OUTSIDE_SEEN = {"w": "rate", "theta": "angle"}  # variables of tables, in a prediction
+OUTSIDE_NOTED = 1e-3  # share of the time beyond a table's ends that is worth a note
+
 STATE = ("effects", "covariance", "fit")  # of a model file: what a step changes
 
 Records = Record | Spectra | Sequence[Record | Spectra]
@@ -216,6 +219,7 @@ def add(
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
     after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
+    _note_places_outside(after)
     on_step(f"judging on {words}")
     rung = _rung(_title(after.model), before, after, fitted, kept, words, band)
     step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
@@ -371,6 +375,20 @@ def _starts(
         for size in SIZES
     ]
     return [min(sizes, key=lambda model: _cost(model, fit, measured))]
+
+
+def _note_places_outside(fit: PlantFit) -> None:
+    """A table's line beyond its ends is no measurement: say when the motion spends time there."""
+    table = fit.model.effects[-1].type.definition
+    if table.get("variable") not in OUTSIDE_SEEN:
+        return
+    path = np.concatenate([getattr(r.prediction, OUTSIDE_SEEN[table["variable"]]) for r in fit.records])
+    at = np.array(table["at"])
+    margins = np.diff(at)[[0, -1]] * [-1, 1]  # the bins of a curve reach beyond their middles
+    low, high = at[[0, -1]] + margins
+    share = float(np.mean((path < low) | (path > high)))
+    if share > OUTSIDE_NOTED:
+        _log.warning("%.1f %% of the time the motion is outside the table: there it is a line", 100 * share)
 
 
 def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:

@@ -14,15 +14,12 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib, version
 from gsid.effects import EffectParameter, EffectType, close, find, of_entry
-from gsid.errors import GsidError, InputError
+from gsid.errors import GsidError, InputError, SimulationError
 from gsid.frf import Spectra
 from gsid.model import FORMAT, read_model_file, write_model_file
+from gsid.units import RADIANS, check_plant_units
 
 OUTPUTS = ("rate", "angle")
-RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
-UNITS = {
-    unit + per for unit in RADIANS for per in ("", "/s")
-}  # of outputs: a record with another is believed
 
 # An input that is not held is simulated at this many times the sample rate; see docs/decisions.md.
 OVERSAMPLING = 4
@@ -522,6 +519,19 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     return np.fft.irfft(fine, n * oversampling)
 
 
+def _check(status: int) -> None:
+    """Raise for a plant that cannot be simulated."""
+    if status == lib.GSID_E_NONFINITE:
+        what = "the plant cannot be simulated: it runs away, or a law divides by zero"
+        hint = "look for a friction or a spring of the wrong sign, and for a law without bound"
+        raise SimulationError(status, what, hint)
+    if status == lib.GSID_E_NO_MEMORY:
+        check(status, "simulating the plant")
+    if status < 0:
+        meaning, hint = (ffi.string(f(status)).decode() for f in (lib.gsid_status_str, lib.gsid_status_hint))
+        raise SimulationError(status, f"the plant cannot be simulated: {meaning}", hint)
+
+
 class PeriodicPlant:
     """A plant bound to one period of its input: laid out once, then simulated with any values.
 
@@ -582,14 +592,7 @@ class PeriodicPlant:
                 f"{model.fs_hz:g} and {measured.fs_hz:g} Hz",
                 "give the model the fs_hz of the record",
             )
-        unit = model.angle_unit + ("/s" if model.output == "rate" else "")
-        if measured.y_unit in UNITS and measured.y_unit != unit:
-            raise InputError(
-                "the record's unit is not the model's",
-                measured.name,
-                f"{measured.y_unit} and {unit}",
-                'set "output" and "angle_unit" of the model to what was measured',
-            )
+        check_plant_units(model, measured)
         oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
         return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
 
@@ -615,7 +618,7 @@ class PeriodicPlant:
             self._lay_out()
             settle = SETTLE_PERIODS
         else:
-            check(lib.gsid_plant_update(self._plant), "simulating the plant")
+            _check(lib.gsid_plant_update(self._plant))
         try:
             answer = self._run(settle, sensitivities)
             if not answer.settled:
@@ -630,7 +633,7 @@ class PeriodicPlant:
         memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
         plant = ffi.new("gsid_plant *")
         self._memory = ffi.from_buffer(memory)
-        check(lib.gsid_plant_init(plant, self._cfg, self._memory, size), "laying out the plant")
+        _check(lib.gsid_plant_init(plant, self._cfg, self._memory, size))
         self._plant = plant
 
     def _run(self, settle: int, sensitivities: bool) -> Prediction:
@@ -644,7 +647,7 @@ class PeriodicPlant:
         status = lib.gsid_plant_periodic(
             self._plant, n, u, settle, NEWTON_STEPS, y, dy_c, angle, rate, residual
         )
-        check(status, "simulating the plant")
+        _check(status)
         sampled = out[:, :: self._m]
         if dy is None:
             dY = np.empty((0, sampled.shape[1] // 2 + 1), complex) if sensitivities else None

@@ -113,6 +113,14 @@ class TorqueResidual:
 
         return plots.torque_residual(self)
 
+    @property
+    def sentence(self) -> str:
+        """What it depends on, for people."""
+        best = self.best
+        others = ", ".join(f"{c.name} {c.explained:.0%}" for c in self.curves[:3] if c is not best)
+        share = f"{best.explained:.0%} of it goes with the {best.name} ({others})"
+        return f"The torque that is missing has an rms of {self.rms:.3g} {self.unit}; {share}."
+
     def __repr__(self) -> str:
         shares = ", ".join(f"{curve.name} {curve.explained:.0%}" for curve in self.curves)
         return f"TorqueResidual(rms {self.rms:.3g} {self.unit}; explained by {shares})"

@@ -10,6 +10,7 @@ import click
 from gsid.cli.common import (
     band_option,
     json_option,
+    library_option,
     load_plant,
     options_as_arguments,
     plant_option,
@@ -23,27 +24,32 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from gsid.effects import EffectType
     from gsid.ladder import Addition
     from gsid.record import Record
 
+Bounds = tuple[float, float] | None
+
 
 class Value(click.ParamType):
-    """NAME=VALUE."""
+    """NAME=VALUE or NAME=VALUE,LO:HI."""
 
-    name = "NAME=VALUE"
+    name = "NAME=VALUE[,LO:HI]"
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
+    ) -> tuple[str, float, Bounds]:
         if isinstance(value, tuple):
             return value
-        name, equals, number = str(value).partition("=")
+        name, equals, numbers = str(value).partition("=")
+        number, comma, limits = numbers.partition(",")
         try:
             if equals:
-                return name.strip(), float(number)
+                lo, hi = map(float, limits.split(":")) if comma else (0.0, 0.0)
+                return name.strip(), float(number), (lo, hi) if comma else None
         except ValueError:
             pass
-        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
+        self.fail(f"{value} is not {self.name}, for example level=2 or width=0.1,0.01:1", param, ctx)
 
 
 @click.command(short_help="Add an effect to a model and see how much the error falls.")
@@ -52,11 +58,23 @@ class Value(click.ParamType):
 @reading_options
 @plant_option("Stack of effects to add to.")
 @click.option(
+    "--torque",
+    metavar="EXPRESSION",
+    help="Instead of EFFECT: a law of w (rate), theta (angle), u (command) and --param, as c*tanh(w/0.1).",
+)
+@click.option(
+    "--table",
+    metavar="CURVE.csv",
+    type=click.Path(),
+    help="Instead of EFFECT: a law by points, as `gsid diagnose --curve` writes it.",
+)
+@library_option("Instead of EFFECT: one compiled from C. This runs its code.", "library", multiple=False)
+@click.option(
     "--param",
     "params",
     type=Value(),
     multiple=True,
-    help="Where the fit starts. [default: the best of several]",
+    help="Where the fit starts, and bounds for --torque. [default: the best of several]",
 )
 @click.option(
     "--held-out",
@@ -77,32 +95,50 @@ def add(
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
     model_path: str,
-    params: Sequence[tuple[str, float]],
+    torque: str | None,
+    table: str | None,
+    library: tuple[str, str] | None,
+    params: Sequence[tuple[str, float, Bounds]],
     held_out: Sequence[str],
     band: tuple[float, float] | None,
     undo: bool,
     output: str,
     as_json: bool,
 ) -> None:
-    """Add an effect of the catalogue to a model, fit it, and judge it on records that were not fitted.
+    """Add an effect to a model, fit it, and judge it on records that were not fitted.
+
+    The effect is one of the catalogue, or one of your own: an expression, a table or a compiled function.
+    Laws are torque over inertia against the motion [unit of angle / s^2]; an expression has numbers, + - * /
+    ^, abs, sqrt, exp, log, sin, cos, tanh, min, max, pi and rad (radians in a unit of angle).
 
     The model keeps every step in its history: this is the ladder, printed with the error after each step.
     """
+    own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
-        if effect or held_out or params:
+        if effect or held_out or params or own:
             raise click.UsageError("--undo takes a step back: leave out effect, records and options", ctx)
         _undo(model_path, output, as_json)
         return
-    if not effect or not records:
-        raise click.UsageError("a record is missing" if effect else "the name of an effect is missing", ctx)
+    if len(own) > 1:
+        raise click.UsageError("--torque, --table and --library name one effect each: give one of them", ctx)
+    if own and effect:  # the first name is a record
+        effect, records = None, (effect, *records)
+    if not own and not effect:
+        raise click.UsageError("the name of an effect is missing", ctx)
+    if not records:
+        raise click.UsageError("a record is missing", ctx)
     from gsid.ladder import add as add_effect
 
     with options_as_arguments():
+        chosen = _own(torque, table, library, params) if own else effect
+        if torque is None and any(limits for *_, limits in params):
+            raise click.UsageError("bounds in --param are for --torque: other effects have theirs", ctx)
+        start = {name: value for name, value, _ in params} if torque is None else {}
         result = add_effect(
-            effect,
+            chosen,
             load_plant(model_path),
             read(records),
-            params=dict(params) or None,
+            params=start or None,
             held_out=read(held_out) if held_out else None,
             band=band,
             on_step=lambda text: say(f"-- {text}"),
@@ -114,6 +150,23 @@ def add(
     else:
         _print(result)
         suggest(f"gsid diagnose --model {output} {record_words(records)} tells whether more is missing")
+
+
+def _own(
+    torque: str | None,
+    table: str | None,
+    library: tuple[str, str] | None,
+    params: Sequence[tuple[str, float, Bounds]],
+) -> EffectType:
+    """The effect that an option describes."""
+    from gsid import effects
+
+    if library:
+        return effects.load(*library)
+    if table:
+        return effects.table(table)
+    bounds = {name: limits for name, _, limits in params if limits}
+    return effects.expression(torque, {name: value for name, value, _ in params}, bounds=bounds)
 
 
 def _print(result: Addition) -> None:

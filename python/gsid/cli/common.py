@@ -79,6 +79,27 @@ def plant_option(text: str) -> Callable:
     )
 
 
+class Library(click.ParamType):
+    """FILE.so:NAME."""
+
+    name = "FILE.so:NAME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        if isinstance(value, tuple):
+            return value
+        path, _, name = str(value).rpartition(":")
+        if not path or not name.isidentifier():
+            self.fail(f"{value} is not {self.name}, for example ./spring.so:spring", param, ctx)
+        return path, name
+
+
+def library_option(text: str, name: str, *, multiple: bool) -> Callable:
+    """--library with words of its own about it."""
+    return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
+
+
 alpha_option = click.option(
     "--alpha",
     metavar="P",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis
     from gsid.record import Record
+    from gsid.torque import TorqueResidual
 
 SHOWN = 4  # groups of each round
 
@@ -44,6 +45,12 @@ SHOWN = 4  # groups of each round
 @click.option(
     "-o", "--output", metavar="M2.json", type=click.Path(), help="Write the model with what is found."
 )
+@click.option(
+    "--curve",
+    metavar="CURVE.csv",
+    type=click.Path(),
+    help="Write the torque that the given model lacks as a law, for `gsid add --table`.",
+)
 @json_option
 def diagnose(
     records: Sequence[str],
@@ -53,6 +60,7 @@ def diagnose(
     alpha: float,
     seed: int,
     output: str | None,
+    curve: str | None,
     as_json: bool,
 ) -> None:
     """Find out whether a physical effect is missing from a model, and which.
@@ -75,15 +83,38 @@ def diagnose(
     if output:
         result.model.save(output)
         say(f"wrote {output}")
+    missing = None
+    if curve or result.verdict == "unknown_effect":
+        from gsid.torque import torque_residual
+
+        missing = torque_residual(result.steps[0].fit.model, measured, band=band)
+    if curve:
+        missing.best.save(curve)
+        say(f"wrote {curve}: torque against {missing.best.name}")
     if as_json:
-        print_json(before.to_dict() | result.to_dict())
+        print_json(before.to_dict() | result.to_dict() | _curve(missing))
         return
     _print(result, before)
+    if missing:
+        print(f"\n{missing.sentence}")
     data = f"--model {model_path} {record_words(records)}"
     if result.verdict == "missing_effect":
         suggest(f"gsid add {result.found[0].effects[0]} {data} -o M2.json")
     elif result.verdict == "unknown_effect":
         suggest(f"gsid report --diagnose {data} draws the torque that is missing")
+        if curve:
+            suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
+        else:
+            suggest("--curve CURVE.csv saves it as a law")
+
+
+def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
+    """The law that the missing torque shows, for --json."""
+    if missing is None:
+        return {}
+    best = missing.best
+    keys = {"variable": best.name, "unit": best.unit, "explained": best.explained, "std": best.std}
+    return {"missing_torque": keys | {"at": best.at, "torque": -best.torque}}
 
 
 def _print(result: Diagnosis, before: Comparison) -> None:

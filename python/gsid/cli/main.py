@@ -7,12 +7,22 @@ import logging
 import os
 import sys
 import traceback
+from collections.abc import Sequence
 
 import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand
 
-from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, say, version
-from gsid.errors import GsidError, InputError
+from gsid.cli.common import (
+    EXIT_GOOD,
+    EXIT_INPUT,
+    EXIT_INTERNAL,
+    EXIT_INTERRUPT,
+    EXIT_USAGE,
+    library_option,
+    say,
+    version,
+)
+from gsid.errors import GsidError, InputError, SimulationError
 
 VERBS = {
     "design": "Make a periodic excitation.",
@@ -62,8 +72,16 @@ class Verbs(click.Group):
     epilog="Exit codes: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal error.",
 )
 @click.version_option(version(), prog_name="gsid", message="%(prog)s %(version)s")
-def gsid() -> None:
+@library_option(
+    "Load an effect compiled from C that a model file names. This runs its code.", "libraries", multiple=True
+)
+def gsid(libraries: Sequence[tuple[str, str]]) -> None:
     """Measure a servo axis, fit a model, and see where the two differ."""
+    if libraries:
+        from gsid.effects import load
+
+        for path, name in libraries:
+            load(path, name)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -102,7 +120,7 @@ def main(argv: list[str] | None = None) -> int:
         return EXIT_INTERRUPT
     except GsidError as error:
         _error(str(error), "", error.hint)
-        return EXIT_INTERNAL
+        return EXIT_INPUT if isinstance(error, SimulationError) else EXIT_INTERNAL
     except ImportError as error:
         _error(str(error), "", "`gsid doctor` lists what is missing")
         return EXIT_INTERNAL
