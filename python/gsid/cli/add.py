@@ -32,6 +32,25 @@ Bounds = tuple[float, float] | None
 
 
 class Value(click.ParamType):
+    """NAME=VALUE."""
+
+    name = "NAME=VALUE"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        if isinstance(value, tuple):
+            return value
+        name, equals, number = str(value).partition("=")
+        try:
+            if equals:
+                return name.strip(), float(number)
+        except ValueError:
+            pass
+        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
+
+
+class Start(Value):
     """NAME=VALUE or NAME=VALUE,LO:HI."""
 
     name = "NAME=VALUE[,LO:HI]"
@@ -41,15 +60,13 @@ class Value(click.ParamType):
     ) -> tuple[str, float, Bounds]:
         if isinstance(value, tuple):
             return value
-        name, equals, numbers = str(value).partition("=")
-        number, comma, limits = numbers.partition(",")
+        assigned, comma, limits = str(value).partition(",")
+        name, number = super().convert(assigned, param, ctx)
         try:
-            if equals:
-                lo, hi = map(float, limits.split(":")) if comma else (0.0, 0.0)
-                return name.strip(), float(number), (lo, hi) if comma else None
+            lo, hi = map(float, limits.split(":")) if comma else (0.0, 0.0)
         except ValueError:
-            pass
-        self.fail(f"{value} is not {self.name}, for example level=2 or width=0.1,0.01:1", param, ctx)
+            self.fail(f"{value} is not NAME=VALUE,LO:HI, for example width=0.1,0.01:1", param, ctx)
+        return name, number, (lo, hi) if comma else None
 
 
 @click.command(short_help="Add an effect to a model and see how much the error falls.")
@@ -72,7 +89,7 @@ class Value(click.ParamType):
 @click.option(
     "--param",
     "params",
-    type=Value(),
+    type=Start(),
     multiple=True,
     help="Where the fit starts, and bounds for --torque. [default: the best of several]",
 )
