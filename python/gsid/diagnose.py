@@ -17,7 +17,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import stats
@@ -34,6 +34,9 @@ from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
 from gsid.probes import Probe, Trajectory, probes, quantization_at, quantization_spacing
 from gsid.record import Record
 from gsid.scores import Score, family_wise_p, orthonormal, random_periods, random_phases, score
+
+if TYPE_CHECKING:
+    import matplotlib.figure
 
 ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
@@ -159,6 +162,12 @@ class Diagnosis:
             return f"Something is missing that the catalogue does not have ({self._p_words}).{best}"
         explained = f"{self.explained:.0%} of the misfit explained"
         return f"Missing: {names} ({after}, {explained}, {self._p_words})."
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """How far each effect that was tried brings the cost down; needs one that was."""
+        from gsid import plots
+
+        return plots.diagnosis(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid diagnose --json`."""

@@ -8,6 +8,7 @@ step can be taken back.
 from __future__ import annotations
 
 import copy
+import itertools
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -151,6 +152,10 @@ class Addition:
         """This step and those before it."""
         return ladder(self.model)
 
+    def plot(self) -> matplotlib.figure.Figure:
+        """The ladder up to this step."""
+        return self.ladder.plot()
+
     @property
     def undetermined(self) -> list[str]:
         """Parameters that the data do not tell."""
@@ -235,6 +240,45 @@ def _check(known: EffectType, name: str, value: float) -> None:
     if not lower <= value <= upper:
         hint = f"it lies in {lower:g} .. {upper:g} {known[name].unit}".rstrip()
         raise InputError("a value is out of its bounds", f"{known.id}.{name}", f"{value:g}", hint)
+
+
+def with_history(
+    given: PlantModel, found: PlantModel, records: Records, *, band: tuple[float, float] | None = None
+) -> PlantModel:
+    """Give a model that a diagnosis found the ladder of its steps, each judged on data kept out of its fit.
+
+    Parameters
+    ----------
+    given : PlantModel
+        Where the diagnosis started.
+    found : PlantModel
+        The same with more effects at its end, fitted to all records. Its values stay as they are.
+    records : Record or Spectra, or a sequence of them
+    band : (lo, hi), optional
+        Hz; default as in `gsid.greybox.fit_plant`.
+
+    Returns
+    -------
+    PlantModel
+
+    Raises
+    ------
+    InputError
+        As :func:`add`.
+    """
+    fitted, kept, words = _split(_spectra(records), None)
+    fits = []
+    for n_effects in range(len(given.effects), len(found.effects) + 1):
+        part = copy.deepcopy(found)
+        part.effects, part.cov, part.fit = part.effects[:n_effects], None, None
+        fits.append(fit_plant(part, fitted, band=band))
+    told = copy.deepcopy(found)
+    told.history, previous = copy.deepcopy(given.history), _previous(given)
+    for before, after in itertools.pairwise(fits):
+        rung = _rung(_title(after.model), before, after, fitted, kept, words, band)
+        told.history.append({"add": after.model.effects[-1].id, "rung": rung.to_dict(), "previous": previous})
+        previous = _previous(after.model)
+    return told
 
 
 def undo(model: PlantModel) -> PlantModel:

@@ -15,6 +15,7 @@ from gsid.cli.common import (
     options_as_arguments,
     plant_option,
     print_json,
+    print_ladder,
     print_parameters,
     print_table,
     reading_options,
@@ -27,6 +28,8 @@ from gsid.cli.common import (
 if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis
+    from gsid.frf import Spectra
+    from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.torque import TorqueResidual
 
@@ -72,6 +75,7 @@ def diagnose(
     from gsid.compare import compare
     from gsid.diagnose import diagnose as find_missing
     from gsid.frf import spectra
+    from gsid.ladder import ladder
 
     model = load_plant(model_path)
     measured = [spectra(record) for record in read(records)]
@@ -80,8 +84,9 @@ def diagnose(
             model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
         )
         before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha)
+    told = _told(model, result, measured, band) if output else None
     if output:
-        result.model.save(output)
+        told.save(output)
         say(f"wrote {output}")
     missing = None
     if curve or result.verdict == "unknown_effect":
@@ -95,6 +100,9 @@ def diagnose(
         print_json(before.to_dict() | result.to_dict() | _curve(missing))
         return
     _print(result, before)
+    if told and told.history:
+        print()
+        print_ladder(ladder(told))
     if missing:
         print(f"\n{missing.sentence}")
     data = f"--model {model_path} {record_words(records)}"
@@ -106,6 +114,23 @@ def diagnose(
             suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
         else:
             suggest("--curve CURVE.csv saves it as a law")
+
+
+def _told(
+    model: PlantModel, result: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
+) -> PlantModel:
+    """The model found, with its ladder where the data suffice to keep some out."""
+    from gsid.errors import GsidError, InputError
+    from gsid.ladder import with_history
+
+    if not result.found:
+        return result.model
+    say("-- judging each step on data kept out of its fit")
+    try:
+        return with_history(model, result.model, measured, band=band)
+    except (InputError, GsidError) as error:
+        say(f"note: no ladder in the model: {error}")
+        return result.model
 
 
 def _curve(missing: TorqueResidual | None) -> dict[str, Any]:

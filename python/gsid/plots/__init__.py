@@ -4,6 +4,7 @@ Confidence throughout is 95 %, point by point; the bands are those of gsid.confi
 """
 
 from gsid.plots.compare import comparison, ladder
+from gsid.plots.diagnosis import diagnosis
 from gsid.plots.distortion import distortion, superposition
 from gsid.plots.estimators import estimators
 from gsid.plots.experiment import crest_factors, excitation, periods
@@ -20,6 +21,7 @@ __all__ = [
     "comparison",
     "crest_factors",
     "delay_text",
+    "diagnosis",
     "distortion",
     "estimators",
     "excitation",

@@ -1,0 +1,64 @@
+"""Picture of a diagnosis: how far each effect that was tried brings the cost down."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
+
+from gsid.plots.style import EXCESS, NOISE, SIGNAL, legend_below, new_figure, styled
+
+if TYPE_CHECKING:
+    from gsid.diagnose import Diagnosis
+
+SHOWN = 4  # groups of each round
+
+
+@styled
+def diagnosis(diagnosis: Diagnosis) -> Figure:
+    """Cost per degree of freedom with each group of effects, by the number of the round, and its probability.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        That tried an effect.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    ValueError
+        Nothing was tried, since nothing is missing.
+    """
+    rounds = [step for step in diagnosis.steps if step.ranking]
+    if not rounds:
+        raise ValueError("no effect was tried: there is nothing to draw")
+    rows = [(step, group) for step in rounds for group in step.ranking[:SHOWN]]
+    figure = new_figure(1.6 + 0.42 * len(rows))
+    ax = figure.subplots()
+    for at, (step, group) in enumerate(rows):
+        before, after = step.fit.cost_per_dof, group.candidates[0].fit.cost_per_dof
+        colour = EXCESS if group is step.ranking[0] else SIGNAL
+        ax.barh(at, before - after, left=after, height=0.6, color=colour, alpha=0.85)
+        ax.annotate(
+            f"{before:.3g} → {after:.3g}, probability {group.probability:.1%}",
+            (before, at),
+            (5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8.5,
+        )
+    ax.axvline(1.0, color=NOISE, linestyle="--", linewidth=1.2, label="noise alone")
+    names = [f"{rounds.index(step) + 1}: " + " or\n".join(group.effects) for step, group in rows]
+    ax.set_yticks(range(len(rows)), names)
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    costs = [step.fit.cost_per_dof for step, _ in rows]
+    ax.set_xlim(0.7, max(costs) * (max(costs) / 0.7) ** 0.8)  # room for the words
+    ax.set_xlabel("cost per degree of freedom, without the effect → with it")
+    ax.set_title(diagnosis.sentence.replace("). ", ").\n"), fontsize=9.5)
+    ax.grid(False, axis="y")
+    legend_below(figure, [ax])
+    return figure
