@@ -281,3 +281,10 @@ def test_fit_of_an_order_found(gsid, rec_csv):
     values = json.loads(result.out)
     assert len(values["den"]) == 3
     assert [row["chosen"] for row in values["orders"]].count(True) == 1
+
+
+def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
+    assert "cannot be told apart" not in gsid("fit", rec_csv, "--order", "2/0").err
+    monkeypatch.setattr("gsid.order.near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
+    err = gsid("fit", rec_csv, "--order", "2/0").err
+    assert "near 31.83 Hz cannot be told apart; the delay may trade against them" in err

@@ -122,6 +122,7 @@ def fit(
         return
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_model(measured, order, delay=delay, method=method, band=band, domain=domain)
+    _say_what_is_ill_determined(model)
     if output:
         _save(model, output)
         say(f"wrote {output}")
@@ -134,6 +135,17 @@ def fit(
             print(text)
         print()
     _print(model)
+
+
+def _say_what_is_ill_determined(model: RationalModel) -> None:
+    import numpy as np
+
+    from gsid.order import near_cancelled
+
+    for pole, _ in near_cancelled(model):
+        f_hz = abs(np.log(pole) * model.fs_hz if model.domain == "z" else pole) / (2 * np.pi)
+        trade = "; the delay may trade against them" if model.free_delay else ""
+        say(f"note: a pole and a zero near {f_hz:.4g} Hz cannot be told apart{trade}: try --order auto")
 
 
 def _save(model: RationalModel, output: str) -> None:
