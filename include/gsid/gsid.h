@@ -14,6 +14,7 @@
 #include "gsid/lsq.h"
 #include "gsid/plant.h"
 #include "gsid/rational.h"
+#include "gsid/signals.h"
 #include "gsid/spectrum.h"
 #include "gsid/spread.h"
 #include "gsid/table.h"

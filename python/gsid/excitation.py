@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,14 +15,113 @@ from gsid._lib import check, ffi, lib
 if TYPE_CHECKING:
     import matplotlib.figure
 
-GRIDS = {"full": lib.GSID_GRID_FULL, "odd": lib.GSID_GRID_ODD}
+GRIDS = ("full", "odd", "odd-random", "quasi-log")
+GROUP = 4  # odd lines of which one is left out on the grid odd-random, at random
+LINES_PER_DECADE = 20  # of the grid quasi-log
 PHASES = ("schroeder", "random")
 FINE = 8  # points per sample on which the crest factor between the samples is looked for
 ON_A_LINE = 1e-9  # band edges this near to a line, in lines, are meant to be on it
 
 
+class Periodic:
+    """A periodic excitation: what all of them tell about themselves.
+
+    A child class has `fs_hz`, `period_samples`, the lines of interest `line`, and `table`.
+    """
+
+    fs_hz: float
+    period_samples: int
+    line: np.ndarray
+
+    def table(self) -> np.ndarray:
+        """One period of the signal, (N,) float64, unit of the command."""
+        raise NotImplementedError
+
+    def scaled(self, factor: float) -> Periodic:
+        """The same signal, times a factor."""
+        raise NotImplementedError
+
+    def _head(self) -> dict[str, object]:
+        raise NotImplementedError
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines of interest, (F,) [Hz]."""
+        return self.line * (self.fs_hz / self.period_samples)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the samples, unit of the command."""
+        return float(np.sqrt(np.mean(self.table() ** 2)))
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude of the samples, unit of the command."""
+        return float(np.abs(self.table()).max())
+
+    @property
+    def slew(self) -> float:
+        """Largest change from one sample to the next, unit of the command per second."""
+        u = self.table()
+        return float(np.abs(np.diff(u, append=u[0])).max() * self.fs_hz)
+
+    @property
+    def crest_factor(self) -> float:
+        """Crest factor on the samples (source, definition 3.2.1)."""
+        return crest_factor(self.table(), self.line)
+
+    @property
+    def crest_factor_fine(self) -> float:
+        """Crest factor on an 8 times finer grid: what the signal does between its samples counts too."""
+        u = self.table()
+        fine = FINE * np.fft.irfft(np.fft.rfft(u), FINE * len(u))
+        return crest_factor(fine, self.line)
+
+    @property
+    def p_int_over_p_tot(self) -> float:
+        """Share of the power in the lines of interest (source, definition 3.2.1)."""
+        return power_share(self.table(), self.line)
+
+    def plot(self, u_unit: str = "") -> matplotlib.figure.Figure:
+        """One period and its lines, with the crest factors.
+
+        Parameters
+        ----------
+        u_unit : str
+            Unit of the input, for the axes.
+        """
+        from gsid import plots
+
+        return plots.excitation(self, u_unit)
+
+    def write_table(self, path: str | os.PathLike) -> None:
+        """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.
+
+        Parameters
+        ----------
+        path : path
+            Written under a temporary name, then renamed.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        """
+        path = Path(path)
+        head = {
+            "fs_hz": repr(self.fs_hz),
+            "period_samples": self.period_samples,
+            "hold": "zoh",
+        } | self._head()
+        rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
+        text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
+        temporary = path.with_name(path.name + ".part")
+        temporary.write_text("\n".join(text) + "\n")
+        temporary.replace(path)
+
+
 @dataclass(repr=False)
-class Multisine:
+class Multisine(Periodic):
     """u[n] = sum over lines of amplitude cos(2 pi line n / N + phase)  (EXC-1; source, eqs. 3.4 and 3.8).
 
     Attributes
@@ -36,11 +135,13 @@ class Multisine:
     amplitude : (F,) float
         Amplitude of each sine, unit of the command.
     phase_rad : (F,) float
-    grid : {"full", "odd"}
+    grid : {"full", "odd", "odd-random", "quasi-log"}
     shape_db_per_decade : float
         Slope of the amplitude over frequency.
     seed : int or None
         Seed of random phases; None: Schroeder phases.
+    optimised : bool
+        The phases were searched from there (`gsid.limits.optimise`).
     """
 
     fs_hz: float
@@ -51,6 +152,7 @@ class Multisine:
     grid: str = "full"
     shape_db_per_decade: float = 0.0
     seed: int | None = None
+    optimised: bool = False
 
     @classmethod
     def design(
@@ -77,8 +179,10 @@ class Multisine:
             N; a float is taken when it is a whole number.
         band_hz : (lo, hi)
             First and last frequency allowed [Hz], 0 < lo < hi < fs/2.
-        grid : {"full", "odd"}
-            Every line of the band, or those of odd number only: the even ones then show even distortion.
+        grid : {"full", "odd", "odd-random", "quasi-log"}
+            Every line of the band; those of odd number only, so that the even ones show even distortion; odd
+            ones without one of every four, drawn by the seed, so that those show odd distortion (EXC-8); or
+            odd ones spread evenly over log f.
         phases : {"schroeder", "random"}
             Low crest factor (EXC-2; source, definition 3.5.1), or independent and uniform on [0, 2 pi)
             (EXC-3; source, definition 5.3.1).
@@ -105,12 +209,12 @@ class Multisine:
             raise ValueError(f"grid must be one of {', '.join(GRIDS)}, not {grid!r}")
         if phases not in PHASES:
             raise ValueError(f"phases must be one of {', '.join(PHASES)}, not {phases!r}")
-        if phases == "random" and not 0 <= seed < 2**64:
+        if not 0 <= seed < 2**64:
             raise ValueError(f"the seed must be within 0 .. 2^64 - 1, not {seed}")
         if not math.isfinite(shape_db_per_decade):
             raise ValueError(f"the slope must be a finite number of dB per decade, not {shape_db_per_decade}")
-        n_period = _whole_period(period_samples)
-        line = _lines_in_band(fs_hz, n_period, band_hz, grid)
+        n_period = whole_period(period_samples)
+        line = _lines_in_band(fs_hz, n_period, band_hz, grid, seed)
         shape = np.empty(len(line))
         check(
             lib.gsid_amplitude_shape(len(line), _u32(line), shape_db_per_decade, _real(shape)),
@@ -133,11 +237,6 @@ class Multisine:
         )
         unit.amplitude = shape * _size(unit, amplitude, rms, peak)
         return unit
-
-    @property
-    def f_hz(self) -> np.ndarray:
-        """Frequencies of the lines, (F,) [Hz]."""
-        return self.line * (self.fs_hz / self.period_samples)
 
     def table(self) -> np.ndarray:
         """One period of the signal.
@@ -168,78 +267,22 @@ class Multisine:
         """Complex amplitudes amplitude exp(j phase) of the lines, (F,) complex, unit of the command."""
         return np.asarray(self.amplitude) * np.exp(1j * np.asarray(self.phase_rad))
 
-    @property
-    def rms(self) -> float:
-        """Root mean square of the signal, unit of the command."""
-        return float(np.sqrt(np.sum(np.square(self.amplitude)) / 2))
+    def scaled(self, factor: float) -> Multisine:
+        """The same multisine, times a factor."""
+        return replace(self, amplitude=np.asarray(self.amplitude) * factor)
 
-    @property
-    def peak(self) -> float:
-        """Largest magnitude of the samples, unit of the command."""
-        return float(np.abs(self.table()).max())
-
-    @property
-    def crest_factor(self) -> float:
-        """Crest factor on the samples (source, definition 3.2.1)."""
-        return crest_factor(self.table(), self.line)
-
-    @property
-    def crest_factor_fine(self) -> float:
-        """Crest factor on an 8 times finer grid: what the signal does between its samples counts too."""
-        n_fine = FINE * self.period_samples
-        spectrum = np.zeros(n_fine // 2 + 1, complex)
-        spectrum[self.line] = self.spectrum() * (n_fine / 2)
-        return crest_factor(np.fft.irfft(spectrum, n_fine), self.line)
-
-    @property
-    def p_int_over_p_tot(self) -> float:
-        """Share of the power in the excited lines: 1 but for rounding (source, definition 3.2.1)."""
-        return power_share(self.table(), self.line)
-
-    def plot(self, u_unit: str = "") -> matplotlib.figure.Figure:
-        """One period and its lines, with the crest factors.
-
-        Parameters
-        ----------
-        u_unit : str
-            Unit of the input, for the axes.
-        """
-        from gsid import plots
-
-        return plots.excitation(self, u_unit)
-
-    def write_table(self, path: str | os.PathLike) -> None:
-        """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.
-
-        Parameters
-        ----------
-        path : path
-            Written under a temporary name, then renamed.
-
-        Raises
-        ------
-        OSError
-            The file cannot be written.
-        """
-        path = Path(path)
+    def _head(self) -> dict[str, object]:
         phases = "schroeder" if self.seed is None else f"random, seed {self.seed}"
-        head = {
-            "fs_hz": repr(self.fs_hz),
-            "period_samples": self.period_samples,
-            "hold": "zoh",
+        return {
             "lines": f"{self.grid}, {self.line[0]} to {self.line[-1]}",
             "shape_db_per_decade": f"{self.shape_db_per_decade:g}",
-            "phases": phases,
+            "phases": "optimised" if self.optimised else phases,
         }
-        rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
-        text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text("\n".join(text) + "\n")
-        temporary.replace(path)
 
     def __repr__(self) -> str:
         f_hz = self.f_hz
         phases = "Schroeder phases" if self.seed is None else f"random phases, seed {self.seed}"
+        phases = f"optimised from {phases}" if self.optimised else phases
         return (
             f"Multisine({len(f_hz)} {self.grid} lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz, period "
             f"{self.period_samples} at {self.fs_hz:g} Hz, {self.shape_db_per_decade:g} dB/decade, {phases}, "
@@ -298,7 +341,8 @@ def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
     return float(np.abs(u).max() / rms_of_interest)
 
 
-def _whole_period(period_samples: float) -> int:
+def whole_period(period_samples: float) -> int:
+    """The period as a whole number of samples; refused (ValueError) where it is none."""
     nearest = max(round(period_samples), 3) if math.isfinite(period_samples) else 3
     if nearest != period_samples:
         raise ValueError(
@@ -308,43 +352,84 @@ def _whole_period(period_samples: float) -> int:
     return nearest
 
 
-def _lines_in_band(fs_hz: float, n_period: int, band_hz: tuple[float, float], grid: str) -> np.ndarray:
+def _lines_in_band(
+    fs_hz: float, n_period: int, band_hz: tuple[float, float], grid: str, seed: int
+) -> np.ndarray:
     """Line numbers of the grid within the band, (F,) uint32."""
-    lo_hz, hi_hz = (float(edge) for edge in band_hz)
     step = 1 if grid == "full" else 2
-    top = (n_period - 1) // 2  # last line below fs/2
-    top -= (top - 1) % step
-    spacing = fs_hz / n_period
-
-    def nearest(lo: float, hi: float) -> str:
-        first = 1 + step * round((min(max(lo, 1), top) - 1) / step)
-        last = 1 + step * round((min(max(hi, 1), top) - 1) / step)
-        last = max(last, min(first + step, top))
-        return f"the nearest valid request is {first * spacing:.10g}:{last * spacing:.10g} Hz"
-
-    if not (math.isfinite(lo_hz) and math.isfinite(hi_hz)):
-        raise ValueError(f"the band {lo_hz}:{hi_hz} Hz is not finite; {nearest(1, top)}")
-    lo, hi = lo_hz / spacing, hi_hz / spacing
-    if lo_hz <= 0:
-        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz starts at or below 0; {nearest(1, hi)}")
-    if lo_hz >= hi_hz:
-        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz has no width; {nearest(lo, lo)}")
-    if hi_hz >= fs_hz / 2:
-        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz reaches fs/2, {fs_hz / 2:g} Hz; {nearest(lo, hi)}")
+    lo, hi = lines_of_band(fs_hz, n_period, band_hz, step)
     first, last = max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
+
+    def fill(capacity: int, line: object) -> int:
+        if grid == "odd-random":
+            return lib.gsid_lines_odd_random(first, last, GROUP, seed, capacity, line, n_lines)
+        if grid == "quasi-log":
+            return lib.gsid_lines_quasi_log(first, last, LINES_PER_DECADE, capacity, line, n_lines)
+        kind = lib.GSID_GRID_FULL if grid == "full" else lib.GSID_GRID_ODD
+        return lib.gsid_lines_fill(kind, first, last, capacity, line, n_lines)
+
     n_lines = ffi.new("uint32_t *")
-    status = lib.GSID_E_CONFIG
-    if first <= last:
-        status = lib.gsid_lines_fill(GRIDS[grid], first, last, 0, ffi.NULL, n_lines)
+    status = fill(0, ffi.NULL) if first <= last else lib.GSID_E_CONFIG
     if status == lib.GSID_E_CONFIG:
-        kind = "" if grid == "full" else f"{grid} "
+        kind = "" if grid == "full" else "odd "
         raise ValueError(
-            f"no {kind}line in {lo_hz:g}:{hi_hz:g} Hz, lines being {spacing:g} Hz apart; {nearest(lo, hi)}"
+            f"no {kind}line in {band_hz[0]:g}:{band_hz[1]:g} Hz, lines being {fs_hz / n_period:g} Hz apart; "
+            f"{_nearest_band(fs_hz, n_period, lo, hi, step)}"
         )
     check(status, "counting the lines")
     line = np.empty(n_lines[0], np.uint32)
-    check(lib.gsid_lines_fill(GRIDS[grid], first, last, len(line), _u32(line), n_lines), "listing the lines")
+    check(fill(len(line), _u32(line)), "listing the lines")
     return line
+
+
+def lines_of_band(
+    fs_hz: float, n_period: int, band_hz: tuple[float, float], step: int = 1
+) -> tuple[float, float]:
+    """Edges of a band as (fractions of) lines; refused where there can be no excitation.
+
+    Parameters
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    n_period : int
+        N.
+    band_hz : (lo, hi)
+        Hz.
+    step : int
+        Between the lines that may be excited, from line 1 on.
+
+    Raises
+    ------
+    ValueError
+        Not finite, at or below 0, without width, or reaching fs/2; the message names the nearest valid band.
+    """
+    lo_hz, hi_hz = (float(edge) for edge in band_hz)
+    spacing = fs_hz / n_period
+    top = (n_period - 1) // 2
+    if not (math.isfinite(lo_hz) and math.isfinite(hi_hz)):
+        nearest = _nearest_band(fs_hz, n_period, 1, top, step)
+        raise ValueError(f"the band {lo_hz}:{hi_hz} Hz is not finite; {nearest}")
+    lo, hi = lo_hz / spacing, hi_hz / spacing
+    if lo_hz <= 0:
+        nearest = _nearest_band(fs_hz, n_period, 1, hi, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz starts at or below 0; {nearest}")
+    if lo_hz >= hi_hz:
+        nearest = _nearest_band(fs_hz, n_period, lo, lo, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz has no width; {nearest}")
+    if hi_hz >= fs_hz / 2:
+        nearest = _nearest_band(fs_hz, n_period, lo, hi, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz reaches fs/2, {fs_hz / 2:g} Hz; {nearest}")
+    return lo, hi
+
+
+def _nearest_band(fs_hz: float, n_period: int, lo: float, hi: float, step: int) -> str:
+    top = (n_period - 1) // 2  # last line below fs/2
+    top -= (top - 1) % step
+    first = 1 + step * round((min(max(lo, 1), top) - 1) / step)
+    last = 1 + step * round((min(max(hi, 1), top) - 1) / step)
+    last = max(last, min(first + step, top))
+    spacing = fs_hz / n_period
+    return f"the nearest valid request is {first * spacing:.10g}:{last * spacing:.10g} Hz"
 
 
 def _size(unit: Multisine, amplitude: float | None, rms: float | None, peak: float | None) -> float:

@@ -2,6 +2,7 @@
 
 #include "complex_math.h"
 #include "real.h"
+#include "splitmix.h"
 
 /* cos and sin of (pi/4) r / n_period, 0 <= r <= n_period. The angle is carried as a rounded value and its rounding
  * error, which enters to first order: a float angle alone would cost the table two more units in the last place. */
@@ -143,14 +144,6 @@ gsid_status gsid_phase_schroeder(uint32_t n_lines, const gsid_real *amplitude, g
     return GSID_OK;
 }
 
-/* SplitMix64 (Steele, Lea, Flood 2014): a counter passed through a mixer, so that any seed is a good one. */
-static uint64_t splitmix64(uint64_t *state) {
-    uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
-    z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-    z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-    return z ^ (z >> 31);
-}
-
 gsid_status gsid_phase_random(uint32_t n_lines, uint64_t seed, gsid_real *phase_rad) {
     if (phase_rad == NULL) {
         return GSID_E_NULL;
@@ -161,9 +154,9 @@ gsid_status gsid_phase_random(uint32_t n_lines, uint64_t seed, gsid_real *phase_
     for (uint32_t i = 0; i < n_lines; i++) {
         /* EXC-3. The leading bits only, as many as the precision holds: rounding could reach a whole turn. */
 #ifdef GSID_SINGLE
-        phase_rad[i] = phase_from_turns((gsid_real)(splitmix64(&seed) >> 40) * GSID_R(0x1p-24));
+        phase_rad[i] = phase_from_turns((gsid_real)(gsid_splitmix64(&seed) >> 40) * GSID_R(0x1p-24));
 #else
-        phase_rad[i] = phase_from_turns((gsid_real)(splitmix64(&seed) >> 11) * GSID_R(0x1p-53));
+        phase_rad[i] = phase_from_turns((gsid_real)(gsid_splitmix64(&seed) >> 11) * GSID_R(0x1p-53));
 #endif
     }
     return GSID_OK;

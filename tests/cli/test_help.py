@@ -23,7 +23,8 @@ def test_help_of_every_verb(gsid, snapshot, verb):
 
 def test_help(gsid, snapshot):
     snapshot("help", gsid("--help").out)
-    snapshot("help_design_multisine", gsid("design", "multisine", "--help").out)
+    for kind in ("multisine", "prbs", "sweep", "stepped-sine", "budget"):
+        snapshot(f"help_design_{kind}", gsid("design", kind, "--help").out)
     assert gsid("-h").out == gsid("--help").out
 
 

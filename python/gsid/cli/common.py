@@ -72,6 +72,53 @@ def band_option(text: str) -> Callable:
     return click.option("--band", type=Band(), help=text)
 
 
+MULTISINE_OPTIONS = (
+    click.option(
+        "--lines",
+        type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
+        default="full",
+        show_default=True,
+        help="Every line, odd ones, odd ones with gaps at random, or odd ones even in log f.",
+    ),
+    click.option(
+        "--shape",
+        metavar="DB_PER_DECADE",
+        type=float,
+        default=0.0,
+        help="Slope of the amplitude over frequency: 0 flat, -10 falls as 1/sqrt(f). [default: 0]",
+    ),
+    click.option(
+        "--phases",
+        type=click.Choice(["schroeder", "random"]),
+        default="schroeder",
+        show_default=True,
+        help="Low crest factor, or a realisation of its own for each seed.",
+    ),
+    click.option(
+        "--seed",
+        metavar="N",
+        type=click.IntRange(0, 2**64 - 1),
+        default=0,
+        help="Of random phases and of the gaps of odd-random. [default: 0]",
+    ),
+)
+
+
+def multisine_options(command: Callable) -> Callable:
+    """Options of verbs that make a multisine; the command is given `shape`, arguments of Multisine.design."""
+
+    @functools.wraps(command)
+    def with_shape(
+        *args: object, lines: str, shape: float, phases: str, seed: int, **kwargs: object
+    ) -> object:
+        design = {"grid": lines, "phases": phases, "seed": seed, "shape_db_per_decade": shape}
+        return command(*args, shape=design, **kwargs)
+
+    for option in reversed(MULTISINE_OPTIONS):
+        with_shape = option(with_shape)
+    return with_shape
+
+
 def plant_option(text: str) -> Callable:
     """--model of verbs that need a stack of effects."""
     return click.option(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,96 +13,286 @@ import click
 
 from gsid.cli.common import (
     Band,
+    band_option,
     json_option,
+    multisine_options,
     options_as_arguments,
     print_json,
     print_table,
+    record_options,
     say,
     version,
+    working,
 )
 
 if TYPE_CHECKING:
-    from gsid.excitation import Multisine
+    from gsid.excitation import Periodic
+    from gsid.limits import Limits, Model
+    from gsid.record import Record
 
 NUMBERS_PER_LINE = 6  # of the C table
 
 
 @click.group(short_help="Periodic excitation.")
 def design() -> None:
-    """Make a periodic excitation."""
+    """Make a periodic excitation within the limits of the rig."""
+
+
+BASIC = (
+    click.option("--fs", "fs_hz", metavar="HZ", type=float, required=True, help="Sample rate."),
+    click.option("--period", metavar="N", type=int, required=True, help="Samples in a period."),
+    click.option("--band", type=Band(), required=True, help="First and last frequency allowed [Hz]."),
+)
+LIMITS = (
+    click.option("--limit-command", metavar="C", type=float, help="Largest |command| that the rig takes."),
+    click.option(
+        "--limit-travel-deg", metavar="D", type=float, help="Largest travel to each side of its middle."
+    ),
+    click.option("--limit-slew", metavar="S", type=float, help="Largest change of the command per second."),
+    click.option(
+        "--model", "model_path", metavar="M.json", type=click.Path(), help="Model that predicts the travel."
+    ),
+    click.option(
+        "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz, .mat or .h (C table)."
+    ),
+)
+
+
+def _add(options: tuple) -> Callable:
+    return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
+
+
+def _finished(command: Callable) -> Callable:
+    """Options of every kind of excitation; the command gives the signal, which is scaled, written and shown.
+
+    It is called with `limits`, None when none was given, and `model`.
+    """
+
+    @functools.wraps(command)
+    def with_limits(
+        limit_command: float | None,
+        limit_travel_deg: float | None,
+        limit_slew: float | None,
+        model_path: str | None,
+        output: str | None,
+        as_json: bool,
+        **kwargs: object,
+    ) -> None:
+        from gsid.limits import Limits, fit_to_limits
+        from gsid.model import load_model
+
+        context = click.get_current_context()
+        if limit_travel_deg is not None and model_path is None:
+            raise click.UsageError("--limit-travel-deg needs --model, which predicts the travel", context)
+        model = load_model(model_path) if model_path else None
+        with options_as_arguments():
+            limits = Limits(limit_command, limit_travel_deg, limit_slew)
+            some = limits if limits != Limits() else None
+            if some and any(kwargs.get(name) is not None for name in ("amplitude", "peak")):
+                raise click.UsageError("limits set the amplitude: leave out --amplitude and --peak", context)
+            signal = command(limits=some, model=model, **kwargs)
+            if some:
+                signal = fit_to_limits(signal, some, model)
+        if output:
+            _write(Path(output), signal)
+            say(f"wrote {output}")
+        _show(signal, model, as_json)
+
+    return json_option(_add(LIMITS)(with_limits))
+
+
+amplitude_option = click.option(
+    "--amplitude", metavar="A", type=float, help="Of the command. [default: 1, or what the limits allow]"
+)
 
 
 @design.command(short_help="Sum of sines on a grid of lines.")
-@click.option("--fs", "fs_hz", metavar="HZ", type=float, required=True, help="Sample rate.")
-@click.option("--period", metavar="N", type=int, required=True, help="Samples in a period.")
-@click.option("--band", type=Band(), required=True, help="First and last frequency allowed [Hz].")
-@click.option(
-    "--lines",
-    type=click.Choice(["full", "odd"]),
-    default="full",
-    show_default=True,
-    help="Every line, or odd ones.",
-)
-@click.option(
-    "--shape",
-    metavar="DB_PER_DECADE",
-    type=float,
-    default=0.0,
-    help="Slope of the amplitude over frequency: 0 flat, -10 falls as 1/sqrt(f). [default: 0]",
-)
+@_add(BASIC)
+@multisine_options
 @click.option("--amplitude", metavar="A", type=float, help="Amplitude of the first line. [default: 1]")
 @click.option(
     "--peak", metavar="A", type=float, help="Largest magnitude of the samples, instead of --amplitude."
 )
 @click.option(
-    "--phases",
-    type=click.Choice(["schroeder", "random"]),
-    default="schroeder",
-    show_default=True,
-    help="Low crest factor, or a realisation of its own for each seed.",
+    "--optimise", is_flag=True, help="Search phases with low peaks, of the travel too with its limit."
 )
-@click.option(
-    "--seed", metavar="N", type=click.IntRange(0), default=0, show_default=True, help="Of random phases."
-)
-@click.option(
-    "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz, .mat or .h (C table)."
-)
-@json_option
+@_finished
 def multisine(
     fs_hz: float,
     period: int,
     band: tuple[float, float],
-    lines: str,
-    shape: float,
+    shape: dict,
     amplitude: float | None,
     peak: float | None,
-    phases: str,
-    seed: int,
-    output: str | None,
-    as_json: bool,
-) -> None:
+    optimise: bool,
+    limits: Limits | None,
+    model: Model | None,
+) -> Periodic:
     """Design a multisine with lines k fs/N in a band.
 
     The crest factor is that of the samples; crest_factor_fine looks between them, on a grid 8 times finer.
-    Odd lines leave the even ones free, to show even distortion.
+    Odd lines leave the even ones free, to show even distortion; odd-random leaves out one odd line of four
+    besides, to show odd distortion. With limits the amplitude is the largest that they allow.
     """
     from gsid.excitation import Multisine
+    from gsid.limits import optimise as search
 
+    signal = Multisine.design(
+        fs_hz, period, band, **shape, amplitude=amplitude, peak=None if optimise else peak
+    )
+    if optimise:
+        with working("searching phases"):
+            signal = search(signal, limits, model)
+        signal = signal.scaled(peak / signal.peak) if peak else signal
+    return signal
+
+
+@design.command(short_help="Pseudorandom binary sequence.")
+@_add(BASIC)
+@click.option(
+    "--kind",
+    type=click.Choice(["quadratic-residue", "maximum-length"]),
+    default="quadratic-residue",
+    show_default=True,
+    help="Lengths that are primes, or 2^m - 1.",
+)
+@amplitude_option
+@_finished
+def prbs(
+    fs_hz: float,
+    period: int,
+    band: tuple[float, float],
+    kind: str,
+    amplitude: float | None,
+    limits: Limits | None,
+    model: Model | None,
+) -> Periodic:
+    """Design a binary sequence whose clock is 2.5 times the upper edge of the band, or a little faster.
+
+    Not every period has a sequence; the nearest one that has is named.
+    """
+    from gsid.signals import Prbs
+
+    return Prbs.design(fs_hz, period, band, kind=kind, amplitude=1.0 if amplitude is None else amplitude)
+
+
+@design.command(short_help="Sine that sweeps the band once in a period.")
+@_add(BASIC)
+@click.option(
+    "--kind",
+    type=click.Choice(["linear", "log"]),
+    default="linear",
+    show_default=True,
+    help="Frequency over time.",
+)
+@click.option(
+    "--phase-deg", metavar="DEG", type=float, default=0.0, help="Of the sine at the start. [default: 0]"
+)
+@click.option(
+    "--jump", is_flag=True, help="Keep the band as asked, with a jump of the phase after each period."
+)
+@amplitude_option
+@_finished
+def sweep(
+    fs_hz: float,
+    period: int,
+    band: tuple[float, float],
+    kind: str,
+    phase_deg: float,
+    jump: bool,
+    amplitude: float | None,
+    limits: Limits | None,
+    model: Model | None,
+) -> Periodic:
+    """Design a swept sine.
+
+    Its upper frequency is lowered a little, so that a period has a whole number of turns.
+    """
+    import math
+
+    from gsid.signals import Sweep
+
+    size, phase_rad = 1.0 if amplitude is None else amplitude, math.radians(phase_deg)
+    return Sweep.design(
+        fs_hz, period, band, kind=kind, amplitude=size, phase_rad=phase_rad, continuous=not jump
+    )
+
+
+@design.command("stepped-sine", short_help="One sine after the other.")
+@_add(BASIC)
+@click.option(
+    "--lines",
+    type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
+    default="quasi-log",
+    show_default=True,
+    help="As for a multisine.",
+)
+@click.option(
+    "--settle", metavar="N", type=click.IntRange(0), help="Samples before each. [default: a period]"
+)
+@click.option("--periods", metavar="P", type=click.IntRange(1), default=2, help="Of each sine. [default: 2]")
+@amplitude_option
+@_finished
+def stepped_sine(
+    fs_hz: float,
+    period: int,
+    band: tuple[float, float],
+    lines: str,
+    settle: int | None,
+    periods: int,
+    amplitude: float | None,
+    limits: Limits | None,
+    model: Model | None,
+) -> Periodic:
+    """Design a stepped sine: each line settles, then lasts for whole periods.
+
+    period_samples is the length of the whole sequence.
+    """
+    from gsid.signals import SteppedSine
+
+    return SteppedSine.design(
+        fs_hz,
+        period,
+        band,
+        grid=lines,
+        settle_samples=settle,
+        n_periods=periods,
+        amplitude=1.0 if amplitude is None else amplitude,
+    )
+
+
+@design.command(short_help="How long to measure for a wanted uncertainty.")
+@record_options
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "--sigma",
+    metavar="S",
+    type=float,
+    default=0.01,
+    help="Wanted sigma over gain at every line. [default: 0.01]",
+)
+@json_option
+def budget(records: list[Record], band: tuple[float, float] | None, sigma: float, as_json: bool) -> None:
+    """Plan periods and time from a short measurement: REC is made with the excitation planned.
+
+    amplitude_factor is what the amplitude would have to be multiplied by to reach the same without measuring
+    longer. Noise falls with both; distortion does not: see gsid distortion.
+    """
+    from gsid.frf import frf
+    from gsid.limits import plan_budget
+
+    response = frf(records, band=band)
     with options_as_arguments():
-        signal = Multisine.design(
-            fs_hz,
-            period,
-            band,
-            grid=lines,
-            phases=phases,
-            seed=seed,
-            shape_db_per_decade=shape,
-            amplitude=amplitude,
-            peak=peak,
-        )
-    if output:
-        _write(Path(output), signal)
-        say(f"wrote {output}")
+        plan = asdict(plan_budget(response, sigma))
+    if as_json:
+        print_json(plan)
+    else:
+        print_table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
+
+
+def _show(signal: Periodic, model: Model | None, as_json: bool) -> None:
+    from gsid.limits import travel
+
     figures = {
         "crest_factor": signal.crest_factor,
         "crest_factor_fine": signal.crest_factor_fine,
@@ -108,7 +301,8 @@ def multisine(
         "n_lines": len(signal.line),
         "peak": signal.peak,
         "rms": signal.rms,
-        "travel_deg": None,  # needs a model of the axis
+        "slew": signal.slew,
+        "travel_deg": travel(signal, model) if model else None,
     }
     if as_json:
         print_json(figures)
@@ -117,7 +311,7 @@ def multisine(
         print_table(["figure", "value"], rows, left=["figure"])
 
 
-def _write(path: Path, signal: Multisine) -> None:
+def _write(path: Path, signal: Periodic) -> None:
     import numpy as np
 
     from gsid.io import write_atomically
@@ -129,8 +323,9 @@ def _write(path: Path, signal: Multisine) -> None:
         "hold": "zoh",
         "line": signal.line,
         "amplitude": signal.amplitude,
-        "phase_rad": signal.phase_rad,
     }
+    if hasattr(signal, "phase_rad"):
+        arrays["phase_rad"] = signal.phase_rad
 
     def write_mat(part: Path) -> None:
         from scipy.io import savemat
@@ -150,7 +345,7 @@ def _write(path: Path, signal: Multisine) -> None:
     write_atomically(path, writers[path.suffix.lower()])
 
 
-def _c_table(stem: str, signal: Multisine) -> str:
+def _c_table(stem: str, signal: Periodic) -> str:
     """One period as a C99 header; single precision, which is what a drive takes."""
     name = re.sub(r"\W", "_", stem)
     name = f"u_{name}" if name[:1].isdigit() else name

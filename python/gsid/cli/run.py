@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import Band, json_option, options_as_arguments, print_json, print_table, say
+from gsid.cli.common import (
+    Band,
+    json_option,
+    multisine_options,
+    options_as_arguments,
+    print_json,
+    print_table,
+    say,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,32 +55,9 @@ class Settle(click.ParamType):
 @click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
 @click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
 @click.option("--band", type=Band(), default=(1.0, 250.0), help="Of the multisine [Hz]. [default: 1:250]")
-@click.option(
-    "--lines",
-    type=click.Choice(["full", "odd"]),
-    default="full",
-    show_default=True,
-    help="Every line, or odd ones.",
-)
+@multisine_options
 @click.option(
     "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
-)
-@click.option(
-    "--phases",
-    type=click.Choice(["schroeder", "random"]),
-    default="schroeder",
-    show_default=True,
-    help="Low crest factor, or a realisation of its own for each seed.",
-)
-@click.option(
-    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of random phases. [default: 0]"
-)
-@click.option(
-    "--shape",
-    metavar="DB_PER_DECADE",
-    type=float,
-    default=0.0,
-    help="Slope of the amplitude over frequency. [default: 0]",
 )
 @click.option(
     "--u", "u_file", metavar="FILE", type=click.Path(), help="One period of the command, column u, instead."
@@ -99,11 +84,8 @@ def run(
     fs_hz: float,
     period: int,
     band: tuple[float, float],
-    lines: str,
+    shape: dict,
     amplitude: float,
-    phases: str,
-    seed: int,
-    shape: float,
     u_file: str | None,
     periods: int,
     settle: tuple[int, bool],
@@ -126,16 +108,7 @@ def run(
             excitation, fs_hz, line = _from_file(u_file, fs_hz)
             meta = {"excitation": f"from {Path(u_file).name}"}
         else:
-            excitation = Multisine.design(
-                fs_hz,
-                period,
-                band,
-                grid=lines,
-                phases=phases,
-                seed=seed,
-                shape_db_per_decade=shape,
-                amplitude=amplitude,
-            )
+            excitation = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude)
             line, meta = excitation.line, {"excitation": repr(excitation)}
     n_period = len(excitation) if u_file is not None else period
     n_settle = settle[0] * n_period if settle[1] else settle[0]

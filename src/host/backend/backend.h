@@ -16,6 +16,17 @@ const char *gsid_suitesparse_version_str(void);
 gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                             const uint32_t *line, gsid_cplx *lines);
 
+/* Transforms between n samples (n even) and their lines 0 .. n/2, with buffers that FFTW likes. NULL: out of memory. */
+typedef struct gsid_real_transform gsid_real_transform;
+gsid_real_transform *gsid_fftw_real_transform(uint32_t n);
+void gsid_fftw_real_destroy(gsid_real_transform *transform);
+
+/* x[i] = sum over k of lines[k] exp(j 2 pi k i / n), k from -n/2 on, lines[-k] = conj(lines[k]). */
+void gsid_fftw_to_samples(gsid_real_transform *transform, const gsid_cplx *lines, double *x);
+
+/* lines[k] = sum over i of x[i] exp(-j 2 pi k i / n). */
+void gsid_fftw_to_lines(gsid_real_transform *transform, const double *x, gsid_cplx *lines);
+
 /* gsid_arrow_reduce, its arguments checked already; signs of rows as they come.
  * GSID_OK; GSID_E_NO_MEMORY. */
 gsid_status gsid_suitesparse_reduce(const gsid_arrow *arrow, double *triangle);
@@ -44,6 +55,12 @@ typedef struct {
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start */
 gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
                                 const double *lower, const double *upper, double *x, double *least);
+
+/** Descend without bounds (NLopt's LD_LBFGS).
+ *  @param[in]     n_max  evaluations at most
+ *  @param[in,out] x      [n] start; where it stopped
+ *  @return GSID_OK stopped, for whatever reason: f keeps the best point itself; GSID_E_NO_MEMORY */
+gsid_status gsid_nlopt_descend(unsigned n, gsid_objective f, void *user, int n_max, double *x);
 
 #endif
 

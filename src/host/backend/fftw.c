@@ -1,4 +1,5 @@
 #include <fftw3.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "backend.h"
@@ -36,4 +37,52 @@ gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double 
     fftw_free(out);
     fftw_free(in);
     return plan != NULL ? GSID_OK : GSID_E_NO_MEMORY;
+}
+
+struct gsid_real_transform {
+    uint32_t n;
+    double *x;
+    fftw_complex *lines;
+    fftw_plan to_samples, to_lines;
+};
+
+gsid_real_transform *gsid_fftw_real_transform(uint32_t n) {
+    gsid_real_transform *t = calloc(1, sizeof *t);
+    if (t == NULL) {
+        return NULL;
+    }
+    t->n = n;
+    t->x = fftw_alloc_real(n);
+    t->lines = fftw_alloc_complex(n / 2 + 1);
+    if (t->x != NULL && t->lines != NULL) {
+        t->to_samples = fftw_plan_dft_c2r_1d((int)n, t->lines, t->x, FFTW_ESTIMATE);
+        t->to_lines = fftw_plan_dft_r2c_1d((int)n, t->x, t->lines, FFTW_ESTIMATE);
+    }
+    if (t->to_samples == NULL || t->to_lines == NULL) {
+        gsid_fftw_real_destroy(t);
+        return NULL;
+    }
+    return t;
+}
+
+void gsid_fftw_real_destroy(gsid_real_transform *t) {
+    if (t != NULL) {
+        fftw_destroy_plan(t->to_samples);
+        fftw_destroy_plan(t->to_lines);
+        fftw_free(t->lines);
+        fftw_free(t->x);
+        free(t);
+    }
+}
+
+void gsid_fftw_to_samples(gsid_real_transform *t, const gsid_cplx *lines, double *x) {
+    memcpy(t->lines, lines, (t->n / 2 + 1) * sizeof *lines);
+    fftw_execute(t->to_samples);
+    memcpy(x, t->x, t->n * sizeof *x);
+}
+
+void gsid_fftw_to_lines(gsid_real_transform *t, const double *x, gsid_cplx *lines) {
+    memcpy(t->x, x, t->n * sizeof *x);
+    fftw_execute(t->to_lines);
+    memcpy(lines, t->lines, (t->n / 2 + 1) * sizeof *lines);
 }

@@ -43,6 +43,24 @@ gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_o
     return GSID_E_SINGULAR;
 }
 
+enum { N_STORED = 12 }; /* earlier steps from which the curvature is built */
+
+gsid_status gsid_nlopt_descend(unsigned n, gsid_objective f, void *user, int n_max, double *x) {
+    nlopt_opt opt = nlopt_create(NLOPT_LD_LBFGS, n);
+    if (opt == NULL)
+        return GSID_E_NO_MEMORY;
+    double least;
+    nlopt_result result = nlopt_set_min_objective(opt, f, user);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_set_maxeval(opt, n_max);
+    if (result == NLOPT_SUCCESS) /* NLopt's own choice fills megabytes, and costs more than the transforms */
+        result = nlopt_set_vector_storage(opt, N_STORED);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_optimize(opt, x, &least);
+    nlopt_destroy(opt);
+    return result == NLOPT_OUT_OF_MEMORY ? GSID_E_NO_MEMORY : GSID_OK;
+}
+
 const char *gsid_nlopt_version_str(void) {
     static char text[32];
     int major, minor, bugfix;

@@ -1,0 +1,246 @@
+"""Excitations within what the rig allows: command, travel, slew; and how long to measure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.excitation import Multisine, Periodic
+from gsid.frf import Frf
+from gsid.linear_view import linear_view
+from gsid.model import RationalModel
+from gsid.plant import PlantModel
+
+Model = RationalModel | PlantModel
+Signal = TypeVar("Signal", bound=Periodic)
+BISECTIONS = 20  # of the amplitude at which a plant reaches its travel: to a millionth
+DEG = {"deg": 1.0, "rad": 180 / math.pi}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rig allows; None: no limit.
+
+    Attributes
+    ----------
+    command : float, optional
+        Of |u|, unit of the command.
+    travel : float, optional
+        Of the angle to each side of the middle of its travel, degree (the plant's unit where that is none).
+    slew : float, optional
+        Of the command's change, unit of the command per second.
+    """
+
+    command: float | None = None
+    travel: float | None = None
+    slew: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("command", "travel", "slew"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"the limit of {name} must be a positive number, not {value}")
+
+
+def travel(signal: Periodic, model: Model) -> float:
+    """Predict how far the axis travels from the middle, in steady state.
+
+    Parameters
+    ----------
+    signal : Periodic
+    model : RationalModel or PlantModel
+        A rational model of a rate (its unit ends in /s, or is not given) or of an angle.
+
+    Returns
+    -------
+    float
+        Half of the peak-to-peak angle, degree (the plant's unit where that is none).
+    """
+    if isinstance(model, PlantModel):
+        angle = _angle_model(model).simulate(signal.table()).angle
+        return float(np.ptp(angle)) / 2 * DEG.get(model.angle_unit, 1.0)
+    u = signal.table()
+    spectrum = np.fft.rfft(u)
+    line = np.flatnonzero(np.abs(spectrum) > 1e-12 * np.abs(spectrum).max())
+    line = line[(line > 0) & (2 * line < len(u))]
+    angle = np.zeros(len(spectrum), complex)
+    angle[line] = spectrum[line] * travel_response(model, line * signal.fs_hz / len(u), signal.fs_hz)
+    return float(np.ptp(np.fft.irfft(angle, len(u)))) / 2
+
+
+def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
+    """Response of the angle to the command, (F,) complex, degree per command; of a plant its linear part."""
+    if isinstance(model, PlantModel):
+        g = linear_view(model.stack(), f_hz, fs_hz, output_angle=True).command
+        return g * DEG.get(model.angle_unit, 1.0)
+    unit = model.y_unit or "deg/s"
+    g = model.response(f_hz)
+    if unit.endswith("/s"):
+        g = g / (2j * np.pi * f_hz)
+    return g * DEG.get(unit.removesuffix("/s"), 1.0)
+
+
+def _angle_model(model: PlantModel) -> PlantModel:
+    return model if model.output == "angle" else replace(model, output="angle")
+
+
+def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) -> Signal:
+    """Scale a signal to the largest amplitude that the limits allow.
+
+    Parameters
+    ----------
+    signal : Periodic
+    limits : Limits
+        One at least.
+    model : RationalModel or PlantModel, optional
+        Needed for a limit of travel.
+
+    Returns
+    -------
+    Periodic
+        Of the signal's class.
+
+    Raises
+    ------
+    ValueError
+        No limit, or one of travel without a model.
+    """
+    factors = []
+    if limits.command is not None:
+        factors.append(limits.command / signal.peak)
+    if limits.slew is not None:
+        factors.append(limits.slew / signal.slew)
+    if limits.travel is not None:
+        if model is None:
+            raise ValueError("a limit of travel needs a model of the axis")
+        most = min(factors, default=math.inf)
+        factors.append(_factor_of_travel(signal, limits.travel, model, most))
+    if not factors:
+        raise ValueError("give a limit: command, travel or slew")
+    return signal.scaled(min(factors))
+
+
+def _factor_of_travel(signal: Periodic, limit: float, model: Model, most: float) -> float:
+    factor = limit / travel(signal, model)
+    if isinstance(model, RationalModel):
+        return factor
+    # friction and springs make the travel more or less than proportional
+    high = most if math.isfinite(most) else 64 * factor
+    if travel(signal.scaled(high), model) <= limit:
+        return high
+    low = 0.0
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if travel(signal.scaled(middle), model) <= limit else (low, middle)
+    return low
+
+
+def optimise(
+    multisine: Multisine, limits: Limits | None = None, model: Model | None = None, *, effort: int = 200
+) -> Multisine:
+    """Search phases with low peaks (EXC-9), of the command alone or of command and travel together.
+
+    Parameters
+    ----------
+    multisine : Multisine
+        Its phases are the start; the amplitudes stay.
+    limits : Limits, optional
+        With both command and travel the larger of the two peaks, each over its limit, is made small, so that
+        the amplitude that fits both is large.
+    model : RationalModel or PlantModel, optional
+        Needed for a limit of travel.
+    effort : int
+        Evaluations in each of the seven stages.
+
+    Returns
+    -------
+    Multisine
+
+    Raises
+    ------
+    ValueError
+        A limit of travel without a model.
+    GsidError
+        Built without FFTW or NLopt.
+    """
+    cfg = ffi.new("gsid_optimise_cfg *")
+    line = np.ascontiguousarray(multisine.line, np.uint32)
+    amplitude = np.ascontiguousarray(multisine.amplitude, float)
+    phase_rad = np.array(multisine.phase_rad, float)
+    cfg.n_lines, cfg.n_per_stage = len(line), effort
+    cfg.line, cfg.amplitude = ffi.from_buffer("uint32_t[]", line), ffi.from_buffer("double[]", amplitude)
+    if limits is not None and limits.travel is not None:
+        if model is None:
+            raise ValueError("a limit of travel needs a model of the axis")
+        response = travel_response(model, multisine.f_hz, multisine.fs_hz)
+        response = np.ascontiguousarray(response, complex)
+        cfg.travel = ffi.from_buffer("gsid_cplx[]", response)
+        # without a limit of the command its peak counts for nothing
+        largest = float(np.sum(np.abs(amplitude)))
+        cfg.limit_command = 1e6 * largest if limits.command is None else limits.command
+        cfg.limit_travel = limits.travel
+    peak = ffi.new("double *")
+    status = lib.gsid_optimise_phases(cfg, ffi.from_buffer("double[]", phase_rad), peak)
+    check(status, "optimising the phases")
+    return replace(multisine, phase_rad=phase_rad, optimised=True)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long to measure for a wanted uncertainty.
+
+    Attributes
+    ----------
+    n_periods : int
+        Good periods, the settling not counted.
+    time_s : float
+        Of those periods.
+    f_hz : float
+        The line that needs most.
+    amplitude_factor : float
+        What the excitation would have to be multiplied by to reach the same in the periods measured so far.
+    """
+
+    n_periods: int
+    time_s: float
+    f_hz: float
+    amplitude_factor: float
+
+
+def plan_budget(measured: Frf, relative_std: float) -> Budget:
+    """Plan how many periods bring the standard deviation of every line below a share of its gain.
+
+    Parameters
+    ----------
+    measured : Frf
+        A short measurement with the excitation planned; its noise is what counts.
+    relative_std : float
+        Wanted sigma_G / |G|, 0 .. 1.
+
+    Returns
+    -------
+    Budget
+        Noise falls as 1/sqrt(periods); what distortion adds does not (`gsid.distortion`).
+
+    Raises
+    ------
+    ValueError
+        A share that is none, or a measurement without variance.
+    """
+    if not 0 < relative_std < 1:
+        raise ValueError(f"the wanted sigma must be a share of the gain between 0 and 1, not {relative_std}")
+    relative_var = measured.var_g / np.abs(measured.g) ** 2 * measured.n_periods  # of one period
+    if not np.isfinite(relative_var).all():
+        raise ValueError("the measurement has no variance at every line: measure 2 periods at least")
+    worst = int(np.argmax(relative_var))
+    n_periods = max(2, math.ceil(relative_var[worst] / relative_std**2))
+    return Budget(
+        n_periods,
+        n_periods * measured.period_samples / measured.fs_hz,
+        float(measured.f_hz[worst]),
+        float(np.sqrt(relative_var[worst] / measured.n_periods) / relative_std),
+    )

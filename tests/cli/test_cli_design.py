@@ -1,0 +1,84 @@
+"""gsid design: each kind of excitation, its limits and files."""
+
+import json
+
+import numpy as np
+import pytest
+
+COMMON = ["--fs", 3000, "--band", "1:250"]
+KINDS = {"multisine": 3000, "prbs": 4 * 751, "sweep": 3000, "stepped-sine": 300}
+PLANT = {
+    "gsid_model": 1,
+    "fs_hz": 3000,
+    "effects": [
+        {"effect": "rigid_body", "params": {"gain": 7}},
+        {"effect": "viscous_friction", "params": {"rate": 10}},
+    ],
+}
+
+
+@pytest.fixture
+def axis_json(tmp_path):
+    (tmp_path / "axis.json").write_text(json.dumps(PLANT))
+    return "axis.json"
+
+
+def band(kind):
+    return ["--fs", 3000, "--band", "10:250"] if kind == "stepped-sine" else COMMON
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_keys_limits_and_files(gsid, axis_json, tmp_path, kind):
+    limits = ["--limit-command", 179, "--limit-travel-deg", 0.5, "--limit-slew", 2e5, "--model", axis_json]
+    result = gsid("design", kind, *band(kind), "--period", KINDS[kind], *limits, "-o", "u.npz", "--json")
+    assert result.code == 0, result.err
+    figures = json.loads(result.out)
+    keys = {"crest_factor", "crest_factor_fine", "p_int_over_p_tot", "period_samples", "n_lines", "peak"}
+    assert keys | {"travel_deg", "rms", "slew"} <= figures.keys()
+    used = [figures["peak"] / 179, figures["travel_deg"] / 0.5, figures["slew"] / 2e5]
+    assert max(used) == pytest.approx(1, rel=1e-3)
+    u = np.load(tmp_path / "u.npz")["u"]
+    assert len(u) == figures["period_samples"]
+    assert np.abs(u).max() == pytest.approx(figures["peak"])
+
+
+@pytest.mark.parametrize("end", [".csv", ".mat", ".h"])
+def test_other_files(gsid, tmp_path, end):
+    result = gsid("design", "prbs", *COMMON, "--period", KINDS["prbs"], "-o", f"u{end}")
+    assert result.code == 0, result.err
+    assert (tmp_path / f"u{end}").stat().st_size > 1000
+
+
+def test_optimised_phases(gsid, axis_json):
+    asked = ["design", "multisine", *COMMON, "--period", 3000, "--optimise", "--json"]
+    plain = json.loads(gsid(*asked).out)
+    assert plain["crest_factor_fine"] < 1.45
+    limited = json.loads(
+        gsid(*asked, "--limit-command", 50, "--limit-travel-deg", 2, "--model", axis_json).out
+    )
+    assert limited["peak"] <= 50.001
+    assert limited["travel_deg"] <= 2.001
+    at_peak = json.loads(gsid(*asked, "--peak", 7).out)
+    assert at_peak["peak"] == pytest.approx(7)
+
+
+def test_misuse(gsid, axis_json):
+    asked = ["design", "multisine", *COMMON, "--period", 3000]
+    for more, words in (
+        (["--limit-travel-deg", 2], "--limit-travel-deg needs --model"),
+        (["--limit-command", 5, "--peak", 3], "limits set the amplitude"),
+        (["--limit-command", -5], "must be a positive number"),
+    ):
+        result = gsid(*asked, *more)
+        assert result.code == 2
+        assert words in result.err
+    nearest = gsid("design", "prbs", *COMMON, "--period", 3000)
+    assert nearest.code == 2
+    assert "the nearest valid request is" in nearest.err
+
+
+def test_budget(gsid, rec_csv):
+    plan = json.loads(gsid("design", "budget", rec_csv, "--sigma", 0.001, "--json").out)
+    assert plan["n_periods"] > 6
+    assert plan["time_s"] == pytest.approx(plan["n_periods"] * 0.4)
+    assert gsid("design", "budget", rec_csv, "--sigma", 3).code == 2
