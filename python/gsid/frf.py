@@ -442,6 +442,10 @@ def frf(
     return each[0] if len(each) == 1 else _over_realisations(each)
 
 
+FEW_LINES = 10  # summing them at every sample is as quick as transforming
+"""Up to so many lines `StreamingFrf` sums at every sample by itself."""
+
+
 class StreamingFrf:
     """The measurement as it runs beside a controller: the C core, sample by sample, in fixed memory.
 
@@ -459,11 +463,15 @@ class StreamingFrf:
         Lines of the input when it is known exactly; default: the input is measured.
     precision : {"double", "single"}
         Build of the core.
+    engine : {"auto", "direct", "spread"}
+        How the lines of a period are made: summed at every sample, or by a transform spread over the samples
+        of the next period (N even, N/2 without prime factors above 7). They agree to rounding. "auto" takes
+        the transform where it is possible and there are more than `FEW_LINES` lines.
 
     Raises
     ------
     ValueError
-        An unknown precision, or u_known of another length than line.
+        An unknown precision or engine, or u_known of another length than line.
     GsidError
         The core refuses the configuration.
     """
@@ -477,9 +485,12 @@ class StreamingFrf:
         settle_samples: int = 0,
         u_known: np.ndarray | None = None,
         precision: str = "double",
+        engine: str = "auto",
     ) -> None:
         if precision not in ("double", "single"):
             raise ValueError(f"precision must be double or single, not {precision!r}")
+        if engine not in ("auto", "direct", "spread"):
+            raise ValueError(f"engine must be auto, direct or spread, not {engine!r}")
         is_double = precision == "double"
         self._ffi, self._lib = (ffi, lib) if is_double else (ffi32, lib32)
         self._real, self._cplx = (np.float64, np.complex128) if is_double else (np.float32, np.complex64)
@@ -496,10 +507,16 @@ class StreamingFrf:
         cfg.line = self._ffi.from_buffer("uint32_t[]", self.line)
         cfg.twiddle = self._pointer(self._twiddle)
         cfg.u_known = self._ffi.NULL if self._known is None else self._pointer(self._known)
-        self._memory = np.zeros(self._lib.gsid_frf_mem_size(cfg) // 16 + 1, complex)
+        spread_size = self._lib.gsid_frf_spread_mem_size(cfg)  # 0: not possible
+        if engine == "auto":
+            engine = "spread" if spread_size > 0 and len(self.line) > FEW_LINES else "direct"
+        self.engine = engine
+        size = spread_size if engine == "spread" else self._lib.gsid_frf_mem_size(cfg)
+        self._memory = np.zeros(size // 16 + 1, complex)
         self._frf = self._ffi.new("gsid_frf *")
         memory = self._ffi.from_buffer(self._memory)
-        check(self._lib.gsid_frf_init(self._frf, cfg, memory, len(memory)), "setting up the measurement")
+        init = self._lib.gsid_frf_init_spread if engine == "spread" else self._lib.gsid_frf_init
+        check(init(self._frf, cfg, memory, len(memory)), "setting up the measurement")
 
     @property
     def n_periods(self) -> int:
@@ -545,6 +562,9 @@ class StreamingFrf:
             check(lib.gsid_batch_frf_step(self._frf, len(u), *block, flags), "taking a block of samples")
         else:
             self._step_single(u, y, good)
+        check(
+            self._lib.gsid_frf_finish(self._frf), "adding the last period"
+        )  # there is no tick to keep short
         return self.n_periods
 
     def _step_single(self, u: np.ndarray, y: np.ndarray, good: np.ndarray | None) -> None:
@@ -600,7 +620,7 @@ class StreamingFrf:
 
     def __repr__(self) -> str:
         periods = f"{self.n_periods} good periods, {self.n_spoiled} spoiled"
-        return f"StreamingFrf({len(self.line)} lines, {periods})"
+        return f"StreamingFrf({len(self.line)} lines, {periods}, {self.engine} engine)"
 
 
 def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:

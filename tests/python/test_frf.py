@@ -247,3 +247,33 @@ def test_streaming_refuses(precision):
     with pytest.raises(ValueError, match="precision must be"):
         StreamingFrf(FS_HZ, N, [1], precision="half")
     assert "3 lines, 0 good periods" in repr(streaming)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_the_engines_agree_with_the_transform_of_numpy(precision):
+    period, line = 600, np.arange(1, 101)
+    rng = np.random.default_rng(11)
+    y = rng.standard_normal((4, period))
+    lines = np.fft.rfft(y)[:, line] * (2 / period)
+    # sums of 600 products, each rounded (direct): 600 roundings at most
+    tolerance = 600 * np.finfo(np.float64 if precision == "double" else np.float32).eps
+    for engine in ("direct", "spread"):
+        streaming = StreamingFrf(
+            FS_HZ, period, line, u_known=np.ones(100), precision=precision, engine=engine
+        )
+        for block in np.split(y.ravel(), [1, 17, 1000, 1001]):
+            streaming.step(np.zeros(len(block)), block)
+        result = streaming.result()
+        np.testing.assert_allclose(result.y, lines.mean(axis=0), atol=tolerance)
+        scatter = np.abs(lines - lines.mean(axis=0)) ** 2
+        np.testing.assert_allclose(result.var_y, scatter.sum(axis=0) / 3, atol=tolerance)
+
+
+def test_the_engine_is_chosen_by_length_and_number_of_lines():
+    assert StreamingFrf(FS_HZ, 600, np.arange(1, 101)).engine == "spread"
+    assert StreamingFrf(FS_HZ, 600, [1, 2, 3]).engine == "direct"
+    assert StreamingFrf(FS_HZ, 601, np.arange(1, 101)).engine == "direct"
+    with pytest.raises(GsidError, match="out of its range"):
+        StreamingFrf(FS_HZ, 601, [1], engine="spread")
+    with pytest.raises(ValueError, match="engine must be"):
+        StreamingFrf(FS_HZ, 600, [1], engine="quick")
