@@ -63,8 +63,8 @@ def test_float_agrees_with_double(excitation, noise, offset, known, engine, limi
     with capsys.disabled():
         print(
             f"\n  float beside double, {engine}, {len(double.line)} lines, {PERIODS} periods of {N}, "
-            f"noise {noise:g}, offset {offset:g}, {'known' if known else 'measured'} input: Y {y:.1e}, G {g:.1e}, std of Y "
-            f"{std:.1e} of the largest line"
+            f"noise {noise:g}, offset {offset:g}, {'known' if known else 'measured'} input: "
+            f"Y {y:.1e}, G {g:.1e}, std of Y {std:.1e} of the largest line"
         )
     assert y < limit
     assert g < limit
