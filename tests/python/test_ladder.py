@@ -9,10 +9,11 @@ from plants import FS_HZ, axis_record, plant
 
 from gsid import plots
 from gsid.compare import compare
+from gsid.diagnose import diagnose
 from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.frf import spectra
-from gsid.ladder import add, ladder, undo
+from gsid.ladder import add, ladder, undo, with_history
 from gsid.model import load_model
 
 SEED = 20260305
@@ -142,3 +143,17 @@ def test_picture(added):
         assert part in words
     with pytest.raises(ValueError, match="no step"):
         plots.ladder(ladder(start()))
+
+
+def test_a_diagnosis_with_its_ladder(records):
+    """Its steps as `add` would have taken them, undone one by one; and its picture."""
+    found = diagnose(start(), records)
+    told = with_history(start(), found.model, records)
+    np.testing.assert_array_equal(told.free_values, found.model.free_values)
+    (rung,) = ladder(told).rungs
+    assert rung.effect == found.found[0].effects[0]
+    assert rung.held_out["after"] < 1.2 * rung.noise_floor_rms < rung.held_out["before"] / 2
+    assert undo(told).to_dict() == start().to_dict()
+    words = " ".join(text.get_text() for text in found.plot().findobj(lambda a: hasattr(a, "get_text")))
+    for part in ("1: coulomb_friction", "probability", "noise alone", "Missing: "):
+        assert part in words

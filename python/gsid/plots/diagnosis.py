@@ -44,7 +44,7 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
         ax.barh(at, before - after, left=after, height=0.6, color=colour, alpha=0.85)
         ax.annotate(
             f"{before:.3g} → {after:.3g}, probability {group.probability:.1%}",
-            (before, at),
+            (max(before, after), at),
             (5, 0),
             textcoords="offset points",
             va="center",
@@ -55,10 +55,10 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     ax.set_yticks(range(len(rows)), names)
     ax.invert_yaxis()
     ax.set_xscale("log")
-    costs = [step.fit.cost_per_dof for step, _ in rows]
-    ax.set_xlim(0.7, max(costs) * (max(costs) / 0.7) ** 0.8)  # room for the words
+    most = max(max(step.fit.cost_per_dof, group.candidates[0].fit.cost_per_dof) for step, group in rows)
+    ax.set_xlim(0.7, most * (most / 0.7) ** 0.8)  # room for the words
     ax.set_xlabel("cost per degree of freedom, without the effect → with it")
-    ax.set_title(diagnosis.sentence.replace("). ", ").\n"), fontsize=9.5)
+    ax.set_title(diagnosis.sentence.partition(" (")[0])  # the numbers stand in the picture
     ax.grid(False, axis="y")
     legend_below(figure, [ax])
     return figure
