@@ -211,6 +211,10 @@ bench: all ## run the benchmarks; each prints its figures and versions as JSON
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
 	$(PY) benchmarks/coverage_fit.py
 
+.PHONY: distortion-study
+distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
+	$(PY) tests/python/distortion_study.py
+
 .PHONY: errors-page
 errors-page: all ## make docs/errors.md anew from the list of status codes
 	$(PY) tools/make_errors_page > docs/errors.md
