@@ -6,11 +6,17 @@ Figures to reach (design, section 7), orders 4/3, 6/5 and 9/8, ten noise seeds e
 model's, all poles stable, the delay found from nothing, in at most 60, 120 and 250 ms. scipy gets what a
 careful user gives it: the frequency scaled, the Jacobian, the weights, a start by reweighted linear least
 squares and a delay of 5 ms, which is 0.4 ms off. It makes one start where gsid scans 0 to 12 ms, refines five
-and keeps to stable models. Both run in the same process, in turn.
+and keeps to stable models. Both run in the same process, in turn. scikit-rf's vector fitting, where it is
+installed, gets the true delay by hand, and as many poles. Octave's invfreqs needs its package signal; where
+there is none the output says so.
 """
 
+import importlib.metadata
+import importlib.util
 import json
 import platform
+import shutil
+import subprocess
 import time
 
 import numpy as np
@@ -136,9 +142,36 @@ def ours(frf: Frf, order: tuple[int, int]) -> tuple[float, bool, float]:
     return model.cost, model.stable and model.converged, model.delay_s
 
 
+def vector_fit(frf: Frf, order: tuple[int, int]) -> tuple[float, bool, float]:
+    """Return cost, whether all poles are stable, and the delay that scikit-rf was given [s]."""
+    import skrf
+    from skrf.vectorFitting import VectorFitting
+
+    turn = np.exp(2j * np.pi * F_HZ * DELAY_S)
+    network = skrf.Network(f=F_HZ, s=(frf.g * turn)[:, None, None], z0=50, f_unit="Hz")
+    fitting = VectorFitting(network)
+    fitting.vector_fit(
+        n_poles_real=order[0] % 2, n_poles_cmplx=order[0] // 2, fit_constant=order[0] == order[1]
+    )
+    error = fitting.get_model_response(0, 0, F_HZ) / turn - frf.g
+    return float(np.sum(abs(error) ** 2 / frf.var_g)), bool(np.all(fitting.poles.real < 0)), DELAY_S
+
+
+def octave() -> str:
+    """Return whether Octave could take part."""
+    if shutil.which("octave") is None:
+        return "absent"
+    load = subprocess.run(
+        ["octave", "--no-gui", "--eval", "pkg load signal"], capture_output=True, check=False
+    )
+    return "its package signal is absent" if load.returncode else "present; its invfreqs is not run"
+
+
 def compare(order: tuple[int, int]) -> dict:
-    """Run both on every seed."""
+    """Run all on every seed."""
     jobs = {"gsid": ours, "scipy": lambda frf, o: Peer(frf, o).solve()}
+    if importlib.util.find_spec("skrf"):
+        jobs["scikit-rf"] = vector_fit
     rows: dict[str, list] = {name: [] for name in jobs}
     for seed in SEEDS:
         frf, cost_true = measurement(seed)
@@ -165,6 +198,14 @@ def summary(rows: list) -> dict:
     }
 
 
+def version_of(package: str) -> str:
+    """Return the version installed, or that there is none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"
+
+
 def main() -> None:
     """Run the benchmark and print its figures."""
     fit(measurement(0)[0], ORDERS[0])  # what the first call loads is not what is measured
@@ -174,6 +215,8 @@ def main() -> None:
             "gsid": version(),
             "nlopt": ffi.string(lib.gsid_build_library_version(b"nlopt")).decode(),
             "scipy": scipy.__version__,
+            "scikit-rf": version_of("scikit-rf"),
+            "octave": octave(),
             "numpy": np.__version__,
             "python": platform.python_version(),
             "machine": platform.machine(),
