@@ -168,6 +168,10 @@ $(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BU
 test: all check sanitize valgrind ## all tests: C in double and float, the same sanitized and under valgrind, then Python
 	$(PY) -m pytest -q
 
+.PHONY: test-data
+test-data: all ## the tests on measured records, those of docs/real_data.md that take minutes too
+	GSID_SLOW_DATA=1 $(PY) -m pytest -q tests/build/test_real_data.py
+
 .PHONY: check
 check: $(C_TESTS) ## the C tests, in double and float
 	tools/run_c_tests $(C_TESTS)

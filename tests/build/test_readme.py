@@ -7,34 +7,13 @@ import shutil
 import sys
 
 import numpy as np
+import pages
 import pytest
-
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
-# Seeded noise printed to two digits: libm and the optimiser's last steps may turn the last one over.
-TOLERANCE = {"rtol": 0.1, "atol": 1e-12}
+from pages import assert_same_text, commands
 
 
 def blocks(root, language):
-    return re.findall(
-        rf"^```{language}\n(.*?)^```$", (root / "README.md").read_text(), re.DOTALL | re.MULTILINE
-    )
-
-
-def assert_same_text(printed, shown):
-    """Words exactly, numbers to TOLERANCE; what is shown may end in a line of dots."""
-    lines = shown.splitlines()
-    if "..." in lines:
-        lines = lines[: lines.index("...")]
-        shown, printed = "\n".join(lines), "\n".join(printed.splitlines()[: len(lines)])
-    assert NUMBER.sub("#", printed.strip()).split() == NUMBER.sub("#", shown.strip()).split()
-    numbers = [[float(number) for number in NUMBER.findall(text)] for text in (printed, shown)]
-    np.testing.assert_allclose(*numbers, **TOLERANCE)
-
-
-def commands(block):
-    """Split a console block into (command, what it prints)."""
-    parts = re.split(r"^\$ (.*)\n", block, flags=re.MULTILINE)[1:]
-    return list(zip(parts[::2], parts[1::2], strict=True))
+    return pages.blocks(root / "README.md", language)
 
 
 def test_the_c_program(run, root, tmp_path):

@@ -11,8 +11,10 @@ from gsid.cli.common import (
     band_option,
     describe,
     json_option,
+    load_plant,
     options_as_arguments,
     print_json,
+    print_parameters,
     print_table,
     record_options,
     say,
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from gsid.frf import Frf
     from gsid.model import RationalModel
     from gsid.order import OrderChoice
+    from gsid.plant import PlantModel
     from gsid.record import Record
 
 
@@ -58,13 +61,19 @@ class Delay(click.ParamType):
         return seconds
 
 
-@click.command(short_help="Fit a rational model with delay to records.")
+@click.command(short_help="Fit a rational model with delay, or a stack of effects, to records.")
 @record_options
 @click.option(
     "--order",
     type=Order(may_be_auto=True),
-    required=True,
     help="Numbers of poles and zeros, for example 4/3; auto: the order of least MDL.",
+)
+@click.option(
+    "--model",
+    "model_path",
+    metavar="M.json",
+    type=click.Path(),
+    help="Stack of effects: fit its free parameters instead.",
 )
 @click.option(
     "--delay",
@@ -94,9 +103,12 @@ class Delay(click.ParamType):
     help="Write the model, with its covariance; .mat is for MATLAB.",
 )
 @json_option
+@click.pass_context
 def fit(
+    ctx: click.Context,
     records: list[Record],
-    order: str,
+    order: str | None,
+    model_path: str | None,
     delay: str | float,
     method: str,
     band: tuple[float, float] | None,
@@ -108,7 +120,18 @@ def fit(
 
     The cost is the sum of squared errors over their variance; the cost expected is what noise alone leaves.
     Intervals are 95 %, from the covariance of the parameters.
+
+    With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
+    in the file.
     """
+    if (order is None) == (model_path is None):
+        raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
+    if model_path is not None:
+        rational = [name for name in ("delay", "method", "domain") if _is_given(ctx, name)]
+        if rational:
+            raise click.UsageError(f"--{rational[0]} belongs to a rational model: leave it out", ctx)
+        _fit_plant(load_plant(model_path), records, band, output, as_json)
+        return
     from gsid.fit import fit as fit_model
     from gsid.frf import frf
 
@@ -171,6 +194,41 @@ def _orders(choice: OrderChoice) -> list[dict]:
         row = {name: value for name, value in vars(c).items() if name != "model"}
         rows.append(row | {"chosen": c is choice.chosen})
     return rows
+
+
+def _is_given(ctx: click.Context, name: str) -> bool:
+    return ctx.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT
+
+
+def _fit_plant(
+    start: PlantModel,
+    records: list[Record],
+    band: tuple[float, float] | None,
+    output: str | None,
+    as_json: bool,
+) -> None:
+    from gsid.frf import spectra
+    from gsid.greybox import fit_plant
+    from gsid.linear_start import linear_start
+
+    n_free = len(start.free_names)
+    with working(f"fitting {n_free} parameters to {describe(records)}"), options_as_arguments():
+        measured = [spectra(record) for record in records]
+        found = fit_plant(linear_start(start, measured), measured, band=band)
+    if output:
+        found.model.save(output)
+        say(f"wrote {output}")
+    if as_json:
+        print_json({"method": "ml"} | found.summary() | {"effects": found.model.to_dict()["effects"]})
+        return
+    state = "converged" if found.converged else "NOT converged"
+    print(f"{n_free} parameters, {found.n_dof} degrees of freedom, {state}")
+    print(f"cost per degree of freedom {found.cost_per_dof:.4g} (1 when only noise is left)")
+    for words, names in (("at a bound", found.at_bound), ("no steady state found", found.unsettled)):
+        if names:
+            print(f"{words}: {', '.join(names)}")
+    print()
+    print_parameters(found.model)
 
 
 def _fit_all(

@@ -1,0 +1,58 @@
+"""`gsid fit --model`: the free parameters of a stack of effects, from the command."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from gsid.excitation import Multisine
+from gsid.io import write_record
+from gsid.record import Record
+
+FS_HZ, GAIN, RATE = 1000.0, 40.0, 25.0
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A held command on a lag: the axis in closed form, with noise; and a model 20 % off."""
+    u = np.tile(Multisine.design(FS_HZ, 1000, (1, 200), rms=1.0).table(), 8)
+    pole = np.exp(-RATE / FS_HZ)
+    y = lfilter([0, GAIN / RATE * (1 - pole)], [1, -pole], u) + 1e-3 * np.random.default_rng(1).normal(
+        size=u.size
+    )
+    write_record(tmp_path / "rec.csv", Record(u, y, FS_HZ, 1000, 2000, hold="zoh", y_unit="deg/s"))
+    effects = {"rigid_body": {"gain": 1.2 * GAIN}, "viscous_friction": {"rate": 0.8 * RATE}}
+    stack = [{"effect": effect, "params": params} for effect, params in effects.items()]
+    (tmp_path / "axis.json").write_text(json.dumps({"gsid_model": 1, "fs_hz": FS_HZ, "effects": stack}))
+
+
+def test_it_fits_the_stack_and_writes_it(gsid, files):
+    result = gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json", "--json")
+    assert result.code == 0, result.err
+    found = json.loads(result.out)
+    assert found["converged"]
+    assert found["cost_per_dof"] == pytest.approx(1, abs=0.3)  # 400 numbers: 5 sigma
+    written = json.loads(Path("fitted.json").read_text())
+    assert written["effects"] == found["effects"]
+    for effect, name, truth in (("rigid_body", "gain", GAIN), ("viscous_friction", "rate", RATE)):
+        value = next(e for e in found["effects"] if e["effect"] == effect)["params"][name]
+        assert abs(value["value"] - truth) < 5 * value["std"]
+    words = gsid("fit", "rec.csv", "--model", "axis.json").out
+    assert words.startswith("2 parameters, ")
+    assert "converged" in words
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "give --order for a rational model, or --model"),
+        (("--model", "axis.json", "--order", "1/0"), "give --order for a rational model, or --model"),
+        (("--model", "axis.json", "--delay", "none"), "--delay belongs to a rational model"),
+    ],
+)
+def test_options_that_do_not_go_together(gsid, files, arguments, message):
+    result = gsid("fit", "rec.csv", *arguments)
+    assert result.code == 2
+    assert message in result.err
