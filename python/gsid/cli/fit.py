@@ -61,7 +61,7 @@ class Delay(click.ParamType):
         return seconds
 
 
-@click.command(short_help="Fit a rational model with delay, or a stack of effects, to records.")
+@click.command(short_help="Fit a rational model, or a stack of effects, to records.")
 @record_options
 @click.option(
     "--order",

@@ -30,7 +30,7 @@ VERBS = {
     "run": "Drive an axis over a serial line and record it.",
     "frf": "Measure the frequency response and its variance from records.",
     "distortion": "Tell noise from nonlinear distortion in a frequency response.",
-    "fit": "Fit a rational model with delay to records.",
+    "fit": "Fit a rational model, or a stack of effects, to records.",
     "compare": "Compare a model with records: adequate or not, and where not.",
     "effects": "List the catalogue of physical effects.",
     "diagnose": "Find the physical effect that a model misses.",
