@@ -65,6 +65,14 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  Context: ISR-safe, one writer. */
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
+/** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best
+ *  begins: from rest, a plant with stops or play can be thrown onto another orbit, which is periodic too.
+ *  @param[in]  u         [n_period] one period
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period is 0; GSID_E_NONFINITE u is not finite: nothing changed;
+ *          or the plant left the range of numbers: it is at rest now.
+ *  Cost: one period, with a column for each state.  Context: background. */
+gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u);
+
 /** Find the periodic steady state by shooting: Newton's method on the state at the period's start, from the state the plant
  *  is in. A state that no equation determines (the angle of an axis that nothing pulls back) stays where it is.
  *  Effects that are not locked to the excitation (periodic_disturbance) are left out. A sensor's refresh starts at the

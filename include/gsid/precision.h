@@ -107,6 +107,7 @@
 #define gsid_expression_effect GSID_NAME(gsid_expression_effect)
 #define gsid_table_slopes GSID_NAME(gsid_table_slopes)
 #define gsid_table_effect GSID_NAME(gsid_table_effect)
+#define gsid_plant_start_linear GSID_NAME(gsid_plant_start_linear)
 #define gsid_catalogue GSID_NAME(gsid_catalogue)
 #define gsid_n_catalogue GSID_NAME(gsid_n_catalogue)
 #define gsid_catalogue_find GSID_NAME(gsid_catalogue_find)

@@ -8,86 +8,40 @@
 3. They are ranked by evidence: the cost after the fit and a price for each parameter. Effects whose
    costs after the fit differ by less than the data can tell form one group.
 4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
-   effect found is tried to be left out again.
+   effect found is tried to be left out again, and exchanged for its best rivals.
 5. When the best still leaves most of the misfit, the missing effect is not in the catalogue.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from gsid._callable import callable_as
-from gsid.effects import EffectType, catalogue, find
+from gsid.candidates import Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
-from gsid.greybox import PlantFit, RecordFit, fit_plant
+from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
-from gsid.linear_view import linear_view
 from gsid.next_experiment import advice
-from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
-from gsid.probes import Probe, Trajectory, probes, quantization_at, quantization_spacing
+from gsid.plant import PlantModel
 from gsid.record import Record
-from gsid.scores import Score, family_wise_p, orthonormal, random_periods, random_phases, score
+from gsid.scan import noise_p_value, scan, scan_rates, stacked
+from gsid.scores import Score, family_wise_p, random_periods, random_phases
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
-REFITTED = 5  # effects fitted for real in each round, at most
-RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
-RIVAL_THRESHOLD = 0.1  # the same for threshold laws
-STARTS = 2  # of each, the second when the first does not keep its promise
-KEPT = 0.9  # of the predicted drop: the promise is kept
-STEPS_MAX = 15  # of each fit: a start that needs more is not near
+RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
 DRAWS = 999  # of the bootstrap
-ZOOMS, ZOOM_POINTS = 2, 8  # refinements of a step's grid, points on each side
-SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
-NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
-TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
-
-
-@dataclass(eq=False)
-class Candidate:
-    """An effect added to the model and fitted."""
-
-    effects: tuple[str, ...]  # of this step: one
-    fit: PlantFit
-    predicted_drop: float
-
-    @property
-    def params(self) -> dict[str, Param]:
-        """Parameters of the added effect."""
-        return self.fit.model.effects[-1].params
-
-
-@dataclass(eq=False)
-class Group:
-    """Effects that the data cannot tell apart, best first."""
-
-    candidates: list[Candidate]
-    probability: float
-
-    @property
-    def effects(self) -> list[str]:
-        return [candidate.effects[-1] for candidate in self.candidates]
-
-    def to_dict(self) -> dict[str, Any]:
-        best = self.candidates[0]
-        return {
-            "effects": self.effects,
-            "probability": self.probability,
-            "cost_per_dof_after": best.fit.cost_per_dof,
-            "drop": best.predicted_drop,
-            "params": {name: {"value": p.value, "std": p.std} for name, p in best.params.items()},
-        }
+LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
 
 
 @dataclass(eq=False)
@@ -156,7 +110,7 @@ class Diagnosis:
         if self.adequate:
             return f"Nothing is missing that these data show ({self._p_words})."
         after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
-        names = ", then ".join(" or ".join(group.effects) for group in self.found)
+        names = ", then ".join(_in_words(group.effects) for group in self.found)
         if self.verdict == "unknown_effect":
             best = f" The nearest is {names}, which explains {self.explained:.0%}." if names else ""
             return f"Something is missing that the catalogue does not have ({self._p_words}).{best}"
@@ -244,7 +198,8 @@ def diagnose(
             break
         found.append(best)
         fit = best.candidates[0].fit
-    found, fit = _without_the_needless(model, found, fit, measured, band, on_step)
+    found, fit = _without_the_needless(found, fit, measured, band, on_step)
+    found, fit = _exchanged(found, fit, steps, measured, band, on_step)
     return Diagnosis(
         verdict=_verdict(steps, found, first, fit, alpha),
         p_value=steps[0].p_value,
@@ -258,6 +213,11 @@ def diagnose(
         next_experiment=_advice(found, measured),
         names=[s.name for s in measured],
     )
+
+
+def _in_words(effects: list[str]) -> str:
+    others = " or ".join(effects[1:])
+    return f"{effects[0]} (these data do not tell it from {others})" if others else effects[0]
 
 
 def _advice(found: list[Group], measured: list[Spectra]) -> str:
@@ -282,8 +242,9 @@ def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: Plant
     scatter = 3 * np.sqrt(2 * last.n_dof * (1 + 2 / last.variance_dof))
     left = max(last.cost - last.n_dof - scatter, 0.0)
     gained = first.cost - last.cost
-    still_wrong = steps[-1].p_noise < alpha / 2 and gained < EXPLAINED * (gained + left)
-    return "unknown_effect" if not found or still_wrong else "missing_effect"
+    too_little = gained < EXPLAINED * (gained + left)
+    too_much_left = steps[-1].p_noise < alpha / 2 and left > LEFT * last.n_dof
+    return "unknown_effect" if not found or too_little or too_much_left else "missing_effect"
 
 
 # ---- one round ---------------------------------------------------------------------------------------
@@ -300,20 +261,15 @@ def _round(
     explore: bool,
 ) -> tuple[Step, Group | None]:
     """Test a fit, score the catalogue, fit the best few; the best group when it earns its price."""
-    scored = _scored(fit, measured)
+    scored = scan(fit, measured)
     p_score = _score_p_value(fit, measured, [item for _, item in scored], seed)
     step = Step(fit, noise_p_value(fit, measured), p_score, [])
     if not explore or step.p_value >= alpha:
         return step, None
-    candidates = []
-    for effect, tries in _shortlist(scored).items():
-        on_step(f"trying {effect}")
-        candidate = _refitted(fit, effect, tries, measured, band)
-        if candidate is not None:
-            candidates.append(candidate)
-    step.ranking = _ranked(fit, candidates)
+    scored += scan_rates(fit, measured)
+    step.ranking = ranked(fit, tried(fit, scored, measured, band, alpha, on_step))
     worth = step.ranking and step.ranking[0].candidates[0]
-    if not worth or _evidence(fit, worth) > 0:
+    if not worth or evidence(fit, worth) > 0:
         return step, None
     return step, step.ranking[0]
 
@@ -331,260 +287,10 @@ def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], 
     return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
 
 
-def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
-    """Probability of a misfit as large or larger by noise alone (CMP-1), the fitted parameters allowed for.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    measured : list of Spectra
-        As fitted.
-
-    Returns
-    -------
-    float
-    """
-    total, n_lines = 0.0, 0
-    for record, one in zip(fit.records, measured, strict=True):
-        use = record.line[record.line > 0]
-        nu = one.n_periods - 1
-        error = one.y[use] - record.prediction.Y[use]
-        variance = np.maximum(one.var_y[use], np.finfo(float).tiny)
-        total += float(np.sum(nu * np.log1p(one.n_periods * np.abs(error) ** 2 / variance / nu)))
-        n_lines += len(use)
-    return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))
-
-
-def stacked(fit: PlantFit, what: str) -> np.ndarray:
-    """Residual or Jacobian of all records: all real parts, then all imaginary parts.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    what : "residual" or "jacobian"
-
-    Returns
-    -------
-    (2 m, columns) ndarray, m the number of lines of all records
-    """
-    halves = [np.split(getattr(record, what).reshape(2 * len(record.line), -1), 2) for record in fit.records]
-    return np.vstack([re for re, _ in halves] + [im for _, im in halves])
-
-
-def whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
-    """Columns of a probe, weighted as the fit's residuals are and in the order of `stacked`.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    columns : list of (q, K) complex ndarrays
-        Lines 0 .. N/2, one entry per record.
-
-    Returns
-    -------
-    (2 m, q) ndarray
-    """
-    parts = [
-        (lines[:, record.line] * record.weight).T for lines, record in zip(columns, fit.records, strict=True)
-    ]
-    together = np.vstack(parts)
-    real = np.concatenate([record.line == 0 for record in fit.records])
-    return np.vstack([together.real, np.where(real[:, None], 0.0, together.imag)])
-
-
-def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
-    """Path of a fitted model under one record's excitation.
-
-    Parameters
-    ----------
-    model : PlantModel
-    record : RecordFit
-        Of the model's fit.
-    one : Spectra
-        The record.
-    """
-    view = linear_view(
-        model.stack(),
-        one.f_hz,
-        one.fs_hz,
-        output_angle=model.output == "angle",
-        radians_per_unit=RADIANS[model.angle_unit],
-        held=one.hold == "zoh" or model.has_controller,
-    )
-    return Trajectory(
-        fs_hz=one.fs_hz,
-        command=input_period(one, 1),
-        angle=record.prediction.angle,
-        rate=record.prediction.rate,
-        output=record.prediction.y,
-        f_hz=one.f_hz,
-        torque_response=view.torque,
-        command_response=view.command,
-        direct_response=view.direct,
-        radians_per_unit=RADIANS[model.angle_unit],
-    )
-
-
-def _scored(fit: PlantFit, measured: list[Spectra]) -> list[tuple[Probe, Score]]:
-    """Every probe of every effect that the model does not have."""
-    present = {effect.id for effect in fit.model.effects}
-    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if fit.model.angle_unit == "m" else ())
-    absent = [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
-    trajectories = [
-        trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
-    ]
-    tried = list(probes(trajectories, absent))
-    if "torque_bias" in absent:
-        bias = _bias_probe(fit.model, measured)
-        if find("torque_bias")["level"].typical * np.linalg.norm(whitened(fit, bias.columns)) > 1:
-            tried.append(bias)  # else a linear plant: a constant torque is not seen at all
-    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
-
-    def judged(several: Iterable[Probe]) -> list[tuple[Probe, Score]]:
-        return [
-            (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
-            for probe in several
-        ]
-
-    scored = judged(tried)
-    for _ in range(ZOOMS):
-        scored += judged(_nearer(trajectories, scored))
-    return scored
-
-
-def _nearer(trajectories: list[Trajectory], scored: list[tuple[Probe, Score]]) -> Iterator[Probe]:
-    """Points between the best step of a rounding and its neighbours: it has no slope for a fit to follow."""
-    steps = [
-        (item.drop, probe.start(item.size)["step"]) for probe, item in scored if probe.fixed == ("step",)
-    ]
-    if steps:
-        known = np.array([step for _, step in steps])
-        best = max(steps)[1]
-        gaps = np.abs(known - best)
-        spacing = np.min(gaps[gaps > 0], initial=quantization_spacing(trajectories, best))
-        yield from quantization_at(
-            trajectories, best + spacing * np.linspace(-1, 1, 2 * ZOOM_POINTS + 1)[1:-1]
-        )
-
-
-def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
-    """A constant torque shifts where the other laws work: it shows only through them, so it is simulated."""
-    biased = copy.deepcopy(model)
-    for effect in biased.effects:
-        for param in effect.params.values():
-            param.free = False
-    biased = with_effect(biased, "torque_bias", {"level": 0.0})
-    columns = [biased.predict(one, sensitivities=True).dY for one in measured]
-    return Probe("torque_bias", columns, lambda c: {"level": float(c[0])})
-
-
-def _shortlist(scored: list[tuple[Probe, Score]]) -> dict[str, list[tuple[Probe, Score]]]:
-    """The effects of the largest predicted drops, each with its best points of the grid as starts."""
-    by_effect: dict[str, list[tuple[Probe, Score]]] = {}
-    for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
-        if item.drop > 0:
-            by_effect.setdefault(probe.effect, []).append((probe, item))
-    drops = {effect: tries[0][1].drop for effect, tries in by_effect.items()}
-    largest = max(drops.values(), default=0.0)
-    rivals = [
-        e for e, drop in drops.items() if drop > _share_wanted(e) * largest or largest - drop < 3 * SAME
-    ]
-    return {effect: by_effect[effect][:STARTS] for effect in rivals[:REFITTED]}
-
-
-def _share_wanted(effect: str) -> float:
-    """Of the largest drop, for an effect to be fitted: a threshold law's direction is only a rough one."""
-    return RIVAL_THRESHOLD if find(effect).null_kind == "threshold" else RIVAL
-
-
-def with_effect(
-    model: PlantModel,
-    effect: str | EffectType,
-    params: dict[str, float],
-    limits: dict[str, tuple[float, float]] | None = None,
-    fixed: Sequence[str] = (),
-) -> PlantModel:
-    """A copy of a model with one more effect, its values moved into the catalogue's bounds.
-
-    Parameters
-    ----------
-    model : PlantModel
-    effect : str or EffectType
-        Id of the catalogue, or an effect of one's own.
-    params : dict of float
-        Values; those not given are typical ones.
-    limits : dict of (lo, hi), optional
-        Limits of a fit that are narrower than the catalogue's bounds.
-    fixed : sequence of str
-        Parameters that a fit leaves as they are.
-    """
-    larger = copy.deepcopy(model)
-    larger.cov, larger.fit = None, None
-    added = {}
-    own = effect if isinstance(effect, EffectType) else None
-    for known in (own or find(effect)).parameters:
-        limit = (limits or {}).get(known.name)
-        lower, upper = limit or (known.lower, known.upper)
-        value = float(np.clip(params.get(known.name, known.typical), lower, upper))
-        added[known.name] = Param(value, known.name not in fixed, limits=limit)
-    larger.effects.append(Effect(own.id if own else effect, added, own))
-    return larger
-
-
-def _refitted(
-    fit: PlantFit,
-    effect: str,
-    tries: list[tuple[Probe, Score]],
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-) -> Candidate | None:
-    """The effect fitted from each start; None when no start can be fitted."""
-    best: Candidate | None = None
-    for probe, item in tries:
-        if best is not None and fit.cost - best.fit.cost > KEPT * item.drop:
-            break
-        try:
-            start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)
-            larger = fit_plant(start, measured, band=band, max_iter=STEPS_MAX)
-        except (GsidError, InputError):
-            continue  # a start that cannot be simulated is no candidate
-        if best is None or larger.cost < best.fit.cost:
-            best = Candidate((effect,), larger, item.drop)
-    return best
-
-
-# ---- evidence ----------------------------------------------------------------------------------------
-
-
-def _evidence(fit: PlantFit, candidate: Candidate) -> float:
-    """-2 log of the candidate's evidence over that of the model without it (Schwarz): negative speaks for it.
-
-    n is the number of residuals, so a parameter has to lower the cost by ln n to earn its place (DIA-5).
-    """
-    n = fit.n_dof + len(fit.model.free_names)
-    return candidate.fit.cost - fit.cost + len(candidate.params) * np.log(n)
-
-
-def _ranked(fit: PlantFit, candidates: list[Candidate]) -> list[Group]:
-    """Groups of candidates whose evidence differs by less than the data can tell, most probable first."""
-    if not candidates:
-        return []
-    value = {id(c): _evidence(fit, c) for c in candidates}
-    ordered = sorted(candidates, key=lambda c: value[id(c)])
-    least = min(value[id(ordered[0])], 0.0)
-    weight = {id(c): np.exp(-(value[id(c)] - least) / 2) for c in candidates}
-    total = sum(weight.values()) + np.exp(least / 2)  # the model without any is a candidate too
-    groups: list[list[Candidate]] = []
-    for candidate in ordered:
-        if groups and value[id(candidate)] - value[id(groups[-1][0])] < SAME:
-            groups[-1].append(candidate)
-        else:
-            groups.append([candidate])
-    return [Group(members, float(sum(weight[id(c)] for c in members) / total)) for members in groups]
+# ---- afterwards --------------------------------------------------------------------------------------
 
 
 def _without_the_needless(
-    model: PlantModel,
     found: list[Group],
     fit: PlantFit,
     measured: list[Spectra],
@@ -594,18 +300,59 @@ def _without_the_needless(
     """Leave out again what later effects have made needless: a forward search can be led astray."""
     for group in list(found[:-1]):
         effect = group.effects[0]
-        smaller = copy.deepcopy(fit.model)
-        smaller.cov, smaller.fit = None, None
-        smaller.effects = [e for e in smaller.effects if e.id != effect]
         on_step(f"trying without {effect}")
-        try:
-            without = fit_plant(smaller, measured, band=band)
-        except (GsidError, InputError):
-            continue
+        without = _fit_or_none(_without(fit.model, effect), measured, band)
         price = len(group.candidates[0].params) * np.log(fit.n_dof)
-        if without.cost - fit.cost < price:
+        if without is not None and without.cost - fit.cost < price:
             found, fit = [g for g in found if g is not group], without
     return found, fit
+
+
+def _exchanged(
+    found: list[Group],
+    fit: PlantFit,
+    steps: list[Step],
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    on_step: Callable[[str], None],
+) -> tuple[list[Group], PlantFit]:
+    """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
+    for i, group in enumerate(found if len(found) > 1 else []):
+        others = [g.effects[0] for g in found if g is not group]
+        ranking = next(step.ranking for step in steps if step.ranking and step.ranking[0] is group)
+        now = [replace(group.candidates[0], fit=fit)]
+        for rival in [c for g in ranking for c in g.candidates if c.effects[-1] not in others][
+            1 : 1 + RIVALS
+        ]:
+            effect = rival.effects[-1]
+            on_step(f"trying {effect} in place of {group.effects[0]}")
+            model = _without(fit.model, group.effects[0])
+            model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
+            exchanged = _fit_or_none(model, measured, band)
+            if exchanged is not None:
+                now.append(replace(rival, fit=exchanged))
+        best = ranked(steps[0].fit, now)[0]
+        found, fit = (
+            [*found[:i], Group(best.candidates, group.probability), *found[i + 1 :]],
+            best.candidates[0].fit,
+        )
+    return found, fit
+
+
+def _without(model: PlantModel, effect: str) -> PlantModel:
+    smaller = copy.deepcopy(model)
+    smaller.cov, smaller.fit = None, None
+    smaller.effects = [e for e in smaller.effects if e.id != effect]
+    return smaller
+
+
+def _fit_or_none(
+    model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
+) -> PlantFit | None:
+    try:
+        return fit_plant(model, measured, band=band)
+    except (GsidError, InputError):
+        return None
 
 
 callable_as(diagnose)

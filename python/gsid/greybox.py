@@ -386,6 +386,8 @@ class _Problem:
         self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
         variances = pooled_variance(measured)
         self.parts = [_Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
+        # With play, what does not settle soon rattles: waiting is dear and in vain.
+        self.has_joint = any(effect.id == "gear_backlash" for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
@@ -450,9 +452,14 @@ class _Problem:
         r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SILENT] = 0
         return _Point(x, cost, residuals, jacobians, predictions, r, q)
 
+    def keep(self) -> None:
+        """The point simulated last is where the search goes on from."""
+        for part in self.parts:
+            part.plant.keep()
+
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
         part, n_local = self.parts[i], len(self.local)
-        answer = part.plant.run(self.values(x, i), sensitivities=True)
+        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_joint)
         error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
         residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
         columns = [
@@ -539,6 +546,7 @@ class _Steps:
 def _levenberg_marquardt(problem: _Problem, point: _Point, max_iter: int) -> _Minimum:
     """Marquardt's scaling, Nielsen's rule for the damping; a step that cannot be simulated has failed."""
     bounds, scale, damping, growth = problem.bounds(), _lengths(point.r), DAMPING_START, 2.0
+    problem.keep()
     for i in range(max_iter):
         scale = np.maximum(scale, _lengths(point.r))
         steps = _Steps(point, scale, bounds)
@@ -557,6 +565,7 @@ def _levenberg_marquardt(problem: _Problem, point: _Point, max_iter: int) -> _Mi
         gain = (point.cost - trial.cost) / promised
         damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         point = trial
+        problem.keep()
     return _Minimum(point, _Steps(point, scale, bounds).decrease < DECREASE, max_iter)
 
 

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid.compare import Comparison, compare
-from gsid.diagnose import stacked, trajectory, whitened, with_effect
 from gsid.effects import EffectType, close, find
 from gsid.errors import GsidError, InputError
 from gsid.frf import Spectra, spectra
@@ -26,6 +25,7 @@ from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel
 from gsid.probes import Probe, probes
 from gsid.record import Record
+from gsid.scan import stacked, trajectory, whitened, with_effect
 from gsid.scores import orthonormal, score
 
 if TYPE_CHECKING:

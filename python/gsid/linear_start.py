@@ -30,6 +30,8 @@ LINEAR = {
     "flexible_mode.f_hz",
     "flexible_mode.zeta",
     "flexible_mode.residue",
+    "gear_backlash.stiffness",
+    "gear_backlash.damping",
 }
 
 
@@ -65,6 +67,17 @@ def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
         return model
     better = dict(zip(names, fitted.x * scale, strict=True))
     return model.with_values([better.get(name, model[name].value) for name in model.free_names])
+
+
+def linear_error(model: PlantModel, measured: Sequence[Spectra]) -> float:
+    """Sum of squares of the linear part's error in the measured response, in units of noise where that rules.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : sequence of Spectra
+    """
+    return float(np.sum(_Problem(model, measured, []).error(np.empty(0)) ** 2))
 
 
 class _Problem:

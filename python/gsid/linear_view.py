@@ -26,11 +26,14 @@ class LinearView:
         Command, held over each sample, to output.
     direct : (K,) complex ndarray
         Command to output past the rigid body: gain, hold, delay and lags only.
+    drive : (K,) complex ndarray
+        Command to the motor's torque / inertia, without the sensor's filters.
     """
 
     torque: np.ndarray
     command: np.ndarray
     direct: np.ndarray
+    drive: np.ndarray
 
 
 def linear_view(
@@ -69,18 +72,23 @@ def linear_view(
     unbalance = _get(stack, "mass_unbalance", "level") * np.cos(
         np.radians(_get(stack, "mass_unbalance", "angle_deg"))
     )
-    body = s / (s**2 + _get(stack, "viscous_friction", "rate") * s + spring + unbalance * radians_per_unit)
+    taken_up, motor_felt = _joint(stack, s)
+    springs = (spring + unbalance * radians_per_unit) / s
+    body = 1 / (s + _get(stack, "viscous_friction", "rate") + springs + motor_felt)
     actuator = _get(stack, "rigid_body", "gain") * _lag(stack, "motor_lag", s)
     actuator = actuator * np.exp(-s * _get(stack, "transport_delay", "delay_s"))
     actuator = actuator * (_held(s, fs_hz) if held else 1.0)
+    driven = actuator * taken_up
     sensor = _lag(stack, "sensor_lag", s)
     if "sensor_sample_hold" in stack:
         sensor = sensor * _held(s, stack["sensor_sample_hold"]["rate_hz"])
     if output_angle:
         sensor = sensor / s
-    loop = 1 / (1 + actuator * body * _feedback(stack, s, fs_hz))
-    command = actuator * (body * loop * _reference(stack) + _mode(stack, s))
-    return LinearView(torque=body * loop * sensor, command=command * sensor, direct=actuator * sensor)
+    loop = 1 / (1 + driven * body * _feedback(stack, s, fs_hz))
+    command = driven * body * loop * _reference(stack) + actuator * _mode(stack, s)
+    return LinearView(
+        torque=body * loop * sensor, command=command * sensor, direct=actuator * sensor, drive=actuator
+    )
 
 
 def _get(stack: Stack, effect: str, parameter: str) -> float:
@@ -94,6 +102,15 @@ def _lag(stack: Stack, effect: str, s: np.ndarray) -> np.ndarray:
 def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
     """Zero-order hold: (1 - exp(-s T)) / (s T)."""
     return -np.expm1(-s / rate_hz) * rate_hz / s
+
+
+def _joint(stack: Stack, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
+    """Share of the motor's torque that reaches the load, and what the load feels of the motor (DIA-8)."""
+    if "gear_backlash" not in stack:
+        return 1.0, 0.0
+    gear = stack["gear_backlash"]
+    spring, motor = gear["stiffness"] / s + gear["damping"], gear["inertia_ratio"] * s
+    return spring / (motor + spring), spring * motor / (motor + spring)
 
 
 def _mode(stack: Stack, s: np.ndarray) -> np.ndarray | float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib, version
 from gsid.effects import EffectParameter, EffectType, close, find, of_entry
-from gsid.errors import GsidError, InputError, SimulationError
+from gsid.errors import InputError, SimulationError
 from gsid.frf import Spectra
 from gsid.model import FORMAT, read_model_file, write_model_file
 from gsid.units import RADIANS, check_plant_units
@@ -574,7 +574,7 @@ class PeriodicPlant:
         self._cfg.n_items, self._cfg.item = len(model.effects), self._items
         self._cfg.n_free, self._cfg.free_parameter = len(self._free), self._free_c
         self._cfg.unit_rad = RADIANS[model.angle_unit]
-        self._plant = None
+        self._kept: np.ndarray | None = None
 
     @classmethod
     def of(cls, model: PlantModel, measured: Spectra) -> PeriodicPlant:
@@ -596,8 +596,12 @@ class PeriodicPlant:
         oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
         return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
 
-    def run(self, values: Sequence[float] | None = None, *, sensitivities: bool = False) -> Prediction:
-        """Find the periodic answer, starting from the one found last.
+    def run(
+        self, values: Sequence[float] | None = None, *, sensitivities: bool = False, patient: bool = True
+    ) -> Prediction:
+        """Find the periodic answer, starting from the one kept last, the first from that of the linear part.
+
+        A plant with stops or play can have several periodic answers; this finds the one near the start.
 
         Parameters
         ----------
@@ -605,6 +609,8 @@ class PeriodicPlant:
             Of the free parameters; default the model's.
         sensitivities : bool
             Whether to give dY.
+        patient : bool
+            Whether to let the plant settle by itself for a while when Newton's method does not get there.
 
         Raises
         ------
@@ -613,28 +619,28 @@ class PeriodicPlant:
         """
         for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
             self._items[i].value[j] = value
-        settle = 0
-        if self._plant is None:
+        if self._kept is None:
             self._lay_out()
-            settle = SETTLE_PERIODS
         else:
+            self._memory[:] = self._kept
             _check(lib.gsid_plant_update(self._plant))
-        try:
-            answer = self._run(settle, sensitivities)
-            if not answer.settled:
-                answer = self._run(SETTLE_LONGER, sensitivities)
-        except GsidError:
-            self._plant = None  # it is at rest, or half-way
-            raise
-        return answer
+        answer = self._run(SETTLE_PERIODS if self._kept is None else 0, sensitivities)
+        return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
+
+    def keep(self) -> None:
+        """Start the next searches from the answer found last: steps that are taken back leave no trace."""
+        self._kept = self._memory.copy()
 
     def _lay_out(self) -> None:
         size = lib.gsid_plant_mem_size(self._cfg)
-        memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
+        self._memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
         plant = ffi.new("gsid_plant *")
-        self._memory = ffi.from_buffer(memory)
-        _check(lib.gsid_plant_init(plant, self._cfg, self._memory, size))
+        memory = ffi.from_buffer(self._memory)
+        _check(lib.gsid_plant_init(plant, self._cfg, memory, size))
         self._plant = plant
+        start = lib.gsid_plant_start_linear(plant, len(self._u), ffi.from_buffer("double[]", self._u))
+        if start != lib.GSID_E_NONFINITE:  # then it starts at rest
+            _check(start)
 
     def _run(self, settle: int, sensitivities: bool) -> Prediction:
         n = len(self._u)

@@ -10,14 +10,17 @@ values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 Params = dict[str, float]
 
-QUANTIZATION_POINTS = 900  # down to a step of about a three hundredth of the peak
+QUANTIZATION_POINTS = 1500  # down to a step of about a five hundredth of the peak
+SENSOR_RATES_HZ = (100, 125, 150, 175, 200, 250, 300, 350, 400, 450, 500, 600, 750, 800, 1000, 1200, 1500)
 
 
 @dataclass(eq=False)
@@ -36,6 +39,8 @@ class Trajectory:
         command past the rigid body (gain, hold, delay, lags).
     radians_per_unit : float
         Of the angle: pi/180 when angles are degrees.
+    spare_delay_s : float
+        Delay that the model could give up: the larger part of what a lag does looks like one.
     """
 
     fs_hz: float
@@ -48,6 +53,13 @@ class Trajectory:
     command_response: np.ndarray
     direct_response: np.ndarray
     radians_per_unit: float
+    spare_delay_s: float
+
+    @cached_property
+    def spline(self) -> CubicSpline:
+        """Output between the samples, over their number."""
+        n = len(self.output)
+        return CubicSpline(np.arange(n + 1), np.append(self.output, self.output[0]), bc_type="periodic")
 
     def lines(self, x: np.ndarray) -> np.ndarray:
         """One-sided lines of a periodic signal, as Spectra has them."""
@@ -56,6 +68,15 @@ class Trajectory:
         if len(x) % 2 == 0:
             spectrum[-1] /= 2
         return spectrum
+
+    def samples(self, lines: np.ndarray) -> np.ndarray:
+        """(N,) periodic signal of these lines."""
+        n = len(self.command)
+        spectrum = lines * (n / 2)
+        spectrum[0] *= 2
+        if n % 2 == 0:
+            spectrum[-1] *= 2
+        return np.fft.irfft(spectrum, n)
 
     def of_torque(self, law: np.ndarray) -> np.ndarray:
         """(K,) what a torque law along the trajectory adds to the output."""
@@ -84,6 +105,8 @@ class Probe:
         within a thousandth of the travel is Coulomb friction, for instance.
     fixed : tuple of str
         Parameters without a derivative: left at their point of the grid.
+    less_delay_s : callable
+        From the coefficients to how much shorter the model's own delay is when the effect is there.
     """
 
     effect: str
@@ -92,6 +115,7 @@ class Probe:
     one_sided: bool = False
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     fixed: tuple[str, ...] = ()
+    less_delay_s: Callable[[np.ndarray], float] = lambda c: 0.0
 
 
 def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe]:
@@ -101,7 +125,8 @@ def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe
     ----------
     trajectories : list of Trajectory
     effects : list of str
-        Catalogue names; those without a direction along the path (gear_backlash, torque_bias) give nothing.
+        Catalogue names; those without a direction along the path give nothing (torque_bias,
+        gear_backlash).
     """
     for effect in effects:
         make = GRIDS.get(effect)
@@ -308,17 +333,26 @@ def _saturation(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 def _lag(effect: str):
     def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
+        spare = trajectories[0].spare_delay_s
         for time_constant in (2e-4, 5e-4, 1e-3, 2e-3, 5e-3):
+            less = min(time_constant, spare)
             columns = [
-                (t.lines(t.output) * (1 / (1 + 2j * np.pi * t.f_hz * time_constant) - 1))[None, :]
+                (t.lines(_earlier(t, less)) / (1 + 2j * np.pi * t.f_hz * time_constant) - t.lines(t.output))[
+                    None, :
+                ]
                 for t in trajectories
             ]
+
             # The phase of a short lag, which a delay imitates, grows with T; the gain, which tells, with T^2.
+            def longer(c: np.ndarray, T: float = time_constant) -> float:
+                return float(T * np.sqrt(np.clip(c[0], 0.04, 25)))
+
             yield Probe(
                 effect,
                 columns,
-                lambda c, T=time_constant: {"time_constant_s": float(T * np.sqrt(np.clip(c[0], 0.04, 25)))},
+                lambda c, at=longer: {"time_constant_s": at(c)},
                 one_sided=True,
+                less_delay_s=lambda c, at=longer: min(at(c), spare),
             )
 
     return make
@@ -351,34 +385,86 @@ def _mode_probe(trajectories: list[Trajectory], f_mode: float, zeta: float) -> P
     )
 
 
-def held_output(t: Trajectory, rate_hz: float) -> np.ndarray:
+# ---- sampled sensor --------------------------------------------------------------------------------------
+
+
+def held_output(t: Trajectory, rate_hz: float, less_delay_s: float = 0.0) -> np.ndarray:
     """Output refreshed only rate_hz times a second, from the model's samples by periodic cubic interpolation.
 
     Parameters
     ----------
     t : Trajectory
     rate_hz : float
+    less_delay_s : float
+        The output comes so much earlier.
 
     Returns
     -------
     (N,) ndarray
     """
-    from scipy.interpolate import CubicSpline
-
     n = len(t.output)
-    spline = CubicSpline(np.arange(n + 1), np.append(t.output, t.output[0]), bc_type="periodic")
-    refreshed = np.floor(np.arange(n) * rate_hz / t.fs_hz + 1e-9) * t.fs_hz / rate_hz
-    return spline(refreshed)
+    refreshed = np.floor(np.arange(n) * rate_hz / t.fs_hz + 1e-9) / rate_hz
+    return t.spline((refreshed + less_delay_s) * t.fs_hz % n)
+
+
+def _earlier(t: Trajectory, less_delay_s: float) -> np.ndarray:
+    return t.samples(t.lines(t.output) * np.exp(2j * np.pi * t.f_hz * less_delay_s))
+
+
+def sample_hold_at(
+    trajectories: list[Trajectory], rates: Iterable[float], *, exact: bool = False
+) -> Iterator[Probe]:
+    """A sensor refreshed at the rates given. A hold looks like a delay of half its time first of all.
+
+    Parameters
+    ----------
+    trajectories : list of Trajectory
+    rates : iterable of float
+        Hz.
+    exact : bool
+        The rate itself, for its images, which a fit could not follow; else start where the droop of the gain
+        would be as large as seen.
+    """
+    spare = trajectories[0].spare_delay_s
+    for rate in rates:
+        less = min(0.5 / rate, spare)
+        columns = [t.lines(held_output(t, rate, less) - t.output)[None, :] for t in trajectories]
+
+        # What is left beside the delay, the droop of the hold's gain, goes with the square of its time.
+        def slower(c: np.ndarray, r: float = rate) -> float:
+            return float(r if exact else r / np.sqrt(np.clip(c[0], 0.04, 100)))
+
+        yield Probe(
+            "sensor_sample_hold",
+            columns,
+            lambda c, at=slower: {"rate_hz": at(c)},
+            one_sided=True,
+            fixed=("rate_hz",) if exact else (),
+            less_delay_s=lambda c, at=slower: min(0.5 / at(c), spare),
+        )
+
+
+def locked_rates(t: Trajectory) -> np.ndarray:
+    """Rates, 1 Hz apart at least, whose refreshes repeat with the period: others leave no images in the mean.
+
+    Parameters
+    ----------
+    t : Trajectory
+
+    Returns
+    -------
+    (k,) ndarray
+        From 100 Hz to 0.7 of the sampling rate.
+    """
+    once = t.fs_hz / len(t.output)
+    every = once * np.ceil(1 / once)
+    return np.arange(np.ceil(100 / every), 0.7 * t.fs_hz / every) * every
 
 
 def _sample_hold(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    fs = trajectories[0].fs_hz
-    for rate in (100, 125, 150, 200, 250, 300, 400, 500, 600, 750, 800, 1000, 1200, 1500, 2000):
-        if rate < fs:
-            columns = [t.lines(held_output(t, rate) - t.output)[None, :] for t in trajectories]
-            yield Probe(
-                "sensor_sample_hold", columns, lambda c, r=rate: {"rate_hz": float(r)}, one_sided=True
-            )
+    yield from sample_hold_at(
+        trajectories, [rate for rate in SENSOR_RATES_HZ if rate < trajectories[0].fs_hz]
+    )
 
 
 GRIDS: dict[str, Callable[[list[Trajectory]], Iterator[Probe]]] = {

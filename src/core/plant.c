@@ -8,9 +8,9 @@
 #include "plant_private.h"
 
 /* A step of the Runge-Kutta method is at most this many radians of the stiffest law. The derivative by the delay at a hard stop
- * is what asks for such fine ones; a joint does with coarser. */
+ * is what asks for such fine ones. Between events a joint is linear: its steps are only there to see a short touch. */
 #define STEP_RAD GSID_R(0.025)
-#define JOINT_STEP_RAD GSID_R(0.05)
+#define JOINT_STEP_RAD GSID_R(0.5)
 #define STEPS_MAX 256
 /* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
 #define RATE_SAMPLES_MAX GSID_R(4000.0)
@@ -118,9 +118,12 @@ static gsid_real *take_reals(block *b, size_t n) {
 static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, block *b) {
     const size_t n_reals = (1 + (size_t)cfg->n_free) * l->width * l->width;
     for (int piece = 0; piece < 2; piece++)
-        for (int how = SLIP; how <= (n->holds ? STICK : SLIP); how++)
+        for (int regime = 0; regime < REGIMES; regime++) {
+            if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_joints == 0))
+                continue;
             for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++)
-                l->piece[piece].step.map[how][part] = take_reals(b, n_reals);
+                l->piece[piece].step.map[regime][part] = take_reals(b, n_reals);
+        }
     l->square = take_reals(b, 2 * n_reals);
 }
 
@@ -193,18 +196,21 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg) {
 
 /* ---- values ---- */
 
-/* What one unit of torque in a channel accelerates: the axis, or both sides of the joint against each other. */
-static gsid_real acceleration(const gsid_linear *linear, uint32_t channel) {
-    gsid_real sum = 1;
-    for (uint32_t k = 0; channel == JOINT && k < linear->n_entries; k++)
-        if (linear->entry[k].row == linear->twist && linear->entry[k].column == linear->reaction)
-            sum += linear->entry[k].value;
-    return sum;
+/* Square of the joint's angular rate: twist times acceleration by twist. */
+static gsid_real joint_rate_squared(const gsid_linear *a) {
+    gsid_real sum = 0;
+    for (uint32_t i = 0; i < a->n_entries; i++)
+        for (uint32_t k = 0; a->entry[i].row == a->twist && k < a->n_entries; k++)
+            if (a->entry[k].row == a->entry[i].column && a->entry[k].column == a->twist)
+                sum -= a->entry[i].value * a->entry[k].value;
+    return sum > 0 ? sum : 0;
 }
 
 /* Square of the steps a second that a law needs, by the slope of its torque at its steepest. */
 static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
     gsid_real steepest = 0;
+    if (law->channel == JOINT)
+        return joint_rate_squared(linear) / (JOINT_STEP_RAD * JOINT_STEP_RAD);
     for (int zone = -1; zone <= 1 && !law->item->effect->may_be_steep; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
         gsid_torque t;
@@ -213,8 +219,7 @@ static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *li
         const gsid_real slope = gsid_fabs(t.by_angle) + gsid_fabs(t.by_turned);
         steepest = slope > steepest ? slope : steepest;
     }
-    const gsid_real step_rad = law->channel == JOINT ? JOINT_STEP_RAD : STEP_RAD;
-    return steepest * acceleration(linear, law->channel) / (step_rad * step_rad);
+    return steepest / (STEP_RAD * STEP_RAD);
 }
 
 /* Steps that a length is cut into, and the delay's whole samples and fraction. */

@@ -129,7 +129,7 @@ gsid_real gsid_plant_fastest(const gsid_linear *a) {
 
 typedef struct {
     const gsid_plant_layout *l;
-    int sticks;
+    int regime;
     gsid_real scale;   /* of A */
     gsid_real forcing; /* time scale of the forcing parabola: its length is that of the whole step */
 } generator;
@@ -140,7 +140,7 @@ static void add_times(const generator *g, gsid_real factor, const gsid_real *fro
     const uint32_t w = l->width;
     for (uint32_t k = 0; k < l->linear.n_entries; k++) {
         const gsid_linear_entry e = l->linear.entry[k];
-        if (g->sticks && e.row == GSID_Z_RATE)
+        if (!acts(&l->linear, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value;
         for (uint32_t i = 0; i < w; i++)
@@ -160,7 +160,7 @@ static void add_times_slope(const generator *g, uint32_t by, gsid_real factor, c
     const uint32_t w = l->width;
     for (uint32_t k = 0; k < l->linear.n_slopes; k++) {
         const gsid_linear_entry e = l->linear.slope[k];
-        if (e.by != by || (g->sticks && e.row == GSID_Z_RATE))
+        if (e.by != by || !acts(&l->linear, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value;
         for (uint32_t i = 0; i < w; i++)
@@ -219,22 +219,22 @@ static void square(const gsid_plant_layout *l, gsid_real *map) {
     memcpy(map, to, n_maps * n * sizeof *to);
 }
 
-static void build_map(const gsid_plant_layout *l, gsid_real length_s, int sticks, gsid_real *map) {
+static void build_map(const gsid_plant_layout *l, gsid_real length_s, int regime, gsid_real *map) {
     uint32_t n_doublings = 0;
     gsid_real part = 1;
     for (; l->fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5))
         n_doublings++;
-    const generator g = {l, sticks, length_s * part, part};
+    const generator g = {l, regime, length_s * part, part};
     sum_series(&g, map);
     for (uint32_t k = 0; k < n_doublings; k++)
         square(l, map);
 }
 
 void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow) {
-    for (int how = SLIP; how <= STICK; how++)
+    for (int regime = 0; regime < REGIMES; regime++)
         for (int part = WHOLE; part <= HALF; part++)
-            if (flow->map[how][part] != NULL)
-                build_map(l, part == WHOLE ? flow->length_s : flow->length_s / 2, how == STICK, flow->map[how][part]);
+            if (flow->map[regime][part] != NULL)
+                build_map(l, part == WHOLE ? flow->length_s : flow->length_s / 2, regime, flow->map[regime][part]);
 }
 
 static gsid_real dot(size_t n, const gsid_real *row, const gsid_real *z, size_t n_columns) {
@@ -282,7 +282,7 @@ static void next_term(const generator *g, gsid_real factor, const gsid_real *ter
         memset(next + i * n_columns, 0, l->n_active * sizeof *next);
     for (uint32_t k = 0; k < l->linear.n_entries; k++) {
         const gsid_linear_entry e = l->linear.entry[k];
-        if (g->sticks && e.row == GSID_Z_RATE)
+        if (!acts(&l->linear, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value, *from = term + e.column * n_columns;
         gsid_real *to = next + e.row * n_columns;
@@ -291,7 +291,7 @@ static void next_term(const generator *g, gsid_real factor, const gsid_real *ter
     }
     for (uint32_t k = 0; l->n_free > 0 && k < l->linear.n_slopes; k++) {
         const gsid_linear_entry e = l->linear.slope[k];
-        if (!(g->sticks && e.row == GSID_Z_RATE))
+        if (acts(&l->linear, g->regime, e))
             next[e.row * n_columns + e.by] += factor * g->scale * e.value * term[e.column * n_columns];
     }
     for (uint32_t at = l->linear.n; at < l->width; at += FORCING) {
@@ -322,7 +322,7 @@ void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint
                             gsid_real *to) {
     const size_t n_columns = l->n_columns;
     const uint32_t n_parts = 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
-    const generator g = {l, l->sticks, length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
+    const generator g = {l, gsid_plant_regime(l), length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
     const int n_terms = terms_for(l->fastest * g.scale);
     gsid_real *sum = l->term[0], *term = l->term[1], *next = l->term[2];
     copy_rows(l, z, sum);

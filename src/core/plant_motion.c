@@ -113,7 +113,7 @@ static gsid_real row_rate(const gsid_plant_layout *l, uint32_t row, const gsid_r
     const gsid_linear *a = &l->linear;
     gsid_real sum = 0;
     for (uint32_t k = 0; k < a->n_entries; k++)
-        if (a->entry[k].row == row && a->entry[k].column < a->n)
+        if (a->entry[k].row == row && a->entry[k].column < a->n && acts(a, l->is_loose ? LOOSE : 0, a->entry[k]))
             sum += a->entry[k].value * z[a->entry[k].column * l->n_columns];
     for (uint32_t channel = 0; channel < l->n_channels; channel++) {
         if (row == GSID_Z_RATE)
@@ -161,11 +161,17 @@ static int zone_of(gsid_real angle, gsid_real edge) {
     return angle > edge ? 1 : angle < -edge ? -1 : 0;
 }
 
+static void enter_zone(gsid_plant_layout *l, plant_law *law, int zone) {
+    law->zone = zone;
+    if (law->channel == JOINT)
+        l->is_loose = zone == 0;
+}
+
 void gsid_plant_choose_zones(gsid_plant_layout *l) {
     for (uint32_t i = 0; i < l->n_laws; i++) {
         plant_law *law = &l->law[i];
         if (law->item->effect->edge != NULL)
-            law->zone = zone_of(l->z[angle_row(l, law) * l->n_columns], law->item->effect->edge(law->item));
+            enter_zone(l, law, zone_of(l->z[angle_row(l, law) * l->n_columns], law->item->effect->edge(law->item)));
     }
 }
 
@@ -220,7 +226,7 @@ static void force(gsid_plant_layout *l, gsid_real start[3], gsid_real middle[3],
 static void move(gsid_plant_layout *l, const plant_flow *flow, int part, gsid_real length_s, uint32_t n_rows,
                  gsid_real *to) {
     if (flow != NULL)
-        gsid_plant_flow_move(l, flow->map[l->sticks ? STICK : SLIP][part], n_rows, l->z, to);
+        gsid_plant_flow_move(l, flow->map[gsid_plant_regime(l)][part], n_rows, l->z, to);
     else
         gsid_plant_series_move(l, part == HALF ? length_s / 2 : length_s, n_rows, l->z, to);
 }
@@ -328,7 +334,7 @@ static void pass_zero(gsid_plant_layout *l) {
 
 static void change_zone(gsid_plant_layout *l, plant_law *law) {
     const gsid_real angle = l->z[angle_row(l, law) * l->n_columns];
-    law->zone = law->zone != 0 ? 0 : angle > 0 ? 1 : -1;
+    enter_zone(l, law, law->zone != 0 ? 0 : angle > 0 ? 1 : -1);
 }
 
 /* Torques are continuous where friction breaks loose and at the edge of a zone: no jump of the sensitivities there. */

@@ -60,7 +60,8 @@ static void run_period(shooting *s) {
     for (uint32_t n = 0; n < s->n_period; n++) {
         gsid_plant_output(l, l->y);
         keep_largest(l);
-        s->y[n] = l->y[VALUE];
+        if (s->y != NULL)
+            s->y[n] = l->y[VALUE];
         for (uint32_t p = 0; p < l->n_free; p++)
             s->dy[(size_t)p * s->n_period + n] = l->y[FIRST_FREE + p];
         if (s->angle != NULL)
@@ -192,6 +193,58 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *change) {
     return status == GSID_OK ? GSID_MAX_ITER : status;
 }
 
+/* One step of Newton's method is exact where no law acts. */
+static void find_linear_orbit(shooting *s) {
+    gsid_plant_layout *l = s->l;
+    l->n_free = 0;
+    l->n_active = 1 + l->n_shoot;
+    s->first_shoot = FIRST_FREE;
+    memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
+    enter_start(s);
+    run_period(s);
+    correct_start(s);
+    for (uint32_t j = 0; j < l->n_shoot; j++)
+        state(s, j)[VALUE] = start(s, j)[VALUE];
+    l->n_active = 1;
+}
+
+static gsid_status check_period(const gsid_plant *plant, uint32_t n_period, const gsid_real *u) {
+    if (plant == NULL || u == NULL)
+        return GSID_E_NULL;
+    if (plant->layout == NULL)
+        return GSID_E_STATE;
+    if (n_period == 0)
+        return GSID_E_CONFIG;
+    for (uint32_t n = 0; n < n_period; n++)
+        if (!gsid_is_finite(u[n]))
+            return GSID_E_NONFINITE;
+    return GSID_OK;
+}
+
+gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u) {
+    gsid_status status = check_period(plant, n_period, u);
+    if (status != GSID_OK)
+        return status;
+    gsid_plant_reset(plant);
+    gsid_plant_layout *l = plant->layout;
+    const uint32_t n_laws = l->n_laws;
+    const int has_side = l->has_side;
+    shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = has_controller(&plant->cfg)};
+    l->n_laws = 0;
+    l->has_side = l->is_loose = 0;
+    find_linear_orbit(&s);
+    l->n_laws = n_laws;
+    l->has_side = has_side;
+    status = gsid_plant_health(l);
+    if (status != GSID_OK) {
+        gsid_plant_reset(plant);
+        return status;
+    }
+    gsid_plant_choose_zones(l);
+    gsid_plant_choose_regime(l);
+    return GSID_OK;
+}
+
 static gsid_status settle(shooting *s, uint32_t n_periods) {
     gsid_plant_layout *l = s->l;
     l->n_active = 1;
@@ -210,20 +263,16 @@ static gsid_status settle(shooting *s, uint32_t n_periods) {
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
                                 uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
                                 gsid_real *residual) {
-    if (plant == NULL || u == NULL || y == NULL)
+    if (y == NULL)
         return GSID_E_NULL;
-    if (plant->layout == NULL)
-        return GSID_E_STATE;
-    if (n_period == 0)
-        return GSID_E_CONFIG;
-    for (uint32_t n = 0; n < n_period; n++)
-        if (!gsid_is_finite(u[n]))
-            return GSID_E_NONFINITE;
+    gsid_status status = check_period(plant, n_period, u);
+    if (status != GSID_OK)
+        return status;
     gsid_plant_layout *l = plant->layout;
     shooting s = {
         plant, l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg), l->z[GSID_Z_ANGLE * l->n_columns]};
     gsid_real change = INFINITY;
-    gsid_status status = settle(&s, n_settle_periods);
+    status = settle(&s, n_settle_periods);
     if (status == GSID_OK) {
         l->n_free = dy != NULL ? plant->cfg.n_free : 0;
         l->n_active = 1 + l->n_free + l->n_shoot;

@@ -12,7 +12,8 @@ enum { VALUE = 0, FIRST_FREE = 1 };
 enum { AXIS = 0, JOINT = 1, CHANNELS_MAX = 2, FORCING = 3 };
 
 enum { WHOLE = 0, HALF = 1 };
-enum { SLIP = 0, STICK = 1 };
+/* Which linear motion holds between events: the axis held by friction, the joint within its play. */
+enum { HELD = 1, LOOSE = 2, REGIMES = 4 };
 
 #define NONE UINT32_MAX
 
@@ -28,7 +29,7 @@ typedef struct {
 /* exp(A length) and its derivatives: [width][width], then one such for each slope column. */
 typedef struct {
     gsid_real length_s;
-    gsid_real *map[2][2]; /* [SLIP, STICK][WHOLE, HALF] */
+    gsid_real *map[REGIMES][2]; /* [HELD | LOOSE][WHOLE, HALF]; NULL: never needed */
 } plant_flow;
 
 /* A sample has two pieces: before and after the delayed command switches. */
@@ -67,7 +68,7 @@ struct gsid_plant_layout {
 
     /* State. */
     gsid_real *z;
-    int sticks;
+    int sticks, is_loose;        /* held by friction; within the joint's play */
     gsid_real side;
     gsid_real *under_way;        /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
     uint32_t ring_columns, newest;
@@ -92,6 +93,16 @@ struct gsid_plant_layout {
     gsid_real *start, *fallback, *largest_dy, *correction; /* [n_shoot][n_columns] twice, [n_columns], [n_shoot] */
     void *lsq_mem;
 };
+
+/* Whether an entry of A, or of a slope of it, acts in a regime: a held axis does not accelerate, and within the play the
+ * joint's spring, which is all that looks at the twist, is slack. */
+static inline int acts(const gsid_linear *a, int regime, gsid_linear_entry e) {
+    return !((regime & HELD) && e.row == GSID_Z_RATE) && !((regime & LOOSE) && e.column == a->twist);
+}
+
+static inline int gsid_plant_regime(const gsid_plant_layout *l) {
+    return (l->sticks ? HELD : 0) | (l->is_loose ? LOOSE : 0);
+}
 
 /* plant_linear.c */
 #define gsid_plant_choose_regime GSID_NAME(gsid_plant_choose_regime)

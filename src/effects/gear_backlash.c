@@ -3,7 +3,8 @@
 /* Everything is divided by the load's inertia. With the twist x = motor angle - load angle, the motor's momentum p (its rate
  * times the inertia ratio r), and the spring's torque T = stiffness (x - x clipped to the play) + damping dx/dt:
  *   dx/dt = p / r - rate,   dp/dt = gain u - T,   d rate/dt = T - the other torques.
- * The linear spring stands in the matrix; what the play takes off it is the torque below. */
+ * The linear spring stands in the matrix, which the plant takes out within the play; beyond it, the torque below shifts where
+ * the spring is at rest. */
 static void linear(const gsid_plant_item *item, gsid_linear *to) {
     const gsid_real stiffness = item->value[1], ratio = item->value[2], damping = item->value[3];
     const uint32_t twist = gsid_linear_state(to), momentum = gsid_linear_state(to), rate = GSID_Z_RATE;
@@ -31,11 +32,9 @@ static gsid_real edge_of(const gsid_plant_item *item) {
 
 static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer) {
     const gsid_real edge = edge_of(item), stiffness = item->value[1], side = (gsid_real)motion->zone;
-    const gsid_real clipped = motion->zone == 0 ? motion->angle : side * edge;
-    answer->torque = stiffness * clipped;
-    answer->by_angle = motion->zone == 0 ? stiffness : R(0.0);
+    answer->torque = stiffness * side * edge;
     answer->by_value[0] = stiffness * side / 2;
-    answer->by_value[1] = clipped;
+    answer->by_value[1] = side * edge;
 }
 
 const gsid_effect EFFECT(gear_backlash) = {
@@ -50,6 +49,7 @@ const gsid_effect EFFECT(gear_backlash) = {
                   {"inertia_ratio", "motor over load", R(0.1), R(1e-3), R(1e3), NAN},
                   {"damping", "1/s", R(20.0), R(0.0), R(1e5), NAN}},
     .n_states = 2,
+    .is_constant = 1,
     .linear = linear,
     .torque = torque,
     .edge = edge_of,

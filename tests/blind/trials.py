@@ -35,6 +35,7 @@ from pathlib import Path
 
 import numpy as np
 import truth
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from truth import TruthError
 
@@ -109,6 +110,7 @@ class Hidden:
     params: Callable[[float], Params]
     size: float  # first guess
     size_max: float
+    size_min: float = 0.0
 
 
 @dataclass
@@ -184,21 +186,18 @@ def _stop(rng: Rng, axis: Axis) -> Hidden:
 
 
 def _backlash(rng: Rng, axis: Axis) -> Hidden:
-    """The less play, the stiffer the gear: without a gap a soft gear would still be a second mode."""
-    ratio, f_hz = rng.uniform(0.1, 0.6), rng.uniform(250, 450)
+    """Play of a size that gears have, between motor and load: large or small, it is never a faint effect."""
+    ratio, f_hz, zeta = rng.uniform(0.1, 0.6), rng.uniform(100, 350), rng.uniform(0.1, 0.2)
     reduced = ratio / (1 + ratio) ** 2  # inertia of the twist
-
-    def params(s: float) -> Params:
-        rad_s = 2 * np.pi * f_hz / min(s, 1.0) ** 0.25
-        return {
-            "gear_gap_deg": 0.01 * s,
-            "gear_stiffness": rad_s**2 * reduced,
-            "gear_inertia_ratio": ratio,
-            # With much less than a tenth of critical the play rattles for ever and nothing is periodic.
-            "gear_damping": 2 * 0.1 * rad_s * reduced,
-        }
-
-    return Hidden(params, 0.02, 5.0)
+    rad_s = 2 * np.pi * f_hz
+    # With much less than a tenth of critical the play rattles for ever and nothing is periodic.
+    gear = {
+        "gear_stiffness": rad_s**2 * reduced,
+        "gear_inertia_ratio": ratio,
+        "gear_damping": 2 * zeta * rad_s * reduced,
+    }
+    size = _log_uniform(rng, 0.002, 0.03)
+    return Hidden(lambda s: gear | {"gear_gap_deg": s}, size, size, size)
 
 
 def _mode(rng: Rng, axis: Axis) -> Hidden:
@@ -227,9 +226,9 @@ SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
     "gear_backlash": _backlash,
     "flexible_mode": _mode,
     "sensor_lag": _plain("sensor_lag_s", 1e-5, 0.02),
-    # A rate whose refreshes repeat with the period; size 0 would be a refresh at every sample.
+    # A rate whose refreshes repeat with the period, 2000 Hz at most: near the loop's own there is no hold.
     "sensor_sample_hold": lambda rng, axis: Hidden(
-        lambda s: {"sample_hold_hz": float(np.round(FS_HZ / (1 + s)))}, 3.0, 14.0
+        lambda s: {"sample_hold_hz": float(np.round(FS_HZ / (1 + s)))}, 3.0, 14.0, 0.5
     ),
 }
 
@@ -490,32 +489,20 @@ class Nulls:
         return np.array([self.answer(m) - at for m in moved]).T / 1e-5
 
     def refit(self, ys: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
-        """(drop, whitened residual, whitened slopes) of the best null, by Levenberg-Marquardt."""
+        """(drop, whitened residual, whitened slopes) of the best null, its parameters not negative."""
         target = self.whitened(ys)
-        scale, damping = self.scale, 1e-6
-        at = self.answer(scale)
-        residual = target - at
-        for _ in range(40):
-            slopes = self.slopes(scale, at)
-            size = np.linalg.norm(slopes, axis=0)
-            full = np.vstack([slopes / size, np.sqrt(damping) * np.eye(len(size))])
-            step = (
-                np.linalg.lstsq(full, np.concatenate([residual, np.zeros(len(size))]), rcond=None)[0] / size
-            )
-            step = np.clip(step, -0.3 * np.abs(scale), 0.3 * np.abs(scale))
-            tried = self.answer(scale + step)
-            gain = residual @ residual - (target - tried) @ (target - tried)
-            if gain < 0:
-                damping = max(damping * 100, 1e-6)
-                if damping > 1e6:
-                    break
-                continue
-            scale, at, damping = scale + step, tried, damping / 10
-            residual = target - at
-            if gain < 1e-3 * (1 + residual @ residual):
-                break
-        self.scale = scale
-        return float(residual @ residual), residual, slopes
+        best = least_squares(
+            lambda scale: self.answer(scale) - target,
+            np.maximum(self.scale, 1e-3),
+            lambda scale: self.slopes(scale, self.answer(scale)),
+            bounds=(0, np.inf),
+            x_scale="jac",
+            ftol=1e-8,
+            xtol=1e-10,
+            max_nfev=60,
+        )
+        self.scale = best.x
+        return 2 * float(best.cost), -best.fun, best.jac
 
 
 # ---- a trial -------------------------------------------------------------------------------------
@@ -559,22 +546,25 @@ def calibrate(nulls: Nulls, hidden: Hidden, bench: Bench, n_fit: int, target: fl
     Secant steps on the logarithms, kept between the sizes known to be too small and too large.
     """
     n_steps = truth.FINE if "gear_stiffness" in hidden.params(1.0) else truth.COARSE
-    size, slope, last = hidden.size, 2.0, None
+    wanted, slope, last = hidden.size, 2.0, None
     low, high = 0.0, np.inf
     for _ in range(12):
+        size = wanted
         answers = bench.answers(nulls.base | hidden.params(size), n_steps, slice(n_fit))
         drop, residual, slopes = nulls.refit([y for y, *_ in answers])
         drop = max(drop, 1e-9)
         if abs(np.log(drop / target)) < 0.15 or (size == hidden.size_max and drop < target):
             break
+        if size == hidden.size_min and drop > target:
+            break
         low, high = (size, high) if drop < target else (low, size)
         if last and size != last[0]:
             slope = np.clip(np.log(drop / last[1]) / np.log(size / last[0]), 0.5, 8.0)
         last = size, drop
-        size *= np.clip((target / drop) ** (1 / slope), 0.03, 30.0)
-        if not low < size < high:
-            size = np.sqrt(low * high)
-        size = float(min(size, hidden.size_max))
+        wanted = size * np.clip((target / drop) ** (1 / slope), 0.03, 30.0)
+        if not low < wanted < high:
+            wanted = np.sqrt(low * high)
+        wanted = float(np.clip(wanted, hidden.size_min, hidden.size_max))
     return size, residual, slopes
 
 
@@ -635,7 +625,8 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
     held = [u for i, u in enumerate(commands) if i % 3 == 2]
     noise = Noise.drawn(rng)
     bench = Bench(fit + held, tolerance=1e-4 * noise.std)
-    clean = bench.answers(base, truth.COARSE, slice(len(fit)))
+    # Of the held-out commands too: each search begins at the orbit of its own command.
+    clean = bench.answers(base, truth.COARSE)[: len(fit)]
     s2 = np.array([noise.variance(rng, y) for y, *_ in clean])
     nulls = Nulls(base, lines, fit, s2, n_periods)
     axis = Axis(

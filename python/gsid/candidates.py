@@ -1,0 +1,216 @@
+"""Candidates: effects of the catalogue added to a model, fitted for real, and ranked by evidence."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gsid.effects import find
+from gsid.errors import GsidError, InputError
+from gsid.frf import Spectra
+from gsid.greybox import PlantFit, fit_plant
+from gsid.joint import JOINT, joint_starts
+from gsid.plant import Param
+from gsid.scan import Scored, noise_p_value, with_effect
+
+REFITTED = 5  # effects fitted for real in each round, at most
+RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
+RIVAL_THRESHOLD = 0.1  # the same for threshold laws
+STARTS = 2  # of each, the second when the first does not keep its promise
+KEPT = 0.9  # of the predicted drop: the promise is kept
+STEPS_MAX = 15  # of each fit: a start that needs more is not near
+SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
+
+
+@dataclass(eq=False)
+class Candidate:
+    """An effect added to the model and fitted."""
+
+    effects: tuple[str, ...]  # of this step: one
+    fit: PlantFit
+    predicted_drop: float
+    n_shapes: int = 1  # of the grid that the start was chosen from
+
+    @property
+    def params(self) -> dict[str, Param]:
+        """Parameters of the added effect."""
+        own = [effect for effect in self.fit.model.effects if effect.id == self.effects[-1]]
+        return own[-1].params
+
+
+@dataclass(eq=False)
+class Group:
+    """Effects that the data cannot tell apart, best first."""
+
+    candidates: list[Candidate]
+    probability: float
+
+    @property
+    def effects(self) -> list[str]:
+        return [candidate.effects[-1] for candidate in self.candidates]
+
+    def to_dict(self) -> dict[str, Any]:
+        best = self.candidates[0]
+        return {
+            "effects": self.effects,
+            "probability": self.probability,
+            "cost_per_dof_after": best.fit.cost_per_dof,
+            "drop": best.predicted_drop,
+            "params": {name: {"value": p.value, "std": p.std} for name, p in best.params.items()},
+        }
+
+
+def shortlist(scored: Scored) -> dict[str, Scored]:
+    """The effects of the largest predicted drops, each with its best points of the grid as starts."""
+    by_effect: dict[str, Scored] = {}
+    for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
+        if item.drop > 0:
+            by_effect.setdefault(probe.effect, []).append((probe, item))
+    drops = {effect: tries[0][1].drop for effect, tries in by_effect.items()}
+    largest = max(drops.values(), default=0.0)
+    rivals = [
+        e for e, drop in drops.items() if drop > _share_wanted(e) * largest or largest - drop < 3 * SAME
+    ]
+    return {effect: by_effect[effect][:STARTS] for effect in rivals[:REFITTED]}
+
+
+def _share_wanted(effect: str) -> float:
+    """Of the largest drop, for an effect to be fitted: a threshold law's direction is only a rough one."""
+    return RIVAL_THRESHOLD if find(effect).null_kind == "threshold" else RIVAL
+
+
+def tried(
+    fit: PlantFit,
+    scored: Scored,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    alpha: float,
+    on_step: Callable[[str], None],
+) -> list[Candidate]:
+    """The shortlist fitted, best promise first; once one leaves only noise, no small promise is tried.
+
+    Parameters
+    ----------
+    fit : PlantFit
+        Of the model without them.
+    scored : list of (Probe, Score)
+        See `gsid.scan.scan`.
+    measured : list of Spectra
+    band : (lo, hi) or None
+        Hz.
+    alpha : float
+        Level of the test for noise only.
+    on_step : callable
+        Told in words what comes next.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    candidates: list[Candidate] = []
+    enough = 0.0
+    n_shapes = Counter(probe.effect for probe, _ in scored)
+    for effect, tries in shortlist(scored).items():
+        if tries[0][1].drop < RIVAL * enough - SAME:
+            continue
+        on_step(f"trying {effect}")
+        candidate = _refitted(fit, effect, tries, measured, band)
+        if candidate is None:
+            continue
+        candidate.n_shapes = n_shapes[effect]
+        candidates.append(candidate)
+        if noise_p_value(candidate.fit, measured) > alpha:
+            enough = max(enough, fit.cost - candidate.fit.cost)
+    if enough == 0 and JOINT not in [effect.id for effect in fit.model.effects]:
+        on_step(f"trying {JOINT}")
+        candidates += _joint(fit, measured, band)
+    if candidates:
+        best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
+        candidates[best] = _converged(candidates[best], measured, band)
+    return candidates
+
+
+def _refitted(
+    fit: PlantFit,
+    effect: str,
+    tries: Scored,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+) -> Candidate | None:
+    """The effect fitted from each start; None when no start can be fitted."""
+    best: Candidate | None = None
+    for probe, item in tries:
+        if best is not None and best.fit.converged and fit.cost - best.fit.cost > KEPT * item.drop:
+            break
+        try:
+            start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)
+            less_delay_s = probe.less_delay_s(item.size)
+            if less_delay_s > 0:
+                start["transport_delay.delay_s"].value -= less_delay_s
+            larger = fit_plant(start, measured, band=band, max_iter=STEPS_MAX)
+        except (GsidError, InputError):
+            continue  # a start that cannot be simulated is no candidate
+        if best is None or larger.cost < best.fit.cost:
+            best = Candidate((effect,), larger, item.drop)
+    return best
+
+
+def _joint(fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None) -> list[Candidate]:
+    """A joint with play, the dearest to simulate: tried when nothing else leaves only noise."""
+    found = []
+    for start, gain in joint_starts(fit, measured):
+        try:
+            found.append(Candidate((JOINT,), fit_plant(start, measured, band=band, max_iter=STEPS_MAX), gain))
+        except (GsidError, InputError):
+            continue
+    return sorted(found, key=lambda candidate: candidate.fit.cost)[:1]
+
+
+def _converged(candidate: Candidate, measured: list[Spectra], band: tuple[float, float] | None) -> Candidate:
+    """The candidate with its fit carried on until it has converged."""
+    if candidate.fit.converged:
+        return candidate
+    return replace(candidate, fit=fit_plant(candidate.fit.model, measured, band=band))
+
+
+def evidence(fit: PlantFit, candidate: Candidate) -> float:
+    """-2 log of the candidate's evidence over that of the model without it: negative speaks for it (DIA-5).
+
+    With n residuals a parameter has to lower the cost by ln n to earn its place (Schwarz), and the best of m
+    shapes by 2 ln m more, which is what the best of m directions of noise does.
+
+    Parameters
+    ----------
+    fit : PlantFit
+        Of the model without it.
+    candidate : Candidate
+    """
+    n = fit.n_dof + len(fit.model.free_names)
+    price = len(candidate.params) * np.log(n) + 2 * np.log(candidate.n_shapes)
+    return candidate.fit.cost - fit.cost + price
+
+
+def ranked(fit: PlantFit, candidates: list[Candidate]) -> list[Group]:
+    """Groups of candidates whose costs differ by less than the data can tell, most probable first.
+
+    The price of parameters puts the simpler law first; it does not speak against the richer one being true.
+    """
+    if not candidates:
+        return []
+    value = {id(c): evidence(fit, c) for c in candidates}
+    ordered = sorted(candidates, key=lambda c: value[id(c)])
+    least = min(value[id(ordered[0])], 0.0)
+    weight = {id(c): np.exp(-(value[id(c)] - least) / 2) for c in candidates}
+    total = sum(weight.values()) + np.exp(least / 2)  # the model without any is a candidate too
+    groups: list[list[Candidate]] = []
+    for candidate in ordered:
+        mine = [g for g in groups if candidate.fit.cost - g[0].fit.cost < SAME]
+        if mine:
+            mine[0].append(candidate)
+        else:
+            groups.append([candidate])
+    return [Group(members, float(sum(weight[id(c)] for c in members) / total)) for members in groups]

@@ -1,0 +1,116 @@
+"""Where the fit of a joint with play between motor and load begins.
+
+A joint changes the linear part too: two masses on a spring, softer the more of the time the play is open. So
+that part is fitted first, to the frequency response measured at the highest level, where the play matters
+least; the play is then looked for by simulation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsid.errors import GsidError
+from gsid.frf import Spectra
+from gsid.greybox import PlantFit
+from gsid.linear_start import linear_error, linear_start
+from gsid.linear_view import linear_view
+from gsid.plant import RADIANS, PlantModel
+from gsid.scan import with_effect
+
+JOINT = "gear_backlash"
+FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # of the joint, over the highest excited line
+LOUD = 0.95  # of the largest input: records of the highest level
+GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # over the twist that the motor's torque makes
+RATIOS = (0.4, 0.15)  # of the inertias: the response does not tell them
+DAMPING = 0.1  # over the critical one
+FALL = 0.8  # of the response's error, for a joint to be worth its simulations
+
+
+def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantModel, float]]:
+    """Models with a joint added, and by how much each lowers the response's error.
+
+    Parameters
+    ----------
+    fit : PlantFit
+        Of the model without it.
+    measured : list of Spectra
+
+    Returns
+    -------
+    list of (PlantModel, float)
+        At most one, of the frequencies tried the best; none when a joint does not help the response.
+    """
+    largest = max(float(np.linalg.norm(one.u)) for one in measured)
+    loud = [one for one in measured if np.linalg.norm(one.u) > LOUD * largest]
+    highest = max(float(one.f_hz[one.excited].max()) for one in loud)
+    before = linear_error(linear_start(fit.model, loud), loud)
+    tried = []
+    for ratio in RATIOS:
+        for share in FREQUENCIES:
+            model = linear_start(_with_joint(fit.model, share * highest, ratio), loud)
+            tried.append((linear_error(model, loud), model))
+        if not min(error for error, _ in tried) < FALL * before:
+            return []
+    least = min(error for error, _ in tried)
+    near = [model for error, model in tried if error < 2 * least]
+    starts = [start for model in near if (start := _best_gap(fit, model, measured)) is not None]
+    return [(min(starts, key=lambda one: one[0])[1], before - least)] if starts else []
+
+
+def _with_joint(model: PlantModel, f_hz: float, ratio: float) -> PlantModel:
+    rad_s, reduced = 2 * np.pi * f_hz, ratio / (1 + ratio)
+    values = {
+        "gap_deg": 0.0,
+        "stiffness": rad_s**2 * reduced,
+        "inertia_ratio": ratio,
+        "damping": 2 * DAMPING * rad_s * reduced,
+    }
+    larger = with_effect(model, JOINT, values)
+    _refer_to_load(larger, 1 + ratio)
+    return larger
+
+
+def _refer_to_load(model: PlantModel, inertia: float) -> None:
+    """Torques over the load's inertia, where they were over the whole axis's."""
+    for effect in model.effects[:-1]:
+        known = effect.type
+        for name, param in effect.params.items():
+            if known.stage == "torque" and (known[name].null_value == 0 or effect.id == "rigid_body"):
+                param.value *= inertia
+            elif effect.id == "flexible_mode" and name == "residue":
+                param.value /= inertia
+
+
+def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tuple[float, PlantModel] | None:
+    """Cost, and the model with the play that costs least; None when none can be simulated."""
+    twist = max(_twist(model, one) for one in measured)
+    least, best = np.inf, None
+    for gap in twist * np.array(GAPS):
+        model[f"{JOINT}.gap_deg"].value = float(gap)
+        try:
+            cost = sum(
+                float(np.sum(np.abs((one.y - model.predict(one).Y)[record.line] * record.weight) ** 2))
+                for record, one in zip(fit.records, measured, strict=True)
+            )
+        except GsidError:
+            continue
+        if cost < least:
+            least, best = cost, float(gap)
+    if best is None:
+        return None
+    model[f"{JOINT}.gap_deg"].value = best
+    return least, model
+
+
+def _twist(model: PlantModel, one: Spectra) -> float:
+    """Root mean square of the twist that the motor's torque would make of the spring."""
+    view = linear_view(
+        model.stack(),
+        one.f_hz,
+        one.fs_hz,
+        output_angle=model.output == "angle",
+        radians_per_unit=RADIANS[model.angle_unit],
+        held=one.hold == "zoh" or model.has_controller,
+    )
+    torque = np.linalg.norm(view.drive * one.u) / np.sqrt(2)
+    return float(torque / model[f"{JOINT}.stiffness"].value)

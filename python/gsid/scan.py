@@ -1,0 +1,252 @@
+"""What a fit leaves, and every effect of the catalogue scored against it over a grid of its shapes."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+from scipy import stats
+
+from gsid.effects import EffectType, catalogue, find
+from gsid.frf import Spectra
+from gsid.greybox import PlantFit, RecordFit
+from gsid.linear_view import linear_view
+from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
+from gsid.probes import (
+    SENSOR_RATES_HZ,
+    Probe,
+    Trajectory,
+    locked_rates,
+    probes,
+    quantization_at,
+    quantization_spacing,
+    sample_hold_at,
+)
+from gsid.scores import Score, orthonormal, score
+
+NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
+TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
+ZOOMS, ZOOM_POINTS = 2, 8  # refinements of a step's grid, points on each side
+RATES = 5  # of a sensor that are looked at in all records
+
+Scored = list[tuple[Probe, Score]]
+
+
+def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
+    """Probability of a misfit as large or larger by noise alone (CMP-1), the fitted parameters allowed for.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    measured : list of Spectra
+        As fitted.
+
+    Returns
+    -------
+    float
+    """
+    total, n_lines = 0.0, 0
+    for record, one in zip(fit.records, measured, strict=True):
+        use = record.line[record.line > 0]
+        nu = one.n_periods - 1
+        error = one.y[use] - record.prediction.Y[use]
+        variance = np.maximum(one.var_y[use], np.finfo(float).tiny)
+        total += float(np.sum(nu * np.log1p(one.n_periods * np.abs(error) ** 2 / variance / nu)))
+        n_lines += len(use)
+    return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))
+
+
+def with_effect(
+    model: PlantModel,
+    effect: str | EffectType,
+    params: dict[str, float],
+    limits: dict[str, tuple[float, float]] | None = None,
+    fixed: Sequence[str] = (),
+) -> PlantModel:
+    """A copy of a model with one more effect, its values moved into the catalogue's bounds.
+
+    Parameters
+    ----------
+    model : PlantModel
+    effect : str or EffectType
+        Id of the catalogue, or an effect of one's own.
+    params : dict of float
+        Values; those not given are typical ones.
+    limits : dict of (lo, hi), optional
+        Limits of a fit that are narrower than the catalogue's bounds.
+    fixed : sequence of str
+        Parameters that a fit leaves as they are.
+    """
+    larger = copy.deepcopy(model)
+    larger.cov, larger.fit = None, None
+    added = {}
+    own = effect if isinstance(effect, EffectType) else None
+    for known in (own or find(effect)).parameters:
+        limit = (limits or {}).get(known.name)
+        lower, upper = limit or (known.lower, known.upper)
+        value = float(np.clip(params.get(known.name, known.typical), lower, upper))
+        added[known.name] = Param(value, known.name not in fixed, limits=limit)
+    larger.effects.append(Effect(own.id if own else effect, added, own))
+    return larger
+
+
+def stacked(fit: PlantFit, what: str) -> np.ndarray:
+    """Residual or Jacobian of all records: all real parts, then all imaginary parts.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    what : "residual" or "jacobian"
+
+    Returns
+    -------
+    (2 m, columns) ndarray, m the number of lines of all records
+    """
+    halves = [np.split(getattr(record, what).reshape(2 * len(record.line), -1), 2) for record in fit.records]
+    return np.vstack([re for re, _ in halves] + [im for _, im in halves])
+
+
+def whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
+    """Columns of a probe, weighted as the fit's residuals are and in the order of `stacked`.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    columns : list of (q, K) complex ndarrays
+        Lines 0 .. N/2, one entry per record.
+
+    Returns
+    -------
+    (2 m, q) ndarray
+    """
+    parts = [
+        (lines[:, record.line] * record.weight).T for lines, record in zip(columns, fit.records, strict=True)
+    ]
+    together = np.vstack(parts)
+    real = np.concatenate([record.line == 0 for record in fit.records])
+    return np.vstack([together.real, np.where(real[:, None], 0.0, together.imag)])
+
+
+def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
+    """Path of a fitted model under one record's excitation.
+
+    Parameters
+    ----------
+    model : PlantModel
+    record : RecordFit
+        Of the model's fit.
+    one : Spectra
+        The record.
+    """
+    view = linear_view(
+        model.stack(),
+        one.f_hz,
+        one.fs_hz,
+        output_angle=model.output == "angle",
+        radians_per_unit=RADIANS[model.angle_unit],
+        held=one.hold == "zoh" or model.has_controller,
+    )
+    return Trajectory(
+        fs_hz=one.fs_hz,
+        command=input_period(one, 1),
+        angle=record.prediction.angle,
+        rate=record.prediction.rate,
+        output=record.prediction.y,
+        f_hz=one.f_hz,
+        torque_response=view.torque,
+        command_response=view.command,
+        direct_response=view.direct,
+        radians_per_unit=RADIANS[model.angle_unit],
+        spare_delay_s=_spare_delay(model),
+    )
+
+
+def _spare_delay(model: PlantModel) -> float:
+    name = "transport_delay.delay_s"
+    return model[name].value if name in model.free_names else 0.0
+
+
+def scan(fit: PlantFit, measured: list[Spectra]) -> Scored:
+    """Every probe of every effect that the model does not have."""
+    present = {effect.id for effect in fit.model.effects}
+    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if fit.model.angle_unit == "m" else ())
+    absent = [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
+    trajectories = [
+        trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
+    ]
+    tried = list(probes(trajectories, absent))
+    if "torque_bias" in absent:
+        bias = _bias_probe(fit.model, measured)
+        if find("torque_bias")["level"].typical * np.linalg.norm(whitened(fit, bias.columns)) > 1:
+            tried.append(bias)  # else a linear plant: a constant torque is not seen at all
+    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
+
+    def judged(several: Iterable[Probe]) -> Scored:
+        return [
+            (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
+            for probe in several
+        ]
+
+    scored = judged(tried)
+    for _ in range(ZOOMS):
+        scored += judged(_nearer_step(trajectories, scored))
+    return scored
+
+
+def scan_rates(fit: PlantFit, measured: list[Spectra]) -> Scored:
+    """A sensor's refresh at nominal rates, and at those rates of all that the loudest record speaks for.
+
+    Images of a refresh that repeats with the period fall on lines of their own, so a rate is missed by as
+    little as one over the period: every whole rate is looked at, in one record, and the best in all.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    measured : list of Spectra
+    """
+    if any(effect.id == "sensor_sample_hold" for effect in fit.model.effects):
+        return []
+    loudest = max(range(len(measured)), key=lambda i: float(np.linalg.norm(measured[i].u)))
+    record = fit.records[loudest]
+    path = trajectory(fit.model, record, measured[loudest])
+    residual, nuisance = record.residual, orthonormal(record.jacobian)
+    seen = []
+    for probe in sample_hold_at([path], locked_rates(path), exact=True):
+        column = (probe.columns[0][0][record.line] * record.weight)[:, None]
+        item = score(residual, nuisance, np.vstack([column.real, column.imag]), one_sided=True)
+        seen.append((item.drop, probe.start(item.size)["rate_hz"]))
+    best = [rate for _, rate in sorted(seen, reverse=True)[:RATES]]
+    paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
+    nominal = [rate for rate in SENSOR_RATES_HZ if rate < path.fs_hz]
+    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
+    return [
+        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=True))
+        for probe in sample_hold_at(paths, [*best, *nominal], exact=True)
+    ]
+
+
+def _nearer_step(trajectories: list[Trajectory], scored: Scored) -> Iterator[Probe]:
+    """Points between the best step of a rounding and its neighbours: it has no slope for a fit to follow."""
+    steps = [
+        (item.drop, probe.start(item.size)["step"]) for probe, item in scored if probe.fixed == ("step",)
+    ]
+    if steps:
+        known = np.array([step for _, step in steps])
+        best = max(steps)[1]
+        gaps = np.abs(known - best)
+        spacing = np.min(gaps[gaps > 0], initial=quantization_spacing(trajectories, best))
+        yield from quantization_at(
+            trajectories, best + spacing * np.linspace(-1, 1, 2 * ZOOM_POINTS + 1)[1:-1]
+        )
+
+
+def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
+    """A constant torque shifts where the other laws work: it shows only through them, so it is simulated."""
+    biased = copy.deepcopy(model)
+    for effect in biased.effects:
+        for param in effect.params.values():
+            param.free = False
+    biased = with_effect(biased, "torque_bias", {"level": 0.0})
+    columns = [biased.predict(one, sensitivities=True).dY for one in measured]
+    return Probe("torque_bias", columns, lambda c: {"level": float(c[0])})
