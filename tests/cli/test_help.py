@@ -3,15 +3,11 @@
 import importlib
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import click
 import pytest
 
 from gsid.cli.main import VERBS
-
-COMMAND = Path(sys.executable).parent / "gsid"
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -54,15 +50,7 @@ def test_version(gsid):
     assert gsid("--version").out == f"gsid {package.__version__}\n"
 
 
-def test_help_is_quick():
-    """Best of three whole processes: under 0.4 s, with nothing heavy imported."""
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        subprocess.run([COMMAND, "--help"], check=True, capture_output=True)
-        times.append(time.perf_counter() - start)
-    print(f"gsid --help takes {min(times):.3f} s")
-    assert min(times) < 0.4
+def test_help_imports_nothing_heavy():
     heavy = "matplotlib|pandas|control|scipy|numpy|h5py|rich"
     code = f"import sys, gsid.cli.main; print([m for m in '{heavy}'.split('|') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
