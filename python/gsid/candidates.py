@@ -21,6 +21,7 @@ REFITTED = 5  # effects fitted for real in each round, at most
 RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
 RIVAL_THRESHOLD = 0.1  # the same for threshold laws
 STARTS = 2  # of each, the second when the first does not keep its promise
+STARTS_FIXED = 5  # of those whose shape the fit cannot move
 KEPT = 0.9  # of the predicted drop: the promise is kept
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
@@ -75,7 +76,11 @@ def shortlist(scored: Scored) -> dict[str, Scored]:
     rivals = [
         e for e, drop in drops.items() if drop > _share_wanted(e) * largest or largest - drop < 3 * SAME
     ]
-    return {effect: by_effect[effect][:STARTS] for effect in rivals[:REFITTED]}
+    return {effect: by_effect[effect][: _starts(by_effect[effect])] for effect in rivals[:REFITTED]}
+
+
+def _starts(tries: Scored) -> int:
+    return STARTS_FIXED if tries[0][0].fixed else STARTS
 
 
 def _share_wanted(effect: str) -> float:

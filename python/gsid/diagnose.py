@@ -266,7 +266,7 @@ def _round(
     step = Step(fit, noise_p_value(fit, measured), p_score, [])
     if not explore or step.p_value >= alpha:
         return step, None
-    scored += scan_rates(fit, measured)
+    scored = [pair for pair in scored if pair[0].effect != "sensor_sample_hold"] + scan_rates(fit, measured)
     step.ranking = ranked(fit, tried(fit, scored, measured, band, alpha, on_step))
     worth = step.ranking and step.ranking[0].candidates[0]
     if not worth or evidence(fit, worth) > 0:

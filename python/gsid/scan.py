@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -214,16 +215,22 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> Scored:
     seen = []
     for probe in sample_hold_at([path], locked_rates(path), exact=True):
         column = (probe.columns[0][0][record.line] * record.weight)[:, None]
-        item = score(residual, nuisance, np.vstack([column.real, column.imag]), one_sided=True)
+        item = _as_it_is(score(residual, nuisance, np.vstack([column.real, column.imag]), one_sided=True))
         seen.append((item.drop, probe.start(item.size)["rate_hz"]))
     best = [rate for _, rate in sorted(seen, reverse=True)[:RATES]]
     paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
     nominal = [rate for rate in SENSOR_RATES_HZ if rate < path.fs_hz]
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
     return [
-        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=True))
+        (probe, _as_it_is(score(residual, nuisance, whitened(fit, probe.columns), one_sided=True)))
         for probe in sample_hold_at(paths, [*best, *nominal], exact=True)
     ]
+
+
+def _as_it_is(item: Score) -> Score:
+    """The drop of a candidate whose size is fixed: of c times its column only one is to be had."""
+    c = float(item.size[0])
+    return replace(item, drop=item.drop * (2 * c - 1) / c**2 if c > 0 else 0.0)
 
 
 def _nearer_step(trajectories: list[Trajectory], scored: Scored) -> Iterator[Probe]:

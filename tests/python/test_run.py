@@ -148,7 +148,7 @@ def test_ctrl_c_leaves_the_command_at_zero_and_the_record(folder):
         process = started(port, "-o", "half.csv")
         wait_until(lambda: server.served.ticks > 3000)
         process.send_signal(signal.SIGINT)
-        _, words = process.communicate(timeout=20)
+        _, words = process.communicate(timeout=120)
         line.join()
     assert not server.running
     assert process.returncode == 130
@@ -164,7 +164,7 @@ def test_an_axis_that_disappears_is_a_clear_error(folder):
         wait_until(lambda: has_open(process, port))
         time.sleep(1)  # 3000 ticks
         axis.terminate()
-        _, words = process.communicate(timeout=20)
+        _, words = process.communicate(timeout=120)
     assert process.returncode == 3
     assert "the port is gone" in words
     assert "hint:" in words
