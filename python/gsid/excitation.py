@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,26 +25,34 @@ FINE = 8  # points per sample on which the crest factor between the samples is l
 ON_A_LINE = 1e-9  # band edges this near to a line, in lines, are meant to be on it
 
 
-class Periodic:
+class Periodic(ABC):
     """A periodic excitation: what all of them tell about themselves.
 
-    A child class has `fs_hz`, `period_samples`, the lines of interest `line`, and `table`.
+    Attributes
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    period_samples : int
+        N.
+    line : (F,) int
+        Lines of interest.
     """
 
     fs_hz: float
     period_samples: int
     line: np.ndarray
 
+    @abstractmethod
     def table(self) -> np.ndarray:
         """One period of the signal, (N,) float64, unit of the command."""
-        raise NotImplementedError
 
+    @abstractmethod
     def scaled(self, factor: float) -> Periodic:
         """The same signal, times a factor."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _head(self) -> dict[str, object]:
-        raise NotImplementedError
+        """How it was made: keys and values for the head of its file."""
 
     @property
     def f_hz(self) -> np.ndarray:
@@ -203,12 +213,9 @@ class Multisine(Periodic):
         ValueError
             A request that cannot be met; the message names the nearest one that can.
         """
-        if not (math.isfinite(fs_hz) and fs_hz > 0):
-            raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
-        if grid not in GRIDS:
-            raise ValueError(f"grid must be one of {', '.join(GRIDS)}, not {grid!r}")
-        if phases not in PHASES:
-            raise ValueError(f"phases must be one of {', '.join(PHASES)}, not {phases!r}")
+        require_rate(fs_hz)
+        require_one_of("grid", grid, GRIDS)
+        require_one_of("phases", phases, PHASES)
         if not 0 <= seed < 2**64:
             raise ValueError(f"the seed must be within 0 .. 2^64 - 1, not {seed}")
         if not math.isfinite(shape_db_per_decade):
@@ -341,6 +348,18 @@ def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
     return float(np.abs(u).max() / rms_of_interest)
 
 
+def require_rate(fs_hz: float) -> None:
+    """Refuse (ValueError) what is no sample rate."""
+    if not (math.isfinite(fs_hz) and fs_hz > 0):
+        raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
+
+
+def require_one_of(name: str, value: str, known: Iterable[str]) -> None:
+    """Refuse (ValueError) a choice that there is not."""
+    if value not in known:
+        raise ValueError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+
+
 def whole_period(period_samples: float) -> int:
     """The period as a whole number of samples; refused (ValueError) where it is none."""
     nearest = max(round(period_samples), 3) if math.isfinite(period_samples) else 3
@@ -358,7 +377,7 @@ def _lines_in_band(
     """Line numbers of the grid within the band, (F,) uint32."""
     step = 1 if grid == "full" else 2
     lo, hi = lines_of_band(fs_hz, n_period, band_hz, step)
-    first, last = max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
+    first, last = whole_lines(lo, hi)
 
     def fill(capacity: int, line: object) -> int:
         if grid == "odd-random":
@@ -420,6 +439,11 @@ def lines_of_band(
         nearest = _nearest_band(fs_hz, n_period, lo, hi, step)
         raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz reaches fs/2, {fs_hz / 2:g} Hz; {nearest}")
     return lo, hi
+
+
+def whole_lines(lo: float, hi: float) -> tuple[int, int]:
+    """First and last whole line between edges given as (fractions of) lines; none where first > last."""
+    return max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
 
 
 def _nearest_band(fs_hz: float, n_period: int, lo: float, hi: float, step: int) -> str:

@@ -9,16 +9,23 @@ import numpy as np
 from scipy.optimize import brentq
 
 from gsid._lib import check, ffi, lib
-from gsid.excitation import ON_A_LINE, Multisine, Periodic, lines_of_band, whole_period
+from gsid.excitation import (
+    ON_A_LINE,
+    Multisine,
+    Periodic,
+    lines_of_band,
+    require_one_of,
+    require_rate,
+    whole_lines,
+    whole_period,
+)
 
 PRBS_KINDS = {
     "quadratic-residue": lib.GSID_PRBS_QUADRATIC_RESIDUE,
     "maximum-length": lib.GSID_PRBS_MAXIMUM_LENGTH,
 }
 SWEEP_KINDS = {"linear": lib.GSID_SWEEP_LINEAR, "log": lib.GSID_SWEEP_LOGARITHMIC}
-CLOCK_OVER_BAND = (
-    2.5  # of a binary sequence: its power falls to half at 0.4 of its clock (source, section 3.6)
-)
+CLOCK_OVER_BAND = 2.5  # of a binary sequence: at 0.4 of its clock its power is half (source, section 3.6)
 
 
 def _samples(step: object, n: int) -> np.ndarray:
@@ -33,6 +40,14 @@ def _samples(step: object, n: int) -> np.ndarray:
 def _require_amplitude(amplitude: float) -> None:
     if not (math.isfinite(amplitude) and amplitude > 0):
         raise ValueError(f"the amplitude must be a positive number, not {amplitude}")
+
+
+def _lines_of_interest(fs_hz: float, period_samples: int, band_hz: tuple[float, float]) -> np.ndarray:
+    """All lines of a band, (F,) int; refused where there is none."""
+    first, last = whole_lines(*lines_of_band(fs_hz, period_samples, band_hz))
+    if first > last:
+        raise ValueError(f"no line in {band_hz[0]:g}:{band_hz[1]:g} Hz: a longer period has closer lines")
+    return np.arange(first, last + 1)
 
 
 @dataclass(repr=False)
@@ -77,7 +92,7 @@ class Prbs(Periodic):
         fs_hz : float
             Sample rate [Hz].
         period_samples : int
-            Chips times samples of a chip; a length that there is (`nearest_period`).
+            Chips times samples of a chip; a length that there is.
         band_hz : (lo, hi)
             Hz; the lines of interest.
         kind : {"quadratic-residue", "maximum-length"}
@@ -95,12 +110,11 @@ class Prbs(Periodic):
         ValueError
             A request that cannot be met; the message names the nearest one that can.
         """
-        if kind not in PRBS_KINDS:
-            raise ValueError(f"kind must be one of {', '.join(PRBS_KINDS)}, not {kind!r}")
+        require_one_of("kind", kind, PRBS_KINDS)
         _require_amplitude(amplitude)
-        if not (math.isfinite(fs_hz) and fs_hz > 0):
-            raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
-        lo, hi = lines_of_band(fs_hz, period_samples, band_hz)
+        require_rate(fs_hz)
+        period_samples = whole_period(period_samples)
+        line = _lines_of_interest(fs_hz, period_samples, band_hz)
         n_hold = max(1, math.floor(fs_hz / (CLOCK_OVER_BAND * band_hz[1]) + ON_A_LINE))
         asked = round(period_samples / n_hold)
         n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], asked))
@@ -109,7 +123,6 @@ class Prbs(Periodic):
                 f"a period of {period_samples} samples is no {kind} sequence of {n_hold} samples a chip; "
                 f"the nearest valid request is {n_chips * n_hold} samples ({n_chips} chips)"
             )
-        line = np.arange(max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE) + 1)
         return cls(float(fs_hz), n_chips, n_hold, line, float(amplitude), kind)
 
     @property
@@ -206,18 +219,13 @@ class Sweep(Periodic):
         ValueError
             A request that cannot be met; the message names the nearest one that can.
         """
-        if kind not in SWEEP_KINDS:
-            raise ValueError(f"kind must be one of {', '.join(SWEEP_KINDS)}, not {kind!r}")
+        require_one_of("kind", kind, SWEEP_KINDS)
         _require_amplitude(amplitude)
-        if not (math.isfinite(fs_hz) and fs_hz > 0):
-            raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
+        require_rate(fs_hz)
         period_samples = whole_period(period_samples)
-        lo, hi = lines_of_band(fs_hz, period_samples, band_hz)
-        line = np.arange(max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE) + 1)
-        if not len(line):
-            raise ValueError(f"no line in {band_hz[0]:g}:{band_hz[1]:g} Hz: a longer period has closer lines")
-        n, start_hz, stop_hz = int(period_samples), *map(float, band_hz)
-        sweep = cls(float(fs_hz), n, start_hz, stop_hz, line, amplitude, phase_rad, kind)
+        line = _lines_of_interest(fs_hz, period_samples, band_hz)
+        start_hz, stop_hz = map(float, band_hz)
+        sweep = cls(float(fs_hz), period_samples, start_hz, stop_hz, line, amplitude, phase_rad, kind)
         return sweep._whole() if continuous else sweep
 
     def _cfg(self) -> object:
@@ -333,6 +341,8 @@ class SteppedSine(Periodic):
             raise ValueError(f"a sine must last for 1 period at least, not {n_periods}")
         line = Multisine.design(fs_hz, period_samples, band_hz, grid=grid).line
         settle = period_samples if settle_samples is None else settle_samples
+        if settle < 0:
+            raise ValueError(f"the samples to settle must be 0 or more, not {settle}")
         sizes = np.full(len(line), float(amplitude))
         return cls(float(fs_hz), int(period_samples), line, sizes, int(settle), int(n_periods))
 

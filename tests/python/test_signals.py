@@ -130,12 +130,15 @@ def test_a_stepped_sine_measures_each_line():
         (lambda: Prbs.design(3000, 6212, (1, 300), kind="gold"), "quadratic-residue, maximum-length"),
         (lambda: Prbs.design(3000, 6212, (1, 300), amplitude=0), "positive"),
         (lambda: Prbs.design(np.inf, 6212, (1, 300)), "sample rate"),
+        (lambda: Prbs.design(3000, 0, (1, 300)), "the nearest valid request is 3 samples"),
+        (lambda: Prbs.design(3000, 69, (1, 10)), "no line"),  # was taken, with no line of interest
         (lambda: Sweep.design(3000, 6000, (5, 5)), "nearest valid request"),
         (lambda: Sweep.design(3000, 6000.5, (5, 50)), "the nearest valid request is 6000 samples"),
         (lambda: Sweep.design(3000, 6000, (5, 50), kind="square"), "linear, log"),
         (lambda: Sweep.design(3000, 300, (11, 19)), "no line"),
         (lambda: Sweep.design(3000, 6000, (0.501, 0.999), continuous=True), "no line"),
         (lambda: SteppedSine.design(3000, 3000, (1, 100), n_periods=0), "1 period"),
+        (lambda: SteppedSine.design(3000, 3000, (1, 100), settle_samples=-1), "0 or more"),
         (lambda: Multisine.design(3000, 3000, (2, 2.5), grid="odd-random"), "no odd line"),
     ],
 )
