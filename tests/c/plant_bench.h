@@ -2,17 +2,11 @@
 #ifndef PLANT_BENCH_H
 #define PLANT_BENCH_H
 
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "gsid/catalogue.h"
 #include "gsid/plant.h"
+#include "reference.h"
 
 #define PI 3.14159265358979323846
 #define FS 3000.0
@@ -85,11 +79,6 @@ static inline double bench_command(uint32_t n_period, uint32_t n, double size) {
     for (uint32_t line = 1; line < 40 && line < n_period / 2; line += 2)
         sum += cos(2.0 * PI * (double)(line * n % n_period) / n_period + 1.7 * line * line) / line;
     return size * sum;
-}
-
-static inline void assert_near(double got, double want, double tolerance) {
-    if (!(fabs(got - want) <= tolerance))
-        fail_msg("got %.17g, want %.17g, off by %.3g, allowed %.3g", got, want, fabs(got - want), tolerance);
 }
 
 #endif

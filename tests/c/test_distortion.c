@@ -1,24 +1,11 @@
 /* The robust method and the free lines, against two-pass long double formulas on lines made up here. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/distortion.h"
 #include "gsid/excitation.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
+#include "reference.h"
 
 enum { N = 48, EXCITED = 3, LINES = 6, FREE = LINES - EXCITED, M = 5, P = 4 };
 static const uint32_t lines[LINES] = {3, 7, 15, 2, 5, 20}; /* free: below, between and above the excited ones */
@@ -28,37 +15,25 @@ static union {
     unsigned char bytes[GSID_DISTORTION_MEAN_SIZE(LINES, EXCITED) + GSID_FRF_SPREAD_MEM_SIZE(N, LINES, 1) + 16];
 } memory;
 
-typedef struct {
-    long double re, im;
-} cplx_l;
-
 static int fill_twiddle(void **state) {
     (void)state;
     return gsid_twiddle_fill(N, twiddle) == GSID_OK ? 0 : -1;
 }
 
-/* within +-1, one number of its own for each n: SplitMix64's mixer */
-static long double noise(uint64_t n) {
-    uint64_t z = (n + 1) * UINT64_C(0x9e3779b97f4a7c15);
-    z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-    z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-    return (long double)((z ^ (z >> 31)) >> 11) / 4503599627370496.0L - 1;
-}
-
 /* Lines of realisation m and period p: input of its own phases, response near 2 - j, distortion that all periods of a
  * realisation share, noise that they do not. The samples of a period are the sum of its lines. */
 static cplx_l line_u(int m, int p, int i) {
-    const long double phase = 10 * noise((uint64_t)(100 + 7 * m + i));
+    const long double phase = 10 * noise_at((uint64_t)(100 + 7 * m + i));
     const long double size = i < EXCITED ? 1 : 0.1L;
     const uint64_t at = (uint64_t)(1000 + 97 * (m * P + p) + i);
-    return (cplx_l){size * cosl(phase) + 0.01L * noise(at), size * sinl(phase) + 0.01L * noise(at + 500000)};
+    return (cplx_l){size * cosl(phase) + 0.01L * noise_at(at), size * sinl(phase) + 0.01L * noise_at(at + 500000)};
 }
 
 static cplx_l line_y(int m, int p, int i) {
     const cplx_l u = line_u(m, p, i);
     const uint64_t at = (uint64_t)(9000 + 89 * (m * P + p) + i), shared = (uint64_t)(70000 + 11 * m + i);
-    return (cplx_l){2 * u.re + u.im + 0.2L * noise(shared) + 0.05L * noise(at),
-                    2 * u.im - u.re + 0.2L * noise(shared + 5000) + 0.05L * noise(at + 700000)};
+    return (cplx_l){2 * u.re + u.im + 0.2L * noise_at(shared) + 0.05L * noise_at(at),
+                    2 * u.im - u.re + 0.2L * noise_at(shared + 5000) + 0.05L * noise_at(at + 700000)};
 }
 
 static gsid_real sample(cplx_l (*line)(int, int, int), int m, int p, int n) {
@@ -152,12 +127,6 @@ static cplx_l response_at_free(int m, int i, int is_known) {
         }
     }
     return response(m, EXCITED - 1, is_known);
-}
-
-static void assert_near(long double got, long double want, long double tolerance) {
-    if (!(fabsl(got - want) <= tolerance)) {
-        fail_msg("got %.17Lg, want %.17Lg within %.3Lg", got, want, tolerance);
-    }
 }
 
 /* A line is a sum of N samples of a size near 3: N epsilon times that, doubled by the division and the squares. */

@@ -1,25 +1,12 @@
 /* Parameter estimates against closed forms, normal equations in long double, exact data and repeated experiments. */
 #include <complex.h>
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/estimate.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
+#include "reference.h"
 
 typedef long double complex wide;
 
@@ -83,11 +70,6 @@ static long double cost_of(const gsid_frd *data, const gsid_rational *m) {
         cost += creall(error * conjl(error)) / (data->sigma == NULL ? 1 : (long double)data->sigma[k] * data->sigma[k]);
     }
     return cost;
-}
-
-static void assert_near(long double got, long double want, long double tolerance) {
-    if (!(fabsl(got - want) <= tolerance))
-        fail_msg("got %.17Lg, want %.17Lg, off by %.3Lg, allowed %.3Lg", got, want, fabsl(got - want), tolerance);
 }
 
 static void assert_same_model(const gsid_rational *got, const gsid_rational *want, long double tolerance) {

@@ -1,21 +1,10 @@
 /* Twiddle table, grids, phases and multisines, against long double closed forms. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/excitation.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
+#include "reference.h"
 
 #define PI_L 3.14159265358979323846264338327950288L
 #define N_MAX 7000

@@ -1,24 +1,11 @@
 /* Mean and (co)variance over periods, against two-pass long double formulas; lost, refused and settling samples. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
+#include "reference.h"
 
 enum { N = 60, F = 4, P = 12 };
 static const uint32_t lines[F] = {1, 4, 11, 29};
@@ -28,25 +15,13 @@ static union {
     unsigned char bytes[GSID_FRF_MEM_SIZE(F, 1) + 16];
 } memory;
 
-typedef struct {
-    long double re, im;
-} cplx_l;
-
 static int fill_twiddle(void **state) {
     (void)state;
     return gsid_twiddle_fill(N, twiddle) == GSID_OK ? 0 : -1;
 }
 
-/* noise within +-1 that belongs to a sample number: SplitMix64's mixer */
-static long double noise(uint64_t n) {
-    uint64_t z = (n + 1) * UINT64_C(0x9e3779b97f4a7c15);
-    z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
-    z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
-    return (long double)((z ^ (z >> 31)) >> 11) / 4503599627370496.0L - 1;
-}
-
 static gsid_real input(uint64_t n) {
-    long double u = 0.02L * noise(n);
+    long double u = 0.02L * noise_at(n);
     for (int i = 0; i < F; i++) {
         u += (1 + 0.2L * i) * cosl(2 * PI_L * (long double)(lines[i] * (n % N) % N) / N + i);
     }
@@ -55,7 +30,7 @@ static gsid_real input(uint64_t n) {
 
 /* half the input a sample ago with noise of its own and, correlated with the input's, a share of that */
 static gsid_real output(uint64_t n) {
-    return (gsid_real)(0.5L * (long double)input(n + N - 1) + 0.05L * noise(n + 1000000) + 0.3L * noise(n));
+    return (gsid_real)(0.5L * (long double)input(n + N - 1) + 0.05L * noise_at(n + 1000000) + 0.3L * noise_at(n));
 }
 
 static gsid_frf_cfg cfg_of(const gsid_cplx *u_known, uint32_t n_settle) {
@@ -124,12 +99,6 @@ static moments slow_moments(uint32_t k, int n_periods, const uint64_t *starts) {
         m.cov_yu.im += times_conj(dy, du).im / (n_periods - 1);
     }
     return m;
-}
-
-static void assert_near(long double got, long double want, long double tolerance) {
-    if (!(fabsl(got - want) <= tolerance)) {
-        fail_msg("got %.17Lg, want %.17Lg within %.3Lg", got, want, tolerance);
-    }
 }
 
 /* Sums of N samples round to N epsilon of signals near 1. A variance is of deviations s near 0.05, so that an error e

@@ -1,23 +1,16 @@
 /* Least squares against the normal equations in long double, and against the reduced problem where columns repeat. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/lsq.h"
+#include "reference.h"
 
 #ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
 #define LARGEST FLT_MAX
 #define SMALLEST FLT_MIN
 #else
-#define EPSILON DBL_EPSILON
 #define LARGEST DBL_MAX
 #define SMALLEST DBL_MIN
 #endif
@@ -97,11 +90,6 @@ static long double solve_normal(int n, long double x[N]) {
         cost += residual * residual;
     }
     return cost;
-}
-
-static void assert_near(long double got, long double want, long double tolerance) {
-    if (!(fabsl(got - want) <= tolerance))
-        fail_msg("got %.17Lg, want %.17Lg, off by %.3Lg, allowed %.3Lg", got, want, fabsl(got - want), tolerance);
 }
 
 /* Forty random rows have a condition number below 4; 40 rotations of entries up to 1, 5 columns: 40 epsilon. */

@@ -1,26 +1,17 @@
 /* Rational models against complex long double, their derivatives against differences, stability against known roots. */
 #include <complex.h>
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/rational.h"
+#include "reference.h"
 
 #ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
 #define SMALLEST FLT_MIN
 #else
-#define EPSILON DBL_EPSILON
 #define SMALLEST DBL_MIN
 #endif
-
-#define PI_L 3.14159265358979323846264338327950288L
 
 typedef long double complex wide;
 
@@ -64,7 +55,7 @@ static wide reference(const gsid_rational *m, long double f_hz, int moved, long 
     return cexpl(-I * w * (m->delay_s + (parameter == moved ? by : 0))) * b / a;
 }
 
-static void assert_near(gsid_cplx got, wide want, long double tolerance) {
+static void assert_cplx_near(gsid_cplx got, wide want, long double tolerance) {
     const long double off = cabsl(got.re + I * (wide)got.im - want);
     if (!(off <= tolerance))
         fail_msg("got (%.9g, %.9g), want (%.9Lg, %.9Lg), off by %.3Lg, allowed %.3Lg", (double)got.re, (double)got.im,
@@ -88,7 +79,7 @@ static void response_is_that_of_the_definition(void **state) {
                 f[k] = (gsid_real)(12.5 * k);
             assert_int_equal(gsid_rational_eval(&m, 20, f, g), GSID_OK);
             for (int k = 0; k < 20; k++)
-                assert_near(g[k], reference(&m, f[k], -1, 0), TOLERANCE);
+                assert_cplx_near(g[k], reference(&m, f[k], -1, 0), TOLERANCE);
         }
     }
 }
@@ -103,13 +94,13 @@ static void gradient_is_the_slope(void **state) {
                 const gsid_real f = (gsid_real)(25 * k);
                 gsid_cplx g, slope[GSID_RATIONAL_PARAMETERS_MAX];
                 assert_int_equal(gsid_rational_gradient(&m, f, &g, slope), GSID_OK);
-                assert_near(g, reference(&m, f, -1, 0), TOLERANCE);
+                assert_cplx_near(g, reference(&m, f, -1, 0), TOLERANCE);
                 for (int i = 0; i < n; i++) {
                     /* central differences in long double: h^2 = 1e-12 of the third derivative, 1e-19 / h of rounding;
                      * by the delay everything is 2 pi f times as much */
                     const long double h = i == n - 1 ? 1e-9L : 1e-6L, size = i == n - 1 ? 2000 : 1;
                     const wide want = (reference(&m, f, i, h) - reference(&m, f, i, -h)) / (2 * h);
-                    assert_near(slope[i], want, size * (TOLERANCE + 1e-8L));
+                    assert_cplx_near(slope[i], want, size * (TOLERANCE + 1e-8L));
                 }
             }
         }
@@ -125,17 +116,17 @@ static void delay_turns_the_phase_back(void **state) {
     m.num[0] = 2;
     m.delay_s = (gsid_real)0.0025; /* a quarter turn at 100 Hz */
     assert_int_equal(gsid_rational_eval(&m, 1, &f, &g), GSID_OK);
-    assert_near(g, -2 * I, 10 * EPSILON);
+    assert_cplx_near(g, -2 * I, 10 * EPSILON);
     m = new_model(GSID_DOMAIN_Z, 0, 1, 0.001);
     m.num[1] = 2; /* z^-1 */
     m.delay_s = (gsid_real)0.0015; /* and a fraction of a sample */
     assert_int_equal(gsid_rational_eval(&m, 1, &f, &g), GSID_OK);
-    assert_near(g, -2 * I, 10 * EPSILON);
+    assert_cplx_near(g, -2 * I, 10 * EPSILON);
     m = new_model(GSID_DOMAIN_S, 1, 0, 2 * 3.14159265358979 * 100);
     m.num[0] = 1;
     m.den[1] = 1; /* 1 / (1 + j) */
     assert_int_equal(gsid_rational_eval(&m, 1, &f, &g), GSID_OK);
-    assert_near(g, (1 - I) / 2, 10 * EPSILON);
+    assert_cplx_near(g, (1 - I) / 2, 10 * EPSILON);
 }
 
 static void init_sets_a_model_of_zero(void **state) {
@@ -149,7 +140,7 @@ static void init_sets_a_model_of_zero(void **state) {
     assert_int_equal(gsid_rational_held(&m), 0);
     assert_true(m.sample_s == (gsid_real)0.5);
     const gsid_cplx v = gsid_rational_variable(&m, (gsid_real)PI_L); /* exp(-j pi / 2) */
-    assert_near(v, -I, 4 * EPSILON);
+    assert_cplx_near(v, -I, 4 * EPSILON);
 }
 
 /* A denominator from its roots. In domain s, margin is the distance from the axis as a part of the root's size. */

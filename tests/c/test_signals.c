@@ -1,29 +1,10 @@
 /* Binary sequences, sweeps, stepped sines and grids of lines, against the source's program and closed forms. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/signals.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
-
-static void assert_near(long double got, long double want, long double tolerance) {
-    if (!(fabsl(got - want) <= tolerance)) {
-        fail_msg("got %.17Lg, want %.17Lg within %.3Lg", got, want, tolerance);
-    }
-}
+#include "reference.h"
 
 /* x = -ones(N,1)*A; x(mod([1:N].^2, N)+1) = A; x(1) = A, each chip held; three periods, to the bit */
 static void quadratic_residues_are_the_source_s_program(void **state) {

@@ -1,24 +1,11 @@
 /* Streaming lines against a slow long double transform. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
-#include <cmocka.h>
-
 #include "gsid/excitation.h"
 #include "gsid/spectrum.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
+#include "streamed_signal.h"
 
 enum { N = 90, F = 6 };
 static const uint32_t lines[F] = {0, 1, 7, 22, 44, 45}; /* mean, any, and N/2 */
@@ -38,20 +25,6 @@ static gsid_spectrum_cfg cfg_of(uint32_t n_channels, uint32_t n_first) {
     return cfg;
 }
 
-/* any signal that is not periodic: sample n of channel c, within +-1 */
-static gsid_real sample(uint64_t n, uint32_t c) {
-    return (gsid_real)sin(0.7 * (double)(n % 1000003u) + 0.3 * (double)c + 1e-4 * (double)(n % 1009u) * (double)n);
-}
-
-static long double slow_line(uint32_t k, uint64_t n_start, uint32_t c, int imaginary) {
-    long double sum = 0;
-    for (uint64_t n = n_start; n < n_start + N; n++) {
-        long double angle = 2 * PI_L * (long double)(k * n % N) / N;
-        sum += (long double)sample(n, c) * (imaginary ? -sinl(angle) : cosl(angle));
-    }
-    return sum * (k == 0 || 2 * k == N ? 1 : 2) / N;
-}
-
 /* run one period and compare every line of every channel */
 static void run_period(gsid_spectrum *s, uint64_t n_start, gsid_cplx *got) {
     for (uint64_t n = n_start; n < n_start + N; n++) {
@@ -66,8 +39,9 @@ static void assert_lines(const gsid_cplx *got, uint64_t n_start, uint32_t n_chan
         for (uint32_t c = 0; c < n_channels; c++) {
             const gsid_cplx x = got[i * n_channels + c];
             /* N products, each rounded to half an epsilon of a partial sum below N, times 2/N: below N epsilon */
-            assert_true(fabsl((long double)x.re - slow_line(lines[i], n_start, c, 0)) < N * EPSILON);
-            assert_true(fabsl((long double)x.im - slow_line(lines[i], n_start, c, 1)) < N * EPSILON);
+            const cplx_l want = slow_line(N, lines[i], n_start, c);
+            assert_near((long double)x.re, want.re, N * EPSILON);
+            assert_near((long double)x.im, want.im, N * EPSILON);
         }
     }
 }

@@ -1,25 +1,12 @@
 /* The spread transform against a slow long double transform and against the direct engine; its plan of work. */
-#include <float.h>
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
-
-#include <cmocka.h>
 
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
 #include "gsid/spread.h"
-
-#ifdef GSID_SINGLE
-#define EPSILON FLT_EPSILON
-#else
-#define EPSILON DBL_EPSILON
-#endif
-
-#define PI_L 3.14159265358979323846264338327950288L
+#include "streamed_signal.h"
 
 enum { N_MAX = 720, F_MAX = N_MAX / 2 + 1 };
 static uint32_t lines[F_MAX];
@@ -32,20 +19,6 @@ static union {
 /* periods with every radix, alone and mixed, each odd power of two, and the smallest */
 static const uint32_t periods[] = {4, 6, 8, 10, 14, 16, 18, 32, 50, 64, 98, 90, 120, 210, 420, 600, 686, 720};
 enum { N_PERIODS = sizeof periods / sizeof *periods };
-
-/* any signal that is not periodic: sample n of channel c, within +-1 */
-static gsid_real sample(uint64_t n, uint32_t c) {
-    return (gsid_real)sin(0.7 * (double)(n % 1000003u) + 0.3 * (double)c + 1e-4 * (double)(n % 1009u) * (double)n);
-}
-
-static long double slow_line(uint32_t n_period, uint32_t k, uint64_t n_start, uint32_t c, int imaginary) {
-    long double sum = 0;
-    for (uint64_t n = n_start; n < n_start + n_period; n++) {
-        const long double angle = 2 * PI_L * (long double)(k * n % n_period) / n_period;
-        sum += (long double)sample(n, c) * (imaginary ? -sinl(angle) : cosl(angle));
-    }
-    return sum * (k == 0 || 2 * k == n_period ? 1 : 2) / n_period;
-}
 
 /* all lines from 0 to N/2 */
 static gsid_spectrum_cfg cfg_of(uint32_t n_period, uint32_t n_channels, uint32_t n_first) {
@@ -69,8 +42,9 @@ static void assert_lines(const gsid_spread *s, uint64_t n_start) {
             gsid_cplx x;
             assert_int_equal(gsid_spread_line(s, i, c, &x), GSID_OK);
             /* Each of at most ten stages and the split rounds a value below N a few times: 2/N of that, with room. */
-            assert_true(fabsl((long double)x.re - slow_line(n_period, lines[i], n_start, c, 0)) < 20 * EPSILON);
-            assert_true(fabsl((long double)x.im - slow_line(n_period, lines[i], n_start, c, 1)) < 20 * EPSILON);
+            const cplx_l want = slow_line(n_period, lines[i], n_start, c);
+            assert_near((long double)x.re, want.re, 20 * EPSILON);
+            assert_near((long double)x.im, want.im, 20 * EPSILON);
         }
     }
 }
