@@ -2,66 +2,8 @@
 #include <complex.h>
 #include <math.h>
 #include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "gsid/estimate.h"
-#include "reference.h"
-
-typedef long double complex wide;
-
-enum { N_LINES = 500, N_MAX = GSID_RATIONAL_PARAMETERS_MAX };
-
-static gsid_real f_hz[N_LINES], sigma[N_LINES];
-static gsid_cplx g[N_LINES];
-static gsid_real memory[GSID_ESTIMATE_MEM_SIZE(9, 8) / sizeof(gsid_real) + 1];
-
-static uint32_t seed;
-
-static double draw(void) {
-    seed = 1664525u * seed + 1013904223u;
-    return (seed + 0.5) / 4294967296.0;
-}
-
-static double draw_normal(void) {
-    const double size = sqrt(-2 * log(draw()));
-    return size * cos(2 * (double)PI_L * draw());
-}
-
-static gsid_frd data_of(uint32_t n_lines, const gsid_real *s) {
-    const gsid_frd data = {.n_lines = n_lines, .f_hz = f_hz, .g = g, .sigma = s};
-    return data;
-}
-
-static gsid_rational new_model(gsid_domain domain, uint32_t n_poles, uint32_t n_zeros, double rate) {
-    gsid_rational m;
-    memset(&m, 0, sizeof m); /* the padding too: whole objects are compared */
-    assert_int_equal(gsid_rational_init(&m, domain, n_poles, n_zeros, (gsid_real)rate), GSID_OK);
-    return m;
-}
-
-/* G of the model, in long double */
-static wide response(const gsid_rational *m, long double f) {
-    const long double w = 2 * PI_L * f;
-    const wide v = m->domain == GSID_DOMAIN_S ? I * w / m->scale_rad_s : cexpl(-I * w * m->sample_s);
-    wide a = 0, b = 0;
-    for (uint32_t i = m->n_poles + 1; i-- > 0;)
-        a = a * v + m->den[i];
-    for (uint32_t i = m->n_zeros + 1; i-- > 0;)
-        b = b * v + m->num[i];
-    return cexpl(-I * w * m->delay_s) * b / a;
-}
-
-/* Lines from df on, without noise or with errors of standard deviation sigma. */
-static void measure(const gsid_rational *truth, uint32_t n_lines, double df, int noisy) {
-    for (uint32_t k = 0; k < n_lines; k++) {
-        f_hz[k] = (gsid_real)(df * (k + 1));
-        const wide exact = response(truth, f_hz[k]);
-        const double error = noisy ? (double)sigma[k] / sqrt(2) : 0;
-        g[k].re = (gsid_real)(creall(exact) + error * draw_normal());
-        g[k].im = (gsid_real)(cimagl(exact) + error * draw_normal());
-    }
-}
+#include "estimate_bench.h"
 
 static long double cost_of(const gsid_frd *data, const gsid_rational *m) {
     long double cost = 0;
@@ -78,18 +20,6 @@ static void assert_same_model(const gsid_rational *got, const gsid_rational *wan
     for (uint32_t i = 0; i <= want->n_zeros; i++)
         assert_near(got->num[i], want->num[i], tolerance);
     assert_near(got->delay_s, want->delay_s, tolerance);
-}
-
-/* a second order with a zero: poles at 0.3 of the scale, damping 0.3 */
-static gsid_rational second_order(gsid_domain domain) {
-    gsid_rational m = new_model(domain, 2, 1, domain == GSID_DOMAIN_S ? 2 * (double)PI_L * 50 : 0.005);
-    const double den[2][3] = {{0.09, 0.18, 1}, {1, -1.5, 0.7}}, num[2] = {0.1, 0.05};
-    for (int i = 0; i < 3; i++)
-        m.den[i] = (gsid_real)den[domain][i];
-    for (int i = 0; i < 2; i++)
-        m.num[i] = (gsid_real)num[i];
-    m.delay_s = (gsid_real)0.004;
-    return m;
 }
 
 /* The axis of the benchmarks: gain, lag pair at 13 rad/s, zero at 11 rad/s, anti-resonance at 165 Hz, resonance at 179 Hz. */
@@ -454,179 +384,6 @@ static void a_known_delay_has_no_variance(void **state) {
         assert_true(known[5 * i] > 0 && known[5 * i] < found[6 * i]); /* one unknown more costs every other */
 }
 
-/* A gain fitted by one pole and one zero: any common factor does. */
-static void a_common_factor_is_a_rank_loss_and_the_fit_is_good(void **state) {
-    (void)state;
-    gsid_rational truth = new_model(GSID_DOMAIN_S, 0, 0, 1);
-    truth.num[0] = 2;
-    measure(&truth, 20, 1, 0);
-    const gsid_frd data = data_of(20, NULL);
-    gsid_rational m = new_model(GSID_DOMAIN_S, 1, 1, 2 * (double)PI_L * 20);
-    const gsid_iwls_cfg cfg = {.n_iterations = 2};
-    gsid_real cost;
-    assert_int_equal(gsid_estimate_iwls(&data, &cfg, &m, &cost, memory, sizeof memory), GSID_RANK);
-    assert_near(cost, 0, 20 * powl(100 * EPSILON, 2));
-    for (int k = 0; k < 20; k++)
-        assert_near(cabsl(response(&m, f_hz[k]) - 2), 0, 100 * EPSILON);
-    gsid_real cov[9] = {7};
-    assert_int_equal(gsid_estimate_covariance(&data, &m, 0, cov, memory, sizeof memory), GSID_E_SINGULAR);
-    assert_true(cov[0] == 7);
-}
-
-static void limits_are_reported(void **state) {
-    (void)state;
-    seed = 15;
-    const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    measure(&truth, 40, 2.5, 0);
-    const gsid_frd data = data_of(40, NULL);
-    gsid_rational m = truth;
-    m.num[0] *= 2;
-    m.delay_s += (gsid_real)1e-3;
-    gsid_real start, cost;
-    assert_int_equal(gsid_estimate_cost(&data, &m, &start), GSID_OK);
-    const gsid_ml_cfg once = {.n_iterations = 1, .free_delay = 1};
-    assert_int_equal(gsid_estimate_ml(&data, &once, &m, &cost, memory, sizeof memory), GSID_MAX_ITER);
-    assert_true(cost < start);
-}
-
-/* Every refusal of the three estimators, for one thing that is wrong. */
-static void assert_refused(gsid_status status, const gsid_frd *data, const gsid_rational *model, void *mem,
-                           size_t size) {
-    const gsid_iwls_cfg iwls = {.n_iterations = 2};
-    const gsid_ml_cfg ml = {.free_delay = 1};
-    gsid_rational m, before;
-    memset(&m, 0, sizeof m);
-    if (model != NULL)
-        memcpy(&m, model, sizeof m);
-    memcpy(&before, &m, sizeof m);
-    gsid_rational *const to = model == NULL ? NULL : &m;
-    gsid_real cost = 7, cov[N_MAX * N_MAX] = {7};
-    assert_int_equal(gsid_estimate_iwls(data, &iwls, to, &cost, mem, size), status);
-    assert_int_equal(gsid_estimate_ml(data, &ml, to, &cost, mem, size), status);
-    assert_int_equal(gsid_estimate_covariance(data, to, 1, cov, mem, size), status);
-    assert_memory_equal(&m, &before, sizeof m);
-    assert_true(cost == 7 && cov[0] == 7);
-}
-
-static void failures_leave_the_outputs(void **state) {
-    (void)state;
-    seed = 17;
-    const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    for (int k = 0; k < 40; k++)
-        sigma[k] = (gsid_real)0.01;
-    measure(&truth, 40, 2.5, 1);
-    const gsid_frd good = data_of(40, sigma);
-    const size_t size = sizeof memory;
-    gsid_frd bad = good;
-
-    assert_refused(GSID_E_NULL, NULL, &truth, memory, size);
-    assert_refused(GSID_E_NULL, &good, NULL, memory, size);
-    assert_refused(GSID_E_NULL, &good, &truth, NULL, size);
-    bad.f_hz = NULL;
-    assert_refused(GSID_E_NULL, &bad, &truth, memory, size);
-    bad = good;
-    bad.g = NULL;
-    assert_refused(GSID_E_NULL, &bad, &truth, memory, size);
-    bad = good;
-    bad.n_lines = 2; /* four numbers for five parameters; for the four without the delay too few is one line */
-    gsid_rational m = truth;
-    gsid_real cost = 7, cov[N_MAX * N_MAX] = {7};
-    const gsid_ml_cfg ml = {.free_delay = 1};
-    const gsid_iwls_cfg iwls = {.n_iterations = 2};
-    assert_int_equal(gsid_estimate_ml(&bad, &ml, &m, &cost, memory, size), GSID_E_TOO_FEW);
-    bad.n_lines = 1;
-    assert_refused(GSID_E_TOO_FEW, &bad, &truth, memory, size);
-
-    const gsid_real nonfinite[2] = {(gsid_real)NAN, (gsid_real)INFINITY};
-    for (int i = 0; i < 2; i++) {
-        gsid_real *const fields[3] = {&f_hz[3], &g[3].re, &g[39].im};
-        for (int j = 0; j < 3; j++) {
-            const gsid_real kept = *fields[j];
-            *fields[j] = nonfinite[i];
-            assert_refused(GSID_E_NONFINITE, &good, &truth, memory, size);
-            assert_int_equal(gsid_estimate_cost(&good, &truth, &cost), GSID_E_NONFINITE);
-            *fields[j] = kept;
-        }
-    }
-    const gsid_real bad_sigma[4] = {0, -1, nonfinite[0], nonfinite[1]};
-    for (int i = 0; i < 4; i++) {
-        sigma[5] = bad_sigma[i];
-        assert_refused(GSID_E_CONFIG, &good, &truth, memory, size);
-        assert_int_equal(gsid_estimate_cost(&good, &truth, &cost), GSID_E_CONFIG);
-        sigma[5] = (gsid_real)0.01;
-        gsid_rational wrong = truth;
-        wrong.scale_rad_s = bad_sigma[i];
-        assert_refused(GSID_E_CONFIG, &good, &wrong, memory, size);
-        wrong = truth;
-        wrong.domain = GSID_DOMAIN_Z;
-        wrong.sample_s = bad_sigma[i];
-        assert_refused(GSID_E_CONFIG, &good, &wrong, memory, size);
-    }
-    m = truth;
-    m.n_poles = GSID_ORDER_MAX + 1;
-    assert_refused(GSID_E_CONFIG, &good, &m, memory, size);
-    m = truth;
-    m.n_zeros = GSID_ORDER_MAX + 1;
-    assert_refused(GSID_E_CONFIG, &good, &m, memory, size);
-    m = truth;
-    m.delay_s = (gsid_real)NAN;
-    assert_refused(GSID_E_CONFIG, &good, &m, memory, size);
-
-    m = truth;
-    m.num[0] = (gsid_real)NAN;
-    assert_int_equal(gsid_estimate_ml(&good, &ml, &m, &cost, memory, size), GSID_E_NONFINITE);
-    assert_int_equal(gsid_estimate_covariance(&good, &m, 1, cov, memory, size), GSID_E_NONFINITE);
-    assert_int_equal(gsid_estimate_cost(&good, &m, &cost), GSID_E_NONFINITE);
-    m = truth;
-    assert_int_equal(gsid_estimate_ml(&good, NULL, &m, &cost, memory, size), GSID_E_NULL);
-    assert_int_equal(gsid_estimate_iwls(&good, NULL, &m, &cost, memory, size), GSID_E_NULL);
-    assert_int_equal(gsid_estimate_covariance(&good, &m, 1, NULL, memory, size), GSID_E_NULL);
-    assert_int_equal(gsid_estimate_cost(&good, &m, NULL), GSID_E_NULL);
-    assert_int_equal(gsid_estimate_cost(NULL, &m, &cost), GSID_E_NULL);
-    assert_int_equal(gsid_estimate_cost(&good, NULL, &cost), GSID_E_NULL);
-    const gsid_ml_cfg bad_ml = {.tolerance = (gsid_real)NAN};
-    const gsid_iwls_cfg bad_iwls[2] = {{.exponent = -1}, {.exponent = (gsid_real)INFINITY}};
-    assert_int_equal(gsid_estimate_ml(&good, &bad_ml, &m, &cost, memory, size), GSID_E_CONFIG);
-    for (int i = 0; i < 2; i++)
-        assert_int_equal(gsid_estimate_iwls(&good, &bad_iwls[i], &m, &cost, memory, size), GSID_E_CONFIG);
-    /* nothing but zeros, and a line where the denominator s of a response of zero vanishes */
-    memset(g, 0, sizeof g);
-    f_hz[0] = 0;
-    assert_int_equal(gsid_estimate_iwls(&good, &iwls, &m, &cost, memory, size), GSID_E_SINGULAR);
-    assert_memory_equal(&m, &truth, sizeof m);
-    assert_true(cost == 7 && cov[0] == 7);
-}
-
-static void memory_is_counted_and_checked(void **state) {
-    (void)state;
-    for (uint32_t n_poles = 0; n_poles <= GSID_ORDER_MAX; n_poles++)
-        for (uint32_t n_zeros = 0; n_zeros <= GSID_ORDER_MAX; n_zeros++)
-            assert_int_equal(gsid_estimate_mem_size(n_poles, n_zeros), GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros));
-    assert_int_equal(gsid_estimate_mem_size(GSID_ORDER_MAX + 1, 0), 0);
-    assert_int_equal(gsid_estimate_mem_size(0, GSID_ORDER_MAX + 1), 0);
-
-    seed = 19;
-    const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    measure(&truth, 40, 2.5, 0);
-    const gsid_frd data = data_of(40, NULL);
-    const size_t size = GSID_ESTIMATE_MEM_SIZE(2, 1);
-    assert_refused(GSID_E_MEMORY, &data, &truth, memory, size - 1);
-    assert_refused(GSID_E_MEMORY, &data, &truth, (unsigned char *)memory + 1, size);
-
-    /* the bytes asked for are the bytes used, on the heap so that a sanitizer sees one more */
-    void *exact = malloc(size);
-    assert_non_null(exact);
-    gsid_rational m = truth;
-    m.num[0] *= 2;
-    gsid_real cov[25];
-    const gsid_ml_cfg ml = {.free_delay = 1};
-    const gsid_iwls_cfg iwls = {.n_iterations = 2};
-    assert_int_equal(gsid_estimate_ml(&data, &ml, &m, NULL, exact, size), GSID_OK);
-    assert_int_equal(gsid_estimate_iwls(&data, &iwls, &m, NULL, exact, size), GSID_OK);
-    assert_int_equal(gsid_estimate_covariance(&data, &m, 1, cov, exact, size), GSID_OK);
-    free(exact);
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cost_is_the_weighted_sum_of_squares),
@@ -639,10 +396,6 @@ int main(void) {
         cmocka_unit_test(ml_gets_through_the_valley_of_surplus_poles),
         cmocka_unit_test(covariance_is_that_of_repeated_experiments),
         cmocka_unit_test(a_known_delay_has_no_variance),
-        cmocka_unit_test(a_common_factor_is_a_rank_loss_and_the_fit_is_good),
-        cmocka_unit_test(limits_are_reported),
-        cmocka_unit_test(failures_leave_the_outputs),
-        cmocka_unit_test(memory_is_counted_and_checked),
     };
     return cmocka_run_group_tests_name("estimate", tests, NULL, NULL);
 }
