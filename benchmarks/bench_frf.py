@@ -16,8 +16,9 @@ import scipy.fft
 
 from gsid._lib import ffi, ffi32, lib, lib32, version
 from gsid.excitation import Multisine
-from gsid.frf import StreamingFrf, frf
+from gsid.frf import frf
 from gsid.record import Record
+from gsid.streaming import StreamingFrf
 
 FS_HZ, N, PERIODS, TURNS, SEED = 3000.0, 6000, 75, 15, 1
 

@@ -8,7 +8,7 @@
     found = gsid.diagnose(plant, [record])            # Diagnosis
     better = gsid.add("coulomb_friction", plant, [record]).model
 
-Names are loaded when they are first used. The verbs compare, diagnose, fit and frf are modules, too: `from
+Names are loaded when they are first used. compare, diagnose, fit, frf and spectra are modules, too: `from
 gsid.compare import Comparison`.
 """
 
@@ -31,7 +31,7 @@ _HOME = {
     "frf": None,
     "load_model": "model",
     "read_record": "io",
-    "spectra": "frf",
+    "spectra": None,
     "torque_residual": "torque",
     "undo": "ladder",
     "write_record": "io",

@@ -11,11 +11,11 @@ import numpy as np
 
 from gsid.effects import find
 from gsid.errors import GsidError, InputError
-from gsid.frf import Spectra
 from gsid.greybox import PlantFit, fit_plant
 from gsid.joint import JOINT, joint_starts
 from gsid.plant import Param
 from gsid.scan import Scored, noise_p_value, with_effect
+from gsid.spectra import Spectra
 
 REFITTED = 5  # effects fitted for real in each round, at most
 RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one

@@ -23,9 +23,9 @@ from scipy import stats
 
 from gsid._callable import callable_as
 from gsid.fit import in_band
-from gsid.frf import Spectra, spectra
 from gsid.greybox import lines_used
 from gsid.plant import PlantModel
+from gsid.spectra import Spectra, spectra
 from gsid.units import check_units
 
 if TYPE_CHECKING:

@@ -24,7 +24,6 @@ import numpy as np
 from gsid._callable import callable_as
 from gsid.candidates import Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
-from gsid.frf import Spectra, spectra
 from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
@@ -32,6 +31,7 @@ from gsid.plant import PlantModel
 from gsid.record import Record
 from gsid.scan import noise_p_value, scan, scan_rates, stacked
 from gsid.scores import Score, family_wise_p, random_periods, random_phases
+from gsid.spectra import Spectra, spectra
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -19,8 +19,8 @@ from scipy.stats import f as f_distribution
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.errors import InputError
-from gsid.frf import Spectra, excited_lines, period_lines, require_same
 from gsid.record import Record, split_periods
+from gsid.spectra import Spectra, excited_lines, period_lines, require_same
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -26,9 +26,9 @@ from scipy import ndimage
 from gsid._lib import check, ffi, lib
 from gsid.errors import GsidError, InputError
 from gsid.fit import in_band
-from gsid.frf import Spectra, spectra
 from gsid.plant import Param, PeriodicPlant, PlantModel, Prediction, lines_of
 from gsid.record import Record
+from gsid.spectra import Spectra, spectra
 
 _log = logging.getLogger("gsid.greybox")
 

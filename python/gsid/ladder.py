@@ -19,7 +19,6 @@ import numpy as np
 from gsid.compare import Comparison, compare
 from gsid.effects import EffectType, close, find
 from gsid.errors import GsidError, InputError
-from gsid.frf import Spectra, spectra
 from gsid.greybox import SAME_LEVEL, PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel
@@ -27,6 +26,7 @@ from gsid.probes import Probe, probes
 from gsid.record import Record
 from gsid.scan import stacked, trajectory, whitened, with_effect
 from gsid.scores import orthonormal, score
+from gsid.spectra import Spectra, spectra
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsid.frf import Spectra
 from gsid.linear_view import linear_view
 from gsid.plant import RADIANS, PlantModel
+from gsid.spectra import Spectra
 
 SPREAD = 0.15  # a resonance is looked for within this share of its value
 STEP = 0.1  # of its half-power width: finer than the peak

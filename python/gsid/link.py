@@ -16,7 +16,7 @@ from gsid.record import Record
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
-    from gsid.frf import StreamingFrf
+    from gsid.streaming import StreamingFrf
 
 BAUD = 921600
 COMMAND = lib.GSID_FRAME_COMMAND

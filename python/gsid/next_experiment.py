@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid.errors import GsidError
-from gsid.frf import Spectra
 from gsid.plant import PeriodicPlant, PlantModel, input_period, lines_of
 from gsid.scores import orthonormal, project_out
+from gsid.spectra import Spectra
 
 ENOUGH = 10.0  # an expected difference in cost that tells two effects apart
 

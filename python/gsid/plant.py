@@ -15,8 +15,8 @@ import numpy as np
 from gsid._lib import check, ffi, lib, version
 from gsid.effects import EffectParameter, EffectType, close, find, of_entry
 from gsid.errors import InputError, SimulationError
-from gsid.frf import Spectra
 from gsid.model import FORMAT, read_model_file, write_model_file
+from gsid.spectra import Spectra
 from gsid.units import RADIANS, check_plant_units
 
 OUTPUTS = ("rate", "angle")

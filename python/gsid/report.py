@@ -41,9 +41,10 @@ if TYPE_CHECKING:
     from gsid.distortion import Distortion
     from gsid.estimators import Estimators
     from gsid.excitation import Multisine
-    from gsid.frf import Frf, Spectra
+    from gsid.frf import Frf
     from gsid.model import RationalModel
     from gsid.record import Record
+    from gsid.spectra import Spectra
     from gsid.verdict import DistortedBand
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from scipy import stats
 
 from gsid.effects import EffectType, catalogue, find
-from gsid.frf import Spectra
 from gsid.greybox import PlantFit, RecordFit
 from gsid.linear_view import linear_view
 from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
@@ -25,6 +24,7 @@ from gsid.probes import (
     sample_hold_at,
 )
 from gsid.scores import Score, orthonormal, score
+from gsid.spectra import Spectra
 
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
 TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length

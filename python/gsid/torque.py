@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.effects import EffectType, table
-from gsid.frf import Spectra, spectra
 from gsid.greybox import lines_used, pooled_variance
 from gsid.linear_view import linear_view
 from gsid.plant import RADIANS, PlantModel, input_period
 from gsid.record import Record
+from gsid.spectra import Spectra, spectra
 from gsid.tables import TORQUE, short_name, write_table
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from gsid.errors import InputError
 
 if TYPE_CHECKING:
-    from gsid.frf import Spectra
     from gsid.model import RationalModel
     from gsid.plant import PlantModel
+    from gsid.spectra import Spectra
 
 RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
 # Of outputs that a plant can have: a record with another (counts, V) is believed.

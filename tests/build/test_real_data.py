@@ -61,9 +61,9 @@ def test_silverbox_has_a_hardening_spring(page):
     found = parameters(folder / "silverbox.json")
     assert found["cubic_spring"]["stiffness"] > 0
     assert "flexible_mode" not in found
-    from gsid.frf import spectra
     from gsid.io import read_record
     from gsid.model import load_model
+    from gsid.spectra import spectra
 
     record = read_record(folder / "silverbox_new.npz", settle=2048)
     measured = record.y[2048:].reshape(-1, 1024)
@@ -96,9 +96,9 @@ def test_what_the_bench_misses(page):
 @needs_time
 def test_bouc_wen_is_of_the_hysteresis_family(page):
     """Named first, refused as the whole truth; the error falls in the band on the validation record."""
-    from gsid.frf import spectra
     from gsid.model import load_model
     from gsid.record import Record
+    from gsid.spectra import spectra
 
     folder = page("Bouc-Wen", "shell-session")
     whole = np.load(folder.parent / "shared/data/bouc_wen_synthetic/bw.npz")

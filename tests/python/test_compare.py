@@ -9,9 +9,9 @@ from scipy import stats
 
 from gsid.compare import compare
 from gsid.excitation import Multisine
-from gsid.frf import Spectra
 from gsid.model import RationalModel
 from gsid.plant import lines_of
+from gsid.spectra import Spectra
 
 SEED = 20260303
 MODEL = RationalModel([900.0], [1.0, 30.0, 900.0], 0.003)

@@ -10,7 +10,6 @@ from plants import plant
 
 from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
-from gsid.frf import Spectra, spectra
 from gsid.greybox import fit_plant
 from gsid.linear_start import linear_start
 from gsid.linear_view import linear_view
@@ -21,6 +20,7 @@ from gsid.probes import GRIDS, Trajectory, dahl_state
 from gsid.record import Record
 from gsid.scan import with_effect
 from gsid.simulate import SimulatedAxis
+from gsid.spectra import Spectra, spectra
 
 TRUTH = {
     "rigid_body": {"gain": 7.4},

@@ -7,9 +7,10 @@ from scipy.stats import binom
 
 from gsid.distortion import StreamingDistortion, distortion, from_responses
 from gsid.errors import GsidError, InputError
-from gsid.frf import frf, spectra
+from gsid.frf import frf
 from gsid.level_tests import harmonics, superposition
 from gsid.record import Record
+from gsid.spectra import spectra
 
 SEED = 41
 

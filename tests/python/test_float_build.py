@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gsid.excitation import Multisine
-from gsid.frf import StreamingFrf
+from gsid.streaming import StreamingFrf
 
 N, PERIODS = 6000, 75
 SEED = 20240229

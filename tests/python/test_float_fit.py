@@ -6,7 +6,7 @@ import pytest
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.excitation import Multisine
-from gsid.frf import StreamingFrf
+from gsid.streaming import StreamingFrf
 
 N, PERIODS, FS_HZ = 6000, 10, 3000
 SEED = 7

@@ -8,8 +8,10 @@ import pytest
 
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
-from gsid.frf import Frf, StreamingFrf, excited_lines, frf, spectra
+from gsid.frf import Frf, frf
 from gsid.record import Record
+from gsid.spectra import excited_lines, spectra
+from gsid.streaming import StreamingFrf
 
 FS_HZ, N, PERIODS = 1000.0, 500, 12
 DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data"))

@@ -8,10 +8,10 @@ from scipy import stats
 import gsid.greybox
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
-from gsid.frf import spectra
 from gsid.greybox import fit_plant, pooled_variance
 from gsid.plant import PeriodicPlant, PlantModel
 from gsid.record import Record
+from gsid.spectra import spectra
 
 N, P = 1500, 4
 AXIS = {"gain": 900.0, "viscous_rate": 12.0, "spring_stiffness": 400.0, "delay_s": 0.00437}

@@ -12,9 +12,9 @@ from gsid.compare import compare
 from gsid.diagnose import diagnose
 from gsid.errors import InputError
 from gsid.excitation import Multisine
-from gsid.frf import spectra
 from gsid.ladder import add, ladder, undo, with_history
 from gsid.model import load_model
+from gsid.spectra import spectra
 
 SEED = 20260305
 N, BAND, NOISE = 1500, (2.0, 100.0), 0.02

@@ -10,9 +10,9 @@ from line import Loopback, frames_in, multisine, quiet_axis
 
 from gsid import link
 from gsid.errors import InputError
-from gsid.frf import StreamingFrf
 from gsid.link import COMMAND, HELLO, SAMPLE, STOP, Link, LinkError, Receiver, Stopped, encode, frames, run
 from gsid.simulate import Server
+from gsid.streaming import StreamingFrf
 
 N = 600
 SETTLE = 2 * N

@@ -10,10 +10,10 @@ from plants import FS_HZ, axis_period, plant
 from gsid.effects import catalogue, find
 from gsid.errors import InputError
 from gsid.excitation import Multisine
-from gsid.frf import spectra
 from gsid.model import RationalModel, load_model
 from gsid.plant import Effect, Param, PlantModel, lines_of
 from gsid.record import Record
+from gsid.spectra import spectra
 
 N = 1500
 LINEAR = {

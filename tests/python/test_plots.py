@@ -10,9 +10,10 @@ from gsid import plots
 from gsid.compare import compare
 from gsid.confidence import complex_bound, gain_phase_std
 from gsid.excitation import Multisine
-from gsid.frf import frf, spectra
+from gsid.frf import frf
 from gsid.model import RationalModel
 from gsid.record import Record
+from gsid.spectra import spectra
 
 FS_HZ, N, DELAY_S = 3000.0, 1500, 0.0054
 LINE = np.arange(1, 126)  # 2 to 250 Hz

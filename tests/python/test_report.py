@@ -12,11 +12,12 @@ from plants import axis_record, plant
 from gsid.compare import compare
 from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
-from gsid.frf import frf, spectra
+from gsid.frf import frf
 from gsid.ladder import add
 from gsid.model import RationalModel
 from gsid.record import Record
 from gsid.report import Report, Truth
+from gsid.spectra import spectra
 
 FS_HZ, N = 3000.0, 1500
 NASTY = 'rig <script>alert("&")</script>.csv'

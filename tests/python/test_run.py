@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from line import GSID, multisine, quiet_axis, simulator
 
-from gsid.frf import frf, spectra
+from gsid.frf import frf
 from gsid.io import read_record
 from gsid.link import Link, LinkError, run
 from gsid.simulate import Damage, Server, pseudo_terminal, serve_line
+from gsid.spectra import spectra
 
 EXCITE = ("--period", "600", "--band", "5:600", "--lines", "odd", "--amplitude", "8")
 

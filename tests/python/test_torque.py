@@ -6,8 +6,8 @@ from plants import FS_HZ, axis_period, plant
 
 from gsid import plots
 from gsid.excitation import Multisine
-from gsid.frf import Spectra
 from gsid.plant import lines_of
+from gsid.spectra import Spectra
 from gsid.torque import torque_residual
 
 SEED = 20260306

@@ -28,9 +28,9 @@ from gsid.cli.common import (
 if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis
-    from gsid.frf import Spectra
     from gsid.plant import PlantModel
     from gsid.record import Record
+    from gsid.spectra import Spectra
     from gsid.torque import TorqueResidual
 
 SHOWN = 4  # groups of each round
@@ -74,8 +74,8 @@ def diagnose(
     """
     from gsid.compare import compare
     from gsid.diagnose import diagnose as find_missing
-    from gsid.frf import spectra
     from gsid.ladder import ladder
+    from gsid.spectra import spectra
 
     model = load_plant(model_path)
     measured = [spectra(record) for record in read(records)]

@@ -207,9 +207,9 @@ def _fit_plant(
     output: str | None,
     as_json: bool,
 ) -> None:
-    from gsid.frf import spectra
     from gsid.greybox import fit_plant
     from gsid.linear_start import linear_start
+    from gsid.spectra import spectra
 
     n_free = len(start.free_names)
     with working(f"fitting {n_free} parameters to {describe(records)}"), options_as_arguments():

@@ -20,10 +20,10 @@ from gsid.cli.common import (
 from gsid.cli.fit import Order
 
 if TYPE_CHECKING:
-    from gsid.frf import Spectra
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.report import Report
+    from gsid.spectra import Spectra
 
 
 @click.command(short_help="Write a report as one HTML page.")
@@ -65,9 +65,10 @@ def report(
     from gsid.distortion import distortion
     from gsid.errors import InputError
     from gsid.fit import fit
-    from gsid.frf import frf, spectra
+    from gsid.frf import frf
     from gsid.model import load_model
     from gsid.report import Report
+    from gsid.spectra import spectra
 
     context = click.get_current_context()
     if model_path and order:

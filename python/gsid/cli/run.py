@@ -98,9 +98,9 @@ def run(
     what was measured is kept. The command is zero at the end, whatever happens.
     """
     from gsid.excitation import Multisine
-    from gsid.frf import StreamingFrf
     from gsid.link import LinkError, Stopped
     from gsid.link import run as drive
+    from gsid.streaming import StreamingFrf
 
     excitation: Multisine | np.ndarray
     with options_as_arguments():
@@ -143,8 +143,8 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     import numpy as np
 
     from gsid.errors import InputError
-    from gsid.frf import excited_lines
     from gsid.io import read_record
+    from gsid.spectra import excited_lines
 
     context = click.get_current_context()
     given = [f"--{name}" for name in DESIGN if _is_given(context, name)]

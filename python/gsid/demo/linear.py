@@ -12,10 +12,11 @@ from gsid.compare import Comparison, compare
 from gsid.demo.axis import Bench
 from gsid.excitation import Multisine
 from gsid.fit import fit
-from gsid.frf import Frf, Spectra, frf, spectra
+from gsid.frf import Frf, frf
 from gsid.model import RationalModel
 from gsid.record import Record
 from gsid.report import Report, Truth
+from gsid.spectra import Spectra, spectra
 
 BAND_HZ = (0.5, 250.0)
 AMPLITUDE = 3.0  # command per line, as the source's Schroeder multisine

@@ -13,11 +13,11 @@ from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.hidden import Hidden, draw
 from gsid.diagnose import Diagnosis, diagnose
 from gsid.excitation import Multisine
-from gsid.frf import Spectra, spectra
 from gsid.ladder import Ladder, add, ladder
 from gsid.plant import Effect, Param, PlantModel
 from gsid.report import Report, Truth
 from gsid.simulate import SimulatedAxis
+from gsid.spectra import Spectra, spectra
 
 LEVELS = (15.0, 45.0)  # command of the first line; the larger one moves the axis by 3 deg
 SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis travels, below 2 Hz

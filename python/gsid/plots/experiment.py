@@ -28,8 +28,8 @@ from gsid.plots.style import (
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
-    from gsid.frf import Spectra
     from gsid.record import Record
+    from gsid.spectra import Spectra
 
 
 def _one_period(source: Multisine | Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:

@@ -1,0 +1,223 @@
+"""Lines of each period of a record: the transform, and which lines are excited.
+
+The phases of the lines count from the record's first sample on, whatever was thrown away to settle.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid._callable import callable_as
+from gsid._lib import check, ffi, lib
+from gsid.errors import InputError
+from gsid.record import Record, split_periods
+
+SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
+GAP = 2.0  # ratio between neighbours, lines sorted by size, that parts excitation from by-products
+ABOVE_NOISE = 16.0  # |mean|^2 over its variance; noise alone exceeds it once in exp(16) = 9e6 lines
+
+_planner = threading.Lock()  # gsid_batch_spectra takes one caller at a time
+
+
+@dataclass(repr=False)
+class Spectra:
+    """Lines of each good period of one record (FRF-1).
+
+    Attributes
+    ----------
+    fs_hz : float
+    period_samples : int
+        N.
+    line : (K,) int
+        All lines 0 .. N/2.
+    U, Y : (P, K) complex
+        One row per good period, units `u_unit` and `y_unit`; |U| is the amplitude of the sine, its phase that
+        of a cosine from the record's first sample on.
+    n_spoiled : int
+        Periods left out because samples of them were lost.
+    settle_samples : int
+    excited : (K,) bool
+        See `excited_lines`.
+    hold : {"zoh", "none"}
+    u_unit, y_unit, name : str
+    """
+
+    fs_hz: float
+    period_samples: int
+    line: np.ndarray
+    U: np.ndarray
+    Y: np.ndarray
+    n_spoiled: int
+    settle_samples: int
+    excited: np.ndarray
+    hold: str = "none"
+    u_unit: str = ""
+    y_unit: str = ""
+    name: str = ""
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines, (K,) [Hz]."""
+        return self.line * (self.fs_hz / self.period_samples)
+
+    @property
+    def n_periods(self) -> int:
+        """Good periods P."""
+        return len(self.U)
+
+    @property
+    def u(self) -> np.ndarray:
+        """Mean of U over periods, (K,) complex (source, eq. 4.10)."""
+        return self.U.mean(axis=0)
+
+    @property
+    def y(self) -> np.ndarray:
+        """Mean of Y over periods, (K,) complex (source, eq. 4.10)."""
+        return self.Y.mean(axis=0)
+
+    @property
+    def var_u(self) -> np.ndarray:
+        """Sample variance of one period's U, (K,) (source, eq. 4.11)."""
+        return covariance(self.U, self.U).real
+
+    @property
+    def var_y(self) -> np.ndarray:
+        """Sample variance of one period's Y, (K,) (source, eq. 4.11)."""
+        return covariance(self.Y, self.Y).real
+
+    @property
+    def cov_yu(self) -> np.ndarray:
+        """Sample covariance, mean of Y conj(U), of one period, (K,) complex (source, eq. 4.11)."""
+        return covariance(self.Y, self.U)
+
+    def __repr__(self) -> str:
+        f_hz = self.f_hz[self.excited]
+        return (
+            f"Spectra({self.name or 'unnamed'}: {self.n_periods} periods of {self.period_samples} at "
+            f"{self.fs_hz:g} Hz, {self.n_spoiled} spoiled, settling {self.settle_samples}; "
+            f"{len(f_hz)} excited lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz)"
+        )
+
+
+def spectra(record: Record, *, period: int | None = None, settle: int | None = None) -> Spectra:
+    """Transform each good period of a record.
+
+    Parameters
+    ----------
+    record : Record
+    period, settle : int, optional
+        Samples; default: what the record states, else what the data show.
+
+    Returns
+    -------
+    Spectra
+
+    Raises
+    ------
+    InputError
+        u does not repeat, fewer than two good periods, or u without any line of its own.
+    """
+    periods = split_periods(record, period=period, settle=settle)
+    line = np.arange(periods.period_samples // 2 + 1, dtype=np.uint32)
+    U, Y = (period_lines(x, line, periods.settle_samples) for x in (periods.u, periods.y))
+    excited = excited_lines(U, periods.period_samples)
+    if not excited.any():
+        what = "u has no line that stands out of its own noise"
+        raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
+    return Spectra(
+        fs_hz=record.fs_hz,
+        period_samples=periods.period_samples,
+        line=line.astype(int),
+        U=U,
+        Y=Y,
+        n_spoiled=periods.n_spoiled,
+        settle_samples=periods.settle_samples,
+        excited=excited,
+        hold=record.hold,
+        u_unit=record.u_unit,
+        y_unit=record.y_unit,
+        name=record.name,
+    )
+
+
+def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
+    """Tell the excited lines from what a bench adds to them.
+
+    A current loop answers the excited lines with harmonics that repeat as well as the lines do, so that noise
+    alone does not tell them apart. But a designed spectrum is smooth and its by-products lie a step below:
+    lines are sorted by size, and the excitation ends where two neighbours are most apart, the upper above 1 %
+    of the largest and by a factor of 2 at least. Without such a step every line above 1 % counts. The mean
+    must stand 12 dB out of its own noise besides.
+
+    Parameters
+    ----------
+    U : (P, K) complex
+        Lines 0 .. N/2 of the input, one row per period.
+    n_period : int
+        N, samples.
+
+    Returns
+    -------
+    (K,) bool; never lines 0 and N/2, which have no phase
+    """
+    mean = U.mean(axis=0)
+    size = np.abs(mean)
+    size[0] = 0
+    size[n_period / 2 == np.arange(len(size))] = 0
+    ordered = np.sort(size)[::-1]
+    n_strong = np.count_nonzero(ordered > SHARE_OF_LARGEST * ordered[0])
+    if n_strong == 0:
+        return np.zeros(len(size), bool)
+    step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
+    last = int(np.argmax(step))
+    smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
+    excited = size >= smallest
+    strong = U[:, excited]
+    variance_of_mean = covariance(strong, strong).real / len(U)
+    excited[excited] = size[excited] ** 2 > ABOVE_NOISE * variance_of_mean
+    return excited
+
+
+def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:
+    """Lines (uint32) of each row of `periods` (P, N), referred to the record's first sample, (P, K)."""
+    n_periods, n_period = periods.shape
+    periods = np.ascontiguousarray(periods, np.float64)
+    lines = np.empty((n_periods, len(line)), complex)
+    with _planner:
+        status = lib.gsid_batch_spectra(
+            n_periods,
+            n_period,
+            ffi.from_buffer("double[]", periods),
+            len(line),
+            ffi.from_buffer("uint32_t[]", line),
+            ffi.from_buffer("gsid_cplx[]", lines),
+        )
+    check(status, "transforming the periods")
+    shift = settle_samples % n_period
+    if shift:  # settling not a whole number of periods; the angle is reduced with integers
+        lines *= np.exp(-2j * np.pi * (line.astype(np.int64) * shift % n_period) / n_period)
+    return lines
+
+
+def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Sample covariance of a and conj(b) over their first axis (source, eq. 4.11)."""
+    return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
+
+
+def require_same(first: Spectra, other: Spectra) -> None:
+    """Refuse to average records of unequal period, rate, hold or units (InputError)."""
+    for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
+        ours, theirs = getattr(first, what), getattr(other, what)
+        if ours != theirs:
+            raise InputError(
+                f"the records differ in {what}",
+                other.name,
+                f"{theirs!r}, not {ours!r} as in {first.name or 'the first'}",
+                "average realisations of one experiment only",
+            )
+
+
+callable_as(spectra)
