@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import io, linalg, signal
 
-from gsid.io import write_atomically
+from gsid.files import write_atomically
 from gsid.model import RationalModel
 
 if TYPE_CHECKING:

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import difflib
 import functools
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib
-from gsid.errors import InputError
+from gsid.errors import InputError, close
 from gsid.tables import read_table, short_name
 
 STAGES = {
@@ -459,12 +458,6 @@ def _own(
 
 
 # ---- reading the library ---------------------------------------------------------------------------------
-
-
-def close(name: str, names: Iterable[str]) -> str:
-    """ "did you mean ...?", or nothing when no name is close."""
-    matches = difflib.get_close_matches(name, list(names), n=1)
-    return f"did you mean {matches[0]}?" if matches else ""
 
 
 def _read(effect: Any) -> EffectType:

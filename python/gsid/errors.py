@@ -1,4 +1,7 @@
-"""What can go wrong, by whose fault it is."""
+"""What can go wrong, by whose fault it is; hints on names that there are not."""
+
+import difflib
+from collections.abc import Iterable
 
 
 class GsidError(RuntimeError):
@@ -55,3 +58,15 @@ class InputError(ValueError):
         if self.value is not None:
             details.append(str(self.value))
         return f"{self.what} ({': '.join(details)})" if details else self.what
+
+
+def close(name: str, names: Iterable[str]) -> str:
+    """ "did you mean ...?", or nothing when no name is close."""
+    matches = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {matches[0]}?" if matches else ""
+
+
+def choose(name: str, names: Iterable[str]) -> str:
+    """Hint for a name that is not among `names`: the nearest one, and the list."""
+    names = list(names)
+    return f"{close(name, names)} there are: {', '.join(names) or 'none'}".lstrip()

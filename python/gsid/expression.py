@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gsid._lib import lib
-from gsid.effects import close
-from gsid.errors import InputError
+from gsid.errors import InputError, close
 
 LENGTH_MAX = 500  # characters
 VARIABLES = {"w": "RATE", "theta": "ANGLE", "u": "COMMAND", "rad": "UNIT_RAD"}

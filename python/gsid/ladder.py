@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid.compare import Comparison, compare
-from gsid.effects import EffectType, close, find
-from gsid.errors import GsidError, InputError
+from gsid.effects import EffectType, find
+from gsid.errors import GsidError, InputError, close
 from gsid.greybox import SAME_LEVEL, PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel

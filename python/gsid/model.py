@@ -11,7 +11,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib, version
 from gsid.errors import InputError
-from gsid.io import write_atomically
+from gsid.files import write_atomically
 
 if TYPE_CHECKING:
     import control

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib, version
-from gsid.effects import EffectParameter, EffectType, close, find, of_entry
-from gsid.errors import InputError, SimulationError
+from gsid.effects import EffectParameter, EffectType, find, of_entry
+from gsid.errors import InputError, SimulationError, close
 from gsid.model import FORMAT, read_model_file, write_model_file
 from gsid.spectra import Spectra
 from gsid.units import RADIANS, check_plant_units

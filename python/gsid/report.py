@@ -28,7 +28,7 @@ from gsid import plots
 from gsid._lib import ffi, lib, version
 from gsid.compare import compare
 from gsid.confidence import NORMAL_95, root_quantities
-from gsid.io import write_atomically
+from gsid.files import write_atomically
 from gsid.ladder import Ladder, ladder
 from gsid.plant import Param, PlantModel
 from gsid.torque import torque_residual

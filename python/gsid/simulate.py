@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid._lib import check, ffi, lib
-from gsid.effects import close, find
-from gsid.errors import InputError
+from gsid.effects import find
+from gsid.errors import InputError, close
 from gsid.link import COMMAND, COMMAND_LOST, FRAME_BYTES, HELLO, SAMPLE, STOP, Receiver, encode, frames
 
 QUEUE = 8192  # commands kept

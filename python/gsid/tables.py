@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsid.errors import InputError
-from gsid.io import write_atomically
+from gsid.files import write_atomically
 
 if TYPE_CHECKING:
     import numpy as np

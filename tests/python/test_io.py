@@ -9,7 +9,8 @@ import pytest
 from scipy.io import savemat
 
 from gsid.errors import InputError
-from gsid.io import read_record, write_atomically, write_record
+from gsid.files import write_atomically
+from gsid.io import read_record, write_record
 from gsid.record import Record, split_periods
 
 FORMATS = [".csv", ".npz", ".mat", ".h5"]

@@ -314,7 +314,7 @@ def _show(signal: Periodic, model: Model | None, as_json: bool) -> None:
 def _write(path: Path, signal: Periodic) -> None:
     import numpy as np
 
-    from gsid.io import write_atomically
+    from gsid.files import write_atomically
 
     arrays = {
         "u": signal.table(),

@@ -23,7 +23,7 @@ def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: 
     are not linear are left out of it: NAME_feedforward gives the command that takes them away.
     """
     from gsid.export_c import export_c as export
-    from gsid.io import write_atomically
+    from gsid.files import write_atomically
     from gsid.model import load_model
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")

@@ -83,7 +83,7 @@ def _print(frf: Frf) -> None:
 def _write(path: Path, frf: Frf) -> None:
     import numpy as np
 
-    from gsid.io import write_atomically
+    from gsid.files import write_atomically
 
     columns, keys = _columns(frf), _keys(frf)
 

@@ -121,7 +121,7 @@ def _scaled_noise(factor: float) -> dict[str, float]:
 
 
 def _parameter(text: str) -> tuple[str, float]:
-    from gsid.io import choose
+    from gsid.errors import choose
     from gsid.simulate import parameter_types
 
     types = parameter_types()
@@ -140,6 +140,6 @@ def _parameter(text: str) -> tuple[str, float]:
 
 
 def _write_json(path: Path, values: dict) -> None:
-    from gsid.io import write_atomically
+    from gsid.files import write_atomically
 
     write_atomically(path, lambda part: part.write_text(json.dumps(values, indent=1) + "\n"))

@@ -1,0 +1,194 @@
+"""From what a file holds to a record: the same checks for every format."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from gsid.errors import InputError, choose
+from gsid.io.raw import KEYS, TIME_NAMES, Raw
+from gsid.record import Record
+
+_log = logging.getLogger(__name__)
+
+
+def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Record:
+    """Check what a file holds, and make the record."""
+    time_name = next((name for name in TIME_NAMES if name in raw.columns), None)
+    length_of = {name: _vector(path, raw, name, option) for name, option in ((u, "--u"), (y, "--y"))}
+    n = len(length_of[u])
+    if len(length_of[y]) != n:
+        raise InputError(
+            f"{u} and {y} are of unequal lengths",
+            str(path),
+            f"{n} and {len(length_of[y])} samples",
+            "export them from the same time span",
+        )
+    if n == 0:
+        raise InputError("there are no samples", str(path), None, "measure again, or check the export")
+    for name in (time_name, "valid"):
+        if name in raw.columns and np.size(raw.columns[name]) != n:
+            raise InputError(
+                f"{u} and {name} are of unequal lengths",
+                str(path),
+                f"{n} and {np.size(raw.columns[name])} samples",
+                "export them together",
+            )
+    same_length = {
+        name: np.ravel(c) for name, c in raw.columns.items() if np.size(c) == n and np.ndim(c) <= 2
+    }
+    for name in {u, y, time_name, "valid"} & same_length.keys():
+        _check_finite(raw, name, same_length[name])
+    t = same_length.pop(time_name, None)
+    valid = same_length.pop("valid", np.ones(n)).astype(bool)
+    text = {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
+    return Record(
+        u=same_length[u],
+        y=same_length[y],
+        fs_hz=_sample_rate(path, raw, t, fs_hz),
+        period_samples=_key_number(path, raw, "period_samples", int),
+        settle_samples=_key_number(path, raw, "settle_samples", int),
+        valid=valid,
+        name=path.name,
+        columns={name: c.astype(np.float64) for name, c in same_length.items() if name not in (u, y)},
+        meta={key: str(value) for key, value in raw.keys.items() if key not in KEYS},
+        **text,
+    )
+
+
+def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
+    if name not in raw.columns:
+        raise InputError(
+            f"no {raw.what} named {name}",
+            str(path),
+            None,
+            f"{choose(name, raw.columns)}; name it with {option}",
+        )
+    values = np.asarray(raw.columns[name])
+    if values.dtype.kind not in "fiub":
+        raise InputError(
+            f"{name} does not hold real numbers", str(path), f"type {values.dtype}", f"pick with {option}"
+        )
+    if values.size != max(values.shape, default=1):
+        raise InputError(
+            f"{raw.what} {name} is not one row of samples",
+            str(path),
+            f"shape {values.shape}",
+            "pick one channel and one realisation, and save them as a vector",
+        )
+    return values.ravel()
+
+
+def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:
+    if column.dtype.kind != "f":
+        return
+    bad = np.flatnonzero(~np.isfinite(column))
+    if bad.size:
+        raise InputError(
+            "a number is not finite",
+            raw.where(name, int(bad[0])),
+            column[bad[0]],
+            "repair it, or mark the sample as lost: valid = 0 and any finite number",
+        )
+
+
+def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None) -> float:
+    stated = fs_hz if fs_hz is not None else _key_number(path, raw, "fs_hz", float)
+    if stated is not None and not (np.isfinite(stated) and stated > 0):
+        raise InputError(
+            "the sample rate is not a positive number", str(path), stated, "give it with --fs [Hz]"
+        )
+    if t is None or len(t) < 2:
+        if stated is None:
+            raise InputError(
+                "the sample rate is not known",
+                str(path),
+                None,
+                "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`",
+            )
+        return float(stated)
+    measured = _rate_of_times(raw, np.asarray(t, np.float64))
+    if stated is not None and abs(measured - stated) > 1e-3 * stated:
+        raise InputError(
+            "the sample rate given is not that of the times",
+            str(path),
+            f"{stated:g} Hz given, {measured:g} Hz in the file",
+            "correct --fs or the times",
+        )
+    return float(measured if stated is None else stated)
+
+
+def _rate_of_times(raw: Raw, t: np.ndarray) -> float:
+    """Rate of equally spaced times; rounded to a whole number where the times' resolution allows that."""
+    step = float(np.median(np.diff(t)))
+    if step <= 0:
+        back = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 1
+        raise InputError(
+            "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
+        )
+    resolution = _resolution(t)
+    off = np.abs(np.diff(t) - step) > min(raw.jitter * step + resolution, 0.5 * step)
+    if off.any():
+        at = int(np.flatnonzero(off)[0]) + 1
+        raise InputError(
+            "unequal time steps",
+            raw.where("t_s", at),
+            f"{t[at] - t[at - 1]:.6g} s after {step:.6g} s",
+            "put lost samples in as rows with valid = 0, or resample to one rate",
+        )
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    slack = rate * 2 * resolution / (t[-1] - t[0])
+    return float(round(rate)) if abs(rate - round(rate)) <= slack else float(rate)
+
+
+def _resolution(t: np.ndarray) -> float:
+    """Step of the last decimal that the times use, or the rounding of their floating point."""
+    rounding = (
+        4 * float(np.abs(t).max()) * np.finfo(np.float32 if np.all(t == t.astype(np.float32)) else float).eps
+    )
+    some = t[:: max(1, len(t) // 1000)]
+    for decimals in range(1, 10):
+        if np.all(np.abs(some - np.round(some, decimals)) <= rounding):
+            return 10.0**-decimals
+    return rounding
+
+
+def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | None:
+    if key not in raw.keys:
+        return None
+    try:
+        value = float(raw.keys[key])
+        if kind is float:
+            return value
+        if value != int(value) or value < 0:
+            raise ValueError
+        return int(value)
+    except (TypeError, ValueError, OverflowError):
+        expected = "a number" if kind is float else "a whole number of samples"
+        raise InputError(
+            f"{key} is not {expected}", str(path), raw.keys[key], f"write `# {key}: ...` anew"
+        ) from None
+
+
+def add_keys_from_beside(
+    path: Path, raw: Raw, u: str, y: str, fs_hz: float | None, period: int | None
+) -> None:
+    """Take rate, period and units from a meta.json in the same folder where it names this file."""
+    try:
+        beside = json.loads((path.parent / "meta.json").read_text(encoding="utf-8"))
+        if path.name not in beside["files"]:
+            return
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    has_time = any(name in raw.columns for name in TIME_NAMES)
+    for key, given in (("fs_hz", fs_hz is not None or has_time), ("period_samples", period is not None)):
+        if key in beside and key not in raw.keys and not given:
+            raw.keys[key] = beside[key]
+            _log.info("%s: %s = %s from meta.json beside it", path.name, key, beside[key])
+    units = {c.get("name"): c.get("unit", "") for c in beside.get("channels", []) if isinstance(c, dict)}
+    for key, name in (("u_unit", u), ("y_unit", y)):
+        if name in units:
+            raw.keys.setdefault(key, units[name])

@@ -1,0 +1,33 @@
+"""What a reader of any format gives, before it is checked; what a writer of any format takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid.record import Record
+
+KEYS = ("fs_hz", "period_samples", "settle_samples", "u_unit", "y_unit", "hold")
+TIME_NAMES = ("t_s", "t")
+STEP_TOLERANCE = 0.01  # of a step, beyond the resolution the times were written with
+DAMAGED = "the file is damaged, cut short, or not of this kind"
+DAMAGED_HINT = "write or copy it again"
+
+
+@dataclass
+class Raw:
+    """What a file holds, before any of it is checked."""
+
+    columns: dict[str, np.ndarray]
+    keys: dict[str, object]
+    where: Callable[[str, int], str]  # column, sample -> place in the file
+    what: str = "array"  # what the file calls a column
+    jitter: float = STEP_TOLERANCE
+
+
+def keys_of(record: Record) -> dict[str, object]:
+    """What is written beside the columns: the keys that the record has."""
+    keys = {key: getattr(record, key) for key in KEYS}
+    return {key: value for key, value in keys.items() if value not in (None, "")}
