@@ -19,8 +19,8 @@ from scipy.stats import f as f_distribution
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.errors import InputError
-from gsid.record import Record, split_periods
-from gsid.spectra import Spectra, excited_lines, period_lines, require_same
+from gsid.record import Record
+from gsid.spectra import Realisation, Spectra, common_lines, realisations
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -315,9 +315,8 @@ class StreamingDistortion:
         GsidError
             A line is not finite.
         """
-        channels = [Y] if U is None else [Y, U]
-        lines = np.ascontiguousarray(np.stack(channels, axis=-1), self._cplx)
-        base, stride = self._pointer(lines), len(self._all) * len(channels)
+        lines = np.ascontiguousarray(Y if U is None else np.stack([Y, U], axis=-1), self._cplx)
+        base, stride = self._pointer(lines), lines[0].size
         for p in range(len(Y)):
             check(self._lib.gsid_distortion_add_period(self._d, base + p * stride), "taking a period")
 
@@ -398,30 +397,6 @@ class StreamingDistortion:
         return f"StreamingDistortion({lines}, {self.n_realisations} realisations)"
 
 
-@dataclass
-class _Part:
-    """One realisation: lines of its input, one row per period or one for all, and its output."""
-
-    U: np.ndarray  # (P or 1, K), lines 0 .. N/2
-    y: np.ndarray | None  # (P, N) samples, or
-    Y: np.ndarray | None  # (P, K) lines
-    excited: np.ndarray
-    n_spoiled: int
-    settle_samples: int
-    period_samples: int
-    fs_hz: float
-    hold: str
-    u_unit: str
-    y_unit: str
-    name: str
-
-    def output(self, line: np.ndarray) -> np.ndarray:
-        """Lines of the output, (P, len(line))."""
-        if self.Y is not None:
-            return self.Y[:, line]
-        return period_lines(self.y, line.astype(np.uint32), self.settle_samples)
-
-
 def distortion(
     records: Record | Spectra | Sequence[Record | Spectra],
     *,
@@ -451,13 +426,8 @@ def distortion(
     ValueError
         No record.
     """
-    records = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not records:
-        raise ValueError("no record to look for distortion in")
-    parts = [_part_of(r, period, settle) for r in records]
+    parts = realisations(records, period=period, settle=settle)
     first = parts[0]
-    for part in parts[1:]:
-        require_same(first, part)
     line, free_line = _lines_of(parts, band)
     _require_one_level(parts, line)
     is_known = all(len(part.U) == 1 for part in parts)
@@ -531,60 +501,17 @@ def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
     return replace(measured.result(), f_hz=f_hz, period_samples=0)
 
 
-def _part_of(record: Record | Spectra, period: int | None, settle: int | None) -> _Part:
-    if isinstance(record, Spectra):
-        U, y, Y, excited = record.U, None, record.Y, record.excited
-        n_period, n_settle, n_spoiled = record.period_samples, record.settle_samples, record.n_spoiled
-    else:
-        periods = split_periods(record, period=period, settle=settle)
-        n_period, n_settle, n_spoiled = periods.period_samples, periods.settle_samples, periods.n_spoiled
-        # a command that repeats to the bit is known exactly, and transformed once
-        is_known = np.array_equal(periods.u[1:], periods.u[:-1])
-        line = np.arange(n_period // 2 + 1, dtype=np.uint32)
-        U = period_lines(periods.u[:1] if is_known else periods.u, line, n_settle)
-        y, Y = periods.y, None
-        excited = excited_lines(np.repeat(U, 2, axis=0) if is_known else U, n_period)
-        if not excited.any():
-            what = "u has no line that stands out of its own noise"
-            raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
-    return _Part(
-        U,
-        y,
-        Y,
-        excited,
-        n_spoiled,
-        n_settle,
-        n_period,
-        record.fs_hz,
-        record.hold,
-        record.u_unit,
-        record.y_unit,
-        record.name,
-    )
-
-
-def _lines_of(parts: list[_Part], band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
+def _lines_of(parts: list[Realisation], band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
     """Lines that every realisation excites, and lines that none does."""
-    first = parts[0]
-    n = first.period_samples
-    every = np.logical_and.reduce([part.excited for part in parts])
+    line, first = common_lines(parts, band), parts[0]
     some = np.logical_or.reduce([part.excited for part in parts])
-    f_hz = np.arange(len(every)) * (first.fs_hz / n)
-    within = np.ones(len(every), bool) if band is None else (f_hz >= band[0]) & (f_hz <= band[1])
-    line = np.flatnonzero(every & within)
-    if not len(line):
-        where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
-        excited_hz = f_hz[first.excited]
-        raise InputError(
-            f"no line{where} is excited in every record",
-            first.name,
-            None,
-            f"{first.name or 'the first record'} has lines {excited_hz[0]:g} .. {excited_hz[-1]:g} Hz",
-        )
     excited = np.flatnonzero(some)
     top = N_HARMONICS * excited[-1] if len(excited) == 1 else excited[-1]
-    candidate = np.arange(1, min(top, (n - 1) // 2) + 1)
-    return line, candidate[~some[candidate] & within[candidate]]
+    candidate = np.arange(1, min(top, (first.period_samples - 1) // 2) + 1)
+    free = ~some[candidate]
+    if band is not None:
+        free &= (first.f_hz[candidate] >= band[0]) & (first.f_hz[candidate] <= band[1])
+    return line, candidate[free]
 
 
 def _orders(line: np.ndarray, free_line: np.ndarray) -> np.ndarray:
@@ -593,7 +520,7 @@ def _orders(line: np.ndarray, free_line: np.ndarray) -> np.ndarray:
     return np.where(free_line % unit == 0, free_line // unit, 0)
 
 
-def _require_one_level(parts: list[_Part], line: np.ndarray) -> None:
+def _require_one_level(parts: list[Realisation], line: np.ndarray) -> None:
     """The best linear approximation is that of one level: another one has another."""
     level = [float(np.sqrt(np.sum(np.abs(part.U[:, line].mean(axis=0)) ** 2))) for part in parts]
     for part, one in zip(parts[1:], level[1:], strict=True):

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid._callable import callable_as
-from gsid.errors import InputError
 from gsid.record import Record
-from gsid.spectra import Spectra, covariance, require_same, spectra
+from gsid.spectra import Realisation, Spectra, common_lines, covariance, realisations
 
 if TYPE_CHECKING:
     import control
@@ -253,40 +252,25 @@ def frf(
     ValueError
         No record.
     """
-    records = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not records:
-        raise ValueError("no record to estimate a frequency response from")
-    parts = [r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in records]
-    first = parts[0]
-    for part in parts[1:]:
-        require_same(first, part)
-    chosen = np.logical_and.reduce([part.excited for part in parts])
-    if band is not None:
-        chosen &= (first.f_hz >= band[0]) & (first.f_hz <= band[1])
-    if not chosen.any():
-        where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
-        f_hz = first.f_hz[first.excited]
-        raise InputError(
-            f"no line{where} is excited in every record",
-            first.name,
-            None,
-            f"{first.name or 'the first record'} has lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz",
-        )
-    each = [_single(part, chosen) for part in parts]
+    parts = realisations(records, period=period, settle=settle)
+    line = common_lines(parts, band)
+    each = [_single(part, line) for part in parts]
     return each[0] if len(each) == 1 else _over_realisations(each)
 
 
-def _single(part: Spectra, chosen: np.ndarray) -> Frf:
-    """Frequency response of one realisation at the chosen lines."""
-    U, Y = part.U[:, chosen], part.Y[:, chosen]
+def _single(part: Realisation, line: np.ndarray) -> Frf:
+    """Frequency response of one realisation at these lines."""
+    U, Y = part.U[:, line], part.output(line)
     u, y = U.mean(axis=0), Y.mean(axis=0)
-    var_u, var_y, cov_yu = covariance(U, U).real, covariance(Y, Y).real, covariance(Y, U)
+    var_y, var_u, cov_yu = covariance(Y, Y).real, np.zeros(len(line)), np.zeros(len(line), complex)
+    if len(U) > 1:
+        var_u, cov_yu = covariance(U, U).real, covariance(Y, U)
     g = y / u
     # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
     variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
     return Frf(
-        line=part.line[chosen],
-        f_hz=part.f_hz[chosen],
+        line=line,
+        f_hz=part.f_hz[line],
         g=g,
         var_g=np.maximum(variance, 0) / part.n_periods,
         u=u,

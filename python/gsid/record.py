@@ -186,6 +186,8 @@ class Periods:
     n_spoiled : int
         Periods left out because samples of them were lost.
     period_samples, settle_samples : int
+    u_repeats : bool
+        To the bit: the input is known exactly, without noise.
     """
 
     u: np.ndarray
@@ -194,6 +196,7 @@ class Periods:
     n_spoiled: int
     period_samples: int
     settle_samples: int
+    u_repeats: bool
 
     def __repr__(self) -> str:
         return (
@@ -249,7 +252,8 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     kept = np.flatnonzero(good)
     if n_spoiled:  # only then: choosing rows copies the record
         u, y = u[good], y[good]
-    share = _share_that_repeats(u)
+    u_repeats = np.array_equal(u[1:], u[:-1])
+    share = float(np.ptp(u[0]) > 0) if u_repeats else _share_that_repeats(u)
     if share < SHARE_GIVEN:
         raise InputError(
             f"u does not repeat every {period} samples",
@@ -257,7 +261,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"{max(share, 0):.0%} of its power does",
             _other_period(record),
         )
-    return Periods(u, y, kept, n_spoiled, int(period), int(settle))
+    return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
 
 
 def _other_period(record: Record) -> str:

@@ -6,6 +6,7 @@ The phases of the lines count from the record's first sample on, whatever was th
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,26 +121,146 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
     InputError
         u does not repeat, fewer than two good periods, or u without any line of its own.
     """
-    periods = split_periods(record, period=period, settle=settle)
-    line = np.arange(periods.period_samples // 2 + 1, dtype=np.uint32)
-    U, Y = (period_lines(x, line, periods.settle_samples) for x in (periods.u, periods.y))
-    excited = excited_lines(U, periods.period_samples)
-    if not excited.any():
-        what = "u has no line that stands out of its own noise"
-        raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
+    part = _realisation(record, period, settle)
+    line = np.arange(part.period_samples // 2 + 1)
+    Y = part.output(line)
     return Spectra(
-        fs_hz=record.fs_hz,
-        period_samples=periods.period_samples,
-        line=line.astype(int),
-        U=U,
+        fs_hz=part.fs_hz,
+        period_samples=part.period_samples,
+        line=line,
+        U=np.broadcast_to(part.U, Y.shape),
         Y=Y,
-        n_spoiled=periods.n_spoiled,
-        settle_samples=periods.settle_samples,
-        excited=excited,
-        hold=record.hold,
-        u_unit=record.u_unit,
-        y_unit=record.y_unit,
-        name=record.name,
+        n_spoiled=part.n_spoiled,
+        settle_samples=part.settle_samples,
+        excited=part.excited,
+        hold=part.hold,
+        u_unit=part.u_unit,
+        y_unit=part.y_unit,
+        name=part.name,
+    )
+
+
+@dataclass(repr=False)
+class Realisation:
+    """One realisation in periods, whose output is transformed at the lines that are asked for, and no others.
+
+    Attributes
+    ----------
+    U : (P, K) or (1, K) complex
+        Lines 0 .. N/2 of the input; one row when it repeats to the bit, and so is known exactly.
+    excited : (K,) bool
+    n_periods, n_spoiled, settle_samples, period_samples : int
+    fs_hz : float
+    hold, u_unit, y_unit, name : str
+    """
+
+    U: np.ndarray
+    _samples: np.ndarray | None  # (P, N) of the output, or
+    _lines: np.ndarray | None  # (P, K)
+    excited: np.ndarray
+    n_periods: int
+    n_spoiled: int
+    settle_samples: int
+    period_samples: int
+    fs_hz: float
+    hold: str
+    u_unit: str
+    y_unit: str
+    name: str
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines, (K,) [Hz]."""
+        return np.arange(len(self.excited)) * (self.fs_hz / self.period_samples)
+
+    def output(self, line: np.ndarray) -> np.ndarray:
+        """Lines of the output, (P, len(line)) complex."""
+        if self._lines is not None:
+            return self._lines[:, line]
+        return period_lines(self._samples, line.astype(np.uint32), self.settle_samples)
+
+
+def realisations(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    period: int | None = None,
+    settle: int | None = None,
+) -> list[Realisation]:
+    """Cut records of one experiment into periods, and find their excited lines.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+        One per realisation.
+    period, settle : int, optional
+        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+
+    Returns
+    -------
+    list of Realisation
+
+    Raises
+    ------
+    InputError
+        As `spectra`; realisations of unequal period, sample rate, hold or units.
+    ValueError
+        No record.
+    """
+    records = [records] if isinstance(records, Record | Spectra) else list(records)
+    if not records:
+        raise ValueError("no record of any realisation")
+    parts = [_realisation(record, period, settle) for record in records]
+    for part in parts[1:]:
+        _require_same(parts[0], part)
+    return parts
+
+
+def common_lines(parts: list[Realisation], band: tuple[float, float] | None) -> np.ndarray:
+    """Lines within the band [Hz] that every realisation excites, (F,) int; InputError where there is none."""
+    first = parts[0]
+    chosen = np.logical_and.reduce([part.excited for part in parts])
+    if band is not None:
+        chosen &= (first.f_hz >= band[0]) & (first.f_hz <= band[1])
+    if not chosen.any():
+        where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
+        f_hz = first.f_hz[first.excited]
+        raise InputError(
+            f"no line{where} is excited in every record",
+            first.name,
+            None,
+            f"{first.name or 'the first record'} has lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz",
+        )
+    return np.flatnonzero(chosen)
+
+
+def _realisation(record: Record | Spectra, period: int | None, settle: int | None) -> Realisation:
+    samples = lines = None
+    if isinstance(record, Spectra):
+        U, lines, excited = record.U, record.Y, record.excited
+        n_period, n_settle, n_spoiled = record.period_samples, record.settle_samples, record.n_spoiled
+    else:
+        periods = split_periods(record, period=period, settle=settle)
+        n_period, n_settle, n_spoiled = periods.period_samples, periods.settle_samples, periods.n_spoiled
+        samples, u = periods.y, periods.u[:1] if periods.u_repeats else periods.u
+        U = period_lines(u, np.arange(n_period // 2 + 1, dtype=np.uint32), n_settle)
+        excited = excited_lines(U, n_period)
+        if not excited.any():
+            what = "u has no line that stands out of its own noise"
+            raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
+    return Realisation(
+        U,
+        samples,
+        lines,
+        excited,
+        len(samples if lines is None else lines),
+        n_spoiled,
+        n_settle,
+        n_period,
+        record.fs_hz,
+        record.hold,
+        record.u_unit,
+        record.y_unit,
+        record.name,
     )
 
 
@@ -155,7 +276,7 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     Parameters
     ----------
     U : (P, K) complex
-        Lines 0 .. N/2 of the input, one row per period.
+        Lines 0 .. N/2 of the input, one row per period; a single row is an input without noise.
     n_period : int
         N, samples.
 
@@ -175,6 +296,8 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     last = int(np.argmax(step))
     smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
     excited = size >= smallest
+    if len(U) == 1:
+        return excited
     strong = U[:, excited]
     variance_of_mean = covariance(strong, strong).real / len(U)
     excited[excited] = size[excited] ** 2 > ABOVE_NOISE * variance_of_mean
@@ -207,7 +330,7 @@ def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
 
 
-def require_same(first: Spectra, other: Spectra) -> None:
+def _require_same(first: Realisation, other: Realisation) -> None:
     """Refuse to average records of unequal period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)

@@ -6,6 +6,21 @@
 #include "backend/backend.h"
 #include "gsid/excitation.h"
 
+/* 0 times a number that is not finite is not 0. Four sums at a time: one waits for itself, a branch a sample costs more. */
+static int is_all_finite(size_t n, const double *x) {
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    size_t i = 0;
+    for (; i + 4 <= n; i += 4) {
+        for (size_t j = 0; j < 4; j++) {
+            sum[j] += 0.0 * x[i + j];
+        }
+    }
+    for (; i < n; i++) {
+        sum[0] += 0.0 * x[i];
+    }
+    return isfinite(sum[0] + sum[1] + sum[2] + sum[3]);
+}
+
 static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines, const uint32_t *line,
                          const gsid_cplx *lines) {
     if (x == NULL || line == NULL || lines == NULL) {
@@ -19,12 +34,7 @@ static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x,
             return GSID_E_CONFIG;
         }
     }
-    for (size_t n = 0; n < (size_t)n_periods * n_period; n++) {
-        if (!isfinite(x[n])) {
-            return GSID_E_NONFINITE;
-        }
-    }
-    return GSID_OK;
+    return is_all_finite((size_t)n_periods * n_period, x) ? GSID_OK : GSID_E_NONFINITE;
 }
 
 #ifdef GSID_WITH_FFTW

@@ -29,8 +29,8 @@ static int fill_samples(void **state) {
 
 static void batch_equals_streaming_to_rounding(void **state) {
     (void)state;
-    const uint32_t periods[4] = {2, 45, 240, 250}; /* odd, and of small and large factors */
-    for (int i = 0; i < 4; i++) {
+    const uint32_t periods[5] = {2, 45, 240, 250, 45}; /* odd, of small and large factors, and one that was before */
+    for (int i = 0; i < 5; i++) {
         const uint32_t n_period = periods[i], line[F] = {0, n_period / 2, 1, n_period / 3};
         gsid_cplx all[P][F], one[F];
         gsid_spectrum s;
@@ -66,10 +66,15 @@ static void spectra_refuse(void **state) {
     assert_int_equal(gsid_batch_spectra(1, (UINT32_C(1) << 30) + 1, x, 2, line, lines), GSID_E_CONFIG);
     assert_int_equal(gsid_batch_spectra(P, 250, x, 0, line, lines), GSID_E_CONFIG);
     assert_int_equal(gsid_batch_spectra(P, 250, x, 2, beyond, lines), GSID_E_CONFIG);
-    const double last = x[P * 250 - 1];
-    x[P * 250 - 1] = NAN;
-    assert_int_equal(gsid_batch_spectra(P, 250, x, 2, line, lines), GSID_E_NONFINITE);
-    x[P * 250 - 1] = last;
+    for (uint32_t n = P * 250 - 4; n < P * 250; n++) { /* samples are looked at in fours: any place in them */
+        const double was = x[n], bad[2] = {(double)NAN, -(double)INFINITY};
+        for (int i = 0; i < 2; i++) {
+            x[n] = bad[i];
+            assert_int_equal(gsid_batch_spectra(P, 250, x, 2, line, lines), GSID_E_NONFINITE);
+            assert_int_equal(gsid_batch_spectra(1, 249, x + n - 248, 1, line, lines), GSID_E_NONFINITE);
+        }
+        x[n] = was;
+    }
     assert_memory_equal(lines, untouched, sizeof lines);
 }
 

@@ -233,6 +233,16 @@ def test_streaming_with_known_input():
     assert (result.var_u == 0).all()
 
 
+def test_an_input_that_repeats_to_the_bit_has_no_variance():
+    """It is transformed once, and the output at the excited lines only: the answer is that of all lines."""
+    record = make_record(10, settle=37)
+    once, all_lines = frf(record), frf(spectra(record))
+    assert (once.var_u == 0).all()
+    np.testing.assert_array_equal(once.line, all_lines.line)
+    for name in ("g", "var_g", "var_y"):
+        np.testing.assert_allclose(getattr(once, name), getattr(all_lines, name), rtol=1e-12)
+
+
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_streaming_refuses(precision):
     streaming = StreamingFrf(FS_HZ, N, [1, 2, 3], precision=precision)

@@ -153,7 +153,7 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     record = read_record(path, u="u", y="u", fs_hz=fs_hz if _is_given(context, "fs_hz") else None)
     u = record.u[: record.period_samples]
     spectrum = np.fft.rfft(u) * (2 / len(u))
-    excited = np.flatnonzero(excited_lines(np.array([spectrum, spectrum]), len(u)))  # repeats without noise
+    excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):
         raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
     return u, record.fs_hz, excited

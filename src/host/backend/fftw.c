@@ -8,35 +8,44 @@ const char *gsid_fftw_version_str(void) {
     return fftw_version;
 }
 
-static void transform_periods(fftw_plan plan, double *in, const fftw_complex *out, uint32_t n_periods,
-                              uint32_t n_period, const double *x, uint32_t n_lines, const uint32_t *line,
-                              gsid_cplx *lines) {
-    for (uint32_t p = 0; p < n_periods; p++) {
-        memcpy(in, x + (size_t)p * n_period, n_period * sizeof *in);
-        fftw_execute(plan);
-        gsid_cplx *of_period = lines + (size_t)p * n_lines;
-        for (uint32_t i = 0; i < n_lines; i++) {
-            const uint32_t k = line[i];
-            const double scale = k == 0 || 2 * k == n_period ? 1.0 / n_period : 2.0 / n_period;
-            of_period[i].re = scale * out[k][0];
-            of_period[i].im = scale * out[k][1];
-        }
+/* The last plan is kept: planning takes as long as ten transforms, and realisations have the same period. One period's
+ * buffers stay in the cache, and the caller's samples, which the planner might overwrite, stay whole. */
+static struct {
+    uint32_t n_period;
+    double *in;
+    fftw_complex *out;
+    fftw_plan plan;
+} kept;
+
+static gsid_status plan_for(uint32_t n_period) {
+    if (kept.plan != NULL && kept.n_period == n_period) {
+        return GSID_OK;
     }
+    fftw_destroy_plan(kept.plan);
+    fftw_free(kept.out);
+    fftw_free(kept.in);
+    kept.n_period = n_period;
+    kept.in = fftw_alloc_real(n_period);
+    kept.out = fftw_alloc_complex(n_period / 2 + 1);
+    kept.plan = kept.in && kept.out ? fftw_plan_dft_r2c_1d((int)n_period, kept.in, kept.out, FFTW_ESTIMATE) : NULL;
+    return kept.plan != NULL ? GSID_OK : GSID_E_NO_MEMORY;
 }
 
 gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                             const uint32_t *line, gsid_cplx *lines) {
-    /* One period's buffers stay in the cache, and the caller's samples, which the planner might overwrite, stay whole. */
-    double *in = fftw_alloc_real(n_period);
-    fftw_complex *out = fftw_alloc_complex(n_period / 2 + 1);
-    fftw_plan plan = in && out ? fftw_plan_dft_r2c_1d((int)n_period, in, out, FFTW_ESTIMATE) : NULL;
-    if (plan != NULL) {
-        transform_periods(plan, in, (const fftw_complex *)out, n_periods, n_period, x, n_lines, line, lines);
-        fftw_destroy_plan(plan);
+    gsid_status status = plan_for(n_period);
+    for (uint32_t p = 0; status == GSID_OK && p < n_periods; p++) {
+        memcpy(kept.in, x + (size_t)p * n_period, n_period * sizeof *x);
+        fftw_execute(kept.plan);
+        gsid_cplx *of_period = lines + (size_t)p * n_lines;
+        for (uint32_t i = 0; i < n_lines; i++) {
+            const uint32_t k = line[i];
+            const double scale = k == 0 || 2 * k == n_period ? 1.0 / n_period : 2.0 / n_period;
+            of_period[i].re = scale * kept.out[k][0];
+            of_period[i].im = scale * kept.out[k][1];
+        }
     }
-    fftw_free(out);
-    fftw_free(in);
-    return plan != NULL ? GSID_OK : GSID_E_NO_MEMORY;
+    return status;
 }
 
 struct gsid_real_transform {
