@@ -11,7 +11,8 @@ import numpy as np
 from gsid._lib import version
 from gsid.errors import InputError
 from gsid.model import RationalModel
-from gsid.plant import RADIANS, Effect, PlantModel
+from gsid.plant import Effect, PlantModel
+from gsid.units import RADIANS
 
 #: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
 ROUNDING_RAD_S = 1e-6

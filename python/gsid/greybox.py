@@ -26,9 +26,10 @@ from scipy import ndimage
 from gsid._lib import check, ffi, lib
 from gsid.errors import GsidError, InputError
 from gsid.fit import in_band
-from gsid.plant import Param, PeriodicPlant, PlantModel, Prediction, lines_of
+from gsid.plant import Param, PlantModel
+from gsid.plant_periodic import PeriodicPlant, Prediction
 from gsid.record import Record
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, lines_of, spectra
 
 _log = logging.getLogger("gsid.greybox")
 

@@ -13,9 +13,10 @@ from gsid.errors import GsidError
 from gsid.greybox import PlantFit
 from gsid.linear_start import linear_error, linear_start
 from gsid.linear_view import linear_view
-from gsid.plant import RADIANS, PlantModel
+from gsid.plant import PlantModel
 from gsid.scan import with_effect
 from gsid.spectra import Spectra
+from gsid.units import RADIANS
 
 JOINT = "gear_backlash"
 FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # of the joint, over the highest excited line

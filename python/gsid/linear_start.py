@@ -14,8 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsid.linear_view import linear_view
-from gsid.plant import RADIANS, PlantModel
+from gsid.plant import PlantModel
 from gsid.spectra import Spectra
+from gsid.units import RADIANS
 
 SPREAD = 0.15  # a resonance is looked for within this share of its value
 STEP = 0.1  # of its half-power width: finer than the peak

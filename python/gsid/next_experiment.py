@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid.errors import GsidError
-from gsid.plant import PeriodicPlant, PlantModel, input_period, lines_of
+from gsid.plant import PlantModel
+from gsid.plant_periodic import PeriodicPlant, input_period
 from gsid.scores import orthonormal, project_out
-from gsid.spectra import Spectra
+from gsid.spectra import Spectra, lines_of
 
 ENOUGH = 10.0  # an expected difference in cost that tells two effects apart
 

@@ -17,6 +17,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from gsid.spectra import lines_of, period_of
+
 Params = dict[str, float]
 
 QUANTIZATION_POINTS = 1500  # down to a step of about a five hundredth of the peak
@@ -61,30 +63,13 @@ class Trajectory:
         n = len(self.output)
         return CubicSpline(np.arange(n + 1), np.append(self.output, self.output[0]), bc_type="periodic")
 
-    def lines(self, x: np.ndarray) -> np.ndarray:
-        """One-sided lines of a periodic signal, as Spectra has them."""
-        spectrum = np.fft.rfft(x) * (2.0 / len(x))
-        spectrum[0] /= 2
-        if len(x) % 2 == 0:
-            spectrum[-1] /= 2
-        return spectrum
-
-    def samples(self, lines: np.ndarray) -> np.ndarray:
-        """(N,) periodic signal of these lines."""
-        n = len(self.command)
-        spectrum = lines * (n / 2)
-        spectrum[0] *= 2
-        if n % 2 == 0:
-            spectrum[-1] *= 2
-        return np.fft.irfft(spectrum, n)
-
     def of_torque(self, law: np.ndarray) -> np.ndarray:
         """(K,) what a torque law along the trajectory adds to the output."""
-        return -self.torque_response * self.lines(law)
+        return -self.torque_response * lines_of(law)
 
     def of_command(self, change: np.ndarray) -> np.ndarray:
         """(K,) what a change of the command adds to the output."""
-        return self.command_response * self.lines(change)
+        return self.command_response * lines_of(change)
 
 
 @dataclass(eq=False)
@@ -336,12 +321,7 @@ def _lag(effect: str):
         spare = trajectories[0].spare_delay_s
         for time_constant in (2e-4, 5e-4, 1e-3, 2e-3, 5e-3):
             less = min(time_constant, spare)
-            columns = [
-                (t.lines(_earlier(t, less)) / (1 + 2j * np.pi * t.f_hz * time_constant) - t.lines(t.output))[
-                    None, :
-                ]
-                for t in trajectories
-            ]
+            columns = [_lag_less_delay(t, time_constant, less)[None, :] for t in trajectories]
 
             # The phase of a short lag, which a delay imitates, grows with T; the gain, which tells, with T^2.
             def longer(c: np.ndarray, T: float = time_constant) -> float:
@@ -358,13 +338,19 @@ def _lag(effect: str):
     return make
 
 
+def _lag_less_delay(t: Trajectory, time_constant: float, less_delay_s: float) -> np.ndarray:
+    """(K,) what a lag instead of a part of the delay adds to the output."""
+    lag = 1 / (1 + 2j * np.pi * t.f_hz * time_constant)
+    return lag * lines_of(_earlier(t, less_delay_s)) - lines_of(t.output)
+
+
 def _delay(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    columns = [(-2j * np.pi * t.f_hz * t.lines(t.output))[None, :] for t in trajectories]
+    columns = [(-2j * np.pi * t.f_hz * lines_of(t.output))[None, :] for t in trajectories]
     yield Probe("transport_delay", columns, lambda c: {"delay_s": float(c[0])}, one_sided=True)
 
 
 def _flexible_mode(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    excited = np.abs(trajectories[0].lines(trajectories[0].command)) > 0
+    excited = np.abs(lines_of(trajectories[0].command)) > 0
     f = trajectories[0].f_hz[excited]
     for f_mode in np.geomspace(max(f.min(), f.max() / 50), f.max() * 1.1, 60):
         for zeta in (0.005, 0.02, 0.08):
@@ -376,7 +362,7 @@ def _mode_probe(trajectories: list[Trajectory], f_mode: float, zeta: float) -> P
     for t in trajectories:
         s, w0 = 2j * np.pi * t.f_hz, 2 * np.pi * f_mode
         filtered = s / (s**2 + 2 * zeta * w0 * s + w0**2)
-        columns.append((t.direct_response * filtered * t.lines(t.command))[None, :])
+        columns.append((t.direct_response * filtered * lines_of(t.command))[None, :])
     return Probe(
         "flexible_mode",
         columns,
@@ -408,7 +394,7 @@ def held_output(t: Trajectory, rate_hz: float, less_delay_s: float = 0.0) -> np.
 
 
 def _earlier(t: Trajectory, less_delay_s: float) -> np.ndarray:
-    return t.samples(t.lines(t.output) * np.exp(2j * np.pi * t.f_hz * less_delay_s))
+    return period_of(lines_of(t.output) * np.exp(2j * np.pi * t.f_hz * less_delay_s), len(t.output))
 
 
 def sample_hold_at(
@@ -428,7 +414,7 @@ def sample_hold_at(
     spare = trajectories[0].spare_delay_s
     for rate in rates:
         less = min(0.5 / rate, spare)
-        columns = [t.lines(held_output(t, rate, less) - t.output)[None, :] for t in trajectories]
+        columns = [lines_of(held_output(t, rate, less) - t.output)[None, :] for t in trajectories]
 
         # What is left beside the delay, the droop of the hold's gain, goes with the square of its time.
         def slower(c: np.ndarray, r: float = rate) -> float:

@@ -12,7 +12,8 @@ from scipy import stats
 from gsid.effects import EffectType, catalogue, find
 from gsid.greybox import PlantFit, RecordFit
 from gsid.linear_view import linear_view
-from gsid.plant import RADIANS, Effect, Param, PlantModel, input_period
+from gsid.plant import Effect, Param, PlantModel
+from gsid.plant_periodic import input_period
 from gsid.probes import (
     SENSOR_RATES_HZ,
     Probe,
@@ -25,6 +26,7 @@ from gsid.probes import (
 )
 from gsid.scores import Score, orthonormal, score
 from gsid.spectra import Spectra
+from gsid.units import RADIANS
 
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
 TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length

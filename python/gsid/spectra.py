@@ -304,6 +304,45 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     return excited
 
 
+def lines_of(x: np.ndarray) -> np.ndarray:
+    """Lines 0 .. N/2 of one period, as Spectra has them: |line| is the amplitude of the sine.
+
+    Parameters
+    ----------
+    x : (..., N) ndarray
+
+    Returns
+    -------
+    (..., N // 2 + 1) complex ndarray
+    """
+    n = x.shape[-1]
+    lines = np.fft.rfft(x) * (2.0 / n)
+    lines[..., 0] /= 2
+    if n % 2 == 0:
+        lines[..., -1] /= 2
+    return lines
+
+
+def period_of(lines: np.ndarray, n_period: int) -> np.ndarray:
+    """One period of the signal that has these lines: the inverse of `lines_of`.
+
+    Parameters
+    ----------
+    lines : (N // 2 + 1,) complex ndarray
+    n_period : int
+        N.
+
+    Returns
+    -------
+    (N,) float64 ndarray
+    """
+    spectrum = lines * (n_period / 2)
+    spectrum[0] *= 2
+    if n_period % 2 == 0:
+        spectrum[-1] *= 2
+    return np.fft.irfft(spectrum, n_period)
+
+
 def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:
     """Lines (uint32) of each row of `periods` (P, N), referred to the record's first sample, (P, K)."""
     n_periods, n_period = periods.shape

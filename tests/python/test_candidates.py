@@ -8,7 +8,7 @@ from plants import FS_HZ, plant
 
 from gsid.candidates import SAME, Candidate, evidence, ranked
 from gsid.linear_view import linear_view
-from gsid.plant import PeriodicPlant
+from gsid.plant_periodic import PeriodicPlant
 
 N = 3000
 AXIS = {"rigid_body": {"gain": 10.0}, "viscous_friction": {"rate": 3.0}, "cable_spring": {"stiffness": 150.0}}

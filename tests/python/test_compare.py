@@ -10,8 +10,7 @@ from scipy import stats
 from gsid.compare import compare
 from gsid.excitation import Multisine
 from gsid.model import RationalModel
-from gsid.plant import lines_of
-from gsid.spectra import Spectra
+from gsid.spectra import Spectra, lines_of
 
 SEED = 20260303
 MODEL = RationalModel([900.0], [1.0, 30.0, 900.0], 0.003)

@@ -9,7 +9,8 @@ import gsid.greybox
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant, pooled_variance
-from gsid.plant import PeriodicPlant, PlantModel
+from gsid.plant import PlantModel
+from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
 

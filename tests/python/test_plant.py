@@ -11,9 +11,9 @@ from gsid.effects import catalogue, find
 from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.model import RationalModel, load_model
-from gsid.plant import Effect, Param, PlantModel, lines_of
+from gsid.plant import Effect, Param, PlantModel
 from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.spectra import lines_of, spectra
 
 N = 1500
 LINEAR = {

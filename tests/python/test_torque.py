@@ -6,8 +6,7 @@ from plants import FS_HZ, axis_period, plant
 
 from gsid import plots
 from gsid.excitation import Multisine
-from gsid.plant import lines_of
-from gsid.spectra import Spectra
+from gsid.spectra import Spectra, lines_of
 from gsid.torque import torque_residual
 
 SEED = 20260306

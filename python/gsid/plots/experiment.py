@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from gsid.excitation import between_samples
 from gsid.plots.style import (
     EXCESS,
     MEASURED,
@@ -25,6 +26,7 @@ from gsid.plots.style import (
     styled,
     with_unit,
 )
+from gsid.spectra import lines_of, period_of
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
@@ -37,15 +39,10 @@ def _one_period(source: Multisine | Spectra) -> tuple[np.ndarray, np.ndarray, np
     n = source.period_samples
     if hasattr(source, "table"):
         u = np.asarray(source.table(), dtype=float)
-        spectrum = 2.0 * np.abs(np.fft.rfft(u)) / n
-        return u, spectrum, np.asarray(source.line, dtype=int), True
+        return u, np.abs(lines_of(u)), np.asarray(source.line, dtype=int), True
     lines = np.zeros(n // 2 + 1, dtype=complex)
     lines[np.asarray(source.line, dtype=int)] = source.u
-    full = 0.5 * n * lines  # |U| is the sine's amplitude; line 0 and line N/2 have no mirror image
-    full[0] *= 2.0
-    if n % 2 == 0:
-        full[-1] *= 2.0
-    return np.fft.irfft(full, n), np.abs(lines), np.asarray(source.line)[np.asarray(source.excited)], False
+    return period_of(lines, n), np.abs(lines), np.asarray(source.line)[np.asarray(source.excited)], False
 
 
 def crest_factors(u) -> tuple[float, float]:
@@ -60,12 +57,10 @@ def crest_factors(u) -> tuple[float, float]:
     on_samples, between : float
     """
     u = np.asarray(u, dtype=float)
-    n = len(u)
     rms = np.sqrt(np.mean(u**2))
     if rms == 0.0:
         return np.nan, np.nan
-    fine = 8.0 * np.fft.irfft(np.fft.rfft(u), 8 * n)
-    return float(np.max(np.abs(u)) / rms), float(np.max(np.abs(fine)) / rms)
+    return float(np.max(np.abs(u)) / rms), float(np.max(np.abs(between_samples(u))) / rms)
 
 
 @styled
