@@ -20,7 +20,7 @@ from gsid.probes import GRIDS, Trajectory, dahl_state
 from gsid.record import Record
 from gsid.scan import with_effect
 from gsid.simulate import SimulatedAxis
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, lines_of, spectra
 
 TRUTH = {
     "rigid_body": {"gain": 7.4},
@@ -156,7 +156,7 @@ def test_a_probe_points_where_the_effect_leads(level):
     responses = view.torque, view.command, view.direct
     path = Trajectory(FS, u, angle, rate, y, f, *responses, radians_per_unit=np.pi / 180, spare_delay_s=0.0)
     use = (f > 0) & (f <= 195)
-    moved = (path.lines(simulate(coulomb_level=level)[1]) - path.lines(y))[use]
+    moved = (lines_of(simulate(coulomb_level=level)[1]) - lines_of(y))[use]
     column = next(iter(GRIDS["coulomb_friction"]([path]))).columns[0][0][use]
     along = np.vdot(column, moved).real / np.vdot(column, column).real
     assert along == pytest.approx(level, rel=0.01)
