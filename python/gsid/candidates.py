@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,10 +17,11 @@ from gsid.scan import Scored, noise_p_value, with_effect
 from gsid.spectra import Spectra
 
 REFITTED = 5  # effects fitted for real in each round, at most
-RIVAL = 0.5  # and only those that promise this share of the best one's drop, or nearly all of a small one
+RIVAL = 0.5  # and only those that promise this share of what another brought, or nearly all of a small drop
 RIVAL_THRESHOLD = 0.1  # the same for threshold laws
 STARTS = 2  # of each, the second when the first does not keep its promise
 STARTS_FIXED = 5  # of those whose shape the fit cannot move
+WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the nearest of a grid shows half
 KEPT = 0.9  # of the predicted drop: the promise is kept
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
@@ -31,7 +31,7 @@ SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two eff
 class Candidate:
     """An effect added to the model and fitted."""
 
-    effects: tuple[str, ...]  # of this step: one
+    effect: str
     fit: PlantFit
     predicted_drop: float
     n_shapes: int = 1  # of the grid that the start was chosen from
@@ -39,7 +39,7 @@ class Candidate:
     @property
     def params(self) -> dict[str, Param]:
         """Parameters of the added effect."""
-        own = [effect for effect in self.fit.model.effects if effect.id == self.effects[-1]]
+        own = [effect for effect in self.fit.model.effects if effect.id == self.effect]
         return own[-1].params
 
 
@@ -52,7 +52,7 @@ class Group:
 
     @property
     def effects(self) -> list[str]:
-        return [candidate.effects[-1] for candidate in self.candidates]
+        return [candidate.effect for candidate in self.candidates]
 
     def to_dict(self) -> dict[str, Any]:
         best = self.candidates[0]
@@ -69,14 +69,9 @@ def shortlist(scored: Scored) -> dict[str, Scored]:
     """The effects of the largest predicted drops, each with its best points of the grid as starts."""
     by_effect: dict[str, Scored] = {}
     for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
-        if item.drop > 0:
+        if item.drop > 0 and not (probe.fixed and item.size[0] < WHOLE):
             by_effect.setdefault(probe.effect, []).append((probe, item))
-    drops = {effect: tries[0][1].drop for effect, tries in by_effect.items()}
-    largest = max(drops.values(), default=0.0)
-    rivals = [
-        e for e, drop in drops.items() if drop > _share_wanted(e) * largest or largest - drop < 3 * SAME
-    ]
-    return {effect: by_effect[effect][: _starts(by_effect[effect])] for effect in rivals[:REFITTED]}
+    return {effect: tries[: _starts(tries)] for effect, tries in list(by_effect.items())[:REFITTED]}
 
 
 def _starts(tries: Scored) -> int:
@@ -84,13 +79,14 @@ def _starts(tries: Scored) -> int:
 
 
 def _share_wanted(effect: str) -> float:
-    """Of the largest drop, for an effect to be fitted: a threshold law's direction is only a rough one."""
+    """Of the largest drop seen, for an effect to be fitted: a threshold law is only roughly a direction."""
     return RIVAL_THRESHOLD if find(effect).null_kind == "threshold" else RIVAL
 
 
 def tried(
     fit: PlantFit,
     scored: Scored,
+    n_shapes: Mapping[str, int],
     measured: list[Spectra],
     band: tuple[float, float] | None,
     alpha: float,
@@ -104,6 +100,8 @@ def tried(
         Of the model without them.
     scored : list of (Probe, Score)
         See `gsid.scan.scan`.
+    n_shapes : mapping
+        Of each effect, how many shapes were looked at.
     measured : list of Spectra
     band : (lo, hi) or None
         Hz.
@@ -117,10 +115,11 @@ def tried(
     list of Candidate
     """
     candidates: list[Candidate] = []
-    enough = 0.0
-    n_shapes = Counter(probe.effect for probe, _ in scored)
+    enough = brought = 0.0
     for effect, tries in shortlist(scored).items():
-        if tries[0][1].drop < RIVAL * enough - SAME:
+        promise = tries[0][1].drop
+        hopeless = promise < min(_share_wanted(effect) * brought, brought - 3 * SAME)
+        if hopeless or promise < RIVAL * enough - SAME:
             continue
         on_step(f"trying {effect}")
         candidate = _refitted(fit, effect, tries, measured, band)
@@ -128,6 +127,7 @@ def tried(
             continue
         candidate.n_shapes = n_shapes[effect]
         candidates.append(candidate)
+        brought = max(brought, fit.cost - candidate.fit.cost)
         if noise_p_value(candidate.fit, measured) > alpha:
             enough = max(enough, fit.cost - candidate.fit.cost)
     if enough == 0 and JOINT not in [effect.id for effect in fit.model.effects]:
@@ -160,7 +160,7 @@ def _refitted(
         except (GsidError, InputError):
             continue  # a start that cannot be simulated is no candidate
         if best is None or larger.cost < best.fit.cost:
-            best = Candidate((effect,), larger, item.drop)
+            best = Candidate(effect, larger, item.drop)
     return best
 
 
@@ -169,7 +169,7 @@ def _joint(fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | N
     found = []
     for start, gain in joint_starts(fit, measured):
         try:
-            found.append(Candidate((JOINT,), fit_plant(start, measured, band=band, max_iter=STEPS_MAX), gain))
+            found.append(Candidate(JOINT, fit_plant(start, measured, band=band, max_iter=STEPS_MAX), gain))
         except (GsidError, InputError):
             continue
     return sorted(found, key=lambda candidate: candidate.fit.cost)[:1]

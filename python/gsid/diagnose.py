@@ -9,12 +9,14 @@
    costs after the fit differ by less than the data can tell form one group.
 4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
    effect found is tried to be left out again, and exchanged for its best rivals.
-5. When the best still leaves most of the misfit, the missing effect is not in the catalogue.
+5. When the best leaves too much of the misfit, or clearly more than noise, something is missing that is not
+   in the catalogue.
 """
 
 from __future__ import annotations
 
 import copy
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -22,14 +24,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid._callable import callable_as
-from gsid.candidates import Group, evidence, ranked, tried
+from gsid.candidates import Candidate, Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
 from gsid.plant import PlantModel
 from gsid.record import Record
-from gsid.scan import noise_p_value, scan, scan_rates, stacked
+from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
 from gsid.scores import Score, family_wise_p, random_periods, random_phases
 from gsid.spectra import Spectra, spectra
 
@@ -101,6 +103,12 @@ class Diagnosis:
         return self.steps[0].ranking if self.steps else []
 
     @property
+    def named(self) -> bool:
+        """Whether the effects found explain the misfit, be it that something else is missing too."""
+        most = self.verdict == "unknown_effect" and self.explained >= EXPLAINED
+        return self.verdict == "missing_effect" or (bool(self.found) and most)
+
+    @property
     def _p_words(self) -> str:
         return f"p = {self.p_value:.2g}" if self.p_value > 0 else "p < 1e-300"
 
@@ -109,13 +117,15 @@ class Diagnosis:
         """The verdict for people."""
         if self.adequate:
             return f"Nothing is missing that these data show ({self._p_words})."
-        after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
         names = ", then ".join(_in_words(group.effects) for group in self.found)
-        if self.verdict == "unknown_effect":
+        if not self.named:
             best = f" The nearest is {names}, which explains {self.explained:.0%}." if names else ""
             return f"Something is missing that the catalogue does not have ({self._p_words}).{best}"
-        explained = f"{self.explained:.0%} of the misfit explained"
-        return f"Missing: {names} ({after}, {explained}, {self._p_words})."
+        after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
+        said = f"Missing: {names} ({after}, {self.explained:.0%} of the misfit explained, {self._p_words})."
+        if self.verdict == "missing_effect":
+            return said
+        return f"{said} What is left is more than noise: the catalogue does not have all that is missing."
 
     def plot(self) -> matplotlib.figure.Figure:
         """How far each effect that was tried brings the cost down; needs one that was."""
@@ -226,7 +236,7 @@ def _advice(found: list[Group], measured: list[Spectra]) -> str:
         if len(group.candidates) > 1:
             a, b = group.candidates[:2]
             largest = max(measured, key=lambda one: float(np.linalg.norm(one.u)))
-            return advice(a.fit.model, b.fit.model, largest, (a.effects[-1], b.effects[-1]))
+            return advice(a.fit.model, b.fit.model, largest, (a.effect, b.effect))
     return ""
 
 
@@ -266,8 +276,10 @@ def _round(
     step = Step(fit, noise_p_value(fit, measured), p_score, [])
     if not explore or step.p_value >= alpha:
         return step, None
-    scored = [pair for pair in scored if pair[0].effect != "sensor_sample_hold"] + scan_rates(fit, measured)
-    step.ranking = ranked(fit, tried(fit, scored, measured, band, alpha, on_step))
+    n_shapes = Counter(probe.effect for probe, _ in scored)
+    rates, n_shapes[SAMPLER] = scan_rates(fit, measured)
+    scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
+    step.ranking = ranked(fit, tried(fit, scored, n_shapes, measured, band, alpha, on_step))
     worth = step.ranking and step.ranking[0].candidates[0]
     if not worth or evidence(fit, worth) > 0:
         return step, None
@@ -318,25 +330,25 @@ def _exchanged(
 ) -> tuple[list[Group], PlantFit]:
     """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
     for i, group in enumerate(found if len(found) > 1 else []):
-        others = [g.effects[0] for g in found if g is not group]
-        ranking = next(step.ranking for step in steps if step.ranking and step.ranking[0] is group)
         now = [replace(group.candidates[0], fit=fit)]
-        for rival in [c for g in ranking for c in g.candidates if c.effects[-1] not in others][
-            1 : 1 + RIVALS
-        ]:
-            effect = rival.effects[-1]
-            on_step(f"trying {effect} in place of {group.effects[0]}")
+        for rival in _rivals(group, found, steps):
+            on_step(f"trying {rival.effect} in place of {group.effects[0]}")
             model = _without(fit.model, group.effects[0])
             model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
             exchanged = _fit_or_none(model, measured, band)
             if exchanged is not None:
                 now.append(replace(rival, fit=exchanged))
-        best = ranked(steps[0].fit, now)[0]
-        found, fit = (
-            [*found[:i], Group(best.candidates, group.probability), *found[i + 1 :]],
-            best.candidates[0].fit,
-        )
+        best = ranked(steps[0].fit, now)[0].candidates
+        found = [*found[:i], Group(best, group.probability), *found[i + 1 :]]
+        fit = best[0].fit
     return found, fit
+
+
+def _rivals(group: Group, found: list[Group], steps: list[Step]) -> list[Candidate]:
+    """The next best of a group's round that were not found themselves."""
+    ranking = next(step.ranking for step in steps if step.ranking and step.ranking[0] is group)
+    taken = {g.effects[0] for g in found}
+    return [c for g in ranking for c in g.candidates if c.effect not in taken][:RIVALS]
 
 
 def _without(model: PlantModel, effect: str) -> PlantModel:

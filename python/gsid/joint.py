@@ -24,7 +24,7 @@ LOUD = 0.95  # of the largest input: records of the highest level
 GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # over the twist that the motor's torque makes
 RATIOS = (0.4, 0.15)  # of the inertias: the response does not tell them
 DAMPING = 0.1  # over the critical one
-FALL = 0.8  # of the response's error, for a joint to be worth its simulations
+FALL = 0.9  # of the response's error, for a joint to be worth its simulations
 
 
 def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantModel, float]]:

@@ -58,7 +58,6 @@ def linear_view(
         Whether the output is the angle rather than the rate.
     radians_per_unit : float
         Of the angle, for the slope of laws that hold an angle inside a sine.
-
     held : bool
         Whether the command is held over each sample.
 

@@ -17,11 +17,13 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from gsid.effects import find
 from gsid.spectra import lines_of, period_of
 
 Params = dict[str, float]
 
 QUANTIZATION_POINTS = 1500  # down to a step of about a five hundredth of the peak
+SOFTEST_STOP = 10.0  # 1/s^2: what is softer pushes an axis back for seconds, and is a spring
 SENSOR_RATES_HZ = (100, 125, 150, 175, 200, 250, 300, 350, 400, 450, 500, 600, 750, 800, 1000, 1200, 1500)
 
 
@@ -236,6 +238,7 @@ def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
     furthest = _largest(trajectories, "angle")
+    stiffest = find("hard_stop")["stiffness"].upper
     # Dense towards the end: most stops are only just touched, and often on one side.
     for share in 1 - np.geomspace(0.5, 0.002, 14):
         yield _torque(
@@ -244,7 +247,7 @@ def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
             lambda t, a=share * furthest: [np.sign(t.angle) * np.maximum(np.abs(t.angle) - a, 0)],
             lambda c, a=share * furthest: {"angle_deg": a, "stiffness": c[0]},
             one_sided=True,
-            limits={"angle_deg": (0.2 * furthest, furthest)},
+            limits={"angle_deg": (0.2 * furthest, furthest), "stiffness": (SOFTEST_STOP, stiffest)},
         )
 
 

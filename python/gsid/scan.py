@@ -31,7 +31,7 @@ from gsid.units import RADIANS
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
 TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
 ZOOMS, ZOOM_POINTS = 2, 8  # refinements of a step's grid, points on each side
-RATES = 5  # of a sensor that are looked at in all records
+SAMPLER, RATES = "sensor_sample_hold", 5  # effect; rates that are looked at in all records
 
 Scored = list[tuple[Probe, Score]]
 
@@ -197,7 +197,7 @@ def scan(fit: PlantFit, measured: list[Spectra]) -> Scored:
     return scored
 
 
-def scan_rates(fit: PlantFit, measured: list[Spectra]) -> Scored:
+def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
     """A sensor's refresh at nominal rates, and at those rates of all that the loudest record speaks for.
 
     Images of a refresh that repeats with the period fall on lines of their own, so a rate is missed by as
@@ -207,9 +207,14 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> Scored:
     ----------
     fit : PlantFit
     measured : list of Spectra
+
+    Returns
+    -------
+    list of (Probe, Score), int
+        And how many rates were looked at: that many shapes the best is the best of.
     """
-    if any(effect.id == "sensor_sample_hold" for effect in fit.model.effects):
-        return []
+    if any(effect.id == SAMPLER for effect in fit.model.effects):
+        return [], 0
     loudest = max(range(len(measured)), key=lambda i: float(np.linalg.norm(measured[i].u)))
     record = fit.records[loudest]
     path = trajectory(fit.model, record, measured[loudest])
@@ -223,10 +228,11 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> Scored:
     paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
     nominal = [rate for rate in SENSOR_RATES_HZ if rate < path.fs_hz]
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
-    return [
+    scored = [
         (probe, _as_it_is(score(residual, nuisance, whitened(fit, probe.columns), one_sided=True)))
         for probe in sample_hold_at(paths, [*best, *nominal], exact=True)
     ]
+    return scored, len(seen) + len(nominal)
 
 
 def _as_it_is(item: Score) -> Score:

@@ -25,7 +25,7 @@ def fitted(cost, n_dof=1000, n_free=5):
 def candidate(effect, cost, n_parameters=1, n_shapes=1):
     fit = fitted(cost)
     fit.model.effects = [SimpleNamespace(id=effect, params=dict.fromkeys(range(n_parameters)))]
-    return Candidate((effect,), fit, 0.0, n_shapes)
+    return Candidate(effect, fit, 0.0, n_shapes)
 
 
 def test_the_best_of_many_shapes_pays_for_the_choice():

@@ -106,9 +106,9 @@ def diagnose(
     if missing:
         print(f"\n{missing.sentence}")
     data = f"--model {model_path} {record_words(records)}"
-    if result.verdict == "missing_effect":
+    if result.named:
         suggest(f"gsid add {result.found[0].effects[0]} {data} -o M2.json")
-    elif result.verdict == "unknown_effect":
+    if result.verdict == "unknown_effect":
         suggest(f"gsid report --diagnose {data} draws the torque that is missing")
         if curve:
             suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
