@@ -1,0 +1,290 @@
+"""The page: experiments gathered, and written with everything they need inside."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jinja2
+
+from gsid import plots
+from gsid.compare import compare
+from gsid.files import write_atomically
+from gsid.ladder import Ladder
+from gsid.plant import PlantModel
+from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
+from gsid.report.tables import (
+    ESTIMATORS_NOTE,
+    Table,
+    Truth,
+    distortion_table,
+    failing_tables,
+    model_tables,
+    plant_table,
+    ranking_tables,
+    truth_table,
+)
+from gsid.report.words import command_line, run_facts, verdict_of, versions
+from gsid.torque import torque_residual
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gsid.compare import Comparison
+    from gsid.diagnose import Diagnosis
+    from gsid.distortion import Distortion
+    from gsid.estimators import Estimators
+    from gsid.excitation import Multisine
+    from gsid.frf import Frf
+    from gsid.model import RationalModel
+    from gsid.record import Record
+    from gsid.spectra import Spectra
+
+
+@dataclass(frozen=True)
+class _Experiment:
+    name: str
+    story: str
+    verdict: str
+    grade: str  # "good", "bad" or "none": the colour of the verdict
+    run: Sequence[tuple[str, str]]
+    tables: Sequence[Table]
+    pictures: Sequence[Picture]
+    closing: Sequence[Table]  # after the pictures
+    answer: str = ""  # the last word
+
+
+class Report:
+    """Experiments gathered for one page.
+
+    Parameters
+    ----------
+    title : str
+    command : str, optional
+        Command line to state at the end; default: that of this process.
+    """
+
+    def __init__(self, title: str, *, command: str | None = None) -> None:
+        self.title = title
+        self.command = command_line() if command is None else command
+        self._experiments: list[_Experiment] = []
+
+    def __repr__(self) -> str:
+        return f"Report({self.title!r}, {len(self._experiments)} experiments)"
+
+    def add_experiment(
+        self,
+        name: str,
+        record: Record | Sequence[Record] | None = None,
+        spectra: Spectra | Sequence[Spectra] | None = None,
+        frf: Frf | None = None,
+        model: RationalModel | PlantModel | None = None,
+        comparison: Comparison | None = None,
+        *,
+        multisine: Multisine | None = None,
+        distortion: Distortion | None = None,
+        truth: Sequence[Truth] | None = None,
+        story: str = "",
+    ) -> Report:
+        """Add one experiment; what is not there is left out of the page.
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        record, spectra : one or one per realisation, optional
+            Of several, the pictures show the first.
+        frf : Frf, optional
+        model : RationalModel or PlantModel, optional
+            A plant is shown beside the measured response where there are spectra, and with its ladder.
+        comparison : Comparison, optional
+        multisine : Multisine, optional
+            The excitation as designed; without it the applied one is shown, from the spectra.
+        distortion : Distortion, optional
+            Shown where it could be told from noise.
+        truth : sequence of Truth, optional
+        story : str, optional
+            A sentence or two on what was done and why.
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        records, all_spectra = as_list(record), as_list(spectra)
+        verdict, grade = verdict_of(frf, model, comparison)
+        drawn = pictures_of(records[0] if records else None, all_spectra, frf, model, comparison, multisine)
+        bands = distortion.bands if distortion is not None else []
+        if bands and comparison is None:
+            verdict = f"{verdict} {distortion.verdict}"
+        if bands:
+            drawn.append(("Noise and distortion", lambda: plots.distortion(distortion)))
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=verdict,
+                grade=grade,
+                run=run_facts(records, all_spectra, frf, multisine),
+                tables=[*model_tables(model, truth), *([distortion_table(bands)] if bands else [])],
+                pictures=self._drawn(drawn),
+                closing=failing_tables(comparison),
+            )
+        )
+        return self
+
+    def add_diagnosis(
+        self,
+        name: str,
+        spectra: Spectra | Sequence[Spectra],
+        diagnosis: Diagnosis,
+        *,
+        ladder: Ladder | None = None,
+        band: tuple[float, float] | None = None,
+        story: str = "",
+        answer: str = "",
+        truth: Sequence[Truth] = (),
+    ) -> Report:
+        """Add what a diagnosis found: where the model fails, which effect is missing, how sure that is.
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        spectra : Spectra or sequence of Spectra
+            What was diagnosed.
+        diagnosis : Diagnosis
+        ladder : Ladder, optional
+            How much the error fell on data kept out.
+        band : (lo, hi), optional
+            Hz; that of the diagnosis.
+        story : str, optional
+        answer : str, optional
+            What was missing in truth, where that is known; it ends the section.
+        truth : sequence of Truth, optional
+            Its parameters beside what was found.
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        measured = as_list(spectra)
+        fitted = diagnosis.steps[0].fit.model
+        before = compare(fitted, measured, band=band, alpha=diagnosis.alpha)
+        drawn = [("Where it fails", lambda: plots.comparison(before))]
+        if not diagnosis.adequate:
+            torque = torque_residual(fitted, measured, band=band)
+            drawn.append(("Torque that is missing", lambda: plots.torque_residual(torque)))
+        if diagnosis.found:
+            after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha)
+            drawn.append(("With what was found", lambda: plots.comparison(after)))
+        if ladder is not None and ladder.rungs:
+            drawn.append(("Ladder", lambda: plots.ladder(ladder)))
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=diagnosis.sentence,
+                grade="good" if diagnosis.adequate else "bad",
+                run=[
+                    ("Records", ", ".join(s.name or "a record" for s in measured)),
+                    ("Periods", f"{sum(s.n_periods for s in measured)} good in all"),
+                ],
+                tables=[*ranking_tables(diagnosis), plant_table(diagnosis.model)],
+                pictures=self._drawn(drawn),
+                closing=[*failing_tables(before), *([truth_table(truth)] if truth else [])],
+                answer=answer,
+            )
+        )
+        return self
+
+    def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
+        """Add what each estimator made of the same response (source, section 7.10).
+
+        Parameters
+        ----------
+        name : str
+            Heading on the page.
+        frf : Frf
+            What they were fitted to.
+        found : Estimators
+        story : str, optional
+
+        Returns
+        -------
+        Report
+            Itself, so that calls can be chained.
+        """
+        head, rows = found.table()
+        good = [row for row in found.rows if not row.note]
+        expected = (
+            ""
+            if found.cost_expected is None
+            else f" Noise alone leaves {found.cost_expected:.0f} of the cost."
+        )
+        self._experiments.append(
+            _Experiment(
+                name=name,
+                story=story,
+                verdict=f"{len(good)} of {len(found.rows)} estimators converged to a stable model.{expected}",
+                grade="good" if len(good) == len(found.rows) else "none",
+                run=[
+                    ("Order", f"{found.order}, {found.n_lines} lines"),
+                    ("Delay by the slope of the phase", f"{1e3 * found.initial_delay_s:.4g} ms"),
+                ],
+                tables=[Table("Estimators", head, rows, ESTIMATORS_NOTE)],
+                pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
+                closing=[],
+            )
+        )
+        return self
+
+    def _drawn(self, pictures: Sequence[tuple[str, Callable[[], Figure]]]) -> list[Picture]:
+        """Pictures of the next experiment, with ids that are the page's alone."""
+        number = len(self._experiments) + 1
+        return [
+            Picture(title, CAPTIONS[title], inline_svg(draw(), f"e{number}p{i}-", title))
+            for i, (title, draw) in enumerate(pictures, 1)
+        ]
+
+    def html(self) -> str:
+        """Return the page, with everything it needs inside."""
+        loader = jinja2.PackageLoader("gsid", "templates")
+        environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+        now = datetime.datetime.now().astimezone()
+        return environment.get_template("report.html").render(
+            title=self.title,
+            experiments=self._experiments,
+            made=[("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *versions()],
+        )
+
+    def write(self, path: str | os.PathLike) -> Path:
+        """Write the page; an old one stays whole until the new one is complete.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        OSError
+            When the folder cannot be written.
+        """
+        text = self.html()
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
+        return Path(path)
+
+
+def as_list(one_or_more) -> list:
+    if one_or_more is None:
+        return []
+    return list(one_or_more) if isinstance(one_or_more, Sequence) else [one_or_more]

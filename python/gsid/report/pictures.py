@@ -1,0 +1,120 @@
+"""Pictures of a report: which there are, how to read them, and how they stand in a page."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from markupsafe import Markup, escape
+
+from gsid import plots
+from gsid.ladder import ladder
+from gsid.plant import PlantModel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gsid.frf import Frf
+    from gsid.spectra import Spectra
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing as it stands in the page."""
+
+    title: str
+    caption: str  # how to read it, one sentence
+    svg: Markup
+
+
+CAPTIONS = {
+    "Estimators": "Where only noise is left, errors stay below the bound; linear least squares is weak at "
+    "low frequencies, and maximum likelihood spends its errors where the noise is.",
+    "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
+    "limited command.",
+    "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "
+    "at its level before the first period that is used.",
+    "Frequency response": "The response and, in the same dB, the standard deviation of its noise: the "
+    "distance between the two is the signal-to-noise ratio of every line.",
+    "Measured and fitted": "Where the model is right it runs through the measured points; bars and band are "
+    "95 % intervals, point by point.",
+    "Complex residual": "The distance between measurement and model in the complex plane: where only noise "
+    "is left, 5 % of the points lie above the bound, spread evenly.",
+    "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
+    "region in which the root lies with 95 % confidence.",
+    "Where it fails": "The error of the model as it was, its free parameters fitted, beside the noise, for "
+    "lines that were excited and for those that were not.",
+    "Torque that is missing": "The error taken back through the model, averaged over places of equal rate, "
+    "angle, command or time; positive drives forwards. A curve far off 0, for its band of ±2 σ, is a hint at "
+    "the law that is missing.",
+    "With what was found": "The same with the effects found: where they are right only noise is left.",
+    "Ladder": "Every step is fitted on some of the data and judged on the rest: an effect that is there "
+    "brings the error on data not fitted down to the noise, one that is not leaves it where it was.",
+    "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
+    "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
+    "Noise and distortion": "Above, the response with its uncertainty by noise alone, which averaging "
+    "lowers, and by noise and distortion together; below, the output at the lines that are excited and at "
+    "those that are not.",
+}
+
+
+def pictures_of(
+    record, all_spectra, frf, model, comparison, multisine
+) -> list[tuple[str, Callable[[], Figure]]]:
+    """Title and drawing of each picture there is data for, in the order of reading."""
+    spectra = all_spectra[0] if all_spectra else None
+    u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
+    is_rational = model is not None and not isinstance(model, PlantModel)
+    has_fit = frf is not None and is_rational
+    of_plant = _plant_pictures(model, all_spectra, frf) if isinstance(model, PlantModel) else []
+    has_roots = is_rational and len(model.poles) + len(model.zeros) > 0
+    pictures = [
+        ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
+        ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
+        ("Frequency response", frf, lambda: plots.frf(frf)),
+        ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
+        ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
+        *((title, True, draw) for title, draw in of_plant),
+        ("Poles and zeros", has_roots, lambda: plots.pole_zero(model)),
+        ("Comparison at the output", comparison, lambda: plots.comparison(comparison)),
+    ]
+    return [(title, draw) for title, needed, draw in pictures if needed]
+
+
+def _plant_pictures(
+    model: PlantModel, measured: Sequence[Spectra], frf: Frf | None
+) -> list[tuple[str, Callable[[], Figure]]]:
+    pictures = []
+    if frf is not None and measured:
+        g = np.mean([model.predict(s).Y[frf.line] / s.u[frf.line] for s in measured], axis=0)
+        pictures.append(("Measured and fitted", lambda: plots.bode_of_plant(frf, g)))
+        pictures.append(("Complex residual", lambda: plots.residual_of_plant(frf, g)))
+    steps = ladder(model)
+    if steps.rungs:
+        pictures.append(("Ladder", lambda: plots.ladder(steps)))
+    return pictures
+
+
+_LONG_NUMBER = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is below any printer's resolution
+
+
+def inline_svg(figure: Figure, prefix: str, title: str) -> Markup:
+    """SVG element to stand in a page: no prologue, no fixed size, and ids that no other picture has."""
+    text = io.StringIO()
+    with matplotlib.rc_context(plots.STYLE):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}", svg)
+    svg = re.sub(r'\b(?:d|x|y)="[^"]*"', lambda found: _LONG_NUMBER.sub(r"\1", found[0]), svg)
+    svg = re.sub(r'(<svg\b[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg\b[^>]*?) height="[^"]*"', r"\1", svg, count=1)
+    return Markup(
+        svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}. {escape(CAPTIONS[title])}"', 1)
+    )

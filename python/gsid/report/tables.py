@@ -1,0 +1,247 @@
+"""Tables of a report: the model, its roots and parameters, what ranks first, where the model fails."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid import plots
+from gsid.confidence import NORMAL_95, root_quantities
+from gsid.plant import Param, PlantModel
+
+if TYPE_CHECKING:
+    from gsid.compare import Comparison
+    from gsid.diagnose import Diagnosis, Group
+    from gsid.model import RationalModel
+    from gsid.verdict import DistortedBand
+
+RANKED = 5  # groups of effects shown of each round
+ESTIMATORS_NOTE = (
+    "Errors are root mean squares over the lines, from the measured response; the cost is that of maximum "
+    "likelihood (eq. 7.28), whatever the method minimised."
+)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A quantity whose true value is known, beside its estimate.
+
+    Attributes
+    ----------
+    name, unit : str
+    truth, estimate, std : float
+        std is the estimate's standard deviation, in the same unit.
+    """
+
+    name: str
+    unit: str
+    truth: float
+    estimate: float
+    std: float
+
+    @property
+    def n_sigma(self) -> float:
+        """Difference of estimate and truth in standard deviations."""
+        return (self.estimate - self.truth) / self.std if self.std > 0.0 else np.nan
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of texts under a head."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+def _number(value: float, digits: int = 6) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
+
+
+def model_tables(model: RationalModel | PlantModel | None, truth: Sequence[Truth] | None) -> list[Table]:
+    """What is told of a model, its truth first where that is known."""
+    tables = []
+    if truth:
+        tables.append(truth_table(truth))
+    if isinstance(model, PlantModel):
+        tables.append(plant_table(model))
+    elif model is not None:
+        tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
+    return tables
+
+
+def distortion_table(bands: Sequence[DistortedBand]) -> Table:
+    """What limits in which band."""
+    rows = []
+    for band in bands:
+        low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
+        size = "" if band.kind == "noise" else low if low == high else f"{low} to {high}"
+        kind = "noise leads" if band.kind == "noise" else f"{band.kind} distortion"
+        rows.append((plots.band_text(band.f_lo_hz, band.f_hi_hz), kind, size))
+    note = "Averaging over more periods lowers the noise only."
+    return Table("Noise and distortion", ("Band", "What limits", "Above noise [dB]"), rows, note)
+
+
+def truth_table(truth: Sequence[Truth]) -> Table:
+    """Quantities whose true value is known, beside their estimates."""
+    rows = [
+        (t.name, t.unit, _number(t.truth), _number(t.estimate), _number(t.std, 2), _signed(t.n_sigma))
+        for t in truth
+    ]
+    head = ("Quantity", "Unit", "Truth", "Estimate", "σ", "Difference [σ]")
+    return Table(
+        "Truth beside estimate", head, rows, "Within ±2 σ in 95 of 100 cases, when the model is right."
+    )
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−") if np.isfinite(value) else ""
+
+
+def _fit_table(m: RationalModel) -> Table:
+    delay = plots.delay_text(m.delay_s, m.fs_hz, m.std_delay_s)
+    rows = [
+        ("Order (poles/zeros)", f"{plots.order_text(m)} in {m.domain}"),
+        ("Delay", f"{delay}, {'free' if m.free_delay else 'given'}"),
+        ("Poles", "all stable" if m.stable else "not all stable"),
+        ("Parameters", f"{m.n_parameters} free"),
+    ]
+    if m.hold == "zoh":
+        rows.append(("Input", "held over each sample; this is what follows"))
+    if m.method is not None:
+        rows.append(("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"))
+    if m.band_hz is not None:
+        rows.append(("Lines", f"{m.n_lines} in {plots.band_text(*m.band_hz)}"))
+    if m.cost is not None:
+        expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
+        rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
+    return Table(
+        "Fitted model",
+        (),
+        rows,
+        "Intervals are 95 % and count the noise only: they hold where the model is adequate.",
+    )
+
+
+def _root_table(m: RationalModel) -> Table:
+    rows = []
+    for kind, roots, covs in (("pole", m.poles, m.pole_cov), ("zero", m.zeros, m.zero_cov)):
+        for root, cov in sorted(zip(roots, covs, strict=True), key=lambda pair: abs(pair[0])):
+            if root.imag >= -1e-9 * abs(root):
+                rows.append(_root_row(kind, root, cov, m))
+    where = "s / 2π [Hz]" if m.domain == "s" else "z"
+    head = ("", where, "Frequency [Hz]", "Damping ratio", "Time constant [ms]")
+    note = "Of a conjugate pair one is listed. Intervals are 95 %." if rows else "No poles and no zeros."
+    return Table("Poles and zeros", head, rows, note)
+
+
+def _root_row(kind: str, root: complex, cov, m: RationalModel) -> tuple[str, ...]:
+    f, zeta, std_f, std_zeta = root_quantities(root, cov, domain=m.domain, fs_hz=m.fs_hz)
+    shown = plots.root_text(root / (2.0 * np.pi) if m.domain == "s" else root)
+    frequency = plots.with_interval(f, std_f)
+    if abs(root.imag) > 1e-9 * abs(root):
+        return kind, shown, frequency, plots.with_interval(zeta, std_zeta), ""
+    if not f > NORMAL_95 * np.nan_to_num(std_f):  # may be an integrator: no time constant
+        return kind, shown, frequency, "", ""
+    tau = 1e3 / (2.0 * np.pi * f)
+    return kind, shown, frequency, "", plots.with_interval(tau, tau * std_f / f)
+
+
+def _parameter_table(m: RationalModel) -> Table:
+    rows = []
+    for name, values, stds in (("numerator", m.num, m.std_num), ("denominator", m.den, m.std_den)):
+        powers = range(len(values) - 1, -1, -1) if m.domain == "s" else range(0, -len(values), -1)
+        for power, value, std in zip(powers, values, stds, strict=True):
+            rows.append((f"{name}, {m.domain}{_superscript(power)}", _number(value, 8), *_spread(value, std)))
+    rows.append(("delay [s]", _number(m.delay_s, 8), *_spread(m.delay_s, m.std_delay_s)))
+    note = "No σ: not estimated." + (" Frequencies in rad/s." if m.domain == "s" else "")
+    return Table("Parameters", ("Parameter", "Estimate", "σ", "σ [%]"), rows, note)
+
+
+def _spread(value: float, std: float) -> tuple[str, str]:
+    if std is None or not std > 0.0:
+        return "", ""
+    return _number(std, 3), _number(100.0 * std / abs(value), 2) if value else ""
+
+
+def _superscript(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def plant_table(model: PlantModel) -> Table:
+    """The effects of a plant with their parameters."""
+    rows = []
+    for label, effect in model.labels():
+        for i, (name, param) in enumerate(effect.params.items()):
+            value = _number(param.value, 7)
+            rows.append((label if i == 0 else "", name, value, _sigma(param), model.unit_of(effect, name)))
+    fit = model.fit or {}
+    note = "No σ: not fitted." if model.fit is None else ""
+    if "cost_per_dof" in fit:
+        note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: 1 when only noise is left."
+    return Table("Plant", ("Effect", "Parameter", "Value", "σ", "Unit"), rows, note)
+
+
+def _sigma(param: Param) -> str:
+    if not param.free:
+        return "fixed"
+    if param.std is None:
+        return ""
+    return _number(param.std, 2) if np.isfinite(param.std) else "not determined"
+
+
+def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
+    """One table for each round of the search that tried effects."""
+    tables = []
+    for number, step in enumerate(diagnosis.steps, 1):
+        rows = [
+            (
+                " or ".join(group.effects),
+                f"{100 * group.probability:.1f} %",
+                f"{group.candidates[0].fit.cost_per_dof:.4g}",
+                _strength(group),
+            )
+            for group in step.ranking[:RANKED]
+        ]
+        if rows:
+            title = "Which effect" if number == 1 else f"Which effect, round {number}"
+            head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
+            tables.append(Table(title, head, rows, f"Without it: {step.fit.cost_per_dof:.4g}."))
+    if tables and diagnosis.next_experiment:
+        note = f"{tables[-1].note} {diagnosis.next_experiment}"
+        tables[-1] = Table(tables[-1].title, tables[-1].head, tables[-1].rows, note)
+    return tables
+
+
+def _strength(group: Group) -> str:
+    best = group.candidates[0]
+    effect = best.fit.model.effects[-1]
+    return "; ".join(
+        f"{name} {plots.with_interval(p.value, p.std)} {best.fit.model.unit_of(effect, name)}"
+        for name, p in best.params.items()
+    )
+
+
+def failing_tables(c: Comparison | None) -> list[Table]:
+    """Bands in which a model fails."""
+    if c is None:
+        return []
+    rows = [
+        (
+            plots.band_text(band["f_lo_hz"], band["f_hi_hz"]),
+            band["lines"],
+            f"{100.0 * band['share']:.1f} %",
+            f"{band['db']:.1f} dB".replace("-", "−"),
+            "< 0.0001" if band["p_value"] < 1e-4 else _number(band["p_value"], 2),
+        )
+        for band in sorted(c.where, key=lambda band: -band["share"])
+    ]
+    note = (
+        "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
+    )
+    head = ("Band", "Lines", "Share", "Error over response", "p")
+    return [Table("Where the model fails", head, rows, note)]
