@@ -23,10 +23,10 @@ from scipy import stats
 
 from gsid._callable import callable_as
 from gsid.fit import in_band
-from gsid.greybox import lines_used
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra, spectra
 from gsid.units import check_units
+from gsid.weights import lines_used
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -19,7 +19,7 @@ import numpy as np
 from gsid.compare import Comparison, compare
 from gsid.effects import EffectType, find
 from gsid.errors import GsidError, InputError, close
-from gsid.greybox import SAME_LEVEL, PlantFit, fit_plant
+from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel
 from gsid.probes import Probe, probes
@@ -27,6 +27,7 @@ from gsid.record import Record
 from gsid.scan import stacked, trajectory, whitened, with_effect
 from gsid.scores import orthonormal, score
 from gsid.spectra import Spectra, spectra
+from gsid.weights import SAME_LEVEL
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.effects import EffectType, table
-from gsid.greybox import lines_used, pooled_variance
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
 from gsid.plant_periodic import input_period
@@ -25,6 +24,7 @@ from gsid.record import Record
 from gsid.spectra import Spectra, spectra
 from gsid.tables import TORQUE, short_name, write_table
 from gsid.units import RADIANS
+from gsid.weights import lines_used, pooled_variance
 
 if TYPE_CHECKING:
     import matplotlib.figure

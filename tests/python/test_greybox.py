@@ -5,14 +5,14 @@ import pytest
 from plants import FS_HZ, axis_record, plant
 from scipy import stats
 
-import gsid.greybox
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
-from gsid.greybox import fit_plant, pooled_variance
+from gsid.greybox import fit_plant
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
+from gsid.weights import DOF_WANTED, pooled_variance
 
 N, P = 1500, 4
 AXIS = {"gain": 900.0, "viscous_rate": 12.0, "spring_stiffness": 400.0, "delay_s": 0.00437}
@@ -329,7 +329,7 @@ def test_few_degrees_of_freedom_are_pooled_over_lines():
     ((variance, dof),) = pooled_variance([s])
     assert dof == 2 * 11
     np.testing.assert_allclose(variance[100], s.var_y[95:106].mean())
-    assert dof >= gsid.greybox.DOF_WANTED
+    assert dof >= DOF_WANTED
 
 
 def test_standard_errors_cover_the_truth():
