@@ -165,7 +165,7 @@ $(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BU
 	$(CC) $(TEST_FLAGS) $(HOST_FLAGS) $(CFLAGS) -o $@ $(filter %.c %.a,$^) $(LDFLAGS) -lcmocka $(HOST_LIBS)
 
 .PHONY: test
-test: all check sanitize valgrind ## all tests: C in double and float, the same sanitized and under valgrind, then Python
+test: all peers check sanitize valgrind ## all tests: C in double and float, the same sanitized and under valgrind, then Python
 	$(PY) -m pytest -q
 
 .PHONY: test-data
@@ -207,9 +207,18 @@ format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-for
 	$(VENV)/bin/clang-format -i $(C_FILES)
 	$(VENV)/bin/ruff format -q .
 
+# Without a network the benchmarks and the tests beside peers say what they go without.
+.PHONY: peers
+peers: build/peers/.stamp ## install the packages that benchmarks and tests compare with, into build/peers
+build/peers/.stamp: benchmarks/requirements.txt $(VENV)/requirements.stamp
+	@rm -rf $(@D)
+	@echo "$(PY) -m pip install --target $(@D) -r benchmarks/requirements.txt"
+	@if $(PY) -m pip install -q --disable-pip-version-check --no-deps --ignore-requires-python --target $(@D) \
+	    -r benchmarks/requirements.txt; then touch $@; else echo "no peers: they could not be installed" >&2; fi
+
 .PHONY: bench
-bench: all ## run the benchmarks; each prints its figures and versions as JSON
-	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; $(PY) $$bench || exit 1; done
+bench: all peers ## run the benchmarks; each prints its figures and versions as JSON
+	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; PYTHONPATH=build/peers $(PY) $$bench || exit 1; done
 
 .PHONY: coverage
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
