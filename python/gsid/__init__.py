@@ -8,8 +8,8 @@
     found = gsid.diagnose(plant, [record])            # Diagnosis
     better = gsid.add("coulomb_friction", plant, [record]).model
 
-Names are loaded when they are first used. compare, diagnose, fit, frf and spectra are modules, too: `from
-gsid.compare import Comparison`.
+Names are loaded when they are first used. compare, diagnose, fit, frf, noise and spectra are modules, too:
+`from gsid.compare import Comparison`.
 """
 
 import importlib
@@ -30,6 +30,7 @@ _HOME = {
     "fit_plant": "greybox",
     "frf": None,
     "load_model": "model",
+    "noise": None,
     "read_record": "io",
     "spectra": None,
     "torque_residual": "torque",

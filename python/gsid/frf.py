@@ -11,8 +11,9 @@ With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum o
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     import control
     import matplotlib.figure
     import pandas
+
+    from gsid.tones import Tone
+
+_log = logging.getLogger("gsid.frf")
 
 
 @dataclass(repr=False)
@@ -51,6 +56,8 @@ class Frf:
     hold : {"zoh", "none"}
         "zoh": u is a command that was held over each sample.
     u_unit, y_unit, name : str
+    removed : tuple of Tone
+        Periodic disturbances that were taken off the output first.
     """
 
     line: np.ndarray
@@ -72,6 +79,7 @@ class Frf:
     u_unit: str = ""
     y_unit: str = ""
     name: str = ""
+    removed: tuple[Tone, ...] = ()
 
     def to_control(self) -> control.FRD:
         """Return the response as `control.FRD`, frequencies in rad/s."""
@@ -228,6 +236,7 @@ def frf(
     period: int | None = None,
     settle: int | None = None,
     band: tuple[float, float] | None = None,
+    remove_periodic: bool = False,
 ) -> Frf:
     """Estimate the frequency response at the lines that every realisation excites.
 
@@ -239,6 +248,9 @@ def frf(
         Samples; default: what each record states, else what its data show. Not looked at for Spectra.
     band : (lo, hi), optional
         Only lines within [Hz].
+    remove_periodic : bool
+        Take periodic disturbances off the output first (`gsid.noise`); one at a line of the period looks like
+        the response, and stays.
 
     Returns
     -------
@@ -250,12 +262,33 @@ def frf(
     InputError
         As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band.
     ValueError
-        No record.
+        No record; Spectra to take disturbances off.
     """
+    records = [records] if isinstance(records, Record | Spectra) else list(records)
+    removed: list[Tone] = []
+    if remove_periodic:
+        records = [_without_tones(record, removed, period, settle) for record in records]
     parts = realisations(records, period=period, settle=settle)
     line = common_lines(parts, band)
     each = [_single(part, line) for part in parts]
-    return each[0] if len(each) == 1 else _over_realisations(each)
+    result = each[0] if len(each) == 1 else _over_realisations(each)
+    return replace(result, removed=tuple(removed))
+
+
+def _without_tones(
+    record: Record | Spectra, removed: list[Tone], period: int | None, settle: int | None
+) -> Record:
+    """The record less its periodic disturbances, which are said and added to `removed`."""
+    from gsid.noise import without_tones
+
+    if isinstance(record, Spectra):
+        raise ValueError("periodic disturbances are taken off records, not off their spectra")
+    cleaned, tones = without_tones(record, period=period, settle=settle)
+    unit = f" {record.y_unit}" if record.y_unit else ""
+    taken = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in tones) or "nothing"
+    _log.info("%s: taken off as periodic disturbance: %s", record.name or "record", taken)
+    removed += tones
+    return cleaned
 
 
 def _single(part: Realisation, line: np.ndarray) -> Frf:

@@ -12,6 +12,7 @@ from gsid.confidence import complex_bound, gain_phase_std
 from gsid.excitation import Multisine
 from gsid.frf import frf
 from gsid.model import RationalModel
+from gsid.noise import noise
 from gsid.record import Record
 from gsid.spectra import spectra
 
@@ -264,3 +265,23 @@ def test_objects_draw_themselves(record, measured):
         (compare(axis(), record).plot(), "95 % noise bound"),
     ):
         assert word in labels(drawn)
+
+
+def test_noise_with_and_without_disturbances():
+    n = 20000
+    y = np.random.default_rng(1).standard_normal(n) + 0.3 * np.cos(0.06 * np.arange(n))
+    figure = plots.noise(noise(Record(np.zeros(n), y, FS_HZ, y_unit="deg/s")))
+    words = labels(figure)
+    for expected in (
+        "density [dB re 1 (deg/s)²/Hz]",
+        "95 % interval, each line",
+        "amplitude [deg/s]",
+        "95 % interval; false-alarm rate 0.01",
+        "Zero input: noise of",
+        "28.6",
+        "frequency [Hz]",
+    ):
+        assert expected in words
+    quiet = noise(Record(np.zeros(n), np.random.default_rng(2).standard_normal(n), FS_HZ))
+    assert len(plots.noise(quiet).axes) == 1
+    assert "density [dB re 1 1²/Hz]" not in labels(plots.noise(quiet))

@@ -170,13 +170,11 @@ def reading_options(command: Callable) -> Callable:
         settle: int | None,
         **kwargs: object,
     ) -> object:
-        def read(paths: Sequence[str]) -> list[Record]:
+        def read(paths: Sequence[str], **how: bool) -> list[Record]:
             from gsid.io import read_record
 
-            return [
-                read_record(path, u=u_name, y=y_name, fs_hz=fs_hz, period=period, settle=settle)
-                for path in paths
-            ]
+            given = {"u": u_name, "y": y_name, "fs_hz": fs_hz, "period": period, "settle": settle}
+            return [read_record(path, **given, **how) for path in paths]
 
         return command(*args, read=read, **kwargs)
 

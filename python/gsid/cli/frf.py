@@ -20,8 +20,17 @@ if TYPE_CHECKING:
 @click.option(
     "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz or .mat instead of a table."
 )
+@click.option(
+    "--remove-periodic", is_flag=True, help="Take periodic disturbances (`gsid noise`) off the output first."
+)
 @json_option
-def frf(records: list[Record], band: tuple[float, float] | None, output: str | None, as_json: bool) -> None:
+def frf(
+    records: list[Record],
+    band: tuple[float, float] | None,
+    output: str | None,
+    remove_periodic: bool,
+    as_json: bool,
+) -> None:
     """Measure the frequency response at the excited lines, and its variance.
 
     One REC is one realisation; all have the same period and rate. var_g is the variance of the mean over the
@@ -29,12 +38,13 @@ def frf(records: list[Record], band: tuple[float, float] | None, output: str | N
     """
     from gsid.frf import frf as measure
 
-    result = measure(records, band=band)
+    result = measure(records, band=band, remove_periodic=remove_periodic)
     if output:
         _write(Path(output), result)
         say(f"wrote {output}")
     if as_json:
-        print_json(_columns(result) | _keys(result))
+        removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
+        print_json(_columns(result) | _keys(result) | {"removed": removed})
     elif not output:
         _print(result)
 

@@ -28,6 +28,7 @@ VERBS = {
     "design": "Make a periodic excitation.",
     "simulate": "Serve a simulated gimbal axis on a serial line.",
     "run": "Drive an axis over a serial line and record it.",
+    "noise": "Spectrum and variance of the noise, and what is periodic in it.",
     "frf": "Measure the frequency response and its variance from records.",
     "distortion": "Tell noise from nonlinear distortion in a frequency response.",
     "fit": "Fit a rational model, or a stack of effects, to records.",
@@ -142,8 +143,10 @@ def _run(argv: list[str] | None) -> int:
 
 def _talk_on_stderr() -> None:
     """What the library notes (a period found, a file beside the record used) is said too."""
+    logging.addLevelName(logging.INFO, "note")
+    logging.addLevelName(logging.WARNING, "warning")
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("note: %(message)s"))
+    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
     logger = logging.getLogger("gsid")
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
+
 from gsid.errors import InputError
 from gsid.files import write_atomically
 from gsid.io.arrays import read_h5, read_mat, read_npz, write_h5, write_mat, write_npz
@@ -37,6 +39,7 @@ def read_record(
     fs_hz: float | None = None,
     period: int | None = None,
     settle: int | None = None,
+    zero_input: bool = False,
 ) -> Record:
     """Read one realisation from a file.
 
@@ -51,6 +54,8 @@ def read_record(
         Sample rate [Hz], where the file has neither times nor the rate.
     period, settle : int, optional
         Samples; take the place of what the file states.
+    zero_input : bool
+        A file without an input has one of zero; else the input must be there.
 
     Returns
     -------
@@ -71,8 +76,10 @@ def read_record(
             f"records are {', '.join(_READERS)}",
         )
     _check_readable(path)
-    u, y = u or "u", y or "y"
-    raw = reader(path, u, y, fs_hz)
+    is_optional, u, y = zero_input and u is None, u or "u", y or "y"
+    raw = reader(path, y if is_optional else u, y, fs_hz)
+    if is_optional and u not in raw.columns and y in raw.columns:
+        raw.columns[u] = np.zeros(np.size(raw.columns[y]))
     add_keys_from_beside(path, raw, u, y, fs_hz, period)
     record = to_record(path, raw, u, y, fs_hz)
     record.period_samples = record.period_samples if period is None else period

@@ -26,7 +26,7 @@ def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
             missing = [name for name in (u, y) if name not in names]
             if missing:
                 raise InputError(
-                    f"no column named {missing[0]}", str(path), None, _columns_hint(missing[0], u, names)
+                    f"no column named {missing[0]}", str(path), None, _columns_hint(missing[0], y, names)
                 )
             table, kept = _read_rows(path, file, names, {u, y, *TIME_NAMES, "valid"})
     except UnicodeDecodeError as error:
@@ -34,10 +34,10 @@ def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
     return Raw(dict(zip(kept, table.T, strict=True)), keys, where, "column")
 
 
-def _columns_hint(missing: str, u: str, names: list[str]) -> str:
+def _columns_hint(missing: str, y: str, names: list[str]) -> str:
     if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
         return "separate the columns with commas"
-    return f"{choose(missing, names)}; name it with {'--u' if missing == u else '--y'}"
+    return f"{choose(missing, names)}; name it with {'--y' if missing == y else '--u'}"
 
 
 def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str]]:

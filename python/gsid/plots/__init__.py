@@ -8,6 +8,7 @@ from gsid.plots.diagnosis import diagnosis
 from gsid.plots.distortion import distortion, superposition
 from gsid.plots.estimators import estimators
 from gsid.plots.experiment import crest_factors, excitation, periods
+from gsid.plots.noise import noise
 from gsid.plots.response import bode, bode_of_plant, frf, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
@@ -27,6 +28,7 @@ __all__ = [
     "excitation",
     "frf",
     "ladder",
+    "noise",
     "order_text",
     "periods",
     "pole_zero",

@@ -1,0 +1,117 @@
+"""gsid noise"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import json_option, print_json, print_table, reading_options, records_argument, say
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from gsid.noise import Noise
+    from gsid.record import Record
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+@click.command(short_help="Spectrum and variance of the noise, and what is periodic in it.")
+@records_argument
+@reading_options
+@click.option(
+    "--alpha",
+    metavar="P",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.01,
+    show_default=True,
+    help="Rate at which noise alone may show a periodic disturbance.",
+)
+@click.option("--plot", "picture", metavar="FILE", type=click.Path(), help="Draw to .png, .svg or .pdf.")
+@json_option
+def noise(
+    records: Sequence[str],
+    read: Callable[..., list[Record]],
+    alpha: float,
+    picture: str | None,
+    as_json: bool,
+) -> None:
+    """Analyse the noise of the output: measure with zero input, and see what disturbs.
+
+    Periodic disturbances, a fan for instance, are found by a test with the false-alarm rate --alpha and named
+    by their frequency. The spectrum is what is left without them. A file needs no input; where there is a
+    periodic one, its response is taken off first. With zero input --period sets the resolution.
+    """
+    from gsid.noise import noise as analyse
+
+    if picture and (len(records) > 1 or Path(picture).suffix.lower() not in PICTURES):
+        what = "one record at a time" if len(records) > 1 else f"{', '.join(PICTURES)} only"
+        raise click.UsageError(f"--plot draws {what}", click.get_current_context())
+    found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
+    if picture:
+        found[0].plot().savefig(picture)
+        say(f"wrote {picture}")
+    if as_json:
+        print_json({"records": [_values(one) for one in found]})
+    else:
+        for one in found:
+            _print(one)
+
+
+def _values(n: Noise) -> dict:
+    low, high = n.interval()
+    tones = [vars(tone) | {"name": tone.name} for tone in n.tones]
+    keys = ("variance", "variance_rest", "alpha", "segment_samples", "period_samples", "settle_samples")
+    return {
+        "record": n.name,
+        "f_hz": n.f_hz,
+        "psd": n.psd,
+        "psd_95": [low, high],
+        "n_dof": n.n_dof,
+        "tones": tones,
+        **{key: getattr(n, key) for key in (*keys, "n_samples", "n_lost", "fs_hz", "y_unit")},
+        "sentence": n.sentence,
+    }
+
+
+def _print(n: Noise) -> None:
+    import numpy as np
+
+    less = f", less what repeats every {n.period_samples}" if n.period_samples else ""
+    lost = f", {n.n_lost} lost" if n.n_lost else ""
+    say(f"{n.name}: {n.n_samples} samples at {n.fs_hz:g} Hz{less}{lost}; windows of {n.segment_samples}")
+    unit = n.y_unit or "1"
+    octave = np.floor(np.log2(n.f_hz / n.f_hz[0])).astype(int)
+    step = n.f_hz[0]  # f_hz begins one line above 0
+    bands = [octave == i for i in range(octave.max() + 1)]
+    print_table(
+        ["from [Hz]", "to [Hz]", f"rms [{unit}]", f"density [{unit}/sqrt(Hz)]"],
+        (
+            [
+                f"{n.f_hz[band][0]:.4g}",
+                f"{n.f_hz[band][-1]:.4g}",
+                f"{np.sqrt(n.psd[band].sum() * step):.4g}",
+                f"{np.sqrt(n.psd[band].mean()):.4g}",
+            ]
+            for band in bands
+        ),
+    )
+    if n.tones:
+        print()
+        print_table(
+            ["disturbance", "sigma [Hz]", f"amplitude [{unit}]", "sigma", "false alarm"],
+            (
+                [
+                    tone.name,
+                    f"{tone.std_f_hz:.2g}",
+                    f"{tone.amplitude:.4g}",
+                    f"{tone.std_amplitude:.2g}",
+                    f"{tone.p_value:.2g}",
+                ]
+                for tone in n.tones
+            ),
+            left=["disturbance"],
+        )
+    print(n.sentence)

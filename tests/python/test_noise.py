@@ -1,0 +1,220 @@
+"""Noise of a record: densities and sines of known size, false alarms counted, errors beside the bound."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import freqz, lfilter, welch
+from scipy.stats import binom
+
+from gsid.errors import InputError
+from gsid.excitation import Multisine
+from gsid.frf import frf
+from gsid.noise import noise, without_tones
+from gsid.record import Record
+from gsid.tones import false_alarm, find_tones
+
+FS_HZ = 1000.0
+COLOUR = [1.0], [1.0, -0.9]  # a first-order low pass
+
+
+def zero_input(y, **facts):
+    return Record(np.zeros(len(y)), y, FS_HZ, y_unit="deg/s", **facts)
+
+
+def white(seed, n, std=1.0):
+    return std * np.random.default_rng(seed).standard_normal(n)
+
+
+def within_binomial(count, n, p, level=0.999):
+    low, high = binom.interval(level, n, p)
+    return low <= count <= high
+
+
+def test_density_is_that_of_the_filter_and_lies_in_its_interval():
+    n, std = 64000, 0.02
+    y = lfilter(*COLOUR, white(1, n + 1000, std))[1000:]
+    found = noise(zero_input(y), period=1000)
+    true = std**2 / (FS_HZ / 2) * np.abs(freqz(*COLOUR, found.f_hz, fs=FS_HZ)[1]) ** 2
+    low, high = found.interval(0.95)
+    inside = np.count_nonzero((low < true) & (true < high))
+    # neighbouring lines of a Hann window are correlated: about half as many independent ones
+    assert within_binomial(inside // 2, len(true) // 2, 0.95)
+    assert found.variance_rest == pytest.approx(
+        std**2 / (1 - 0.9**2), rel=0.05
+    )  # 3 sigma of 64000 / 19 samples
+    assert found.tones == []
+    assert "No periodic disturbance (at a false-alarm rate of 0.01)" in found.sentence
+
+
+def test_density_is_scipys():
+    y = white(2, 8000)
+    found = noise(zero_input(y), period=500)
+    # scipy's takes each window's mean off as well; the record's trend does not matter within a window
+    f_hz, psd = welch(y, FS_HZ, "hann", 500, detrend="constant")
+    np.testing.assert_allclose(found.f_hz, f_hz[1:-1])
+    np.testing.assert_allclose(found.psd, psd[1:-1], rtol=1e-3)
+
+
+def test_variance_of_a_line_is_that_of_a_measurement():
+    """2 fs/N times the density is the variance of a line of one period (source, eq. 4.11)."""
+    n_period, n_periods = 500, 400
+    y = white(3, n_period * n_periods)
+    lines = np.fft.rfft(y.reshape(n_periods, n_period))[:, 1:250] * 2 / n_period
+    variance = lines.var(axis=0, ddof=1)
+    found = noise(zero_input(y), period=n_period)
+    # each of 249 lines has 400 values: their mean ratio within 4 / sqrt(249 * 400)
+    assert np.mean(found.line_variance(n_period) / variance) == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.01])
+def test_white_noise_alarms_at_the_stated_rate(alpha):
+    n_records = 3000
+    alarms = sum(bool(find_tones(white(s, 1024), FS_HZ, alpha=alpha)[0]) for s in range(n_records))
+    print(f"{alarms} false alarms in {n_records} records at {alpha}")
+    assert within_binomial(alarms, n_records, alpha)
+
+
+@pytest.mark.parametrize(
+    ("kind", "make", "period"),
+    [
+        ("low pass", lambda s: lfilter(*COLOUR, white(s, 1524))[500:], 0),
+        ("random walk", lambda s: np.cumsum(white(s, 1024)), 0),
+        ("excited", lambda s: white(s, 1024) + np.tile(white(7, 128), 8), 128),
+    ],
+)
+def test_other_noise_alarms_no_more_often(kind, make, period):
+    n_records, alpha = 1000, 0.05
+    alarms = sum(bool(find_tones(make(s), FS_HZ, alpha=alpha, period=period)[0]) for s in range(n_records))
+    print(f"{kind}: {alarms} false alarms in {n_records} records at {alpha}")
+    assert alarms <= binom.ppf(0.999, n_records, alpha)
+
+
+def test_frequency_and_amplitude_err_as_the_cramer_rao_bound():
+    n, amplitude, n_records = 2048, 0.3, 300
+    bound_hz = np.sqrt(24 / (amplitude**2 * n**3)) * FS_HZ / (2 * np.pi)  # std 1 of the noise
+    bound_amplitude = np.sqrt(2 / n)
+    t_s = np.arange(n) / FS_HZ
+    error, scaled = [], []
+    for seed in range(n_records):
+        rng = np.random.default_rng(seed)
+        f_hz = 100 + 2 * rng.random()  # anywhere between the bins
+        tone = find_tones(
+            amplitude * np.cos(2 * np.pi * f_hz * t_s + 6 * rng.random()) + rng.standard_normal(n), FS_HZ
+        )[0][0]
+        error.append(((tone.f_hz - f_hz) / bound_hz, (tone.amplitude - amplitude) / bound_amplitude))
+        scaled.append((tone.f_hz - f_hz) / tone.std_f_hz)
+    rms = np.sqrt(np.mean(np.square(error), axis=0))
+    print(f"rms errors over their Cramer-Rao bounds: frequency {rms[0]:.3f}, amplitude {rms[1]:.3f}")
+    # a standard deviation of 300 values scatters by 4 %: three of that to both sides
+    np.testing.assert_allclose(rms, 1, atol=0.12)
+    covered = np.count_nonzero(np.abs(scaled) < 1.96)
+    assert within_binomial(covered, n_records, 0.95)
+
+
+def test_a_fan_is_found_and_named_by_its_frequency():
+    """The source's: 50 s of 3 kHz, 30.9 Hz, of which two multiples are there, in noise ten times as large."""
+    fs_hz, n, fan_hz = 3000.0, 150000, 30.9012
+    t_s = np.arange(n) / fs_hz
+    y = white(5, n, 0.015) + 0.4
+    for order, amplitude in ((1, 0.0021), (2, 0.0009), (3, 0.0008)):
+        y += amplitude * np.cos(2 * np.pi * order * fan_hz * t_s + order)
+    found = noise(Record(np.zeros(n), y, fs_hz, y_unit="deg/s"))
+    assert [tone.order for tone in found.tones] == [1, 2, 3]
+    for order, tone in enumerate(found.tones, 1):
+        assert abs(tone.f_hz - order * fan_hz) < 4 * tone.std_f_hz
+        assert tone.std_f_hz < 1e-3
+    fan = found.tones[0]
+    assert fan.name == f"{fan.f_hz:.4f} Hz"
+    assert found.tones[1].name.endswith(f"(2 x {fan.f_hz:.4f} Hz)")
+    assert f"{fan.name} of {fan.amplitude:.3g} deg/s" in found.sentence
+    assert abs(fan.amplitude - 0.0021) < 4 * fan.std_amplitude
+    assert found.variance_rest == pytest.approx(0.015**2, rel=0.011)  # 3 sigma of 150000 squares
+    assert found.near_tone(np.array([30.0, 30.9, 61.8]), 0.1).tolist() == [False, True, True]
+
+
+def test_strong_sines_close_together_are_told_apart():
+    """Leakage of the one is no error of the other: both are fitted again when the other is known."""
+    n = 4000
+    t_s = np.arange(n) / FS_HZ
+    true = [(50.0, 1.0), (51.1, 0.5), (200.03, 0.01)]  # bins are 0.25 Hz
+    y = sum(a * np.cos(2 * np.pi * f * t_s + f) for f, a in true) + white(6, n, 1e-3)
+    found = noise(zero_input(y)).tones
+    assert len(found) == len(true)
+    for (f_hz, amplitude), tone in zip(true, found, strict=True):
+        assert abs(tone.f_hz - f_hz) < 5 * tone.std_f_hz
+        assert abs(tone.amplitude - amplitude) < 5 * tone.std_amplitude
+
+
+def test_lost_samples_are_left_out():
+    n = 20000
+    t_s = np.arange(n) / FS_HZ
+    y = 0.2 * np.cos(2 * np.pi * 30.91 * t_s + 1) + white(8, n)
+    valid = np.ones(n, bool)
+    valid[3000:3010] = valid[15000] = False
+    y[~valid] = 1e3
+    found = noise(zero_input(y, valid=valid))
+    assert found.n_lost == 11
+    assert [round(tone.f_hz, 1) for tone in found.tones] == [30.9]
+    assert found.variance_rest == pytest.approx(1, abs=0.04)  # 4 sigma
+    assert found.psd.mean() * FS_HZ / 2 == pytest.approx(1, abs=0.04)
+
+
+def excited(seed, tone_hz, n_period=500, n_periods=24, settle=500):
+    m = Multisine.design(FS_HZ, n_period, (2, 100), seed=1, phases="random")
+    n = settle + n_periods * n_period
+    u = np.resize(m.table(), n)
+    y = 3 * u + 0.05 * np.cos(2 * np.pi * tone_hz * np.arange(n) / FS_HZ + 0.5) + white(seed, n, 0.05)
+    return Record(u, y, FS_HZ, n_period, settle)
+
+
+def test_a_disturbance_is_taken_off_an_excited_record():
+    record = excited(9, 30.9)
+    found = noise(record)
+    assert [round(tone.f_hz, 1) for tone in found.tones] == [30.9]
+    assert abs(found.tones[0].phase_rad - 0.5) < 0.2  # from the record's first sample
+    assert found.variance_rest == pytest.approx(0.05**2, rel=0.06)  # 4 sigma of 12000 squares
+    cleaned, tones = without_tones(record)
+    assert tones == found.tones
+    with_fan, without = frf(record), frf(record, remove_periodic=True)
+    near = np.argmin(np.abs(with_fan.f_hz - 30))
+    truth = dataclasses.replace(record, y=record.y - excited(9, 30.9).y + excited(9, 0.0).y)
+    floor = np.median(frf(truth).var_g)
+    assert with_fan.var_g[near] > 20 * floor
+    assert without.var_g[near] < 3 * floor  # a chi-square of 46 over its mean
+    np.testing.assert_allclose(without.g, 3, atol=5 * np.sqrt(floor))
+    assert [round(tone.f_hz, 1) for tone in without.removed] == [30.9]
+    np.testing.assert_array_equal(cleaned.u, record.u)
+
+
+def test_a_disturbance_at_a_line_of_the_period_stays():
+    assert noise(excited(10, 30.0)).tones == []
+
+
+def test_an_input_that_is_only_noise_counts_as_zero(caplog):
+    record = dataclasses.replace(zero_input(white(11, 4000)), u=white(12, 4000))
+    assert noise(record).period_samples == 0
+    assert "neither zero nor periodic" in caplog.text
+
+
+def test_false_alarm_probability_is_that_of_the_formula():
+    """With ever more bins beside, NOI-1 becomes Rice's K sqrt(pi z / 3) exp(-z)."""
+    z = np.array([15.0, 20.0])
+    expected = 1e4 * np.sqrt(np.pi * z / 3) * np.exp(-z)
+    np.testing.assert_allclose(false_alarm(z, np.full(2, 1e7), 1e4), expected, rtol=1e-4)
+    assert false_alarm(np.array([1.0]), np.array([32.0]), 1e4) == 1
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="too few samples") as caught:
+        noise(zero_input(white(13, 100)))
+    assert "256 at least" in caught.value.hint
+    with pytest.raises(ValueError, match="alpha must be"):
+        noise(zero_input(white(13, 1000)), alpha=0)
+    with pytest.raises(ValueError, match="level must be"):
+        noise(zero_input(white(13, 1000))).interval(1)
+    with pytest.raises(InputError, match="does not repeat"):
+        noise(excited(9, 30.9), period=490)
+    valid = np.arange(4000) % 100 != 0
+    with pytest.raises(InputError, match="without lost samples"):
+        noise(zero_input(white(14, 4000), valid=valid))
