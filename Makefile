@@ -220,6 +220,12 @@ build/peers/.stamp: benchmarks/requirements.txt $(VENV)/requirements.stamp
 bench: all peers ## run the benchmarks; each prints its figures and versions as JSON
 	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; PYTHONPATH=build/peers $(PY) $$bench || exit 1; done
 
+.PHONY: bench-fit
+bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estimator from 200 starts, into docs/estimators.md (minutes)
+	@tools/setup peers || echo "bench-fit: without Octave" >&2
+	PYTHONPATH=build/peers $(PY) benchmarks/bench_fit.py --page docs/estimators.md
+	PYTHONPATH=build/peers $(PY) benchmarks/bench_estimators.py --page docs/estimators.md
+
 .PHONY: coverage
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
 	$(PY) benchmarks/coverage_fit.py

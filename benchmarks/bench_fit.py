@@ -1,27 +1,31 @@
-"""Fits with a free delay beside scipy.optimize.least_squares on the same data; JSON on stdout.
+"""Fits with a free delay beside scipy, scikit-rf and Octave on the same data; JSON on stdout.
 
-    .venv/bin/python benchmarks/bench_fit.py
+    make bench-fit       (or .venv/bin/python benchmarks/bench_fit.py [--page docs/estimators.md])
 
 Figures to reach (design, section 7), orders 4/3, 6/5 and 9/8, ten noise seeds each: cost at most the true
 model's, all poles stable, the delay found from nothing, in at most 60, 120 and 250 ms. scipy gets what a
 careful user gives it: the frequency scaled, the Jacobian, the weights, a start by reweighted linear least
 squares and a delay of 5 ms, which is 0.4 ms off. It makes one start where gsid scans 0 to 12 ms, refines five
-and keeps to stable models. Both run in the same process, in turn. scikit-rf's vector fitting, where it is
-installed, gets the true delay by hand, and as many poles. Octave's invfreqs needs its package signal; where
-there is none the output says so.
+and keeps to stable models. scikit-rf's vector fitting and Octave's invfreqs and fitfrd get the true delay by
+hand, and as many poles (fit_peers.py). gsid fits the same plant with delays from 0 to 12 ms besides.
+
+Times are medians over the seeds, of the wall clock and of the processor (linear algebra on one thread): on a
+machine with other work only the latter means something. --page puts the table into a page of the docs.
 """
 
+import argparse
 import importlib.metadata
 import importlib.util
 import json
+import os
 import platform
-import shutil
-import subprocess
-import time
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # its threads wait busily, and would count in the next tool's time
 
 import numpy as np
 import scipy
-from scipy.optimize import least_squares
+from fit_peers import Found, ScipyFit, octave, timed, vector_fit
+from page import put, table
 
 from gsid._lib import ffi, lib, version
 from gsid.fit import fit
@@ -30,10 +34,12 @@ from gsid.frf import Frf
 FS_HZ, N, PERIODS, AMPLITUDE, SNR_DB, SEEDS = 3000.0, 6000, 75, 3.0, 40.0, range(10)
 F_HZ = np.arange(1, 501) * FS_HZ / N
 DELAY_S, START_S = 5.4e-3, 5e-3
-ORDERS = ((4, 3), (6, 5), (9, 8))
+DELAYS_S = np.arange(13) * 1e-3
+ORDERS = {(4, 3): 60, (6, 5): 120, (9, 8): 250}
+"""Time to reach [ms]."""
 
 
-def true_response() -> np.ndarray:
+def true_response(delay_s: float = DELAY_S) -> np.ndarray:
     """Return a lag pair and a zero, an anti-resonance at 165 Hz and a resonance at 179 Hz, and the delay."""
 
     def rational(s: np.ndarray) -> np.ndarray:
@@ -42,16 +48,16 @@ def true_response() -> np.ndarray:
         return slow * (s**2 + 0.03 * wa * s + wa**2) / (s**2 + 0.03 * wr * s + wr**2)
 
     s = 2j * np.pi * F_HZ
-    return rational(s) / abs(rational(np.array(20j * np.pi))) * np.exp(-s * DELAY_S)
+    return rational(s) / abs(rational(np.array(20j * np.pi))) * np.exp(-s * delay_s)
 
 
-def measurement(seed: int) -> tuple[Frf, float]:
+def measurement(seed: int, delay_s: float = DELAY_S) -> tuple[Frf, float]:
     """Return a response as 75 periods give it, with sample variances, and the true model's cost on it.
 
     Half of the noise is white, half lies below 5 Hz.
     """
     rng = np.random.default_rng(seed)
-    g = true_response()
+    g = true_response(delay_s)
     noise = AMPLITUDE**2 / 2 * np.sum(abs(g) ** 2) * 10 ** (-SNR_DB / 10)
     low = 1 / (1 + (np.arange(N // 2 + 1) * FS_HZ / N / 5) ** 2)
     shape = (0.5 + 0.5 * low / low.mean())[1:501]
@@ -82,120 +88,83 @@ def measurement(seed: int) -> tuple[Frf, float]:
     return frf, float(np.sum(abs(error) ** 2 / var_g))
 
 
-class Peer:
-    """The same problem for scipy: den without its 1, num, delay in ms, ascending powers of s / w_max."""
-
-    def __init__(self, frf: Frf, order: tuple[int, int]) -> None:
-        self.n, self.m = order
-        self.g, self.weight = frf.g, 1 / np.sqrt(frf.var_g)
-        self.w_ms = 2e-3 * np.pi * F_HZ
-        self.powers = (1j * F_HZ / F_HZ[-1])[:, None] ** np.arange(max(order) + 1)
-
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return denominator, numerator and delay at every line."""
-        den = self.powers[:, : self.n] @ x[: self.n] + self.powers[:, self.n]
-        num = self.powers[:, : self.m + 1] @ x[self.n : -1]
-        return den, num, np.exp(-1j * self.w_ms * x[-1])
-
-    @staticmethod
-    def real(z: np.ndarray) -> np.ndarray:
-        """Return real over imaginary parts."""
-        return np.concatenate([z.real, z.imag])
-
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """Return the weighted errors."""
-        den, num, delay = self.parts(x)
-        return self.real((delay * num / den - self.g) * self.weight)
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the weighted errors."""
-        den, num, delay = self.parts(x)
-        g = delay * num / den
-        by_den = -(g / den)[:, None] * self.powers[:, : self.n]
-        by_num = (delay / den)[:, None] * self.powers[:, : self.m + 1]
-        columns = np.hstack([by_den, by_num, (-1j * self.w_ms * g)[:, None]])
-        return self.real(columns * self.weight[:, None])
-
-    def start(self) -> np.ndarray:
-        """Return the solution of eight reweighted linear problems at the delay given."""
-        g = self.g * np.exp(1j * self.w_ms * 1e3 * START_S)
-        rows = np.hstack([g[:, None] * self.powers[:, : self.n], -self.powers[:, : self.m + 1]])
-        right, weight = -g * self.powers[:, self.n], self.weight
-        for _ in range(9):
-            a, b = self.real(rows * weight[:, None]), self.real(right * weight)
-            x = np.linalg.lstsq(a, b, rcond=None)[0]
-            weight = self.weight / abs(self.powers[:, : self.n] @ x[: self.n] + self.powers[:, self.n])
-        return np.append(x, 1e3 * START_S)
-
-    def solve(self) -> tuple[float, bool, float]:
-        """Return cost, whether all poles are stable, and the delay [s]."""
-        found = least_squares(
-            self.residual, self.start(), self.jacobian, x_scale="jac", method="trf", max_nfev=2000
-        )
-        poles = np.roots(np.append(found.x[: self.n], 1.0)[::-1])
-        return 2 * found.cost, bool(np.all(poles.real < 0)), found.x[-1] * 1e-3
-
-
-def ours(frf: Frf, order: tuple[int, int]) -> tuple[float, bool, float]:
-    """Return cost, whether all poles are stable, and the delay [s]."""
+def ours(frf: Frf, order: tuple[int, int]) -> Found:
+    """Fit by gsid, as its defaults are."""
     model = fit(frf, order)
-    return model.cost, model.stable and model.converged, model.delay_s
+    return Found(model.cost, model.stable and model.converged, model.delay_s)
 
 
-def vector_fit(frf: Frf, order: tuple[int, int]) -> tuple[float, bool, float]:
-    """Return cost, whether all poles are stable, and the delay that scikit-rf was given [s]."""
-    import skrf
-    from skrf.vectorFitting import VectorFitting
-
-    turn = np.exp(2j * np.pi * F_HZ * DELAY_S)
-    network = skrf.Network(f=F_HZ, s=(frf.g * turn)[:, None, None], z0=50, f_unit="Hz")
-    fitting = VectorFitting(network)
-    fitting.vector_fit(
-        n_poles_real=order[0] % 2, n_poles_cmplx=order[0] // 2, fit_constant=order[0] == order[1]
-    )
-    error = fitting.get_model_response(0, 0, F_HZ) / turn - frf.g
-    return float(np.sum(abs(error) ** 2 / frf.var_g)), bool(np.all(fitting.poles.real < 0)), DELAY_S
-
-
-def octave() -> str:
-    """Return whether Octave could take part."""
-    if shutil.which("octave") is None:
-        return "absent"
-    load = subprocess.run(
-        ["octave", "--no-gui", "--eval", "pkg load signal"], capture_output=True, check=False
-    )
-    return "its package signal is absent" if load.returncode else "present; its invfreqs is not run"
-
-
-def compare(order: tuple[int, int]) -> dict:
-    """Run all on every seed."""
-    jobs = {"gsid": ours, "scipy": lambda frf, o: Peer(frf, o).solve()}
-    if importlib.util.find_spec("skrf"):
-        jobs["scikit-rf"] = vector_fit
-    rows: dict[str, list] = {name: [] for name in jobs}
-    for seed in SEEDS:
-        frf, cost_true = measurement(seed)
-        for name, job in jobs.items():
-            began = time.perf_counter()
-            cost, stable, delay_s = job(frf, order)
-            ms = 1e3 * (time.perf_counter() - began)
-            rows[name].append((cost / cost_true, stable, delay_s, ms))
-    figures = {name: summary(row) for name, row in rows.items()}
-    return figures | {"time_ratio": figures["gsid"]["ms_median"] / figures["scipy"]["ms_median"]}
-
-
-def summary(rows: list) -> dict:
-    """Return what the seeds have in common and the worst of them."""
-    ratio, stable, delay_s, ms = (np.array(column) for column in zip(*rows, strict=True))
-    return {
-        "cost_ratio": [round(float(r), 4) for r in ratio],
-        "cost_ratio_worst": float(ratio.max()),
-        "stable": int(stable.sum()),
-        "delay_error_us": [round(1e6 * float(d - DELAY_S), 2) for d in delay_s],
-        "ms_best": float(ms.min()),
-        "ms_median": float(np.median(ms)),
-        "ms_worst": float(ms.max()),
+def compare(order: tuple[int, int]) -> tuple[dict, str]:
+    """Run all on every seed, those of this process in turn; figures of each, and Octave's versions."""
+    frfs, costs = zip(*(measurement(seed) for seed in SEEDS), strict=True)
+    jobs = {
+        "gsid": lambda frf: ours(frf, order),
+        "scipy": lambda frf: ScipyFit(frf, order).solve(START_S),
     }
+    if importlib.util.find_spec("skrf"):
+        jobs["scikit-rf"] = lambda frf: vector_fit(frf, order, DELAY_S)
+    found = {name: [] for name in jobs}
+    for frf in frfs:
+        for name, job in jobs.items():
+            found[name].append(timed(lambda job=job, frf=frf: job(frf)))
+    versions, more = octave(list(frfs), order, DELAY_S)
+    return {name: summary(rows, costs) for name, rows in (found | more).items()}, versions
+
+
+def summary(rows: list[Found], costs_true: tuple[float, ...], delays_s: np.ndarray | float = DELAY_S) -> dict:
+    """Return each seed's figures and the medians of the times."""
+    cost, stable, delay_s, wall, cpu = (np.array(column) for column in zip(*rows, strict=True))
+    ratio = cost / costs_true
+    return {
+        "cost_ratio": [float(f"{r:.4g}") for r in ratio],
+        "cost_ratio_worst": float(ratio.max()),
+        "good": int(np.sum((ratio <= 1) & stable)),
+        "stable": int(stable.sum()),
+        "delay_error_us": [round(1e6 * float(d), 2) for d in delay_s - delays_s],
+        "wall_ms": float(np.median(wall)),
+        "cpu_ms": float(np.median(cpu)),
+        "wall_ms_worst": float(wall.max()),
+    }
+
+
+def any_delay(order: tuple[int, int]) -> dict:
+    """Fit the same plant with delays over the whole range, each with noise of its own."""
+    frfs, costs = zip(*(measurement(100 + i, d) for i, d in enumerate(DELAYS_S)), strict=True)
+    rows = [timed(lambda frf=frf: ours(frf, order)) for frf in frfs]
+    return summary(rows, costs, DELAYS_S)
+
+
+def page_of(figures: dict) -> str:
+    """Return the figures as a table for the docs."""
+    rows = []
+    for (n, m), limit_ms in ORDERS.items():
+        for name, row in figures["orders"][f"{n}/{m}"].items():
+            rows.append(
+                [
+                    f"{n}/{m}",
+                    name,
+                    f"{row['cost_ratio_worst']:.4g}",
+                    f"{row['stable']}",
+                    f"{row['good']}",
+                    f"{row['wall_ms']:.0f}",
+                    f"{row['cpu_ms']:.0f}",
+                    f"{limit_ms}" if name == "gsid" else "",
+                ]
+            )
+    head = ["order", "tool", "cost over the true model's, worst", "stable, of 10", "both, of 10"]
+    head += ["ms, wall", "ms, processor", "ms to reach"]
+    scan = [
+        f"{order}: cost at most {row['cost_ratio_worst']:.4g}, {row['good']} of {len(DELAYS_S)}"
+        for order, row in figures["delays"].items()
+    ]
+    v = figures["versions"]
+    tools = ", ".join(f"{name} {v[name]}" for name in ("gsid", "scipy", "scikit-rf")) + f", {v['octave']}"
+    return (
+        table(head, rows, left=2)
+        + f"\n{tools}. Delays of 0, 1, ... 12 ms, found without a start: "
+        + "; ".join(scan)
+        + ".\n"
+    )
 
 
 def version_of(package: str) -> str:
@@ -203,12 +172,19 @@ def version_of(package: str) -> str:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        return "absent"
+        return "absent: make peers"
 
 
 def main() -> None:
-    """Run the benchmark and print its figures."""
-    fit(measurement(0)[0], ORDERS[0])  # what the first call loads is not what is measured
+    """Run the benchmark, print its figures, and put them into the page asked for."""
+    parser = argparse.ArgumentParser(description="Fits with a free delay beside other tools.")
+    parser.add_argument("--page", help="page of the docs that takes the table")
+    page = parser.parse_args().page
+    first, _ = measurement(0)  # what a first call loads is not what is measured
+    ours(first, (4, 3))
+    if importlib.util.find_spec("skrf"):
+        vector_fit(first, (4, 3), DELAY_S)
+    compared = {f"{n}/{m}": compare((n, m)) for n, m in ORDERS}
     figures = {
         "data": {"lines": len(F_HZ), "periods": PERIODS, "snr_db": SNR_DB, "seeds": list(SEEDS)},
         "versions": {
@@ -216,14 +192,17 @@ def main() -> None:
             "nlopt": ffi.string(lib.gsid_build_library_version(b"nlopt")).decode(),
             "scipy": scipy.__version__,
             "scikit-rf": version_of("scikit-rf"),
-            "octave": octave(),
+            "octave": compared["4/3"][1],
             "numpy": np.__version__,
             "python": platform.python_version(),
             "machine": platform.machine(),
         },
-        "orders": {f"{n}/{m}": compare((n, m)) for n, m in ORDERS},
+        "orders": {order: rows for order, (rows, _) in compared.items()},
+        "delays": {f"{n}/{m}": any_delay((n, m)) for n, m in ORDERS},
     }
     print(json.dumps(figures, indent=2))
+    if page:
+        put(page, "bench_fit", page_of(figures))
 
 
 if __name__ == "__main__":

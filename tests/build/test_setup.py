@@ -41,6 +41,13 @@ def test_what_firmware_needs_is_asked_for_apart(run, bare_path):
     assert "nocc" not in result.stderr
 
 
+def test_what_the_benchmarks_compare_with_is_asked_for_apart(run, bare_path):
+    result = run("tools/setup", "peers", PATH=bare_path, CC="nocc")
+    assert result.returncode == 1
+    assert "sudo apt-get install octave octave-signal octave-control\n" in result.stderr
+    assert "nocc" not in result.stderr
+
+
 def test_a_library_left_out_is_not_asked_for(run, bare_path):
     result = run(
         "tools/setup",
