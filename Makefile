@@ -223,8 +223,8 @@ bench: all peers ## run the benchmarks; each prints its figures and versions as 
 .PHONY: bench-fit
 bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estimator from 200 starts, into docs/estimators.md (minutes)
 	@tools/setup peers || echo "bench-fit: without Octave" >&2
-	PYTHONPATH=build/peers $(PY) benchmarks/bench_fit.py --page docs/estimators.md
-	PYTHONPATH=build/peers $(PY) benchmarks/bench_estimators.py --page docs/estimators.md
+	$(PY) benchmarks/bench_fit.py --page docs/estimators.md
+	$(PY) benchmarks/bench_estimators.py --page docs/estimators.md
 
 .PHONY: coverage
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %

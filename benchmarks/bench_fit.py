@@ -14,7 +14,6 @@ machine with other work only the latter means something. --page puts the table i
 """
 
 import argparse
-import importlib.metadata
 import importlib.util
 import json
 import os
@@ -24,6 +23,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # its threads wait busily, and would c
 
 import numpy as np
 import scipy
+from beside import peer_version
 from fit_peers import Found, ScipyFit, octave, timed, vector_fit
 from page import put, table
 
@@ -167,14 +167,6 @@ def page_of(figures: dict) -> str:
     )
 
 
-def version_of(package: str) -> str:
-    """Return the version installed, or that there is none."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "absent: make peers"
-
-
 def main() -> None:
     """Run the benchmark, print its figures, and put them into the page asked for."""
     parser = argparse.ArgumentParser(description="Fits with a free delay beside other tools.")
@@ -191,7 +183,7 @@ def main() -> None:
             "gsid": version(),
             "nlopt": ffi.string(lib.gsid_build_library_version(b"nlopt")).decode(),
             "scipy": scipy.__version__,
-            "scikit-rf": version_of("scikit-rf"),
+            "scikit-rf": peer_version("scikit-rf") or "absent",
             "octave": compared["4/3"][1],
             "numpy": np.__version__,
             "python": platform.python_version(),

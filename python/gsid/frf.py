@@ -237,6 +237,7 @@ def frf(
     settle: int | None = None,
     band: tuple[float, float] | None = None,
     remove_periodic: bool = False,
+    reference: str | None = None,
 ) -> Frf:
     """Estimate the frequency response at the lines that every realisation excites.
 
@@ -251,6 +252,8 @@ def frf(
     remove_periodic : bool
         Take periodic disturbances off the output first (`gsid.noise`); one at a line of the period looks like
         the response, and stays.
+    reference : str, optional
+        Of records measured in a closed loop: the column of its reference (`gsid.closed_loop`).
 
     Returns
     -------
@@ -262,8 +265,16 @@ def frf(
     InputError
         As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band.
     ValueError
-        No record; Spectra to take disturbances off.
+        No record; Spectra, or records of a closed loop, to take disturbances off.
     """
+    if reference is not None:
+        if remove_periodic:
+            raise ValueError(
+                "disturbances are taken off in open loops only: in a closed one u holds them, too"
+            )
+        from gsid.closed_loop import closed_loop_frf
+
+        return closed_loop_frf(records, reference, period=period, settle=settle, band=band)
     records = [records] if isinstance(records, Record | Spectra) else list(records)
     removed: list[Tone] = []
     if remove_periodic:

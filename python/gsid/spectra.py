@@ -211,7 +211,7 @@ def realisations(
         raise ValueError("no record of any realisation")
     parts = [_realisation(record, period, settle) for record in records]
     for part in parts[1:]:
-        _require_same(parts[0], part)
+        require_same(parts[0], part)
     return parts
 
 
@@ -369,7 +369,7 @@ def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
 
 
-def _require_same(first: Realisation, other: Realisation) -> None:
+def require_same(first: Realisation | Spectra, other: Realisation | Spectra) -> None:
     """Refuse to average records of unequal period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)

@@ -11,6 +11,9 @@ import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 from scipy.io import loadmat
 
+from gsid.io import write_record
+from gsid.record import Record
+
 DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data")).resolve()
 BENCH = DATA / "twomass_motor_bench"
 needs_bench = pytest.mark.skipif(not BENCH.is_dir(), reason=f"no measured records in {BENCH} (set GSID_DATA)")
@@ -288,3 +291,26 @@ def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
     monkeypatch.setattr("gsid.order.near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err
     assert "near 31.83 Hz cannot be told apart; the delay may trade against them" in err
+
+
+def test_closed_loop_through_the_reference(gsid, record):
+    """u and y carry noise that the reference does not; the response is that of u to y."""
+    rng = np.random.default_rng(31)
+    r, noise = record.u, 0.05 * rng.standard_normal(len(record.u))
+    loop = Record(r - noise, record.y, FS_HZ, N_PERIOD, columns={"ref": r})
+    write_record("loop.csv", loop)
+    result = gsid("frf", "loop.csv", "--r", "ref", "--json")
+    assert result.code == 0, result.err
+    values = json.loads(result.out)
+    np.testing.assert_allclose(values["f_hz"], LINES * FS_HZ / N_PERIOD)
+    g, var_g = numpy_frf(loop.u, loop.y, LINES, N_PERIOD)
+    np.testing.assert_allclose(np.array(values["g_re"]) + 1j * np.array(values["g_im"]), g, rtol=1e-9)
+    np.testing.assert_allclose(values["var_g"], var_g, rtol=1e-6)
+    model = json.loads(gsid("fit", "loop.csv", "--r", "ref", "--order", "2/0", "--json").out)
+    assert model["delay_s"] == pytest.approx(1.5e-3, abs=4 * model["std"]["delay_s"])
+    wrong = gsid("fit", "loop.csv", "--r", "reff", "--order", "2/0")
+    assert wrong.code == 3
+    assert "no column named reff" in wrong.err
+    assert "did you mean ref?" in wrong.err
+    (Path("plant.json")).write_text('{"gsid_model": 1, "fs_hz": 1000, "effects": [{"effect": "rigid_body"}]}')
+    assert gsid("fit", "loop.csv", "--r", "ref", "--model", "plant.json").code == 2

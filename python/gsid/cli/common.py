@@ -67,6 +67,14 @@ READING_OPTIONS = (
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
+reference_option = click.option(
+    "--r",
+    "reference",
+    metavar="NAME",
+    help="Of records from a closed loop: column or array of the reference. [default: an open loop]",
+)
+
+
 def band_option(text: str) -> Callable:
     """--band with a verb's own words about it."""
     return click.option("--band", type=Band(), help=text)

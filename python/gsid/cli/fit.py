@@ -17,6 +17,7 @@ from gsid.cli.common import (
     print_parameters,
     print_table,
     record_options,
+    reference_option,
     say,
     working,
 )
@@ -63,6 +64,7 @@ class Delay(click.ParamType):
 
 @click.command(short_help="Fit a rational model, or a stack of effects, to records.")
 @record_options
+@reference_option
 @click.option(
     "--order",
     type=Order(may_be_auto=True),
@@ -107,6 +109,7 @@ class Delay(click.ParamType):
 def fit(
     ctx: click.Context,
     records: list[Record],
+    reference: str | None,
     order: str | None,
     model_path: str | None,
     delay: str | float,
@@ -127,15 +130,16 @@ def fit(
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
-        rational = [name for name in ("delay", "method", "domain") if _is_given(ctx, name)]
+        rational = [name for name in ("delay", "method", "domain", "reference") if _is_given(ctx, name)]
         if rational:
-            raise click.UsageError(f"--{rational[0]} belongs to a rational model: leave it out", ctx)
+            option = "r" if rational[0] == "reference" else rational[0]
+            raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
         _fit_plant(load_plant(model_path), records, band, output, as_json)
         return
     from gsid.fit import fit as fit_model
     from gsid.frf import frf
 
-    measured = frf(records)
+    measured = frf(records, reference=reference)
     choice = None
     if order == "auto":
         choice = _choose_order(measured, describe(records), delay=delay, band=band, domain=domain)

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import band_option, json_option, print_json, print_table, record_options, say
+from gsid.cli.common import (
+    band_option,
+    json_option,
+    print_json,
+    print_table,
+    record_options,
+    reference_option,
+    say,
+)
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
@@ -16,6 +24,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Frequency response and its variance from records.")
 @record_options
+@reference_option
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option(
     "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz or .mat instead of a table."
@@ -26,6 +35,7 @@ if TYPE_CHECKING:
 @json_option
 def frf(
     records: list[Record],
+    reference: str | None,
     band: tuple[float, float] | None,
     output: str | None,
     remove_periodic: bool,
@@ -35,10 +45,15 @@ def frf(
 
     One REC is one realisation; all have the same period and rate. var_g is the variance of the mean over the
     periods (and the realisations), sigma its square root.
+
+    In a closed loop noise comes back in u, and u and y alone mislead: name the reference with --r. The lines
+    are then those that it excites.
     """
     from gsid.frf import frf as measure
 
-    result = measure(records, band=band, remove_periodic=remove_periodic)
+    if reference is not None and remove_periodic:
+        raise click.UsageError("--remove-periodic is for open loops", click.get_current_context())
+    result = measure(records, band=band, remove_periodic=remove_periodic, reference=reference)
     if output:
         _write(Path(output), result)
         say(f"wrote {output}")
