@@ -2,8 +2,8 @@
 
 For several numbers of lines, realisations and periods: the share of 400 repeats in which the interval covers
 what is known of the simulated axis, mean, least and largest over the lines; the share of lines within the
-binomial range of 95 % (which holds 95 to 96 % of them where the intervals are exact); the mean of the estimated
-variance of distortion over the true one; and the excess kurtosis of distortion, 0 for a normal variable.
+binomial range of 95 % (95 to 96 % of them where the intervals are exact); the mean of the estimated variance
+of distortion over the true one; and the excess kurtosis of distortion, 0 for a normal variable.
 """
 
 import numpy as np
@@ -37,8 +37,9 @@ def main() -> None:
     """Print the table."""
     low, high = binom.ppf([0.025, 0.975], REPEATS, 0.95)
     print(f"seed {SEED}, {REPEATS} repeats, binomial range {low / REPEATS:.4f} .. {high / REPEATS:.4f}\n")
-    print("| lines | M | P | distortion / noise | sigma_n covered | within | sigma_S covered | within |", end="")
-    print(" variance / truth | kurtosis |\n" + "| --- " * 10 + "|")
+    head = "lines, M, P, distortion / noise, sigma_n covered, within, sigma_S covered, within"
+    columns = [*head.split(", "), "variance / truth", "kurtosis"]
+    print("| " + " | ".join(columns) + " |\n" + "| --- " * len(columns) + "|")
     for case in CASES:
         axis = NonlinearAxis(cubic=case["cubic"], noise=case["noise"], scale=case["scale"])
         covered, variance, truth = coverage(axis, case["m"], case["p"], REPEATS, SEED)
