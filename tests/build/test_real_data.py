@@ -88,6 +88,25 @@ def test_the_bench_pulls_its_shaft_back(page):
     assert held_out["after"] < 0.7 * held_out["before"]
 
 
+def test_distortion_is_what_a_linear_model_leaves(page):
+    """The mirror's distortion foretells the error of its best linear approximation on a new realisation."""
+    folder = page("Distortion")
+    whole = np.load(folder.parent / "shared/data/fsm_cubespec/200mV.npz")
+    line = np.arange(1, 3840)
+
+    def lines(name):  # (realisation of three experiments, line, channel, experiment), mean over the periods
+        mean = whole[name].mean(axis=3, dtype=float)
+        matrices = np.fft.rfft(mean, axis=0)[line].reshape(len(line), 3, -1, 3)
+        return np.moveaxis(matrices, 2, 0)
+
+    bla = np.mean(lines("y_train") @ np.linalg.inv(lines("u_train")), axis=0)
+    measured = lines("y_test")[0]
+    error = measured - bla @ lines("u_test")[0]
+    share = np.sqrt(np.sum(np.abs(error) ** 2, axis=(0, 2)) / np.sum(np.abs(measured) ** 2, axis=(0, 2)))
+    # the mean of two realisations scatters itself: by half of the power of one
+    np.testing.assert_allclose(share, np.array([0.0338, 0.0387, 0.0348]) * np.sqrt(1.5), rtol=0.1)
+
+
 @needs_time
 def test_what_the_bench_misses(page):
     page("Motor bench", "shell-session")

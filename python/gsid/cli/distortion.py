@@ -128,6 +128,7 @@ def _print(d: Distortion) -> None:
         }
         if d.n_realisations > 1:
             columns["total [dB]"] = [f"{x:.2f}" for x in 10 * np.log10(d.var_total)]
+        if np.isfinite(d.std_nonlinear).any():  # of one realisation too, where lines left free tell it
             columns["distortion [dB]"] = [f"{x:.2f}" for x in 20 * np.log10(d.std_nonlinear)]
     if len(d.line) == 1:
         _print_harmonics(d)
