@@ -14,6 +14,7 @@ records it is compared with is judged a little mildly, one fitted elsewhere a li
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -24,15 +25,17 @@ from scipy import stats
 from gsid._callable import callable_as
 from gsid.fit import in_band
 from gsid.plant import PlantModel
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, spectra_of
 from gsid.units import check_units
-from gsid.weights import lines_used
+from gsid.weights import UNSETTLED, lines_used
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
     from gsid.model import RationalModel
     from gsid.record import Record
+
+_log = logging.getLogger(__name__)
 
 KINDS = ("excited", "odd", "even")
 
@@ -220,10 +223,7 @@ def compare(
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
-    several = [records] if not isinstance(records, Sequence) else list(records)
-    if not several:
-        raise ValueError("no record was given")
-    measured = [r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in several]
+    measured = spectra_of(records, period=period, settle=settle)
     parts = [_lines(model, s, band) for s in measured]
 
     n = sum(len(part.line) for part in parts)
@@ -262,8 +262,9 @@ def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, flo
         use = lines_used(model, s, band)
     else:
         f_excited = s.f_hz[s.excited]
-        use = in_band(s.f_hz, band if band is not None else (f_excited[0], f_excited[-1]))
-        use &= (s.line > 0) & (2 * s.line < s.period_samples)
+        inside = (s.line > 0) & (2 * s.line < s.period_samples)
+        use = inside.copy()
+        use[inside] = in_band(s.f_hz[inside], band if band is not None else (f_excited[0], f_excited[-1]))
     errors = s.Y[:, use] - _answer(model, s, use)
     kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
     return _Lines(
@@ -280,7 +281,11 @@ def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, flo
 def _answer(model: RationalModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:
     """The model's output lines, of every period or of all alike."""
     if isinstance(model, PlantModel):
-        return model.predict(s).Y[use]
+        answer = model.predict(s)
+        noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
+        if not answer.settled and answer.residual > UNSETTLED * noise_rms:
+            _log.warning("no steady state was found for %s: the comparison is not to be trusted", s.name)
+        return answer.Y[use]
     return model.response(s.f_hz[use]) * s.U[:, use]
 
 

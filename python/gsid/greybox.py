@@ -24,11 +24,11 @@ from gsid.greybox_search import SINGULAR, Minimum, Steps, lengths, minimise
 from gsid.plant import Param, PlantModel
 from gsid.plant_periodic import Prediction
 from gsid.record import Record
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, spectra_of
+from gsid.weights import UNSETTLED
 
 _log = logging.getLogger("gsid.greybox")
 
-UNSETTLED = 0.1  # what may change in a period, over the mean's noise, before it is reported
 INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
 SOLVERS = ("lm", "nlopt")
 
@@ -185,13 +185,10 @@ def fit_plant(
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
     if max_iter < 1:
         raise ValueError(f"max_iter must be at least 1, got {max_iter}")
-    several = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not several:
-        raise ValueError("no record was given")
+    measured = spectra_of(records)
     start = copy.deepcopy(model)
     for name in fixed:
         start[name].free = False
-    measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
     with ThreadPoolExecutor(_n_threads(len(measured))) as pool:
         problem = Problem(start, measured, band, tuple(per_record), pool)
         return _fitted(problem, minimise(problem, solver, max_iter), solver)

@@ -26,8 +26,8 @@ from gsid.probes import Probe, probes
 from gsid.record import Record
 from gsid.scan import stacked, trajectory, whitened, with_effect
 from gsid.scores import orthonormal, score
-from gsid.spectra import Spectra, spectra
-from gsid.weights import SAME_LEVEL
+from gsid.spectra import Spectra, spectra_of
+from gsid.weights import same_level
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -220,7 +220,7 @@ def add(
         raise InputError("this effect is what a plant starts with, not one to add", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
-    fitted, kept, words = _split(_spectra(records), None if held_out is None else _spectra(held_out))
+    fitted, kept, words = _split(spectra_of(records), None if held_out is None else spectra_of(held_out))
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
@@ -267,7 +267,7 @@ def with_history(
     InputError
         As :func:`add`.
     """
-    fitted, kept, words = _split(_spectra(records), None)
+    fitted, kept, words = _split(spectra_of(records), None)
     fits = []
     for n_effects in range(len(given.effects), len(found.effects) + 1):
         part = copy.deepcopy(found)
@@ -333,13 +333,6 @@ def _previous(model: PlantModel) -> dict[str, Any]:
 # ---- data to fit and data to judge on ----------------------------------------------------------------------
 
 
-def _spectra(records: Records) -> list[Spectra]:
-    several = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not several:
-        raise ValueError("no record was given")
-    return [r if isinstance(r, Spectra) else spectra(r) for r in several]
-
-
 def _split(
     measured: list[Spectra], held_out: list[Spectra] | None
 ) -> tuple[list[Spectra], list[Spectra], str]:
@@ -365,7 +358,7 @@ def _last_third(measured: list[Spectra]) -> set[int]:
     levels: list[list[int]] = []
     for i, one in enumerate(measured):
         for level in levels:
-            if 1 / SAME_LEVEL < _level(one) / _level(measured[level[0]]) < SAME_LEVEL:
+            if same_level(one, measured[level[0]]):
                 level.append(i)
                 break
         else:
@@ -373,10 +366,6 @@ def _last_third(measured: list[Spectra]) -> set[int]:
     return {
         i for level in levels if len(level) > 1 for i in level[-max(1, round(len(level) / HELD_OUT_SHARE)) :]
     }
-
-
-def _level(one: Spectra) -> float:
-    return float(np.linalg.norm(one.u[one.excited]))
 
 
 def _halves(one: Spectra) -> tuple[Spectra, Spectra]:

@@ -88,6 +88,8 @@ class RationalModel:
             raise ValueError("a model in z has the hold inside already: hold must be 'none'")
         self.num, self.den = self.num / self.den[0], self.den / self.den[0]
         self.delay_s = float(self.delay_s)
+        if not np.isfinite(self.delay_s):
+            raise ValueError(f"delay_s must be a finite number of seconds, got {self.delay_s}")
         if self.cov is not None:
             self.cov = np.asarray(self.cov, dtype=float)
             p = len(self.den) - 1 + len(self.num) + self.free_delay
@@ -207,6 +209,9 @@ class RationalModel:
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Standard deviation of the complex response by the parameters' covariance: sqrt(E|dG|^2).
+
+        With a hold, that of the model times the size of the hold; what folds back from above fs/2 is left
+        out.
 
         Parameters
         ----------
@@ -343,7 +348,7 @@ class RationalModel:
             raise InputError(
                 "a key is missing in the model file", where, error.args[0], "give num and den"
             ) from error
-        except (TypeError, ValueError) as error:
+        except (AttributeError, TypeError, ValueError) as error:
             raise InputError(
                 f"the model file is not usable: {error}", where, None, "write it again by `gsid fit -o`"
             ) from error
@@ -369,12 +374,19 @@ class RationalModel:
         Parameters
         ----------
         pade_order : int
-            Domain "s": the delay becomes a Pade approximant of this order, its phase right to 0.1 degree up
-            to pade_order / (2 pi delay_s) Hz. Domain "z": the delay must be a whole number of samples.
+            Domain "s": the delay becomes a Pade approximant of this order; its phase is right to 0.1 degree
+            up to pade_order / (2 pi delay_s) Hz when the order is 6 or more. Domain "z": the delay must be a
+            whole number of samples.
 
         Returns
         -------
         control.TransferFunction
+            Without the hold, where the model has one.
+
+        Raises
+        ------
+        ValueError
+            Domain "z", and a delay that is not a whole number of samples.
         """
         import control
 
@@ -404,6 +416,15 @@ class RationalModel:
             Continuous, or discrete with a sample time.
         delay_s : float
             Delay to add [s].
+
+        Returns
+        -------
+        RationalModel
+
+        Raises
+        ------
+        ValueError
+            Several inputs or outputs, a discrete system without sample time, or one that looks ahead.
         """
         if system.ninputs != 1 or system.noutputs != 1:
             raise ValueError(
@@ -415,6 +436,8 @@ class RationalModel:
         if system.dt is True:
             raise ValueError("the discrete system has no sample time: give it one")
         lag = len(den) - len(num)
+        if lag < 0:
+            raise ValueError(f"the discrete system looks {-lag} samples ahead: it has more zeros than poles")
         return cls(np.concatenate([np.zeros(lag), num]), den, delay_s, "z", 1.0 / system.dt)
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:

@@ -307,7 +307,7 @@ class PlantModel:
         )
         model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
         model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
-        model.fit, model.history = data.get("fit"), data.get("history", [])
+        model.fit, model.history = _read_story(data, where)
         model.cov = None
         model._check(where)
         if "covariance" in data:
@@ -384,6 +384,16 @@ def _read_effect(entry: Any, index: int, where: str) -> Effect:
         {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
         own,
     )
+
+
+def _read_story(data: dict[str, Any], where: str) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """How the model was fitted, and the steps by which it came to be."""
+    fit, history = data.get("fit"), data.get("history", [])
+    if not (fit is None or isinstance(fit, dict)):
+        raise InputError("fit is not an object", where, fit, "leave it out")
+    if not isinstance(history, list) or not all(isinstance(step, dict) for step in history):
+        raise InputError("history is not a list of steps", where, history, "leave it out")
+    return fit, history
 
 
 def _read_covariance(covariance: Any, free_names: list[str], where: str) -> np.ndarray:

@@ -140,6 +140,37 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
     )
 
 
+def spectra_of(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    period: int | None = None,
+    settle: int | None = None,
+) -> list[Spectra]:
+    """Transform what is not yet transformed, of one record or of several.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+    period, settle : int, optional
+        As `spectra`. Not looked at for Spectra.
+
+    Returns
+    -------
+    list of Spectra
+
+    Raises
+    ------
+    ValueError
+        No record.
+    InputError
+        As `spectra`.
+    """
+    several = [records] if isinstance(records, Record | Spectra) else list(records)
+    if not several:
+        raise ValueError("no record was given")
+    return [r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in several]
+
+
 @dataclass(repr=False)
 class Realisation:
     """One realisation in periods, whose output is transformed at the lines that are asked for, and no others.

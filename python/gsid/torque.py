@@ -21,7 +21,7 @@ from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
 from gsid.plant_periodic import input_period
 from gsid.record import Record
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, spectra_of
 from gsid.tables import TORQUE, short_name, write_table
 from gsid.units import RADIANS
 from gsid.weights import lines_used, pooled_variance
@@ -164,10 +164,7 @@ def torque_residual(
     ValueError, InputError, GsidError
         As `gsid.greybox.fit_plant`.
     """
-    several = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not several:
-        raise ValueError("no record was given")
-    measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
+    measured = spectra_of(records)
     variances = pooled_variance(measured)
     paths = [_path(model, s, v, band) for s, (v, _) in zip(measured, variances, strict=True)]
     total = sum(path.n * float(np.sum(np.abs(path.torque) ** 2)) / 2 for path in paths)

@@ -13,6 +13,7 @@ from gsid.plant import PlantModel
 from gsid.spectra import Spectra
 
 DOF_WANTED = 20  # variances with fewer degrees of freedom are pooled over neighbouring lines
+UNSETTLED = 0.1  # what may change in a period, over the mean's noise, before it is reported
 SAME_LEVEL = 1.05  # records whose inputs' rms differ by less are of one level
 
 
@@ -50,13 +51,14 @@ def pooled_variance(measured: Sequence[Spectra]) -> list[tuple[np.ndarray, float
     ]
 
 
-def _level(one: Spectra) -> float:
-    return float(np.linalg.norm(one.u[one.excited]))
+def same_level(a: Spectra, b: Spectra) -> bool:
+    """Whether the inputs of two records are of one size, within 5 %."""
+    ratio = np.linalg.norm(a.u[a.excited]) / np.linalg.norm(b.u[b.excited])
+    return bool(1 / SAME_LEVEL < ratio < SAME_LEVEL)
 
 
 def _alike(a: Spectra, b: Spectra) -> bool:
-    same = a.period_samples == b.period_samples and a.fs_hz == b.fs_hz
-    return same and 1 / SAME_LEVEL < _level(a) / _level(b) < SAME_LEVEL
+    return a.period_samples == b.period_samples and a.fs_hz == b.fs_hz and same_level(a, b)
 
 
 def _pool(group: list[Spectra]) -> tuple[np.ndarray, float]:

@@ -1,11 +1,12 @@
 #include "effects.h"
 
 static void linear(const gsid_plant_item *item, gsid_linear *to) {
-    const gsid_real lag = item->value[0], pole = 1 / lag;
+    const gsid_real lag = item->value[0];
     if (lag < to->instant_s) {
         gsid_linear_delay(to, 0, lag);
         return;
     }
+    const gsid_real pole = 1 / lag;
     const uint32_t out = gsid_linear_state(to);
     gsid_linear_add(to, out, to->command, pole);
     gsid_linear_add(to, out, out, -pole);

@@ -68,6 +68,8 @@ def test_misuse(gsid, axis_json):
         (["--limit-travel-deg", 2], "--limit-travel-deg needs --model"),
         (["--limit-command", 5, "--peak", 3], "limits set the amplitude"),
         (["--limit-command", -5], "must be a positive number"),
+        (["--optimise", "--peak", -3], "peak must be a positive number"),  # was taken, and turned round
+        (["--optimise", "--peak", 3, "--amplitude", 2], "give one of"),
     ):
         result = gsid(*asked, *more)
         assert result.code == 2

@@ -114,6 +114,7 @@ def test_fit_json_and_compare(gsid, rec_csv):
     keys = {"adequate", "p_value", "cost_per_dof", "rms_error", "noise_floor_rms", "where"}
     assert keys <= verdict.keys()
     assert verdict["adequate"] is True
+    assert (verdict["n_periods"], verdict["n_realisations"]) == (N_PERIODS, 1)
     assert result.code == 0
 
 
@@ -135,6 +136,22 @@ def test_fit_in_words(gsid, rec_csv):
     assert float(pole[3]) == pytest.approx(60, rel=1e-3)
     assert float(pole[5]) == pytest.approx(0.1, rel=0.02)
     assert "= 1.5 samples" in out
+
+
+@pytest.mark.parametrize("method", ["ls", "iwls", "nls", "log", "ml"])
+def test_every_method_is_told_in_words(gsid, rec_csv, method):
+    """A bug: the words wanted the cost expected of noise alone, which only maximum likelihood has."""
+    result = gsid("fit", rec_csv, "--order", "2/0", "--method", method)
+    assert result.code == 0
+    assert ("expected of noise alone" in result.out) == (method == "ml")
+
+
+def test_a_band_below_the_first_line(gsid, rec_csv):
+    """A bug: a rational model says nothing of the mean, and numpy's words on an empty array came out."""
+    assert gsid("fit", rec_csv, "--order", "2/0", "-o", "model.json").code == 0
+    result = gsid("compare", rec_csv, "--model", "model.json", "--band", "0:1")
+    assert result.code == 2
+    assert "no line lies in 0:1 Hz; there are lines in 2.5:497.5 Hz" in result.err
 
 
 # ---------------------------------------------------------------- design

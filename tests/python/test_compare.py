@@ -10,6 +10,7 @@ from scipy import stats
 from gsid.compare import compare
 from gsid.excitation import Multisine
 from gsid.model import RationalModel
+from gsid.plant import PlantModel
 from gsid.spectra import Spectra, lines_of
 
 SEED = 20260303
@@ -184,3 +185,19 @@ def test_an_offset_is_seen_at_0_only_where_the_plant_knows_its_mean(command):
     assert compare(plant(STACK), away, band=(1.0, 60.0)).adequate
     nowhere = plant({"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11.0}}, output="angle")
     assert compare(nowhere, dataclasses.replace(away, y_unit="deg"), band=(0.0, 60.0)).line[0] == 1
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.05, False), (0.2, True)])
+def test_an_answer_that_is_not_steady_is_told(command, monkeypatch, caplog, share, told):
+    """A bug: a plant without steady state was judged like any other. A tenth of the noise may move."""
+    caplog.set_level("WARNING", "gsid.compare")
+    seen = noisy(np.random.default_rng(SEED), command, axis_period(command, **AXIS), 3)
+    noise_rms = compare(plant(STACK), seen).noise_floor_rms
+    predict = PlantModel.predict
+
+    def moving(self, spectra):
+        return dataclasses.replace(predict(self, spectra), residual=share * noise_rms, settled=False)
+
+    monkeypatch.setattr(PlantModel, "predict", moving)
+    compare(plant(STACK), seen)
+    assert ("no steady state" in caplog.text) == told

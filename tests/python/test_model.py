@@ -102,6 +102,8 @@ def test_a_file_gives_the_same_model_back(tmp_path):
         ('{"gsid_model": 1, "rational": {"num": [1]}}', "key is missing"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [0, 1]}}', "not usable"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": ["a"]}}', "not usable"),
+        ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "delay_s": NaN}}', "not usable"),
+        ('{"gsid_model": 1, "rational": {"num": [1], "den": [1]}, "fit": [1]}', "not usable"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "covariance": [1, 2]}}', "not usable"),
     ],
 )
@@ -131,6 +133,8 @@ def test_python_control_and_back():
     back = RationalModel.from_control(control.tf([0.2], [1.0, -0.5], 1e-3))
     assert back.domain == "z"
     assert back.response([50.0])[0] == pytest.approx(0.2 / (np.exp(2j * np.pi * 0.05) - 0.5))
+    with pytest.raises(ValueError, match="1 samples ahead"):
+        RationalModel.from_control(control.tf([1.0, 0.2], [1.0], 1e-3))
     with pytest.raises(ValueError, match="whole samples"):
         RationalModel([1.0], [1.0, 0.5], 0.4e-3, "z", 3000.0).to_control()
 
@@ -140,6 +144,7 @@ def test_python_control_and_back():
     [
         ({"num": [np.nan], "den": [1]}, "finite"),
         ({"num": [1], "den": [0, 1]}, "zero"),
+        ({"num": [1], "den": [1], "delay_s": np.inf}, "delay_s"),
         ({"num": [1], "den": np.ones(40)}, "degree"),
         ({"num": [1], "den": [1], "domain": "w"}, "domain"),
         ({"num": [1], "den": [1], "domain": "z"}, "fs_hz"),

@@ -142,6 +142,8 @@ BODY = {"rigid_body": {"gain": 7.4}}
         (file_of(BODY, angle_unit="grad"), "angle_unit must be one of", "grad", ""),
         (file_of(BODY, fs_hz=0), "fs_hz is not a positive number", "0", "rate"),
         (file_of(BODY, covariance={"names": [], "matrix": []}), "covariance", "body.gain", "leave"),
+        (file_of(BODY, fit=3), "fit is not an object", "3", "leave"),
+        (file_of(BODY, history={"add": 1}), "history is not a list", "add", "leave"),
         (file_of(BODY, covariance=3), "covariance", "rigid_body.gain", "leave"),
         (file_of({}, effects=[7]), "not an object with its id", "effects[0]", "effects"),
         (file_of({"rigid_body": 7}), "params", "7", "gain"),

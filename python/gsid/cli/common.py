@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 if TYPE_CHECKING:
+    from gsid.diagnose import Diagnosis
     from gsid.ladder import Ladder
     from gsid.plant import PlantModel
     from gsid.record import Record
+    from gsid.spectra import Spectra
 
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
 
@@ -240,6 +242,11 @@ def options_as_arguments() -> Iterator[None]:
         raise click.UsageError(str(error), click.get_current_context()) from error
 
 
+def is_given(context: click.Context, name: str) -> bool:
+    """Whether an option was typed, and does not stand at its default."""
+    return context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT
+
+
 def describe(records: Sequence[Record]) -> str:
     """Records in a few words, for what is said on stderr."""
     return records[0].name if len(records) == 1 else f"{len(records)} records"
@@ -330,6 +337,23 @@ def print_parameters(model: PlantModel) -> None:
                 sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
             rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
     print_table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+
+
+def with_ladder(
+    given: PlantModel, found: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
+) -> PlantModel:
+    """The model that a diagnosis found, with its ladder where the data suffice to keep some out."""
+    from gsid.errors import GsidError, InputError
+    from gsid.ladder import with_history
+
+    if not found.found:
+        return found.model
+    say("-- judging each step on data kept out of its fit")
+    try:
+        return with_history(given, found.model, measured, band=band)
+    except (InputError, GsidError) as error:
+        say(f"note: no ladder in the model: {error}")
+        return found.model
 
 
 def print_ladder(ladder: Ladder) -> None:

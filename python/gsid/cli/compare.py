@@ -59,8 +59,7 @@ def compare(
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha)
     if as_json:
-        names = ("adequate", "p_value", "alpha", "cost_per_dof", "rms_error", "noise_floor_rms", "where")
-        print_json({name: getattr(result, name) for name in names})
+        print_json(result.to_dict())
     else:
         _print(result, records[0].y_unit)
     if check and not result.adequate:

@@ -137,13 +137,11 @@ def multisine(
     from gsid.excitation import Multisine
     from gsid.limits import optimise as search
 
-    signal = Multisine.design(
-        fs_hz, period, band, **shape, amplitude=amplitude, peak=None if optimise else peak
-    )
+    signal = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude, peak=peak)
     if optimise:
         with working("searching phases"):
             signal = search(signal, limits, model)
-        signal = signal.scaled(peak / signal.peak) if peak else signal
+        signal = signal if peak is None else signal.scaled(peak / signal.peak)
     return signal
 
 

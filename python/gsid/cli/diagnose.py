@@ -23,14 +23,13 @@ from gsid.cli.common import (
     records_argument,
     say,
     suggest,
+    with_ladder,
 )
 
 if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis
-    from gsid.plant import PlantModel
     from gsid.record import Record
-    from gsid.spectra import Spectra
     from gsid.torque import TorqueResidual
 
 SHOWN = 4  # groups of each round
@@ -84,7 +83,7 @@ def diagnose(
             model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
         )
         before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha)
-    told = _told(model, result, measured, band) if output else None
+    told = with_ladder(model, result, measured, band) if output else None
     if output:
         told.save(output)
         say(f"wrote {output}")
@@ -114,23 +113,6 @@ def diagnose(
             suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
         else:
             suggest("--curve CURVE.csv saves it as a law")
-
-
-def _told(
-    model: PlantModel, result: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
-) -> PlantModel:
-    """The model found, with its ladder where the data suffice to keep some out."""
-    from gsid.errors import GsidError, InputError
-    from gsid.ladder import with_history
-
-    if not result.found:
-        return result.model
-    say("-- judging each step on data kept out of its fit")
-    try:
-        return with_history(model, result.model, measured, band=band)
-    except (InputError, GsidError) as error:
-        say(f"note: no ladder in the model: {error}")
-        return result.model
 
 
 def _curve(missing: TorqueResidual | None) -> dict[str, Any]:

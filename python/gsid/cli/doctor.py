@@ -15,8 +15,8 @@ from gsid.cli.common import EXIT_CRITERION, json_option, print_json, print_table
 
 CORES = {"double": "_gsid64", "float": "_gsid32"}
 BACKENDS = {
-    "fftw": "spectra are then made by the slower streaming core",
-    "nlopt": "`gsid fit` needs it",
+    "fftw": "spectra are then made by the slower streaming core, and `gsid design --optimise` fails",
+    "nlopt": "`gsid fit --method ga`, `gsid design --optimise` and fits that end unstable then fail",
     "suitesparse": "fits of many records then use the rotations of gsid itself",
 }
 

@@ -10,6 +10,7 @@ import click
 from gsid.cli.common import (
     band_option,
     describe,
+    is_given,
     json_option,
     load_plant,
     options_as_arguments,
@@ -130,7 +131,7 @@ def fit(
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
-        rational = [name for name in ("delay", "method", "domain", "reference") if _is_given(ctx, name)]
+        rational = [name for name in ("delay", "method", "domain", "reference") if is_given(ctx, name)]
         if rational:
             option = "r" if rational[0] == "reference" else rational[0]
             raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
@@ -198,10 +199,6 @@ def _orders(choice: OrderChoice) -> list[dict]:
         row = {name: value for name, value in vars(c).items() if name != "model"}
         rows.append(row | {"chosen": c is choice.chosen})
     return rows
-
-
-def _is_given(ctx: click.Context, name: str) -> bool:
-    return ctx.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT
 
 
 def _fit_plant(
@@ -286,7 +283,7 @@ def _print(model: RationalModel) -> None:
     stable = "stable" if model.stable else "NOT STABLE"
     numbers = f"{model.n_parameters} parameters, {model.n_lines} lines"
     print(f"{model.method} fit, {numbers}, {converged}, {stable}")
-    print(f"cost {model.cost:.5g}, expected of noise alone {model.cost_expected:.5g}")
+    print(f"cost {model.cost:.5g}{_expected(model)}")
     print(_delay(model))
     print()
     print_table(["power", "num", "sigma", "den", "sigma "], _coefficients(model))
@@ -294,6 +291,11 @@ def _print(model: RationalModel) -> None:
     poles = _roots("pole", model.poles, model.pole_cov, model)
     zeros = _roots("zero", model.zeros, model.zero_cov, model)
     print_table(["", "re", "im", "f [Hz]", "95 %", "damping", "95 % "], [*poles, *zeros], left=[""])
+
+
+def _expected(model: RationalModel) -> str:
+    """What noise alone leaves of the cost; only maximum likelihood and enough periods say that."""
+    return "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
 
 
 def _delay(model: RationalModel) -> str:

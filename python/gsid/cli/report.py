@@ -15,6 +15,7 @@ from gsid.cli.common import (
     print_json,
     record_options,
     say,
+    with_ladder,
     working,
 )
 from gsid.cli.fit import Order
@@ -115,12 +116,8 @@ def _add_diagnosis(
 ) -> None:
     """What is missing, and the ladder that leads there."""
     from gsid.diagnose import diagnose
-    from gsid.ladder import add, ladder
+    from gsid.ladder import ladder
 
-    def on_step(text: str) -> None:
-        say(f"-- {text}")
-
-    found = diagnose(model, measured, band=band, on_step=on_step)
-    for group in found.found:
-        model = add(group.effects[0], model, measured, band=band, on_step=on_step).model
-    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(model), band=band)
+    found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
+    told = with_ladder(model, found, measured, band)
+    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(told), band=band)

@@ -14,6 +14,7 @@ import click
 
 from gsid.cli.common import (
     Band,
+    is_given,
     json_option,
     multisine_options,
     options_as_arguments,
@@ -147,20 +148,16 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     from gsid.spectra import excited_lines
 
     context = click.get_current_context()
-    given = [f"--{name}" for name in DESIGN if _is_given(context, name)]
+    given = [f"--{name}" for name in DESIGN if is_given(context, name)]
     if given:
         raise click.UsageError(f"--u brings the whole excitation: leave out {', '.join(given)}", context)
-    record = read_record(path, u="u", y="u", fs_hz=fs_hz if _is_given(context, "fs_hz") else None)
+    record = read_record(path, u="u", y="u", fs_hz=fs_hz if is_given(context, "fs_hz") else None)
     u = record.u[: record.period_samples]
     spectrum = np.fft.rfft(u) * (2 / len(u))
     excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):
         raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
     return u, record.fs_hz, excited
-
-
-def _is_given(context: click.Context, name: str) -> bool:
-    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
 
 
 def _try_out(path: Path) -> None:
@@ -207,6 +204,8 @@ def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
 
 def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
     """The response as the C core measured it while the axis ran, and how the line behaved."""
+    import numpy as np
+
     figures = {
         "record": str(path),
         "n_periods": int(record.meta["good_periods"]),
@@ -215,7 +214,7 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
         "settle_samples": record.settle_samples,
         "fs_hz": record.fs_hz,
         "peak_command": float(abs(record.u).max()),
-        "rms_output": float(record.y[record.valid].std()),
+        "rms_output": float(np.sqrt(np.mean(record.y[record.valid] ** 2))),
         **{key: int(record.meta[key]) for key in LINE},
     }
     if as_json:
