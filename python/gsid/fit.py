@@ -242,7 +242,7 @@ def _configuration(
 def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     """Standard deviation of the lines in use, and the degrees of freedom of its square."""
     known = frf.period_samples == 0  # measured elsewhere: its variance is taken as it stands
-    dof = np.inf if known else float(frf.n_periods - frf.n_realisations)
+    dof = np.inf if known else float(frf.n_dof)
     if known and not np.all(np.isfinite(frf.var_g[use])):
         raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
     if dof < 1:

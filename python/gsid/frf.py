@@ -58,6 +58,11 @@ class Frf:
     u_unit, y_unit, name : str
     removed : tuple of Tone
         Periodic disturbances that were taken off the output first.
+    n_dof : int
+        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`.
+    method : {"periods", "lpm", "windows"}
+        From what the variances come: the scatter over periods, the local polynomial method, or windows over a
+        record that is not periodic.
     """
 
     line: np.ndarray
@@ -80,6 +85,12 @@ class Frf:
     y_unit: str = ""
     name: str = ""
     removed: tuple[Tone, ...] = ()
+    n_dof: int | None = None
+    method: str = "periods"
+
+    def __post_init__(self) -> None:
+        if self.n_dof is None:
+            self.n_dof = self.n_periods - self.n_realisations
 
     def to_control(self) -> control.FRD:
         """Return the response as `control.FRD`, frequencies in rad/s."""
@@ -238,6 +249,7 @@ def frf(
     band: tuple[float, float] | None = None,
     remove_periodic: bool = False,
     reference: str | None = None,
+    lpm: bool = False,
 ) -> Frf:
     """Estimate the frequency response at the lines that every realisation excites.
 
@@ -254,46 +266,52 @@ def frf(
         the response, and stays.
     reference : str, optional
         Of records measured in a closed loop: the column of its reference (`gsid.closed_loop`).
+    lpm : bool
+        Take the transient out by the local polynomial method instead of waiting for it to die out; one period
+        is enough.
 
     Returns
     -------
     Frf
-        FRF-1, FRF-2 (source, eqs. 4.10, 4.11, 7.29; 5.14 over realisations).
+        FRF-1, FRF-2 (source, eqs. 4.10, 4.11, 7.29; 5.14 over realisations); LPM-1, LPM-2 with `lpm`.
 
     Raises
     ------
     InputError
         As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band.
     ValueError
-        No record; Spectra, or records of a closed loop, to take disturbances off.
+        No record; Spectra, or records of a closed loop, to take disturbances or transients off.
     """
     if reference is not None:
-        if remove_periodic:
+        if remove_periodic or lpm:
             raise ValueError(
-                "disturbances are taken off in open loops only: in a closed one u holds them, too"
+                "disturbances and transients are taken off in open loops only: u holds them, too"
             )
         from gsid.closed_loop import closed_loop_frf
 
         return closed_loop_frf(records, reference, period=period, settle=settle, band=band)
     records = [records] if isinstance(records, Record | Spectra) else list(records)
+    if (remove_periodic or lpm) and any(isinstance(record, Spectra) for record in records):
+        raise ValueError("disturbances and transients are taken off records, not off their spectra")
     removed: list[Tone] = []
     if remove_periodic:
         records = [_without_tones(record, removed, period, settle) for record in records]
-    parts = realisations(records, period=period, settle=settle)
+    if lpm:
+        from gsid.local_polynomial import unsettled
+
+        parts = unsettled(records, period=period, settle=settle)
+    else:
+        parts = realisations(records, period=period, settle=settle)
     line = common_lines(parts, band)
-    each = [_single(part, line) for part in parts]
+    each = [part.frf(line) if lpm else _single(part, line) for part in parts]
     result = each[0] if len(each) == 1 else _over_realisations(each)
     return replace(result, removed=tuple(removed))
 
 
-def _without_tones(
-    record: Record | Spectra, removed: list[Tone], period: int | None, settle: int | None
-) -> Record:
+def _without_tones(record: Record, removed: list[Tone], period: int | None, settle: int | None) -> Record:
     """The record less its periodic disturbances, which are said and added to `removed`."""
     from gsid.noise import without_tones
 
-    if isinstance(record, Spectra):
-        raise ValueError("periodic disturbances are taken off records, not off their spectra")
     cleaned, tones = without_tones(record, period=period, settle=settle)
     unit = f" {record.y_unit}" if record.y_unit else ""
     taken = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in tones) or "nothing"
@@ -359,6 +377,8 @@ def _over_realisations(each: list[Frf]) -> Frf:
         u_unit=first.u_unit,
         y_unit=first.y_unit,
         name=", ".join(one.name for one in each if one.name),
+        n_dof=sum(one.n_dof for one in each),
+        method=first.method,
     )
 
 

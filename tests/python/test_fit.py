@@ -1,6 +1,7 @@
 """fit() recovers what made the data: simulated responses with known truth, and a real motor bench."""
 
 import contextlib
+import dataclasses
 import os
 from pathlib import Path
 
@@ -215,8 +216,7 @@ def test_misuse_is_a_value_error(arguments, what):
 
 
 def test_one_period_has_no_variance():
-    response = measured(rng=np.random.default_rng(SEED))
-    response.n_periods = 1
+    response = dataclasses.replace(measured(rng=np.random.default_rng(SEED)), n_periods=1, n_dof=None)
     with pytest.raises(ValueError, match="at least 2"):
         fit(response, "2/1")
 

@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 @click.option(
     "--remove-periodic", is_flag=True, help="Take periodic disturbances (`gsid noise`) off the output first."
 )
+@click.option(
+    "--lpm",
+    is_flag=True,
+    help="Take the transient out (local polynomial method) instead of waiting; one period is enough.",
+)
 @json_option
 def frf(
     records: list[Record],
@@ -39,6 +44,7 @@ def frf(
     band: tuple[float, float] | None,
     output: str | None,
     remove_periodic: bool,
+    lpm: bool,
     as_json: bool,
 ) -> None:
     """Measure the frequency response at the excited lines, and its variance.
@@ -51,9 +57,10 @@ def frf(
     """
     from gsid.frf import frf as measure
 
-    if reference is not None and remove_periodic:
-        raise click.UsageError("--remove-periodic is for open loops", click.get_current_context())
-    result = measure(records, band=band, remove_periodic=remove_periodic, reference=reference)
+    if reference is not None and (remove_periodic or lpm):
+        option = "--remove-periodic" if remove_periodic else "--lpm"
+        raise click.UsageError(f"{option} is for open loops", click.get_current_context())
+    result = measure(records, band=band, remove_periodic=remove_periodic, lpm=lpm, reference=reference)
     if output:
         _write(Path(output), result)
         say(f"wrote {output}")
@@ -84,16 +91,17 @@ def _columns(frf: Frf) -> dict:
 
 def _keys(frf: Frf) -> dict:
     names = ("n_periods", "n_realisations", "n_spoiled", "period_samples", "settle_samples", "fs_hz", "hold")
-    return {name: getattr(frf, name) for name in (*names, "u_unit", "y_unit")}
+    return {name: getattr(frf, name) for name in (*names, "u_unit", "y_unit", "n_dof", "method")}
 
 
 def _print(frf: Frf) -> None:
     import numpy as np
 
+    transient = f", transient by local polynomials ({frf.n_dof} degrees of freedom)" * (frf.method == "lpm")
     say(
-        f"{frf.name}: {frf.n_periods} periods of {frf.period_samples} samples at {frf.fs_hz:g} Hz, "
-        f"{frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
-        f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out"
+        f"{frf.name}: {frf.n_periods} period{'s' * (frf.n_periods > 1)} of {frf.period_samples} samples at "
+        f"{frf.fs_hz:g} Hz, {frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
+        f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out{transient}"
     )
     with np.errstate(divide="ignore"):
         gain, sigma = 20 * np.log10(np.abs(frf.g)), 10 * np.log10(frf.var_g)
