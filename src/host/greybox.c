@@ -120,11 +120,30 @@ gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, cons
                           double tolerance, uint32_t n_max, double *x, double *least) {
     if (objective == NULL || lower == NULL || upper == NULL || x == NULL || least == NULL)
         return GSID_E_NULL;
+    if (n == 0)
+        return GSID_E_CONFIG;
+    for (uint32_t i = 0; i < n; i++) {
+        if (!isfinite(x[i]))
+            return GSID_E_NONFINITE;
+        if (!(lower[i] <= x[i] && x[i] <= upper[i]))
+            return GSID_E_CONFIG;
+    }
 #ifdef GSID_WITH_NLOPT
     const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, (int)n_max, 0, 0};
-    return gsid_nlopt_minimise(&how, n, objective, user, lower, upper, x, least);
+    double value, *at = malloc(n * sizeof *at);
+    if (at == NULL)
+        return GSID_E_NO_MEMORY;
+    memcpy(at, x, n * sizeof *at);
+    gsid_status status = gsid_nlopt_minimise(&how, n, objective, user, lower, upper, at, &value);
+    if (status >= 0 && !isfinite(value))
+        status = GSID_E_NONFINITE;
+    if (status >= 0) {
+        memcpy(x, at, n * sizeof *at);
+        *least = value;
+    }
+    free(at);
+    return status;
 #else
-    (void)n;
     (void)user;
     (void)tolerance;
     (void)n_max;

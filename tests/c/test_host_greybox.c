@@ -169,6 +169,33 @@ static void minimum_on_a_bound(void **state) {
     assert_int_equal(gsid_minimise(2, NULL, &calls, lower, upper, 1e-14, 500, x, &least), GSID_E_NULL);
 }
 
+static double no_number(unsigned n, const double *x, double *gradient, void *user) {
+    (void)x;
+    (void)user;
+    for (unsigned i = 0; gradient != NULL && i < n; i++)
+        gradient[i] = NAN;
+    return NAN;
+}
+
+/* A bug: a function without a number gave GSID_MAX_ITER, and NaN for x. */
+static void a_search_that_fails_leaves_the_outputs(void **state) {
+    (void)state;
+    const double lower[2] = {-2, -2}, upper[2] = {0.5, 2}, nan[2] = {NAN, 0};
+    double x[2] = {-1.2, 1}, least = -1;
+    int calls = 0;
+    const int has_nlopt = gsid_build_library_version("nlopt")[0] != '\0';
+    assert_int_equal(gsid_minimise(2, no_number, NULL, lower, upper, 1e-9, 50, x, &least),
+                     has_nlopt ? GSID_E_NONFINITE : GSID_E_BACKEND);
+    assert_true(x[0] == -1.2 && x[1] == 1 && least == -1);
+    assert_int_equal(gsid_minimise(0, valley, &calls, lower, upper, 1e-9, 50, x, &least), GSID_E_CONFIG);
+    x[0] = 0.6;
+    assert_int_equal(gsid_minimise(2, valley, &calls, lower, upper, 1e-9, 50, x, &least), GSID_E_CONFIG);
+    assert_int_equal(gsid_minimise(2, valley, &calls, nan, upper, 1e-9, 50, x, &least), GSID_E_CONFIG);
+    x[0] = INFINITY;
+    assert_int_equal(gsid_minimise(2, valley, &calls, lower, upper, 1e-9, 50, x, &least), GSID_E_NONFINITE);
+    assert_true(calls == 0 && least == -1);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(triangles_are_those_of_the_whole_matrix),
@@ -176,6 +203,7 @@ int main(void) {
         cmocka_unit_test(without_own_unknowns),
         cmocka_unit_test(refusals),
         cmocka_unit_test(minimum_on_a_bound),
+        cmocka_unit_test(a_search_that_fails_leaves_the_outputs),
     };
     printf("suitesparse: %s\n", gsid_build_library_version("suitesparse"));
     return cmocka_run_group_tests(tests, fill_rows, NULL);

@@ -33,8 +33,9 @@ typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, 
  *  @param[in]     n_max         evaluations at most
  *  @param[in,out] x             [n] start, within the bounds; least point found
  *  @param[out]    least         value there
- *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start;
- *          GSID_E_BACKEND without NLopt */
+ *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG no unknowns, or a start out of the bounds; GSID_E_NONFINITE
+ *          of the start, or of all that was met; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed; GSID_E_BACKEND
+ *          without NLopt. After a failure x and least are as they were. */
 gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, const double *lower, const double *upper,
                           double tolerance, uint32_t n_max, double *x, double *least);
 

@@ -22,7 +22,7 @@ from gsid.cli.common import json_option, options_as_arguments, print_json, say
 )
 @click.option("--effect", metavar="EFFECT", help="Hide this effect of `gsid effects` in the axis.")
 @click.option("--param", "params", type=Value(), multiple=True, help="Of EFFECT. [default: typical values]")
-@click.option("--linear", is_flag=True, help="No friction, and a command neither clipped nor rounded.")
+@click.option("--linear", is_flag=True, help="No dry friction, and a command neither clipped nor rounded.")
 @click.option(
     "--noise-scale",
     metavar="X",
