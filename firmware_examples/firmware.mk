@@ -24,7 +24,7 @@ C_FILES += $(wildcard firmware_examples/*/*.[ch])
 # ---- Cortex-M ----------------------------------------------------------------------------------------------------
 
 ARM_CC := arm-none-eabi-gcc
-ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -O2 -g -mthumb -mfloat-abi=hard \
+ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -Os -g -mthumb -mfloat-abi=hard \
     -ffunction-sections -fdata-sections -fno-math-errno -fstack-usage $(WARN) $(PRECISION_float) -Werror
 ARM_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T firmware_examples/cortex_m7/mps2.ld
 # Single precision only on both, so that on the M4F an instruction in double would fault.

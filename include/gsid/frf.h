@@ -4,8 +4,8 @@
  * gsid_frf_init, direct: every line is summed at every sample; any N; the lines enter the mean with the period's last
  * sample. gsid_frf_init_spread: a transform spread over the ticks of the next period, for N even and N/2 without prime
  * factors above 7; the lines enter the mean one after the other during that period, the last one with GSID_DONE. A tick
- * takes 20 instructions a line or so on a Cortex-M7 with the direct engine, 250 for any number of lines with the spread
- * one: that pays from ten lines on, and costs two buffers of the period.
+ * takes 19 instructions a line or so on a Cortex-M7 with the direct engine, 210 for any number of lines with the spread
+ * one: that pays from eight lines on, and costs two buffers of the period.
  *
  * On a target gsid_frf_step or gsid_frf_skip belongs into the tick, one of the two in each; init and result into the
  * background. */
@@ -32,7 +32,7 @@ typedef struct {
     const struct gsid_frf_engine *engine; /* private */
     gsid_spectrum spectrum;   /* private: of the direct engine */
     gsid_spread spread;       /* private: of the spread engine */
-    uint32_t line_next;       /* private: spread engine: the next line that enters the mean; n_lines: none */
+    uint32_t line_next;       /* private: spread engine: the next line of the transform that enters the mean */
     uint32_t settle_left;     /* private */
     uint32_t spoiled;         /* private: a sample of this period was lost */
     uint32_t n_periods;       /* good periods in the mean */

@@ -19,6 +19,7 @@ typedef struct {
     uint32_t n;      /* private: samples summed in this period */
     uint32_t *phase; /* private: [n_lines] line * sample number mod N */
     gsid_cplx *sum;  /* private: [n_lines][n_channels] */
+    gsid_real scale; /* private: 2 / n_period */
 } gsid_spectrum;
 
 /* The same number as gsid_spectrum_mem_size, for static memory. */

@@ -11,23 +11,27 @@
 
 #define GSID_SPREAD_STAGES_MAX 20 /* of a period of 2^30 samples */
 
-typedef struct {
+typedef struct gsid_spread {
     gsid_spectrum_cfg cfg;
-    uint32_t n;             /* private: samples of this period so far */
-    uint32_t next;          /* private: place of the next sample in its buffer, its number in the excitation's period */
-    int has_gap;            /* private: a sample of this period was lost */
-    gsid_real *filling;     /* private: [n_channels][n_period] */
-    gsid_cplx *work;        /* private: [n_channels][n_period / 2] two neighbouring samples make one complex number */
-    uint32_t (*place)[2];   /* private: [n_lines] where the transform leaves a line and its mirror image */
-    uint32_t n_stages;      /* private */
-    uint32_t stage;         /* private: n_stages: the transform is complete */
-    uint32_t span;          /* private: distance of a butterfly's elements in this stage */
-    uint32_t stride;        /* private: of the twiddles in this stage */
-    gsid_real scale;        /* private: 1 / n_period */
-    uint32_t left;          /* private: butterflies to do in this stage */
-    uint32_t block, offset; /* private: the next butterfly begins at work[block + offset] */
-    int has_lines;          /* private: work holds a complete transform */
-    uint32_t n_ticks;       /* ticks from the end of a period to its lines: fewer than n_period - n_lines / lines_per_tick */
+    uint32_t next;        /* private: place of the next sample in its buffer, its number in the excitation's period */
+    int has_gap;          /* private: a sample of this period was lost */
+    gsid_real *filling;   /* private: [n_channels][n_period] */
+    gsid_cplx *work;      /* private: [n_channels][n_period / 2] two neighbouring samples make one complex number */
+    uint32_t (*place)[2]; /* private: [n_lines] where the transform leaves a line and its mirror image */
+    gsid_real scale;      /* private: 1 / n_period */
+    uint32_t n_stages;    /* private */
+    uint32_t stage;       /* private: n_stages: none is under way */
+    int has_lines;        /* private: work holds a complete transform */
+    /* private: of the stage under way */
+    void (*butterfly)(const struct gsid_spread *s, gsid_cplx *x, uint32_t step);
+    uint32_t span;   /* distance of a butterfly's elements */
+    uint32_t stride; /* of the twiddles */
+    uint32_t left;   /* butterflies to do, */
+    uint32_t most;   /* so many of them in a tick */
+    gsid_cplx *at;   /* the next one begins here, */
+    uint32_t offset; /* at this place in its block; */
+    uint32_t gap;    /* the next block's first one is so much further */
+    uint32_t n_ticks;        /* ticks from the end of a period to its lines: fewer than n_period - n_lines / lines_per_tick */
     uint32_t lines_per_tick; /* to read so many lines in a tick costs what a tick of the transform costs */
     uint8_t radix[GSID_SPREAD_STAGES_MAX];    /* private */
     uint8_t per_tick[GSID_SPREAD_STAGES_MAX]; /* private: butterflies of one slice */

@@ -32,6 +32,21 @@ static inline gsid_cplx gsid_cplx_conj(gsid_cplx a) {
     return gsid_cplx_make(a.re, -a.im);
 }
 
+/* a conj(b) */
+static inline gsid_cplx gsid_cplx_mul_conj(gsid_cplx a, gsid_cplx b) {
+    return gsid_cplx_make(a.re * b.re + a.im * b.im, a.im * b.re - a.re * b.im);
+}
+
+/* a - j b */
+static inline gsid_cplx gsid_cplx_minus_j(gsid_cplx a, gsid_cplx b) {
+    return gsid_cplx_make(a.re + b.im, a.im - b.re);
+}
+
+/* a + j b */
+static inline gsid_cplx gsid_cplx_plus_j(gsid_cplx a, gsid_cplx b) {
+    return gsid_cplx_make(a.re - b.im, a.im + b.re);
+}
+
 static inline gsid_real gsid_cplx_abs2(gsid_cplx a) {
     return a.re * a.re + a.im * a.im;
 }
@@ -42,12 +57,12 @@ static inline int gsid_cplx_is_finite(gsid_cplx a) {
 
 /* Smith's division: |b|^2 is never formed, which would leave the range of float for |b| below 1e-19. */
 static inline gsid_cplx gsid_cplx_div(gsid_cplx a, gsid_cplx b) {
-    if (gsid_fabs(b.re) >= gsid_fabs(b.im)) {
-        const gsid_real r = b.im / b.re, d = b.re + r * b.im;
-        return gsid_cplx_make((a.re + r * a.im) / d, (a.im - r * a.re) / d);
+    if (gsid_fabs(b.re) < gsid_fabs(b.im)) { /* a quarter of a turn for both */
+        a = gsid_cplx_make(a.im, -a.re);
+        b = gsid_cplx_make(b.im, -b.re);
     }
-    const gsid_real r = b.re / b.im, d = b.im + r * b.re;
-    return gsid_cplx_make((r * a.re + a.im) / d, (r * a.im - a.re) / d);
+    const gsid_real r = b.im / b.re, d = b.re + r * b.im;
+    return gsid_cplx_make((a.re + r * a.im) / d, (a.im - r * a.re) / d);
 }
 
 /* exp(j (x + rest)) for |x| <= pi/4 or a rounding more, rest a rounding of x, by Taylor's series to below the rounding unit. No two C libraries agree on

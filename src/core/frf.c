@@ -66,7 +66,6 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     frf->cfg = *cfg;
     frf->engine = engine;
     frf->settle_left = cfg->n_settle;
-    frf->line_next = cfg->n_lines;
     /* Complex numbers first, integers (in the engine) last: nothing needs padding. */
     const size_t n = (size_t)cfg->n_lines * gsid_frf_channels(cfg);
     frf->mean = mem;
@@ -80,26 +79,11 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     return engine->init(frf, &s, frf->m2 + n, of_engine);
 }
 
-/* FRF-2: mean += d/P, m2 += |d|^2 (P - 1)/P, with d the distance of the new period from the old mean. Nothing is ever
- * the difference of two large sums, as it would be with sums of squares. */
-static gsid_cplx welford(gsid_cplx x, gsid_real n_periods, gsid_cplx *mean, gsid_real *m2) {
-    gsid_cplx d = gsid_cplx_sub(x, *mean);
-    *mean = gsid_cplx_add(*mean, gsid_cplx_make(d.re / n_periods, d.im / n_periods));
-    *m2 += gsid_cplx_abs2(d) * ((n_periods - GSID_R(1.0)) / n_periods);
-    return d;
-}
-
-void gsid_frf_add_line(gsid_frf *frf, uint32_t i, const gsid_cplx *x) {
-    const gsid_real p = (gsid_real)(frf->n_periods + 1);
-    if (frf->cross == NULL) {
-        welford(x[0], p, &frf->mean[i], &frf->m2[i]);
-        return;
-    }
-    const size_t y = 2 * (size_t)i, u = y + 1;
-    const gsid_cplx dy = welford(x[0], p, &frf->mean[y], &frf->m2[y]);
-    const gsid_cplx du = welford(x[1], p, &frf->mean[u], &frf->m2[u]);
-    const gsid_cplx product = gsid_cplx_mul(dy, gsid_cplx_conj(du));
-    frf->cross[i] = gsid_cplx_add(frf->cross[i], gsid_cplx_scale((p - GSID_R(1.0)) / p, product));
+void gsid_frf_add_measured(gsid_frf *frf, gsid_real share, uint32_t i, gsid_cplx y, gsid_cplx u) {
+    gsid_cplx *mean = frf->mean + 2 * (size_t)i;
+    gsid_real *m2 = frf->m2 + 2 * (size_t)i;
+    const gsid_cplx d[2] = {gsid_frf_welford(share, y, mean, m2), gsid_frf_welford(share, u, mean + 1, m2 + 1)};
+    gsid_frf_add_product(share, d, frf->cross + i);
 }
 
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y) {

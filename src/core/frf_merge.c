@@ -4,7 +4,7 @@
 
 /* The spread engine adds a period over several ticks: some lines have it already. */
 static int is_adding(const gsid_frf *frf) {
-    return frf->line_next < frf->cfg.n_lines;
+    return frf->line_next > 0 && frf->line_next < frf->cfg.n_lines;
 }
 
 gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines) {
@@ -20,8 +20,13 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines) {
             return GSID_E_NONFINITE;
         }
     }
+    const gsid_real share = gsid_frf_share(frf->n_periods + 1);
     for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
-        gsid_frf_add_line(frf, i, lines + (size_t)i * n);
+        if (frf->cross == NULL) {
+            gsid_frf_welford(share, lines[i], &frf->mean[i], &frf->m2[i]);
+        } else {
+            gsid_frf_add_measured(frf, share, i, lines[2 * (size_t)i], lines[2 * (size_t)i + 1]);
+        }
     }
     frf->n_periods++;
     return GSID_OK;

@@ -2,74 +2,80 @@
 #include "streaming.h"
 
 static gsid_status init(gsid_frf *frf, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size) {
-    frf->line_next = cfg->n_lines;
     return gsid_spread_init(&frf->spread, cfg, mem, mem_size);
 }
 
-static int has_lines(const gsid_frf *frf) {
-    return frf->line_next < frf->cfg.n_lines;
+static void add_line(gsid_frf *frf, gsid_real share, uint32_t i) {
+    const gsid_spread *s = &frf->spread;
+    const uint32_t *place = s->place[i], n = s->cfg.n_channels;
+    const gsid_cplx turn = s->cfg.twiddle[s->cfg.line[i]], *work = s->work;
+    const uint32_t half = s->cfg.n_period / 2;
+    const gsid_real scale = s->scale;
+    gsid_cplx *mean = frf->mean + i * n, d[2];
+    gsid_real *m2 = frf->m2 + i * n;
+    for (uint32_t c = 0; c < n; c++) {
+        d[c] = gsid_frf_welford(share, gsid_spread_read(work, place, turn, scale), mean++, m2++);
+        work += half;
+    }
+    if (n == 2) {
+        gsid_frf_add_product(share, d, frf->cross + i);
+    }
+}
+
+static uint32_t lines_left(const gsid_frf *frf) {
+    return frf->spread.has_lines ? frf->cfg.n_lines - frf->line_next : 0;
 }
 
 static gsid_status add_lines(gsid_frf *frf) {
-    const uint32_t n_lines = frf->cfg.n_lines, n = gsid_frf_channels(&frf->cfg);
-    if (frf->line_next >= n_lines) {
+    const uint32_t n_left = lines_left(frf);
+    if (n_left == 0) {
         return GSID_OK;
     }
-    for (uint32_t i = frf->spread.lines_per_tick; i > 0 && frf->line_next < n_lines; i--) {
-        gsid_cplx x[2];
-        for (uint32_t channel = 0; channel < n; channel++) {
-            x[channel] = gsid_spread_read(&frf->spread, frf->line_next, channel);
-        }
-        gsid_frf_add_line(frf, frf->line_next++, x);
+    const gsid_real share = gsid_frf_share(frf->n_periods + 1);
+    for (uint32_t i = 0; i < frf->spread.lines_per_tick && i < n_left; i++) {
+        add_line(frf, share, frf->line_next++);
     }
-    if (frf->line_next < n_lines) {
+    if (frf->line_next < frf->cfg.n_lines) {
         return GSID_OK;
     }
     frf->n_periods++;
     return GSID_DONE;
 }
 
-/* What a tick returns whose lines were added with the one status and whose transform went on with the other. The transform
- * is complete before the first line is added, and the last one is before the period ends: at most one of them has news. */
-static gsid_status conclude(gsid_frf *frf, gsid_status added, gsid_status transformed) {
-    if (transformed == GSID_OK) {
-        return added;
-    }
-    if (transformed == GSID_DONE) {
-        frf->line_next = 0;
-        return GSID_OK;
-    }
-    frf->n_spoiled++;
-    return transformed;
-}
-
-static gsid_status step(gsid_frf *frf, gsid_real u, gsid_real y) {
-    const gsid_status added = add_lines(frf);
-    return conclude(frf, added, gsid_spread_take(&frf->spread, u, y));
-}
-
-/* Tick by tick while there is work that belongs to them, then at once. */
-static gsid_status skip(gsid_frf *frf, uint32_t n_samples) {
+/* So many ticks' work, or what is left. */
+static gsid_status work_off(gsid_frf *frf, uint32_t n_ticks) {
+    gsid_spread *s = &frf->spread;
     gsid_status status = GSID_OK;
-    for (; n_samples > 0 && (frf->spread.stage < frf->spread.n_stages || has_lines(frf)); n_samples--) {
-        const gsid_status added = add_lines(frf);
-        const gsid_status now = conclude(frf, added, gsid_spread_skip(&frf->spread, 1));
-        status = now != GSID_OK ? now : status;
+    for (; n_ticks > 0 && (s->stage < s->n_stages || lines_left(frf) > 0); n_ticks--) {
+        status = s->stage < s->n_stages ? gsid_spread_slice(s) : add_lines(frf);
     }
+    return status;
+}
+
+/* The sample, and what there is to do, which is all done before the period ends: the transform, then the lines. */
+static gsid_status step(gsid_frf *frf, gsid_real u, gsid_real y) {
+    gsid_spread *s = &frf->spread;
+    if (!gsid_spread_put(s, u, y)) {
+        return s->stage < s->n_stages ? gsid_spread_slice(s) : add_lines(frf);
+    }
+    frf->line_next = 0;
+    frf->n_spoiled += s->has_gap ? 1u : 0u;
+    return gsid_spread_end(s);
+}
+
+static gsid_status skip(gsid_frf *frf, uint32_t n_samples) {
+    const gsid_status status = work_off(frf, n_samples);
     const uint32_t n_period = frf->cfg.n_period;
-    frf->n_spoiled += n_samples / n_period + (frf->spread.n + n_samples % n_period) / n_period;
-    return gsid_spread_skip(&frf->spread, n_samples) == GSID_SPOILED ? GSID_SPOILED : status;
+    frf->n_spoiled += n_samples / n_period + (gsid_spread_n(&frf->spread) + n_samples % n_period) / n_period;
+    if (gsid_spread_pass(&frf->spread, n_samples) == GSID_OK) {
+        return status;
+    }
+    frf->line_next = 0;
+    return GSID_SPOILED;
 }
 
 static gsid_status finish(gsid_frf *frf) {
-    if (gsid_spread_finish(&frf->spread) == GSID_DONE) {
-        frf->line_next = 0;
-    }
-    gsid_status status = GSID_OK;
-    while (has_lines(frf)) {
-        status = add_lines(frf);
-    }
-    return status;
+    return work_off(frf, frf->cfg.n_period);
 }
 
 static const struct gsid_frf_engine spread = {gsid_spread_mem_size, init, step, skip, finish};

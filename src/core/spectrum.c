@@ -40,10 +40,11 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
     s->cfg = *cfg;
     s->sum = mem;
     s->phase = (uint32_t *)(void *)(s->sum + (size_t)cfg->n_lines * cfg->n_channels);
+    s->scale = GSID_R(2.0) / (gsid_real)cfg->n_period;
     return gsid_spectrum_reset(s);
 }
 
-static void clear_sums(gsid_spectrum *s) {
+void gsid_spectrum_clear(gsid_spectrum *s) {
     memset(s->sum, 0, (size_t)s->cfg.n_lines * s->cfg.n_channels * sizeof *s->sum);
     s->n = 0;
 }
@@ -58,52 +59,33 @@ gsid_status gsid_spectrum_reset(gsid_spectrum *s) {
     for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
         s->phase[i] = (uint32_t)((uint64_t)s->cfg.line[i] * s->cfg.n_first % s->cfg.n_period);
     }
-    clear_sums(s);
+    gsid_spectrum_clear(s);
     return GSID_OK;
 }
 
-/* FRF-1 for one signal or two. Two loops, because a loop over channels inside costs half the speed; and copies of what the
- * object says, because it might be what the sums are written into, for all the compiler knows. */
-static void sum_one(gsid_spectrum *s, gsid_real x) {
-    const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
-    const gsid_cplx *twiddle = s->cfg.twiddle;
-    uint32_t *at = s->phase;
-    gsid_cplx *sum = s->sum;
-    do { /* there is at least one line */
-        const gsid_cplx w = twiddle[*at];
-        const uint32_t phase = *at + *line++;
-        *at++ = phase >= n_period ? phase - n_period : phase;
-        *sum = gsid_cplx_make(sum->re + x * w.re, sum->im - x * w.im);
-        sum++;
-    } while (line < end);
-}
-
-static void sum_two(gsid_spectrum *s, gsid_real x0, gsid_real x1) {
-    const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
-    const gsid_cplx *twiddle = s->cfg.twiddle;
-    uint32_t *at = s->phase;
-    gsid_cplx *sum = s->sum;
-    do {
-        const gsid_cplx w = twiddle[*at];
-        const uint32_t phase = *at + *line++;
-        *at++ = phase >= n_period ? phase - n_period : phase;
-        sum[0] = gsid_cplx_make(sum[0].re + x0 * w.re, sum[0].im - x0 * w.im);
-        sum[1] = gsid_cplx_make(sum[1].re + x1 * w.re, sum[1].im - x1 * w.im);
-        sum += 2;
-    } while (line < end);
-}
-
+/* FRF-1. Two loops, because a loop over channels inside costs half the speed; and copies of what the object says, because it
+ * might be what the sums are written into, for all the compiler knows. */
 gsid_status gsid_spectrum_sum(gsid_spectrum *s, gsid_real u, gsid_real y) {
-    if (s->n == s->cfg.n_period) {
-        clear_sums(s);
+    const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
+    const gsid_cplx *twiddle = s->cfg.twiddle;
+    uint32_t *at = s->phase;
+    gsid_cplx *sum = s->sum;
+    if (s->cfg.n_channels == 1) {
+        do { /* there is at least one line */
+            const gsid_cplx w = gsid_spectrum_turn(n_period, twiddle, *line++, at++);
+            *sum = gsid_spectrum_add(*sum, y, w);
+            sum++;
+        } while (line < end);
+    } else {
+        do {
+            const gsid_cplx w = gsid_spectrum_turn(n_period, twiddle, *line++, at++);
+            sum[0] = gsid_spectrum_add(sum[0], y, w);
+            sum[1] = gsid_spectrum_add(sum[1], u, w);
+            sum += 2;
+        } while (line < end);
     }
     s->n++;
-    if (s->cfg.n_channels == 1) {
-        sum_one(s, y);
-    } else {
-        sum_two(s, y, u);
-    }
-    return s->n == s->cfg.n_period ? GSID_DONE : GSID_OK;
+    return s->n == n_period ? GSID_DONE : GSID_OK;
 }
 
 gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x) {
@@ -114,7 +96,13 @@ gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x) {
         return GSID_E_STATE;
     }
     const gsid_real x1 = s->cfg.n_channels == 2 ? x[1] : GSID_R(0.0);
-    return gsid_is_finite(x[0]) && gsid_is_finite(x1) ? gsid_spectrum_sum(s, x1, x[0]) : GSID_E_NONFINITE;
+    if (!gsid_is_finite(x[0]) || !gsid_is_finite(x1)) {
+        return GSID_E_NONFINITE;
+    }
+    if (s->n == s->cfg.n_period) {
+        gsid_spectrum_clear(s);
+    }
+    return gsid_spectrum_sum(s, x1, x[0]);
 }
 
 gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples) {
@@ -133,7 +121,7 @@ gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples) {
     }
     uint64_t n = (uint64_t)s->n % n_period + n_samples; /* a complete period stands at the start of the next one */
     if (n >= n_period || s->n == n_period) {
-        clear_sums(s);
+        gsid_spectrum_clear(s);
     }
     s->n = (uint32_t)(n % n_period);
     return n >= n_period ? GSID_DONE : GSID_OK;
@@ -148,7 +136,7 @@ gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines) {
     }
     for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
         int is_single = s->cfg.line[i] == 0 || 2 * s->cfg.line[i] == s->cfg.n_period;
-        gsid_real scale = (is_single ? GSID_R(1.0) : GSID_R(2.0)) / (gsid_real)s->cfg.n_period;
+        gsid_real scale = is_single ? s->scale / 2 : s->scale;
         for (uint32_t c = 0; c < s->cfg.n_channels; c++) {
             size_t at = (size_t)i * s->cfg.n_channels + c;
             lines[at] = gsid_cplx_scale(scale, s->sum[at]);

@@ -5,9 +5,10 @@
 #include "complex_math.h"
 #include "streaming.h"
 
-/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a line that enters a mean: only their ratios matter. */
-static const uint16_t cost_of[8] = {[2] = 31, [3] = 59, [4] = 72, [5] = 131, [7] = 330};
-enum { COST_LINE = 120 };
+/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a tick that lets a line enter a mean: only their ratios
+ * matter. */
+static const uint16_t cost_of[8] = {[2] = 36, [3] = 61, [4] = 71, [5] = 112, [7] = 450};
+enum { COST_LINE = 90 };
 
 /* ---- the plan: which butterflies, and how many of them in a tick ---- */
 
@@ -42,17 +43,19 @@ static uint32_t plan(gsid_spread *s, uint32_t budget) {
         s->n_ticks += ticks_for(n_points / s->radix[i], per_tick);
     }
     s->lines_per_tick = times_in(COST_LINE * s->cfg.n_channels, budget);
-    s->n_ticks += s->n_stages - 1; /* between the stages */
+    s->n_ticks += s->n_stages; /* from each stage to what follows */
     return s->n_ticks + ticks_for(s->cfg.n_lines, s->lines_per_tick);
 }
 
-/* The smallest slices that are done in less than a period, but no smaller than what cannot be cut. */
+/* The smallest slices that are done in less than a period, but no smaller than what cannot be cut: and half of the cheapest
+ * butterfly more, since whole numbers of the cheap ones stay below it more often than they pass it. */
 static void make_plan(gsid_spread *s) {
     uint32_t budget = COST_LINE * s->cfg.n_channels;
     for (uint32_t i = 0; i < s->n_stages; i++) {
         const uint32_t cost = cost_of[s->radix[i]];
         budget = cost > budget ? cost : budget;
     }
+    budget += cost_of[2] / 2;
     while (plan(s, budget) >= s->cfg.n_period) {
         budget += cost_of[2];
     }
@@ -124,7 +127,6 @@ gsid_status gsid_spread_reset(gsid_spread *s) {
     if (s->work == NULL) {
         return GSID_E_STATE;
     }
-    s->n = 0;
     s->next = s->cfg.n_first;
     s->has_gap = 0;
     s->has_lines = 0;
@@ -134,43 +136,36 @@ gsid_status gsid_spread_reset(gsid_spread *s) {
 
 /* ---- butterflies: x[q span] <- sum over p of x[p span] exp(-j 2 pi p q / r), times conj(w[q step]) ---- */
 
-static gsid_cplx times_conj(gsid_cplx a, gsid_cplx w) {
-    return gsid_cplx_make(a.re * w.re + a.im * w.im, a.im * w.re - a.re * w.im);
-}
-
-/* a - j b and a + j b */
-static gsid_cplx minus_j(gsid_cplx a, gsid_cplx b) {
-    return gsid_cplx_make(a.re + b.im, a.im - b.re);
-}
-
-static gsid_cplx plus_j(gsid_cplx a, gsid_cplx b) {
-    return gsid_cplx_make(a.re - b.im, a.im + b.re);
-}
-
-static void butterfly_2(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+static void butterfly_2(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
+    const gsid_cplx *w = s->cfg.twiddle;
+    const uint32_t span = s->span;
     const gsid_cplx a = x[0], b = x[span];
     x[0] = gsid_cplx_add(a, b);
-    x[span] = times_conj(gsid_cplx_sub(a, b), w[step]);
+    x[span] = gsid_cplx_mul_conj(gsid_cplx_sub(a, b), w[step]);
 }
 
-static void butterfly_3(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+static void butterfly_3(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
     const gsid_real sin_1 = GSID_R(0.86602540378443864676);
+    const gsid_cplx *w = s->cfg.twiddle;
+    const uint32_t span = s->span;
     gsid_cplx *x1 = x + span, *x2 = x1 + span;
     const gsid_cplx sum = gsid_cplx_add(*x1, *x2), even = gsid_cplx_sub(*x, gsid_cplx_scale(GSID_R(0.5), sum));
     const gsid_cplx odd = gsid_cplx_scale(sin_1, gsid_cplx_sub(*x1, *x2));
     *x = gsid_cplx_add(*x, sum);
-    *x1 = times_conj(minus_j(even, odd), w[step]);
-    *x2 = times_conj(plus_j(even, odd), w[2 * step]);
+    *x1 = gsid_cplx_mul_conj(gsid_cplx_minus_j(even, odd), w[step]);
+    *x2 = gsid_cplx_mul_conj(gsid_cplx_plus_j(even, odd), w[2 * step]);
 }
 
-static void butterfly_4(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+static void butterfly_4(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
+    const gsid_cplx *w = s->cfg.twiddle;
+    const uint32_t span = s->span;
     gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span;
     const gsid_cplx sum_02 = gsid_cplx_add(*x, *x2), sum_13 = gsid_cplx_add(*x1, *x3);
     const gsid_cplx diff_02 = gsid_cplx_sub(*x, *x2), diff_13 = gsid_cplx_sub(*x1, *x3);
     *x = gsid_cplx_add(sum_02, sum_13);
-    *x1 = times_conj(minus_j(diff_02, diff_13), w[step]);
-    *x2 = times_conj(gsid_cplx_sub(sum_02, sum_13), w[2 * step]);
-    *x3 = times_conj(plus_j(diff_02, diff_13), w[3 * step]);
+    *x1 = gsid_cplx_mul_conj(gsid_cplx_minus_j(diff_02, diff_13), w[step]);
+    *x2 = gsid_cplx_mul_conj(gsid_cplx_sub(sum_02, sum_13), w[2 * step]);
+    *x3 = gsid_cplx_mul_conj(gsid_cplx_plus_j(diff_02, diff_13), w[3 * step]);
 }
 
 /* c1 a + c2 b */
@@ -178,7 +173,9 @@ static gsid_cplx mix_2(gsid_real c1, gsid_cplx a, gsid_real c2, gsid_cplx b) {
     return gsid_cplx_make(c1 * a.re + c2 * b.re, c1 * a.im + c2 * b.im);
 }
 
-static void butterfly_5(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
+static void butterfly_5(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
+    const gsid_cplx *w = s->cfg.twiddle;
+    const uint32_t span = s->span;
     const gsid_real cos_1 = GSID_R(0.30901699437494742410), cos_2 = GSID_R(-0.80901699437494742410);
     const gsid_real sin_1 = GSID_R(0.95105651629515357212), sin_2 = GSID_R(0.58778525229247312917);
     gsid_cplx *x1 = x + span, *x2 = x1 + span, *x3 = x2 + span, *x4 = x3 + span;
@@ -189,102 +186,92 @@ static void butterfly_5(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_
     const gsid_cplx odd_1 = mix_2(sin_1, diff_14, sin_2, diff_23);
     const gsid_cplx odd_2 = mix_2(sin_2, diff_14, -sin_1, diff_23);
     *x = gsid_cplx_add(*x, gsid_cplx_add(sum_14, sum_23));
-    *x1 = times_conj(minus_j(even_1, odd_1), w[step]);
-    *x2 = times_conj(minus_j(even_2, odd_2), w[2 * step]);
-    *x3 = times_conj(plus_j(even_2, odd_2), w[3 * step]);
-    *x4 = times_conj(plus_j(even_1, odd_1), w[4 * step]);
+    *x1 = gsid_cplx_mul_conj(gsid_cplx_minus_j(even_1, odd_1), w[step]);
+    *x2 = gsid_cplx_mul_conj(gsid_cplx_minus_j(even_2, odd_2), w[2 * step]);
+    *x3 = gsid_cplx_mul_conj(gsid_cplx_plus_j(even_2, odd_2), w[3 * step]);
+    *x4 = gsid_cplx_mul_conj(gsid_cplx_plus_j(even_1, odd_1), w[4 * step]);
 }
 
-/* Rare, and so in loops: a third of the code of the other four together would be its, written out. */
-static void butterfly_7(gsid_cplx *x, uint32_t span, const gsid_cplx *w, uint32_t step) {
-    static const gsid_cplx turn[7] = {/* exp(j 2 pi k / 7) */
-                                      {GSID_R(1.0), GSID_R(0.0)},
-                                      {GSID_R(0.62348980185873353053), GSID_R(0.78183148246802980871)},
-                                      {GSID_R(-0.22252093395631440429), GSID_R(0.97492791218182360702)},
-                                      {GSID_R(-0.90096886790241912624), GSID_R(0.43388373911755812048)},
-                                      {GSID_R(-0.90096886790241912624), GSID_R(-0.43388373911755812048)},
-                                      {GSID_R(-0.22252093395631440429), GSID_R(-0.97492791218182360702)},
-                                      {GSID_R(0.62348980185873353053), GSID_R(-0.78183148246802980871)}};
+/* Radices 3 and 7. In loops, for the sake of its code: they are the rarer ones, and 5 is the costliest butterfly anyhow. */
+static void butterfly_odd(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
+    const gsid_cplx *w = s->cfg.twiddle;
+    const uint32_t n_period = s->cfg.n_period, radix = s->radix[s->stage], span = s->span;
+    const uint32_t part = n_period / radix; /* of a turn */
     gsid_cplx sum[4], diff[4];
     const gsid_cplx first = x[0];
-    for (uint32_t p = 1; p <= 3; p++) {
-        sum[p] = gsid_cplx_add(x[p * span], x[(7 - p) * span]);
-        diff[p] = gsid_cplx_sub(x[p * span], x[(7 - p) * span]);
+    for (uint32_t p = 1; 2 * p < radix; p++) {
+        const gsid_cplx a = x[p * span], b = x[(radix - p) * span];
+        sum[p] = gsid_cplx_add(a, b);
+        diff[p] = gsid_cplx_sub(a, b);
         x[0] = gsid_cplx_add(x[0], sum[p]);
     }
-    for (uint32_t q = 1; q <= 3; q++) {
+    for (uint32_t q = 1; 2 * q < radix; q++) {
         gsid_cplx even = first, odd = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
-        for (uint32_t p = 1, k = q; p <= 3; p++, k = k + q < 7 ? k + q : k + q - 7) {
-            even = gsid_cplx_add(even, gsid_cplx_scale(turn[k].re, sum[p]));
-            odd = gsid_cplx_add(odd, gsid_cplx_scale(turn[k].im, diff[p]));
+        for (uint32_t p = 1, at = q * part; 2 * p < radix; p++) {
+            even = gsid_cplx_add(even, gsid_cplx_scale(w[at].re, sum[p]));
+            odd = gsid_cplx_add(odd, gsid_cplx_scale(w[at].im, diff[p]));
+            at += q * part;
+            at -= at >= n_period ? n_period : 0;
         }
-        x[q * span] = times_conj(minus_j(even, odd), w[q * step]);
-        x[(7 - q) * span] = times_conj(plus_j(even, odd), w[(7 - q) * step]);
+        x[q * span] = gsid_cplx_mul_conj(gsid_cplx_minus_j(even, odd), w[q * step]);
+        x[(radix - q) * span] = gsid_cplx_mul_conj(gsid_cplx_plus_j(even, odd), w[(radix - q) * step]);
     }
 }
+
+static void (*const butterfly_of[8])(const gsid_spread *s, gsid_cplx *x, uint32_t step) = {
+    [2] = butterfly_2, [3] = butterfly_3, [4] = butterfly_4, [5] = butterfly_5, [7] = butterfly_odd};
 
 /* ---- the slices ---- */
 
 static void begin_stage(gsid_spread *s, uint32_t stage) {
+    const uint32_t radix = s->radix[stage];
     s->stage = stage;
-    s->stride *= stage == 0 ? 1 : s->radix[stage - 1];
-    s->span /= s->radix[stage];
-    s->block = s->offset = 0;
-    s->left = s->cfg.n_channels * (s->cfg.n_period / 2) / s->radix[stage];
+    s->butterfly = butterfly_of[radix];
+    s->most = s->per_tick[stage];
+    s->span /= radix;
+    s->gap = s->span * (radix - 1);
+    s->at = s->work;
+    s->offset = 0;
+    s->left = s->cfg.n_channels * (s->cfg.n_period / 2) / radix;
 }
 
-/* The next n butterflies of this stage. Inline, so that each radix gets a loop of its own. */
-static inline void do_butterflies(gsid_spread *s, uint32_t n,
-                                  void (*butterfly)(gsid_cplx *, uint32_t, const gsid_cplx *, uint32_t)) {
-    const uint32_t span = s->span, length = span * s->radix[s->stage];
-    uint32_t block = s->block, offset = s->offset;
-    for (; n > 0; n--) {
-        butterfly(s->work + block + offset, span, s->cfg.twiddle, offset * s->stride);
+/* A tick of its own, so that none has to do both. */
+static void next_stage(gsid_spread *s) {
+    if (s->stage + 1 < s->n_stages) {
+        s->stride *= s->radix[s->stage];
+        begin_stage(s, s->stage + 1);
+    } else {
+        s->stage = s->n_stages;
+        s->has_lines = 1;
+    }
+}
+
+/* FRF-3, decimation in frequency: some butterflies of the stage under way. Both channels are blocks of one array. */
+gsid_status gsid_spread_slice(gsid_spread *s) {
+    if (s->left == 0) {
+        next_stage(s);
+        return GSID_OK;
+    }
+    const uint32_t span = s->span, stride = s->stride;
+    uint32_t n = s->most < s->left ? s->most : s->left, offset = s->offset;
+    gsid_cplx *x = s->at;
+    s->left -= n;
+    do {
+        s->butterfly(s, x++, offset * stride);
         if (++offset == span) {
             offset = 0;
-            block += length;
+            x += s->gap;
         }
-    }
-    s->block = block;
+    } while (--n > 0);
+    s->at = x;
     s->offset = offset;
+    return GSID_OK;
 }
 
-/* FRF-3, decimation in frequency: one slice of the stage under way. Both channels are blocks of one array. */
-static gsid_status do_slice(gsid_spread *s) {
-    if (s->left == 0) { /* a tick of its own, so that none has to do both */
-        begin_stage(s, s->stage + 1);
-        return GSID_OK;
-    }
-    const uint32_t most = s->per_tick[s->stage], n = most < s->left ? most : s->left;
-    s->left -= n;
-    switch (s->radix[s->stage]) {
-    case 2:
-        do_butterflies(s, n, butterfly_2);
-        break;
-    case 3:
-        do_butterflies(s, n, butterfly_3);
-        break;
-    case 4:
-        do_butterflies(s, n, butterfly_4);
-        break;
-    case 5:
-        do_butterflies(s, n, butterfly_5);
-        break;
-    default:
-        do_butterflies(s, n, butterfly_7);
-        break;
-    }
-    if (s->left > 0 || s->stage + 1 < s->n_stages) {
-        return GSID_OK;
-    }
-    s->stage = s->n_stages;
-    s->has_lines = 1;
-    return GSID_DONE;
-}
+/* ---- the samples ---- */
 
 /* The buffers change places, unless samples are missing from the one that was filled. */
-static gsid_status end_period(gsid_spread *s) {
-    s->n = 0;
+gsid_status gsid_spread_end(gsid_spread *s) {
     s->has_lines = 0;
     if (s->has_gap) {
         s->has_gap = 0;
@@ -299,17 +286,27 @@ static gsid_status end_period(gsid_spread *s) {
     return GSID_OK;
 }
 
-gsid_status gsid_spread_take(gsid_spread *s, gsid_real u, gsid_real y) {
-    const gsid_status status = s->stage < s->n_stages ? do_slice(s) : GSID_OK;
-    const uint32_t n_period = s->cfg.n_period;
-    gsid_real *place = s->filling + s->next;
-    place[0] = y;
-    if (s->cfg.n_channels == 2) {
-        place[n_period] = u;
+gsid_status gsid_spread_pass(gsid_spread *s, uint32_t n_samples) {
+    const uint32_t n_period = s->cfg.n_period, rest = n_samples % n_period; /* no sum passes 2^31 */
+    const uint32_t n = gsid_spread_n(s) + rest;
+    gsid_status status = GSID_OK;
+    s->has_gap = s->has_gap || n_samples > 0;
+    if (n_samples >= n_period || n >= n_period) {
+        status = gsid_spread_end(s);
+        s->has_gap = n % n_period > 0;
     }
-    s->next = s->next + 1 < n_period ? s->next + 1 : 0;
-    s->n++;
-    return s->n < n_period ? status : end_period(s);
+    s->next = (s->next + rest) % n_period;
+    return status;
+}
+
+/* n slices, or as many as are left; GSID_DONE when that completes the transform. */
+static gsid_status slices(gsid_spread *s, uint32_t n) {
+    gsid_status status = GSID_OK;
+    for (; n > 0 && s->stage < s->n_stages; n--) {
+        gsid_spread_slice(s);
+        status = s->has_lines ? GSID_DONE : GSID_OK;
+    }
+    return status;
 }
 
 gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x) {
@@ -320,7 +317,11 @@ gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x) {
         return GSID_E_STATE;
     }
     const gsid_real x1 = s->cfg.n_channels == 2 ? x[1] : GSID_R(0.0);
-    return gsid_is_finite(x[0]) && gsid_is_finite(x1) ? gsid_spread_take(s, x1, x[0]) : GSID_E_NONFINITE;
+    if (!gsid_is_finite(x[0]) || !gsid_is_finite(x1)) {
+        return GSID_E_NONFINITE;
+    }
+    const gsid_status sliced = slices(s, 1);
+    return gsid_spread_put(s, x1, x[0]) && gsid_spread_end(s) == GSID_SPOILED ? GSID_SPOILED : sliced;
 }
 
 gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples) {
@@ -330,20 +331,8 @@ gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples) {
     if (s->work == NULL) {
         return GSID_E_STATE;
     }
-    gsid_status status = GSID_OK;
-    for (uint32_t i = 0; i < n_samples && s->stage < s->n_stages; i++) {
-        status = do_slice(s);
-    }
-    const uint32_t n_period = s->cfg.n_period, rest = n_samples % n_period; /* no sum passes 2^31 */
-    const uint32_t n = s->n + rest, next = s->next + rest;
-    s->has_gap = s->has_gap || n_samples > 0;
-    if (n_samples >= n_period || n >= n_period) {
-        status = end_period(s);
-        s->has_gap = n % n_period > 0;
-    }
-    s->n = n % n_period;
-    s->next = next % n_period;
-    return status;
+    const gsid_status sliced = slices(s, n_samples);
+    return gsid_spread_pass(s, n_samples) == GSID_SPOILED ? GSID_SPOILED : sliced;
 }
 
 gsid_status gsid_spread_finish(gsid_spread *s) {
@@ -353,22 +342,7 @@ gsid_status gsid_spread_finish(gsid_spread *s) {
     if (s->work == NULL) {
         return GSID_E_STATE;
     }
-    gsid_status status = GSID_OK;
-    while (s->stage < s->n_stages) {
-        status = do_slice(s);
-    }
-    return status;
-}
-
-/* FRF-3, real samples: with Z the transform of x[2m] + j x[2m+1], and * its mirror image conj(Z(N/2 - k)),
- * N X(k) = (Z + Z*) - j exp(-j 2 pi k / N) (Z - Z*). */
-gsid_cplx gsid_spread_read(const gsid_spread *s, uint32_t i, uint32_t channel) {
-    const uint32_t k = s->cfg.line[i], half = s->cfg.n_period / 2;
-    const gsid_cplx *work = s->work + channel * half;
-    const gsid_cplx z = work[s->place[i][0]], mirror = gsid_cplx_conj(work[s->place[i][1]]);
-    const gsid_cplx odd = times_conj(gsid_cplx_sub(z, mirror), s->cfg.twiddle[k]);
-    const gsid_real scale = k == 0 || k == half ? s->scale / 2 : s->scale;
-    return gsid_cplx_scale(scale, minus_j(gsid_cplx_add(z, mirror), odd));
+    return slices(s, s->cfg.n_period);
 }
 
 gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel, gsid_cplx *line) {
@@ -381,6 +355,9 @@ gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel,
     if (i >= s->cfg.n_lines || channel >= s->cfg.n_channels) {
         return GSID_E_CONFIG;
     }
-    *line = gsid_spread_read(s, i, channel);
+    const uint32_t k = s->cfg.line[i];
+    const int is_single = k == 0 || 2 * k == s->cfg.n_period;
+    const gsid_cplx *work = s->work + channel * (s->cfg.n_period / 2);
+    *line = gsid_spread_read(work, s->place[i], s->cfg.twiddle[k], is_single ? s->scale / 2 : s->scale);
     return GSID_OK;
 }

@@ -5,18 +5,72 @@
 
 #include "gsid/frf.h"
 
+#include "complex_math.h"
+
 #define gsid_spectrum_sum GSID_NAME(gsid_spectrum_sum)
-#define gsid_spread_take GSID_NAME(gsid_spread_take)
-#define gsid_spread_read GSID_NAME(gsid_spread_read)
+#define gsid_spectrum_clear GSID_NAME(gsid_spectrum_clear)
+#define gsid_spread_slice GSID_NAME(gsid_spread_slice)
+#define gsid_spread_end GSID_NAME(gsid_spread_end)
+#define gsid_spread_pass GSID_NAME(gsid_spread_pass)
 #define gsid_frf_size_with GSID_NAME(gsid_frf_size_with)
 #define gsid_frf_init_with GSID_NAME(gsid_frf_init_with)
-#define gsid_frf_add_line GSID_NAME(gsid_frf_add_line)
+#define gsid_frf_add_measured GSID_NAME(gsid_frf_add_measured)
 
-/* gsid_spectrum_step, gsid_spread_step and gsid_spread_line, of arguments that are known to be good. y is the
+/* gsid_spectrum_step of arguments that are known to be good, of the next sample of a period that is not complete. y is the
  * first channel, u the second, and anything where there is no second. */
 gsid_status gsid_spectrum_sum(gsid_spectrum *s, gsid_real u, gsid_real y);
-gsid_status gsid_spread_take(gsid_spread *s, gsid_real u, gsid_real y);
-gsid_cplx gsid_spread_read(const gsid_spread *s, uint32_t i, uint32_t channel);
+void gsid_spectrum_clear(gsid_spectrum *s);
+
+/* FRF-1, one term of one line; and its exp(j 2 pi k n / N), whose phase moves on. */
+static inline gsid_cplx gsid_spectrum_add(gsid_cplx sum, gsid_real x, gsid_cplx w) {
+    return gsid_cplx_make(sum.re + x * w.re, sum.im - x * w.im);
+}
+
+static inline gsid_cplx gsid_spectrum_turn(uint32_t n_period, const gsid_cplx *twiddle, uint32_t line, uint32_t *at) {
+    const gsid_cplx w = twiddle[*at];
+    const uint32_t phase = *at + line;
+    *at = phase >= n_period ? phase - n_period : phase;
+    return w;
+}
+
+/* The parts of gsid_spread_step, of an object that is known to be good: a slice of the transform, where some is left. Always
+ * GSID_OK, for a tick that ends with it. */
+gsid_status gsid_spread_slice(gsid_spread *s);
+
+/* One sample into its place. Nonzero: it was the last one of a period, which is to be ended. */
+static inline int gsid_spread_put(gsid_spread *s, gsid_real u, gsid_real y) {
+    const uint32_t n_period = s->cfg.n_period, next = s->next;
+    gsid_real *place = s->filling + next;
+    place[0] = y;
+    if (s->cfg.n_channels == 2) {
+        place[n_period] = u;
+    }
+    s->next = next + 1 < n_period ? next + 1 : 0;
+    return s->next == s->cfg.n_first;
+}
+
+/* Samples of this period so far. */
+static inline uint32_t gsid_spread_n(const gsid_spread *s) {
+    return s->next >= s->cfg.n_first ? s->next - s->cfg.n_first : s->next + s->cfg.n_period - s->cfg.n_first;
+}
+
+/* The transform of the period begins: GSID_OK; or samples of it are missing: GSID_SPOILED. */
+gsid_status gsid_spread_end(gsid_spread *s);
+
+/* The loss of some samples: GSID_SPOILED, the end of a period was passed. */
+gsid_status gsid_spread_pass(gsid_spread *s, uint32_t n_samples);
+
+/* FRF-3, real samples: a line, neither 0 nor N/2, of a complete transform Z of x[2m] + j x[2m+1]. With * the mirror image
+ * conj(Z(N/2 - k)), N X(k) = (Z + Z*) - j exp(-j 2 pi k / N) (Z - Z*).
+ *  work   the channel's transform
+ *  place  of Z(k) and of Z(N/2 - k) there
+ *  turn   exp(j 2 pi k / N) */
+static inline gsid_cplx gsid_spread_read(const gsid_cplx *work, const uint32_t *place, gsid_cplx turn,
+                                         gsid_real scale) {
+    const gsid_cplx z = work[place[0]], mirror = gsid_cplx_conj(work[place[1]]);
+    const gsid_cplx odd = gsid_cplx_mul_conj(gsid_cplx_sub(z, mirror), turn);
+    return gsid_cplx_scale(scale, gsid_cplx_minus_j(gsid_cplx_add(z, mirror), odd));
+}
 
 /* What makes lines of samples. Reached through a pointer, so that the linker leaves out the engine that nobody initialises. */
 struct gsid_frf_engine {
@@ -31,11 +85,30 @@ size_t gsid_frf_size_with(const struct gsid_frf_engine *engine, const gsid_frf_c
 gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem,
                                size_t mem_size);
 
-/* Let line i of y, and of u when it is measured, of the good period number n_periods + 1 enter the means. */
-void gsid_frf_add_line(gsid_frf *frf, uint32_t i, const gsid_cplx *x);
-
 static inline uint32_t gsid_frf_channels(const gsid_frf_cfg *cfg) {
     return cfg->u_known == NULL ? 2 : 1;
 }
+
+/* The share of a period in the mean of so many. */
+static inline gsid_real gsid_frf_share(uint32_t n_periods) {
+    return GSID_R(1.0) / (gsid_real)n_periods;
+}
+
+/* FRF-2: with d the distance of the new period from the old mean. Nothing is ever the difference of two large sums, as it
+ * would be with sums of squares. */
+static inline gsid_cplx gsid_frf_welford(gsid_real share, gsid_cplx x, gsid_cplx *mean, gsid_real *m2) {
+    const gsid_cplx d = gsid_cplx_sub(x, *mean);
+    *mean = gsid_cplx_add(*mean, gsid_cplx_scale(share, d));
+    *m2 += gsid_cplx_abs2(d) * (GSID_R(1.0) - share);
+    return d;
+}
+
+/* FRF-2, the covariance of line i where the input is measured: d of y and u, as gsid_frf_welford gives them. */
+static inline void gsid_frf_add_product(gsid_real share, const gsid_cplx *d, gsid_cplx *cross) {
+    *cross = gsid_cplx_add(*cross, gsid_cplx_scale(GSID_R(1.0) - share, gsid_cplx_mul_conj(d[0], d[1])));
+}
+
+/* Let line i enter the means where the input is measured. */
+void gsid_frf_add_measured(gsid_frf *frf, gsid_real share, uint32_t i, gsid_cplx y, gsid_cplx u);
 
 #endif
