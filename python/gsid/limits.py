@@ -14,6 +14,7 @@ from gsid.frf import Frf
 from gsid.linear_view import linear_view
 from gsid.model import RationalModel
 from gsid.plant import PlantModel
+from gsid.units import RADIANS
 
 Model = RationalModel | PlantModel
 Signal = TypeVar("Signal", bound=Periodic)
@@ -59,9 +60,14 @@ def travel(signal: Periodic, model: Model) -> float:
     -------
     float
         Half of the peak-to-peak angle, degree (the plant's unit where that is none).
+
+    Raises
+    ------
+    ValueError
+        The model has a controller that runs at another rate.
     """
     if isinstance(model, PlantModel):
-        angle = _angle_model(model).simulate(signal.table()).angle
+        angle = _angle_model(model, signal.fs_hz).simulate(signal.table()).angle
         return float(np.ptp(angle)) / 2 * DEG.get(model.angle_unit, 1.0)
     u = signal.table()
     spectrum = np.fft.rfft(u)
@@ -75,7 +81,8 @@ def travel(signal: Periodic, model: Model) -> float:
 def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
     """Response of the angle to the command, (F,) complex, degree per command; of a plant its linear part."""
     if isinstance(model, PlantModel):
-        g = linear_view(model.stack(), f_hz, fs_hz, output_angle=True).command
+        unit_rad = RADIANS[model.angle_unit]
+        g = linear_view(model.stack(), f_hz, fs_hz, output_angle=True, radians_per_unit=unit_rad).command
         return g * DEG.get(model.angle_unit, 1.0)
     unit = model.y_unit or "deg/s"
     g = model.response(f_hz)
@@ -84,8 +91,11 @@ def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
     return g * DEG.get(unit.removesuffix("/s"), 1.0)
 
 
-def _angle_model(model: PlantModel) -> PlantModel:
-    return model if model.output == "angle" else replace(model, output="angle")
+def _angle_model(model: PlantModel, fs_hz: float) -> PlantModel:
+    """The plant at the rate of the signal, looked at by its angle."""
+    if model.has_controller and abs(model.fs_hz / fs_hz - 1) > 1e-6:
+        raise ValueError(f"the model's controller runs at {model.fs_hz:g} Hz, the signal at {fs_hz:g} Hz")
+    return replace(model, output="angle", fs_hz=fs_hz)
 
 
 def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) -> Signal:

@@ -6,6 +6,7 @@ these responses only have to point the search in the right direction (see `gsid.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -50,7 +51,7 @@ def linear_view(
     Parameters
     ----------
     stack : mapping
-        {effect: {parameter: value}}.
+        {effect: {parameter: value}}, as `PlantModel.stack` gives it.
     f_hz : (K,) ndarray
         Hz; a line at 0 is taken just above it.
     fs_hz : float
@@ -67,15 +68,13 @@ def linear_view(
     """
     f = np.where(f_hz == 0, 1e-3 * np.min(f_hz[f_hz > 0]), f_hz)
     s = 2j * np.pi * f
-    spring = _get(stack, "cable_spring", "stiffness")
-    unbalance = _get(stack, "mass_unbalance", "level") * np.cos(
-        np.radians(_get(stack, "mass_unbalance", "angle_deg"))
-    )
+    spring = _sum(stack, "cable_spring", "stiffness")
+    unbalance = sum(p["level"] * np.cos(np.radians(p["angle_deg"])) for p in _every(stack, "mass_unbalance"))
     taken_up, motor_felt = _joint(stack, s)
     springs = (spring + unbalance * radians_per_unit) / s
-    body = 1 / (s + _get(stack, "viscous_friction", "rate") + springs + motor_felt)
-    actuator = _get(stack, "rigid_body", "gain") * _lag(stack, "motor_lag", s)
-    actuator = actuator * np.exp(-s * _get(stack, "transport_delay", "delay_s"))
+    body = 1 / (s + _sum(stack, "viscous_friction", "rate") + springs + motor_felt)
+    actuator = _sum(stack, "rigid_body", "gain") * _lag(stack, "motor_lag", s)
+    actuator = actuator * np.exp(-s * _sum(stack, "transport_delay", "delay_s"))
     actuator = actuator * (_held(s, fs_hz) if held else 1.0)
     driven = actuator * taken_up
     sensor = _lag(stack, "sensor_lag", s)
@@ -90,12 +89,17 @@ def linear_view(
     )
 
 
-def _get(stack: Stack, effect: str, parameter: str) -> float:
-    return float(stack[effect][parameter]) if effect in stack else 0.0
+def _every(stack: Stack, effect: str) -> list[Mapping[str, float]]:
+    """Parameters of all effects of one id: the second is labelled "id#2"."""
+    return [params for label, params in stack.items() if label.partition("#")[0] == effect]
 
 
-def _lag(stack: Stack, effect: str, s: np.ndarray) -> np.ndarray:
-    return 1 / (1 + s * _get(stack, effect, "time_constant_s"))
+def _sum(stack: Stack, effect: str, parameter: str) -> float:
+    return float(sum(params[parameter] for params in _every(stack, effect)))
+
+
+def _lag(stack: Stack, effect: str, s: np.ndarray) -> np.ndarray | float:
+    return 1 / math.prod((1 + s * params["time_constant_s"] for params in _every(stack, effect)), start=1.0)
 
 
 def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -113,11 +117,11 @@ def _joint(stack: Stack, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray 
 
 
 def _mode(stack: Stack, s: np.ndarray) -> np.ndarray | float:
-    if "flexible_mode" not in stack:
-        return 0.0
-    mode = stack["flexible_mode"]
-    w0 = 2 * np.pi * mode["f_hz"]
-    return mode["residue"] * s / (s**2 + 2 * mode["zeta"] * w0 * s + w0**2)
+    answer = 0.0
+    for mode in _every(stack, "flexible_mode"):
+        w0 = 2 * np.pi * mode["f_hz"]
+        answer = answer + mode["residue"] * s / (s**2 + 2 * mode["zeta"] * w0 * s + w0**2)
+    return answer
 
 
 def _feedback(stack: Stack, s: np.ndarray, fs_hz: float) -> np.ndarray | float:

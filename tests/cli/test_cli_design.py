@@ -1,6 +1,7 @@
 """gsid design: each kind of excitation, its limits and files."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +75,12 @@ def test_misuse(gsid, axis_json):
         result = gsid(*asked, *more)
         assert result.code == 2
         assert words in result.err
+    loop = {"effect": "position_velocity_loop", "params": {"kp": 20, "kv": 1}}
+    body = {"effect": "rigid_body", "params": {"gain": 7}}
+    Path("loop.json").write_text(json.dumps({"gsid_model": 1, "fs_hz": 1000, "effects": [loop, body]}))
+    result = gsid(*asked, "--model", "loop.json")
+    assert result.code == 2
+    assert "controller runs at 1000 Hz" in result.err
     nearest = gsid("design", "prbs", *COMMON, "--period", 3000)
     assert nearest.code == 2
     assert "the nearest valid request is" in nearest.err

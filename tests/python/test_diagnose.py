@@ -124,6 +124,30 @@ def test_linear_view_is_the_held_response():
     assert np.max(np.abs(view.command - exact)) < 1e-3 * np.max(np.abs(exact))
 
 
+def test_linear_view_sees_every_effect_of_one_id():
+    """A bug: of two modes, springs or lags the second was left out."""
+    entries = [
+        ("rigid_body", {"gain": 7.4}),
+        ("viscous_friction", {"rate": 11.0}),
+        ("cable_spring", {"stiffness": 100.0}),
+        ("cable_spring", {"stiffness": 70.0}),
+        ("transport_delay", {"delay_s": 0.002}),
+        ("transport_delay", {"delay_s": 0.0013}),
+        ("flexible_mode", {"f_hz": 60.0, "zeta": 0.05, "residue": 0.2}),
+        ("flexible_mode", {"f_hz": 90.0, "zeta": 0.05, "residue": 0.3}),
+        ("sensor_lag", {"time_constant_s": 0.001}),
+        ("sensor_lag", {"time_constant_s": 0.002}),
+    ]
+    effects = [{"effect": effect, "params": params} for effect, params in entries]
+    model = PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS, "effects": effects})
+    u = Multisine.design(FS, 3000, (2, 150), amplitude=1.0, phases="random", seed=1).table()
+    one = spectra(Record(np.tile(u, 3), np.tile(u, 3), FS, 3000, 0, hold="zoh"))
+    exact = model.predict(one).Y[one.excited] / one.u[one.excited]
+    view = linear_view(model.stack(), one.f_hz[one.excited], FS)
+    # up to the images of the hold
+    assert np.max(np.abs(view.command - exact)) < 2e-3 * np.max(np.abs(exact))
+
+
 @pytest.mark.parametrize("samples", [0, 2])
 def test_linear_view_closes_the_loop(samples):
     """Against the simulated plant, far below the sample rate, where sampling is a hold's delay."""

@@ -97,6 +97,27 @@ def test_travel_is_the_integral_of_the_rate():
     np.testing.assert_allclose(np.abs(g), np.abs(travel_response(LAG, m.f_hz[:100], FS_HZ)), rtol=0.01)
 
 
+def test_travel_is_predicted_at_the_rate_of_the_signal():
+    """A bug: a plant was simulated at the rate in its file, whatever the rate of the signal."""
+    slow = Multisine.design(1000.0, 2000, (0.5, 50), amplitude=3.0)
+    assert travel(slow, plant()) == pytest.approx(travel(slow, LAG), rel=0.01)
+    loop = plant(position_velocity_loop={"kp": 20.0, "kv": 1.0})
+    with pytest.raises(ValueError, match="3000 Hz, the signal at 1000 Hz"):
+        travel(slow, loop)
+
+
+def test_gravity_pulls_as_in_the_simulation():
+    """A bug: an unbalance's slope was taken for 57 times what it is, in the search for phases.
+
+    Below the resonance the axis follows its spring: 500 deg/s^2 cos 45 deg by pi/180 make 6.2 /s^2.
+    """
+    f_hz, unbalance = np.array([0.05]), {"level": 500.0, "angle_deg": 45.0}
+    g = travel_response(plant(mass_unbalance=unbalance), f_hz, FS_HZ)
+    s = 2j * np.pi * f_hz
+    want = GAIN / (s**2 + RATE * s + 500 * np.cos(np.pi / 4) * np.pi / 180)
+    np.testing.assert_allclose(g, want, rtol=1e-3)
+
+
 @pytest.mark.parametrize("model", [LAG, plant(), plant(coulomb_friction={"level": 20.0})])
 def test_the_largest_amplitude_within_the_limits(model):
     m = multisine()

@@ -78,7 +78,7 @@ def _finished(command: Callable) -> Callable:
         as_json: bool,
         **kwargs: object,
     ) -> None:
-        from gsid.limits import Limits, fit_to_limits
+        from gsid.limits import Limits, fit_to_limits, travel
         from gsid.model import load_model
 
         context = click.get_current_context()
@@ -93,10 +93,11 @@ def _finished(command: Callable) -> Callable:
             signal = command(limits=some, model=model, **kwargs)
             if some:
                 signal = fit_to_limits(signal, some, model)
+            travel_deg = travel(signal, model) if model else None
         if output:
             _write(Path(output), signal)
             say(f"wrote {output}")
-        _show(signal, model, as_json)
+        _show(signal, travel_deg, as_json)
 
     return json_option(_add(LIMITS)(with_limits))
 
@@ -288,9 +289,7 @@ def budget(records: list[Record], band: tuple[float, float] | None, sigma: float
         print_table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
 
 
-def _show(signal: Periodic, model: Model | None, as_json: bool) -> None:
-    from gsid.limits import travel
-
+def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
     figures = {
         "crest_factor": signal.crest_factor,
         "crest_factor_fine": signal.crest_factor_fine,
@@ -300,7 +299,7 @@ def _show(signal: Periodic, model: Model | None, as_json: bool) -> None:
         "peak": signal.peak,
         "rms": signal.rms,
         "slew": signal.slew,
-        "travel_deg": travel(signal, model) if model else None,
+        "travel_deg": travel_deg,
     }
     if as_json:
         print_json(figures)
