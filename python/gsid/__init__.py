@@ -3,6 +3,7 @@
     record = gsid.read_record("rec.csv")
     response = gsid.frf(record)                       # Frf
     rational = gsid.fit(response, "4/3")              # RationalModel
+    matrix = gsid.fit_mimo(gsid.frf_mimo(experiments), "8/8")  # MimoModel: common poles
     plant = gsid.load_model("plant.json")             # PlantModel: a stack of effects
     gsid.compare(plant, [record]).plot()              # Comparison
     found = gsid.diagnose(plant, [record])            # Diagnosis
@@ -19,6 +20,7 @@ from gsid.errors import GsidError, InputError
 
 # Where the other public names live; a module of its own name can be called itself (gsid._callable).
 _HOME = {
+    "MimoRecord": "mimo",
     "Multisine": "excitation",
     "PlantModel": "plant",
     "RationalModel": "model",
@@ -27,10 +29,13 @@ _HOME = {
     "compare": None,
     "diagnose": None,
     "fit": None,
+    "fit_mimo": "mimo_fit",
     "fit_plant": "greybox",
     "frf": None,
+    "frf_mimo": "mimo",
     "load_model": "model",
     "noise": None,
+    "read_mimo_record": "mimo",
     "read_record": "io",
     "spectra": None,
     "torque_residual": "torque",

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
     from gsid.frf import Frf
+    from gsid.mimo_model import MimoModel
     from gsid.plant import PlantModel
 
 FORMAT = 1
@@ -508,8 +509,8 @@ def read_model_file(path: str | Path) -> Any:
         raise InputError(f"the model file is not JSON: {error}", str(path), None, hint) from error
 
 
-def load_model(path: str | Path) -> RationalModel | PlantModel:
-    """Read a model file of either kind: a fitted transfer function, or a stack of effects.
+def load_model(path: str | Path) -> RationalModel | MimoModel | PlantModel:
+    """Read a model file of any kind: a fitted transfer function, a matrix of them, or a stack of effects.
 
     Raises
     ------
@@ -521,6 +522,10 @@ def load_model(path: str | Path) -> RationalModel | PlantModel:
         from gsid.plant import PlantModel
 
         return PlantModel.from_dict(data, str(path))
+    if isinstance(data, dict) and "common_denominator" in data:
+        from gsid.mimo_model import MimoModel
+
+        return MimoModel.from_dict(data, str(path))
     return RationalModel.from_dict(data, str(path))
 
 

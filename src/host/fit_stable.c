@@ -6,6 +6,7 @@
 
 #include "../core/residual.h"
 #include "backend/backend.h"
+#include "fit_sections.h"
 #include "gsid/host/fit.h"
 
 #ifndef GSID_WITH_NLOPT
@@ -20,43 +21,8 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
 
 #else
 
-/* Least distance of a pole from the edge of the stable region: from the axis in scaled s, from the unit circle in z. */
-#define EDGE 1e-6
 #define EVALUATIONS_MAX 3000
 #define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
-
-/* Eq: EST-4. One factor of the denominator, coef[0] + coef[1] v + coef[2] v^2, in a variable p that has the edge of the
- * region at EDGE inside that of v. Its parameters x:
- *   domain s, p = v + EDGE: order 2: x0 + x1 p + p^2; order 1: x0 + p: within the edge when all are >= 0.
- *   domain z, p = (1 - EDGE) v: order 2: 1 + x0 (1 + x1) p + x1 p^2; order 1: 1 + x0 p: when all are within +-1. */
-static void section_coefficients(gsid_domain domain, uint32_t order, const double *x, double *coef) {
-    const double r = 1 - EDGE;
-    if (domain == GSID_DOMAIN_S) {
-        coef[0] = order == 2 ? x[0] + (x[1] + EDGE) * EDGE : x[0] + EDGE;
-        coef[1] = order == 2 ? x[1] + 2 * EDGE : 1;
-        coef[2] = order == 2 ? 1 : 0;
-    } else {
-        coef[0] = 1;
-        coef[1] = order == 2 ? x[0] * (1 + x[1]) * r : x[0] * r;
-        coef[2] = order == 2 ? x[1] * r * r : 0;
-    }
-}
-
-/* Derivatives of the section by its parameters, at v. */
-static void section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by) {
-    if (domain == GSID_DOMAIN_S) {
-        by[0] = gsid_cplx_make(1, 0);
-        if (order == 2)
-            by[1] = gsid_cplx_make(v.re + EDGE, v.im);
-        return;
-    }
-    const gsid_cplx p = gsid_cplx_scale(1 - EDGE, v);
-    by[0] = p;
-    if (order == 2) {
-        by[0] = gsid_cplx_scale(1 + x[1], p);
-        by[1] = gsid_cplx_add(gsid_cplx_scale(x[0], p), gsid_cplx_mul(p, p));
-    }
-}
 
 #define PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
 
@@ -70,16 +36,12 @@ typedef struct {
     double scale[PARAMETERS_MAX]; /* the search runs over x / scale, whose curvatures are alike */
 } search;
 
-static uint32_t section_order(const gsid_rational *model, uint32_t first) {
-    return model->n_poles - first >= 2 ? 2 : 1;
-}
-
-/* Sections in x -> coefficients of the denominator. */
+/* Sections in x -> coefficients of the denominator.  Eq: EST-4 */
 void gsid_fit_sections(const double *x, gsid_rational *model) {
     double den[GSID_ORDER_MAX + 3] = {1};
     for (uint32_t first = 0; first < model->n_poles; first += 2) {
         double c[3];
-        section_coefficients(model->domain, section_order(model, first), x + first, c);
+        gsid_fit_section_coefficients(model->domain, gsid_fit_section_order(model->n_poles, first), x + first, c);
         for (uint32_t i = GSID_ORDER_MAX + 3; i-- > 0;)
             den[i] = c[0] * den[i] + (i >= 1 ? c[1] * den[i - 1] : 0) + (i >= 2 ? c[2] * den[i - 2] : 0);
     }
@@ -103,10 +65,10 @@ static gsid_residual line_derivatives(const search *s, const double *x, uint32_t
     by_num = gsid_cplx_div(by_num, gsid_cplx_polynomial(m->n_poles, m->den, v));
     const gsid_cplx g = gsid_cplx_mul(by_num, gsid_cplx_polynomial(m->n_zeros, m->num, v));
     for (uint32_t first = 0; first < m->n_poles; first += 2) {
-        const uint32_t order = section_order(m, first);
+        const uint32_t order = gsid_fit_section_order(m->n_poles, first);
         double c[3];
-        section_coefficients(m->domain, order, x + first, c);
-        section_derivatives(m->domain, order, x + first, v, by + first);
+        gsid_fit_section_coefficients(m->domain, order, x + first, c);
+        gsid_fit_section_derivatives(m->domain, order, x + first, v, by + first);
         const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(order, c, v));
         for (uint32_t i = 0; i < order; i++)
             by[first + i] = gsid_cplx_mul(minus_g, by[first + i]);
@@ -153,29 +115,6 @@ static void set_scales(search *s, const double *x) {
         s->scale[i] = curvature[i] > 0 && isfinite(curvature[i]) ? 1 / sqrt(curvature[i]) : 1;
 }
 
-static int by_magnitude(const void *a, const void *b) {
-    const double x = gsid_cplx_abs2(*(const gsid_cplx *)a), y = gsid_cplx_abs2(*(const gsid_cplx *)b);
-    return (x > y) - (x < y);
-}
-
-/* A pole as a root of the sections' own variable. */
-static gsid_cplx unscaled(gsid_domain domain, gsid_cplx p) {
-    if (domain == GSID_DOMAIN_S)
-        return gsid_cplx_make(p.re + EDGE, p.im);
-    return gsid_cplx_scale(1 / (1 - EDGE), p);
-}
-
-/* Reflect a pole into the stable region, and off its edge; then take it as a root of the sections' own variable. */
-static gsid_cplx stabilised(gsid_domain domain, gsid_cplx p) {
-    if (domain == GSID_DOMAIN_S) {
-        p.re = EDGE - fmax(fabs(p.re), 10 * EDGE);
-        return p;
-    }
-    const double r = sqrt(gsid_cplx_abs2(p));
-    const double inside = fmin(r > 1 ? 1 / r : r, 1 - 10 * EDGE);
-    return r > 0 ? gsid_cplx_scale(inside / r / (1 - EDGE), p) : p;
-}
-
 /* Poles as roots of den in v (domain s), or of z^n den(1/z) (domain z). */
 static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole) {
     double coef[GSID_ORDER_MAX + 1];
@@ -186,49 +125,12 @@ static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole) {
     return status < 0 || n_found < model->n_poles ? GSID_E_SINGULAR : GSID_OK;
 }
 
-/* Write the section with roots p and q (p alone when the order is 1), the inverse of section_coefficients. */
-static void section_from_roots(gsid_domain domain, uint32_t order, gsid_cplx p, gsid_cplx q, double *x) {
-    if (order == 1) {
-        x[0] = -p.re;
-        return;
-    }
-    const double sum = p.re + q.re, product = gsid_cplx_mul(p, q).re;
-    if (domain == GSID_DOMAIN_S) {
-        x[0] = product;
-        x[1] = -sum;
-    } else {
-        x[1] = product;
-        x[0] = -sum / (1 + product);
-    }
-}
-
-/* Pairs first, then real poles two by two in order of size. */
-static void sections_from_poles(gsid_domain domain, uint32_t n, const gsid_cplx *pole, double *x) {
-    gsid_cplx real[GSID_ORDER_MAX];
-    uint32_t n_real = 0, first = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        if (pole[i].im > 0) {
-            section_from_roots(domain, 2, pole[i], gsid_cplx_conj(pole[i]), x + first);
-            first += 2;
-        } else if (pole[i].im == 0) {
-            real[n_real++] = pole[i];
-        }
-    }
-    qsort(real, n_real, sizeof *real, by_magnitude);
-    for (uint32_t i = 0; i + 1 < n_real; i += 2, first += 2)
-        section_from_roots(domain, 2, real[i], real[i + 1], x + first);
-    if (n_real % 2 == 1)
-        section_from_roots(domain, 1, real[n_real - 1], real[n_real - 1], x + first);
-}
-
 static gsid_status start_from(const search *s, const gsid_rational *model, double *x) {
     gsid_cplx pole[GSID_ORDER_MAX];
     const gsid_status status = find_poles(model, pole);
     if (status != GSID_OK)
         return status;
-    for (uint32_t i = 0; i < model->n_poles; i++)
-        pole[i] = s->bounds->unstable ? unscaled(model->domain, pole[i]) : stabilised(model->domain, pole[i]);
-    sections_from_poles(model->domain, model->n_poles, pole, x);
+    gsid_fit_sections_from_poles(model->domain, model->n_poles, s->bounds->unstable, pole, x);
     for (uint32_t i = 0; i <= model->n_zeros; i++)
         x[model->n_poles + i] = model->num[i];
     if (s->free_delay)
@@ -237,11 +139,12 @@ static gsid_status start_from(const search *s, const gsid_rational *model, doubl
 }
 
 static void set_bounds(const search *s, double *lower, double *upper) {
-    const int in_s = s->model.domain == GSID_DOMAIN_S;
+    double least, most;
+    gsid_fit_section_bounds(s->model.domain, &least, &most);
     for (uint32_t i = 0; i < s->n; i++) {
         const int is_bounded = i < s->model.n_poles && !s->bounds->unstable;
-        lower[i] = is_bounded ? (in_s ? 0 : -1 / s->scale[i]) : -HUGE_VAL;
-        upper[i] = is_bounded && !in_s ? 1 / s->scale[i] : HUGE_VAL;
+        lower[i] = is_bounded ? least / s->scale[i] : -HUGE_VAL;
+        upper[i] = is_bounded ? most / s->scale[i] : HUGE_VAL;
     }
     if (s->free_delay) {
         lower[s->n - 1] = s->bounds->delay_min_s / s->scale[s->n - 1];

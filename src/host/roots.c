@@ -2,7 +2,9 @@
 #include <math.h>
 
 #include "../core/complex_math.h"
+#include "fit_sections.h"
 #include "gsid/host/fit.h"
+#include "roots.h"
 
 #define SWEEPS_MAX 500
 
@@ -17,7 +19,8 @@ static void start_on_circle(uint32_t n, const double *coef, gsid_cplx *z) {
         z[i] = gsid_cplx_scale(radius, gsid_cplx_cis(GSID_TWO_PI * (i + 0.25) / n + 0.1));
 }
 
-/* Newton's step p/p' at z. Returns 1 when p is no more than the rounding of z and of p itself: z is as good as it gets. */
+/* Newton's step p/p' at z. Returns 1 when p is no more than the rounding of z and of p itself: z is as good as it
+ * gets. */
 static int newton_step(uint32_t n, const double *coef, gsid_cplx z, gsid_cplx *step) {
     gsid_cplx p = {coef[n], 0}, dp = {0, 0};
     const double z_size = size_of(z);
@@ -53,10 +56,10 @@ static uint32_t aberth_sweep(uint32_t n, const double *coef, gsid_cplx *z) {
     return n_moving;
 }
 
-/* Real coefficients have real roots and conjugate pairs: make them exactly so. The conjugate of a root is the root nearest to
- * that place: itself when it is real, whatever imaginary part rounding gave it. */
-static void pair_conjugates(uint32_t n, gsid_cplx *z) {
-    int done[GSID_ORDER_MAX] = {0};
+/* The conjugate of a root is the root nearest to that place: itself when it is real, whatever imaginary part rounding
+ * gave it. */
+void gsid_pair_conjugates(uint32_t n, gsid_cplx *z) {
+    int done[GSID_FIT_SECTIONS_POLES_MAX] = {0};
     for (uint32_t i = 0; i < n; i++) {
         if (done[i])
             continue;
@@ -98,6 +101,6 @@ gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *root
     uint32_t n_moving = n;
     for (uint32_t i = 0; i < SWEEPS_MAX && n_moving > 0; i++)
         n_moving = aberth_sweep(n, reduced, z);
-    pair_conjugates(n, z);
+    gsid_pair_conjugates(n, z);
     return n_moving == 0 ? GSID_OK : GSID_MAX_ITER;
 }

@@ -8,6 +8,7 @@ from gsid.plots.diagnosis import diagnosis
 from gsid.plots.distortion import distortion, superposition
 from gsid.plots.estimators import estimators
 from gsid.plots.experiment import crest_factors, excitation, periods
+from gsid.plots.matrix import bode_matrix
 from gsid.plots.noise import noise
 from gsid.plots.response import bode, bode_of_plant, frf, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
@@ -18,6 +19,7 @@ __all__ = [
     "STYLE",
     "band_text",
     "bode",
+    "bode_matrix",
     "bode_of_plant",
     "comparison",
     "crest_factors",

@@ -1,0 +1,77 @@
+/* What the files of the MIMO fit share. */
+#ifndef GSID_MIMO_RUN_H
+#define GSID_MIMO_RUN_H
+
+#include "gsid/host/greybox.h"
+#include "gsid/host/mimo.h"
+#include "gsid/lsq.h"
+
+/* The problem, and memory for its equations. */
+typedef struct {
+    gsid_mimo_cfg cfg;
+    uint32_t n_channels;
+    const gsid_frd *channel; /* [n_channels] with the method's weights */
+    double scale_rad_s;
+    uint32_t n_local, n_shared; /* numerators of a channel; poles and free delays */
+    gsid_lsq *equations; /* [n_channels] the triangle of each channel's rows */
+    uint32_t *n_rows;    /* [n_channels] of them */
+    const double **row;  /* [n_channels] */
+    void **mem;          /* [n_channels] */
+    size_t mem_size;
+    double *block;       /* [n_local + n_shared + 1][GSID_LSQ_BLOCK] rows that wait */
+    uint32_t n_waiting;
+    double *triangle;   /* [n + 1][n + 1], n = n_channels n_local + n_shared */
+    double *shared;     /* [n_shared + 1][n_shared + 1] */
+    double *num;        /* [n_channels][n_local] of the last candidate solved */
+    void *lsq_mem;      /* for n_local or n_shared columns */
+    size_t lsq_size;
+} mimo_run;
+
+/* Poles and delays; the numerators follow from them.  x as in fit_sections.h. */
+typedef struct {
+    double x[GSID_MIMO_POLES_MAX];
+    double delay_s[GSID_MIMO_CHANNELS_MAX];
+    double cost;
+} mimo_candidate;
+
+/* ---- mimo.c */
+gsid_cplx gsid_mimo_variable(const mimo_run *r, double f_hz);
+
+/* q0 and q1 of each section. */
+void gsid_mimo_sections(const mimo_run *r, const double *x, double *q);
+
+/* Bounds of x[j]: those of stable sections, and no pole so far out that it does what d does. */
+void gsid_mimo_bounds(const mimo_run *r, uint32_t j, double *lower, double *upper);
+
+/* The n_local functions of v that the numerators multiply. */
+void gsid_mimo_basis(const mimo_run *r, const double *q, gsid_cplx v, gsid_cplx *phi);
+
+/* r->num <- the numerators of least V, c->cost <- V; HUGE_VAL when they cannot be found. */
+void gsid_mimo_solve(mimo_run *r, mimo_candidate *c);
+double gsid_mimo_solve_channel(mimo_run *r, uint32_t channel, const double *q, double delay_s);
+
+/* Equations of one channel: start with so many shared unknowns, put both rows of a line column by column (the right-
+ * hand side last), go on to the next line, end. */
+gsid_status gsid_mimo_begin(mimo_run *r, uint32_t channel, uint32_t n_shared);
+void gsid_mimo_put(mimo_run *r, uint32_t column, gsid_cplx value);
+gsid_status gsid_mimo_next(mimo_run *r, gsid_lsq *equations);
+gsid_status gsid_mimo_end(mimo_run *r, gsid_lsq *equations);
+
+/* r->triangle and r->shared <- the equations of all channels. */
+gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared);
+
+double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel);
+
+/* ---- mimo_start.c */
+#define GSID_MIMO_DELAYS_MAX 4096 /* of a scan */
+gsid_status gsid_mimo_start(mimo_run *r, mimo_candidate *c);
+
+/* ---- mimo_relocate.c: iteratively reweighted linear fits */
+void gsid_mimo_spread_poles(const mimo_run *r, mimo_candidate *c);
+gsid_status gsid_mimo_relocate(mimo_run *r, uint32_t n_iterations, mimo_candidate *c);
+
+/* ---- mimo_search.c: Gauss-Newton */
+gsid_status gsid_mimo_search(mimo_run *r, mimo_candidate *c);
+gsid_status gsid_mimo_covariance(mimo_run *r, const mimo_candidate *c, double *cov);
+
+#endif
