@@ -9,7 +9,6 @@
 #include "fit_run.h"
 #include "mimo_run.h"
 
-
 #define FARTHEST 100 /* of a pole, in units of the highest frequency */
 
 /* ---- the model, at one line */

@@ -68,7 +68,7 @@ static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const double *q
         gsid_mimo_put(r, r->n_local + i, gsid_cplx_make(0, 0));
     if (r->n_shared > n)
         gsid_mimo_put(r, r->n_local + n + r->cfg.delay_of[channel],
-            gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re)));
+                      gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re)));
     gsid_mimo_put(r, r->n_local + r->n_shared, gsid_cplx_scale(-1, error.value));
 }
 

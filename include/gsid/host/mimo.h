@@ -31,11 +31,11 @@ typedef struct {
     double *section;     /* [n_poles] q0 and q1 of each section */
     double *num;         /* [n_channels][n_local] b0 and b1 of each section, then d */
     double *delay_s;     /* [n_channels]; in: the delays, when none is free */
-    double *cov;         /* [n][n] M^-1 / 2 of EST-6, with the weights of the method: the covariance of (num, section, free
+    double *cov; /* [n][n] M^-1 / 2 of EST-6, with the weights of the method: the covariance of (num, section, free
                             delays) for ML and errors that are independent from channel to channel;
                             n = n_channels n_local + n_poles + n_delays; may be NULL */
-    double cost;         /* V with the weights of the method */
-    double cost_ml;      /* V weighted with the measured variance */
+    double cost; /* V with the weights of the method */
+    double cost_ml; /* V weighted with the measured variance */
     uint32_t n_parameters;
     int converged;
 } gsid_mimo_result;
