@@ -81,7 +81,7 @@ def closed_loop_frf(
         where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
         what = f"no line{where} that {reference} excites stands out of the noise of u"
         raise InputError(what, found.name, None, "excite the reference more, or name another with --r")
-    return _at(found, heard)
+    return found.at(heard)
 
 
 def _spectra(
@@ -150,9 +150,3 @@ def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarr
         u_unit=to_u.u_unit,
         y_unit=to_y.y_unit,
     )
-
-
-def _at(frf: Frf, use: np.ndarray) -> Frf:
-    """The response at some of its lines only."""
-    per_line = {name: value[use] for name, value in vars(frf).items() if isinstance(value, np.ndarray)}
-    return replace(frf, **per_line)

@@ -60,6 +60,10 @@ class InputError(ValueError):
         return f"{self.what} ({': '.join(details)})" if details else self.what
 
 
+class NotPeriodicError(InputError):
+    """The input of a record does not repeat."""
+
+
 def close(name: str, names: Iterable[str]) -> str:
     """ "did you mean ...?", or nothing when no name is close."""
     matches = difflib.get_close_matches(name, list(names), n=1)

@@ -13,23 +13,34 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid._callable import callable_as
+from gsid.errors import InputError, NotPeriodicError
 from gsid.record import Record
-from gsid.spectra import Realisation, Spectra, common_lines, covariance, realisations
+from gsid.spectra import (
+    Realisation,
+    Spectra,
+    common_lines,
+    covariance,
+    realisations,
+    rejected_lines,
+)
 
 if TYPE_CHECKING:
     import control
     import matplotlib.figure
     import pandas
 
+    from gsid.local_polynomial import Unsettled
     from gsid.tones import Tone
 
 _log = logging.getLogger("gsid.frf")
+
+SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a share
 
 
 @dataclass(repr=False)
@@ -58,8 +69,10 @@ class Frf:
     u_unit, y_unit, name : str
     removed : tuple of Tone
         Periodic disturbances that were taken off the output first.
-    n_dof : int
+    n_dof : float
         Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`.
+    rejected_hz : (R,) [Hz]
+        Lines with an input that were left out: too weak, lost in its noise, or not in every record.
     method : {"periods", "lpm", "windows"}
         From what the variances come: the scatter over periods, the local polynomial method, or windows over a
         record that is not periodic.
@@ -85,12 +98,33 @@ class Frf:
     y_unit: str = ""
     name: str = ""
     removed: tuple[Tone, ...] = ()
-    n_dof: int | None = None
+    n_dof: float | None = None
+    rejected_hz: np.ndarray = field(default_factory=lambda: np.empty(0))
     method: str = "periods"
 
     def __post_init__(self) -> None:
         if self.n_dof is None:
             self.n_dof = self.n_periods - self.n_realisations
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (source, eq. 5.3).
+
+        Distortion repeats with the period, and so lowers it only where the excitation does not repeat.
+        """
+        rest = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
+        gain = np.abs(self.g * self.u) ** 2
+        share = self.n_dof / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
+        return gain / (gain + share * np.maximum(rest, 0))
+
+    def at(self, use: np.ndarray) -> Frf:
+        """The response at some of its lines only: use, (F,) bool."""
+        per_line = {
+            name: value[use]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray) and name != "rejected_hz"
+        }
+        return replace(self, **per_line)
 
     def to_control(self) -> control.FRD:
         """Return the response as `control.FRD`, frequencies in rad/s."""
@@ -219,10 +253,11 @@ class Frf:
         error = np.sqrt(self.var_g) / np.abs(self.g)
         gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
         peak = int(np.argmax(np.abs(self.g)))
+        piece = "window" if self.method == "windows" else "period"
         return {
             "lines": f"{len(self.line)}, {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz",
-            "periods": f"{self.n_periods} good, {self.n_spoiled} spoiled",
-            "period": f"{self.period_samples} samples at {self.fs_hz:g} Hz",
+            f"{piece}s": f"{self.n_periods} good, {self.n_spoiled} spoiled",
+            piece: f"{self.period_samples} samples at {self.fs_hz:g} Hz",
             "realisations": f"{self.n_realisations}",
             "settling": f"{self.settle_samples} samples",
             "largest gain": f"{abs(self.g[peak]):.4g}{gain_unit} at {self.f_hz[peak]:g} Hz",
@@ -250,8 +285,13 @@ def frf(
     remove_periodic: bool = False,
     reference: str | None = None,
     lpm: bool = False,
+    window: int | None = None,
+    merge: bool = False,
+    min_input: float = 0.0,
 ) -> Frf:
     """Estimate the frequency response at the lines that every realisation excites.
+
+    A record whose input does not repeat is cut into windows, with a warning: see `window`.
 
     Parameters
     ----------
@@ -269,6 +309,14 @@ def frf(
     lpm : bool
         Take the transient out by the local polynomial method instead of waiting for it to die out; one period
         is enough.
+    window : int, optional
+        Samples of Hann windows to average over, as is done for an input that does not repeat (H1, WIN-1);
+        default then the largest power of two of which the record holds 8.
+    merge : bool
+        The records are parts of one realisation: put their periods together (FRF-4) instead of averaging
+        their responses.
+    min_input : float
+        Leave out lines whose input amplitude is smaller, unit of u.
 
     Returns
     -------
@@ -278,34 +326,81 @@ def frf(
     Raises
     ------
     InputError
-        As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band.
+        As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band;
+        parts of one realisation whose inputs differ.
     ValueError
-        No record; Spectra, or records of a closed loop, to take disturbances or transients off.
+        No record; Spectra where samples are needed; options that exclude each other.
     """
+    asked = {"remove_periodic": remove_periodic, "lpm": lpm, "window": window, "merge": merge}
+    asked = [name for name, value in (asked | {"min_input": min_input > 0}).items() if value]
     if reference is not None:
-        if remove_periodic or lpm:
-            raise ValueError(
-                "disturbances and transients are taken off in open loops only: u holds them, too"
-            )
+        if asked:
+            raise ValueError(f"{asked[0]} is for open loops: in a closed one u answers y")
         from gsid.closed_loop import closed_loop_frf
 
         return closed_loop_frf(records, reference, period=period, settle=settle, band=band)
+    if lpm + merge + (window is not None) > 1:
+        raise ValueError("lpm, window and merge exclude each other")
     records = [records] if isinstance(records, Record | Spectra) else list(records)
-    if (remove_periodic or lpm) and any(isinstance(record, Spectra) for record in records):
-        raise ValueError("disturbances and transients are taken off records, not off their spectra")
+    has_samples = not any(isinstance(record, Spectra) for record in records)
+    if not has_samples and (remove_periodic or lpm or window):
+        raise ValueError(f"{asked[0]} needs the samples: give records, not their spectra")
     removed: list[Tone] = []
     if remove_periodic:
         records = [_without_tones(record, removed, period, settle) for record in records]
+    parts, window = _parts(records, period, settle, lpm, window)
+    if window:
+        from gsid.windows import windowed_frf
+
+        result = windowed_frf(records, window, band=band, min_input=min_input)
+    else:
+        result = _at_lines(parts, band, merge, min_input)
+    if len(result.rejected_hz):
+        few = ", ".join(f"{f:g}" for f in result.rejected_hz[:8]) + ", ..." * (len(result.rejected_hz) > 8)
+        _log.warning("lines left out, their input being too weak: %d (%s Hz)", len(result.rejected_hz), few)
+    return replace(result, removed=tuple(removed))
+
+
+def _parts(
+    records: list[Record | Spectra], period: int | None, settle: int | None, lpm: bool, window: int | None
+) -> tuple[list[Realisation] | list[Unsettled], int | None]:
+    """Realisations to estimate from, or none and the windows to cut the records into."""
+    if window is not None:
+        return [], window
     if lpm:
         from gsid.local_polynomial import unsettled
 
-        parts = unsettled(records, period=period, settle=settle)
-    else:
-        parts = realisations(records, period=period, settle=settle)
+        return unsettled(records, period=period, settle=settle), None
+    try:
+        return realisations(records, period=period, settle=settle), None
+    except NotPeriodicError:
+        from gsid.windows import default_window
+
+        window = default_window([record for record in records if isinstance(record, Record)])
+        if window is None:
+            raise
+        return [], window
+
+
+def _at_lines(
+    parts: list[Realisation] | list[Unsettled],
+    band: tuple[float, float] | None,
+    merge: bool,
+    min_input: float,
+) -> Frf:
+    """Estimate at the lines that every part excites with `min_input`; those left out are kept in mind."""
     line = common_lines(parts, band)
-    each = [part.frf(line) if lpm else _single(part, line) for part in parts]
-    result = each[0] if len(each) == 1 else _over_realisations(each)
-    return replace(result, removed=tuple(removed))
+    each = [_single(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts]
+    strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
+    if not strong.any():
+        most = max(np.abs(one.u).max() for one in each)
+        raise InputError(
+            "no line has that much input", each[0].name, f"{min_input:g}", f"the largest has {most:.4g}"
+        )
+    each = [one.at(strong) for one in each]
+    rejected = parts[0].f_hz[rejected_lines(parts, line[strong], band)]
+    average = merged if merge else _over_realisations
+    return replace(each[0] if len(each) == 1 else average(each), rejected_hz=rejected)
 
 
 def _without_tones(record: Record, removed: list[Tone], period: int | None, settle: int | None) -> Record:
@@ -327,19 +422,10 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
     var_y, var_u, cov_yu = covariance(Y, Y).real, np.zeros(len(line)), np.zeros(len(line), complex)
     if len(U) > 1:
         var_u, cov_yu = covariance(U, U).real, covariance(Y, U)
-    g = y / u
-    # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
-    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
     return Frf(
         line=line,
         f_hz=part.f_hz[line],
-        g=g,
-        var_g=np.maximum(variance, 0) / part.n_periods,
-        u=u,
-        y=y,
-        var_u=var_u,
-        var_y=var_y,
-        cov_yu=cov_yu,
+        **_response(u, y, var_u, var_y, cov_yu, part.n_periods),
         n_periods=part.n_periods,
         n_realisations=1,
         n_spoiled=part.n_spoiled,
@@ -350,6 +436,72 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
         u_unit=part.u_unit,
         y_unit=part.y_unit,
         name=part.name,
+    )
+
+
+def _response(
+    u: np.ndarray, y: np.ndarray, var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, n_periods: int
+) -> dict[str, np.ndarray]:
+    """Eq: FRF-2"""
+    g = y / u
+    # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
+    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
+    var_g = np.maximum(variance, 0) / n_periods
+    return {"g": g, "var_g": var_g, "u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+
+
+def merged(each: Sequence[Frf]) -> Frf:
+    """Put parts of one realisation together, as if they had been measured one after the other (FRF-4).
+
+    Parameters
+    ----------
+    each : sequence of Frf
+        By periods, at the same lines.
+
+    Returns
+    -------
+    Frf
+
+    Raises
+    ------
+    InputError
+        Their inputs differ by more than a tenth.
+    ValueError
+        No part, other lines, or a response that was not estimated by periods.
+    """
+    if not each or any(one.method != "periods" or one.n_realisations != 1 for one in each):
+        raise ValueError("only responses of one realisation each, by periods, are merged")
+    whole = each[0]
+    for part in each[1:]:
+        if not np.array_equal(part.line, whole.line):
+            raise ValueError("the parts have different lines")
+        whole = _merged_pair(whole, part)
+    return whole
+
+
+def _merged_pair(a: Frf, b: Frf) -> Frf:
+    if np.sum(np.abs(a.u - b.u) ** 2) > SAME_INPUT**2 * np.sum(np.abs(a.u) ** 2):
+        hint = (
+            "leave --merge out: realisations are averaged; parts of one begin at the same point of the period"
+        )
+        raise InputError("the inputs of the parts differ", b.name, None, hint)
+    n_a, n_b = a.n_periods, b.n_periods
+    n = n_a + n_b
+    du, dy, weight = b.u - a.u, b.y - a.y, n_a * n_b / n
+
+    def covariance_of(of_a: np.ndarray, of_b: np.ndarray, product: np.ndarray) -> np.ndarray:
+        return ((n_a - 1) * of_a + (n_b - 1) * of_b + weight * product) / (n - 1)
+
+    var_u = covariance_of(a.var_u, b.var_u, np.abs(du) ** 2)
+    var_y = covariance_of(a.var_y, b.var_y, np.abs(dy) ** 2)
+    cov_yu = covariance_of(a.cov_yu, b.cov_yu, dy * du.conj())
+    return replace(
+        a,
+        **_response(a.u + du * (n_b / n), a.y + dy * (n_b / n), var_u, var_y, cov_yu, n),
+        n_periods=n,
+        n_spoiled=a.n_spoiled + b.n_spoiled,
+        n_dof=None,
+        name=", ".join(name for name in (a.name, b.name) if name),
     )
 
 

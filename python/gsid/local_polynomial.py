@@ -15,7 +15,7 @@ import numpy as np
 from gsid.errors import InputError
 from gsid.frf import Frf
 from gsid.record import Record, find_period
-from gsid.spectra import excited_lines, period_lines, require_same
+from gsid.spectra import excited_lines, large_lines, period_lines, require_same
 
 ORDER = 2  # of the polynomials
 N_DOF = 9  # of the noise's variance at each line
@@ -54,6 +54,11 @@ class Unsettled:
     def f_hz(self) -> np.ndarray:
         """Frequencies of the period's lines, (N/2 + 1,) [Hz]."""
         return np.arange(len(self.excited)) * (self.fs_hz / self.period_samples)
+
+    @property
+    def large(self) -> np.ndarray:
+        """As `Realisation.large`."""
+        return large_lines(self.U[None, :: self.n_periods], self.period_samples)
 
     def frf(self, line: np.ndarray) -> Frf:
         """Estimate the response at these lines of the period, (F,) int.

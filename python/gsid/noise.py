@@ -276,21 +276,42 @@ def spectrum(
     InputError
         No window without a lost sample.
     """
-    step = max(1, segment // 2)
-    rows = np.lib.stride_tricks.sliding_window_view(x, segment)[::step]
-    good = np.lib.stride_tricks.sliding_window_view(valid, segment)[::step].all(axis=1)
-    n_rows = int(np.count_nonzero(good))
+    rows = hann_windows(x, valid, segment)
+    n_rows = len(rows)
     if n_rows == 0:
         what = "no stretch without lost samples is as long as a window"
         raise InputError(what, "", f"{segment} samples", "give a shorter --period, or measure again")
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
-    power = np.zeros(segment // 2 + 1)
-    for row in rows[good]:
-        power += np.abs(np.fft.rfft((row - row.mean()) * window)) ** 2
     inner = slice(1, (segment + 1) // 2)
-    psd = 2 * power[inner] / (n_rows * fs_hz * np.sum(window**2))
-    f_hz = np.arange(len(power))[inner] * fs_hz / segment
+    psd = np.mean(np.abs(rows[:, inner]) ** 2, axis=0) * segment / (2 * fs_hz)
+    f_hz = np.arange(rows.shape[1])[inner] * fs_hz / segment
     return f_hz, psd, 2 * n_rows / (1 + 2 * CORRELATION * (n_rows - 1) / n_rows)
+
+
+def hann_windows(x: np.ndarray, valid: np.ndarray, length: int) -> np.ndarray:
+    """Transform Hann windows that overlap by half, each less its mean.
+
+    Parameters
+    ----------
+    x : (n,) float
+    valid : (n,) bool
+        A window with a lost sample is left out.
+    length : int
+        Of a window, samples.
+
+    Returns
+    -------
+    (M, length // 2 + 1) complex
+        Of noise, each line has the mean square that it has in FRF-1, where there is no window.
+    """
+    if len(x) < length:
+        return np.empty((0, length // 2 + 1), complex)
+    step = max(1, length // 2)
+    rows = np.lib.stride_tricks.sliding_window_view(x, length)[::step]
+    good = np.lib.stride_tricks.sliding_window_view(valid, length)[::step].all(axis=1)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    rows = rows[good]
+    rows = (rows - rows.mean(axis=1, keepdims=True)) * window
+    return np.fft.rfft(rows, axis=1) * (2 / np.sqrt(length * np.sum(window**2)))
 
 
 callable_as(noise)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gsid.errors import InputError
+from gsid.errors import InputError, NotPeriodicError
 
 if TYPE_CHECKING:
     import pandas
@@ -478,7 +478,7 @@ def _no_period(
         if best is None
         else f"best lag {best}: {max(scores[best], 0):.0%} of the power repeats"
     )
-    return InputError(
+    return NotPeriodicError(
         "u is not periodic",
         name,
         value,

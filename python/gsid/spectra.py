@@ -204,6 +204,11 @@ class Realisation:
         """Frequencies of the lines, (K,) [Hz]."""
         return np.arange(len(self.excited)) * (self.fs_hz / self.period_samples)
 
+    @property
+    def large(self) -> np.ndarray:
+        """Lines that are large enough to be excited, whatever their noise, (K,) bool."""
+        return large_lines(self.U, self.period_samples)
+
     def output(self, line: np.ndarray) -> np.ndarray:
         """Lines of the output, (P, len(line)) complex."""
         if self._lines is not None:
@@ -264,6 +269,18 @@ def common_lines(parts: list[Realisation], band: tuple[float, float] | None) -> 
     return np.flatnonzero(chosen)
 
 
+def rejected_lines(
+    parts: Sequence[Realisation], used: np.ndarray, band: tuple[float, float] | None
+) -> np.ndarray:
+    """Lines within the band that are large enough in some realisation, but not used, (R,) int."""
+    f_hz = parts[0].f_hz
+    rejected = np.logical_or.reduce([part.large for part in parts])
+    if band is not None:
+        rejected &= (f_hz >= band[0]) & (f_hz <= band[1])
+    rejected[used] = False
+    return np.flatnonzero(rejected)
+
+
 def _realisation(record: Record | Spectra, period: int | None, settle: int | None) -> Realisation:
     samples = lines = None
     if isinstance(record, Spectra):
@@ -315,8 +332,18 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     -------
     (K,) bool; never lines 0 and N/2, which have no phase
     """
-    mean = U.mean(axis=0)
-    size = np.abs(mean)
+    excited = large_lines(U, n_period)
+    if len(U) == 1:
+        return excited
+    strong = U[:, excited]
+    variance_of_mean = covariance(strong, strong).real / len(U)
+    excited[excited] = np.abs(strong.mean(axis=0)) ** 2 > ABOVE_NOISE * variance_of_mean
+    return excited
+
+
+def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
+    """The first half of `excited_lines`: by size alone, without a look at the noise."""
+    size = np.abs(U.mean(axis=0))
     size[0] = 0
     size[n_period / 2 == np.arange(len(size))] = 0
     ordered = np.sort(size)[::-1]
@@ -326,13 +353,7 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
     last = int(np.argmax(step))
     smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
-    excited = size >= smallest
-    if len(U) == 1:
-        return excited
-    strong = U[:, excited]
-    variance_of_mean = covariance(strong, strong).real / len(U)
-    excited[excited] = size[excited] ** 2 > ABOVE_NOISE * variance_of_mean
-    return excited
+    return size >= smallest
 
 
 def lines_of(x: np.ndarray) -> np.ndarray:

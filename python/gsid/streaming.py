@@ -145,6 +145,31 @@ class StreamingFrf:
             else:
                 lib32.gsid_frf_skip(self._frf, 1)
 
+    def merge(self, other: StreamingFrf) -> int:
+        """Add the good periods of another measurement, as if measured one after the other (FRF-4).
+
+        Parameters
+        ----------
+        other : StreamingFrf
+            Of the same lines, period, precision and kind of input; any engine. It stays as it is.
+
+        Returns
+        -------
+        int
+            Good periods in the mean now.
+
+        Raises
+        ------
+        ValueError
+            Another precision.
+        GsidError
+            Not the same lines or input.
+        """
+        if other._lib is not self._lib:
+            raise ValueError("the measurements differ in precision")
+        check(self._lib.gsid_frf_merge(self._frf, other._frf), "adding another measurement")
+        return self.n_periods
+
     def result(self) -> Frf:
         """Read the measurement so far.
 

@@ -37,3 +37,40 @@ def test_one_period_from_rest(gsid, short_csv):
     said = gsid("frf", short_csv, "--lpm", "--period", N).err
     assert "1 period of 1000 samples" in said
     assert "transient by local polynomials (9 degrees of freedom)" in said
+
+
+def test_random_noise_is_windowed_with_a_warning(gsid, tmp_path):
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(16384)
+    record = Record(u, lfilter(B, A, u) + 0.1 * rng.standard_normal(len(u)), FS_HZ)
+    write_record(tmp_path / "random.csv", record)
+    result = gsid("frf", "random.csv", "--json")
+    assert result.code == 0
+    assert "warning: random.csv: not by periods but by 15 Hann windows of 2048 samples (H1)" in result.err
+    values = json.loads(result.out)
+    assert values["method"] == "windows"
+    assert min(values["var_g"]) > 0
+    assert len(values["coherence"]) == len(values["f_hz"])
+    assert "random.csv: 15 windows of 2048 samples" in gsid("frf", "random.csv").err
+    finer = json.loads(gsid("frf", "random.csv", "--window", "256", "--band", "50:400", "--json").out)
+    assert finer["period_samples"] == 256
+    g = np.array(finer["g_re"]) + 1j * np.array(finer["g_im"])
+    ratio = np.abs(g - freqz(B, A, finer["f_hz"], fs=FS_HZ)[1]) ** 2 / finer["var_g"]
+    assert ratio.mean() == pytest.approx(1, abs=0.4)
+    assert gsid("compare", "--model", "none.json", "random.csv").code == 3
+    assert gsid("fit", "random.csv", "--order", "1/0", "--band", "5:400").code == 0
+
+
+def test_parts_and_weak_lines(gsid, record, tmp_path):
+    for name, part in (("a", slice(0, 800)), ("b", slice(800, None))):
+        write_record(tmp_path / f"{name}.csv", Record(record.u[part], record.y[part], FS_HZ, 400, 0))
+    write_record(tmp_path / "whole.csv", Record(record.u, record.y, FS_HZ, 400, 0))
+    whole = json.loads(gsid("frf", "whole.csv", "--json").out)
+    merged = json.loads(gsid("frf", "a.csv", "b.csv", "--merge", "--json").out)
+    assert (merged["n_periods"], merged["n_realisations"]) == (6, 1)
+    np.testing.assert_allclose(merged["g_re"], whole["g_re"], rtol=1e-9)
+    np.testing.assert_allclose(merged["var_g"], whole["var_g"], rtol=1e-6)
+    none = gsid("frf", "whole.csv", "--min-input", "1000")
+    assert none.code == 3
+    assert "no line has that much input" in none.err
+    assert gsid("frf", "whole.csv", "--lpm", "--window", "100").code == 2

@@ -8,7 +8,7 @@ import pytest
 
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
-from gsid.frf import Frf, frf
+from gsid.frf import Frf, frf, merged
 from gsid.record import Record
 from gsid.spectra import excited_lines, spectra
 from gsid.streaming import StreamingFrf
@@ -289,3 +289,101 @@ def test_the_engine_is_chosen_by_length_and_number_of_lines():
         StreamingFrf(FS_HZ, 601, [1], engine="spread")
     with pytest.raises(ValueError, match="engine must be"):
         StreamingFrf(FS_HZ, 600, [1], engine="quick")
+
+
+def test_weak_lines_are_left_out_and_said(caplog):
+    """Never silently: lines below a threshold, lost in the input's noise, or not in every record."""
+    record = make_record(30)
+    assert len(frf(record).rejected_hz) == 0
+    weak = np.fft.rfft(record.u.reshape(PERIODS, N), axis=1)
+    weak[:, 20] *= 0.2
+    record.u = np.fft.irfft(weak, N, axis=1).ravel()
+    level = np.abs(spectra(record).u[20])
+    response = frf(record, min_input=1.01 * level)
+    np.testing.assert_allclose(response.rejected_hz, [40])
+    assert 40 not in response.f_hz
+    assert "left out, their input being too weak: 1 (40 Hz)" in caplog.text
+    assert 40 in frf(record, min_input=0.99 * level).f_hz
+    assert len(frf(record, min_input=1.01 * level, band=(50, 100)).rejected_hz) == 0
+    with pytest.raises(InputError, match="no line has that much input") as caught:
+        frf(record, min_input=1e3)
+    assert "the largest has" in caught.value.hint
+
+    noisy = make_record(31)
+    rows = np.fft.rfft(noisy.u.reshape(PERIODS, N), axis=1)
+    rows[:, 30] *= 1 + 1.5 * (-1.0) ** np.arange(PERIODS)  # as large on average, but no period like the next
+    noisy.u = np.fft.irfft(rows, N, axis=1).ravel()
+    response = frf(noisy)
+    np.testing.assert_allclose(response.rejected_hz, [60])
+    assert 60 not in response.f_hz
+
+
+def test_lines_of_one_record_only_are_said(caplog):
+    first, second = make_record(32), make_record(33)
+    lines = np.fft.rfft(second.u.reshape(PERIODS, N), axis=1)
+    lines[:, 10] = 0
+    second.u = np.fft.irfft(lines, N, axis=1).ravel()
+    response = frf([first, second])
+    np.testing.assert_allclose(response.rejected_hz, [20])
+    assert "1 (20 Hz)" in caplog.text
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("engine", ["direct", "spread"])
+def test_parts_measured_apart_are_the_whole(precision, engine):
+    """FRF-4, streaming: in any order, on another engine, one of them still empty."""
+    rng = np.random.default_rng(34)
+    u, y = 1 + rng.standard_normal((2, PERIODS * N))
+    line = np.arange(1, 60)
+
+    def measured(periods, engine=engine):
+        part = StreamingFrf(FS_HZ, N, line, precision=precision, engine=engine)
+        part.step(u[periods[0] * N : periods[1] * N], y[periods[0] * N : periods[1] * N])
+        return part
+
+    whole = measured((0, PERIODS)).result()
+    parts = measured((0, 5))
+    for other in (measured((7, PERIODS), "direct"), measured((0, 0)), measured((5, 7))):
+        parts.merge(other)
+    assert parts.n_periods == PERIODS
+    result = parts.result()
+    # a few roundings of sums of 12 terms of size 1
+    tolerance = 1e-14 if precision == "double" else 1e-5
+    for name in ("u", "y", "var_u", "var_y", "cov_yu"):
+        np.testing.assert_allclose(getattr(result, name), getattr(whole, name), rtol=0, atol=tolerance)
+    with pytest.raises(GsidError):
+        parts.merge(StreamingFrf(FS_HZ, N, line + 1, precision=precision))
+    other = "single" if precision == "double" else "double"
+    with pytest.raises(ValueError, match="precision"):
+        parts.merge(StreamingFrf(FS_HZ, N, line, precision=other))
+
+
+def test_records_of_one_realisation_are_merged_to_the_whole():
+    whole = make_record(35, noise_u=0.05, noise_y=0.05)
+
+    def part(first, last):
+        return Record(whole.u[first * N : last * N], whole.y[first * N : last * N], FS_HZ, N, 0)
+
+    expected = frf(whole)
+    result = frf([part(0, 2), part(2, 9), part(9, PERIODS)], merge=True)
+    for name in ("g", "var_g", "u", "y", "var_u", "var_y", "cov_yu"):
+        np.testing.assert_allclose(getattr(result, name), getattr(expected, name), rtol=1e-10, atol=1e-16)
+    assert (result.n_periods, result.n_realisations, result.n_dof) == (PERIODS, 1, PERIODS - 1)
+    with pytest.raises(InputError, match="inputs of the parts differ") as caught:
+        frf([whole, make_record(36)], merge=True)
+    assert "leave --merge out" in caught.value.hint
+    with pytest.raises(ValueError, match="one realisation"):
+        merged([frf([whole, make_record(36)])])
+    with pytest.raises(ValueError, match="different lines"):
+        merged([frf(whole), frf(whole, band=(2, 50))])
+
+
+def test_coherence_of_periods_is_that_of_their_sums():
+    """Eq. 5.3 with the powers summed over the periods."""
+    record = make_record(37, noise_u=0.1, noise_y=0.2)
+    s, response = spectra(record), frf(record)
+    U, Y = s.U[:, response.line], s.Y[:, response.line]
+    cross = np.abs((Y * U.conj()).sum(axis=0)) ** 2
+    expected = cross / (np.abs(U) ** 2).sum(axis=0) / (np.abs(Y) ** 2).sum(axis=0)
+    # noise of the input counts twice in the sums, once in the response: second order of 1/SNR
+    np.testing.assert_allclose(response.coherence, expected, atol=2e-2)

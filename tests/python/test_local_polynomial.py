@@ -116,5 +116,5 @@ def test_refusals():
         frf(Record(np.zeros(N), np.zeros(N), FS_HZ, N), lpm=True)
     from gsid.spectra import spectra
 
-    with pytest.raises(ValueError, match="not off their spectra"):
+    with pytest.raises(ValueError, match="lpm needs the samples"):
         frf(spectra(from_rest(1, 3), settle=0), lpm=True)

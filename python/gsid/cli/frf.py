@@ -10,6 +10,7 @@ import click
 from gsid.cli.common import (
     band_option,
     json_option,
+    options_as_arguments,
     print_json,
     print_table,
     record_options,
@@ -37,6 +38,20 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Take the transient out (local polynomial method) instead of waiting; one period is enough.",
 )
+@click.option(
+    "--window",
+    metavar="N",
+    type=click.IntRange(4),
+    help="Samples of Hann windows, for an input that does not repeat. [default then: found]",
+)
+@click.option("--merge", is_flag=True, help="The records are parts of one realisation: put them together.")
+@click.option(
+    "--min-input",
+    metavar="A",
+    type=click.FloatRange(0),
+    default=0.0,
+    help="Leave out lines whose input amplitude is below A. [default: 0]",
+)
 @json_option
 def frf(
     records: list[Record],
@@ -45,6 +60,9 @@ def frf(
     output: str | None,
     remove_periodic: bool,
     lpm: bool,
+    window: int | None,
+    merge: bool,
+    min_input: float,
     as_json: bool,
 ) -> None:
     """Measure the frequency response at the excited lines, and its variance.
@@ -54,19 +72,30 @@ def frf(
 
     In a closed loop noise comes back in u, and u and y alone mislead: name the reference with --r. The lines
     are then those that it excites.
+
+    Without a period, --window or an input that does not repeat, the response is H1 by Hann windows, biased
+    by leakage: read the warning.
     """
     from gsid.frf import frf as measure
 
-    if reference is not None and (remove_periodic or lpm):
-        option = "--remove-periodic" if remove_periodic else "--lpm"
-        raise click.UsageError(f"{option} is for open loops", click.get_current_context())
-    result = measure(records, band=band, remove_periodic=remove_periodic, lpm=lpm, reference=reference)
+    with options_as_arguments():
+        result = measure(
+            records,
+            band=band,
+            reference=reference,
+            remove_periodic=remove_periodic,
+            lpm=lpm,
+            window=window,
+            merge=merge,
+            min_input=min_input,
+        )
     if output:
         _write(Path(output), result)
         say(f"wrote {output}")
     if as_json:
         removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
-        print_json(_columns(result) | _keys(result) | {"removed": removed})
+        others = {"coherence": result.coherence, "rejected_hz": result.rejected_hz, "removed": removed}
+        print_json(_columns(result) | _keys(result) | others)
     elif not output:
         _print(result)
 
@@ -98,8 +127,9 @@ def _print(frf: Frf) -> None:
     import numpy as np
 
     transient = f", transient by local polynomials ({frf.n_dof} degrees of freedom)" * (frf.method == "lpm")
+    piece = "window" if frf.method == "windows" else "period"
     say(
-        f"{frf.name}: {frf.n_periods} period{'s' * (frf.n_periods > 1)} of {frf.period_samples} samples at "
+        f"{frf.name}: {frf.n_periods} {piece}{'s' * (frf.n_periods > 1)} of {frf.period_samples} samples at "
         f"{frf.fs_hz:g} Hz, {frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
         f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out{transient}"
     )
