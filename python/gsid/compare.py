@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
     from gsid.model import RationalModel
+    from gsid.piecewise import PiecewiseModel
     from gsid.record import Record
 
 _log = logging.getLogger(__name__)
@@ -186,7 +187,7 @@ class _Lines:
 
 
 def compare(
-    model: RationalModel | PlantModel,
+    model: RationalModel | PiecewiseModel | PlantModel,
     records: Record | Spectra | Sequence[Record | Spectra],
     *,
     period: int | None = None,
@@ -198,7 +199,7 @@ def compare(
 
     Parameters
     ----------
-    model : RationalModel or PlantModel
+    model : RationalModel, PiecewiseModel or PlantModel
     records : Record or Spectra, or a sequence of them
         One or more realisations, each with at least two good periods.
     period, settle : int, optional
@@ -256,7 +257,9 @@ def _same_lines(parts: list[_Lines]) -> bool:
     return all(np.array_equal(part.line, parts[0].line) for part in parts)
 
 
-def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, float] | None) -> _Lines:
+def _lines(
+    model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, band: tuple[float, float] | None
+) -> _Lines:
     check_units(model, s)
     if isinstance(model, PlantModel):
         use = lines_used(model, s, band)
@@ -278,7 +281,7 @@ def _lines(model: RationalModel | PlantModel, s: Spectra, band: tuple[float, flo
     )
 
 
-def _answer(model: RationalModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:
+def _answer(model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:
     """The model's output lines, of every period or of all alike."""
     if isinstance(model, PlantModel):
         answer = model.predict(s)

@@ -147,6 +147,11 @@ def save_mat(model: RationalModel, path: str | Path) -> None:
     path : path-like
         Replaced whole or not at all.
     """
+    write_atomically(path, lambda part: io.savemat(part, mat_values(model), appendmat=False))
+
+
+def mat_values(model: RationalModel) -> dict[str, object]:
+    """What `save_mat` writes, by name."""
     zeros, poles, gain = to_zpk(model)
     values = {"num": model.num, "den": model.den, "delay_s": model.delay_s, "domain": model.domain}
     values |= {"hold": model.hold, "fs_hz": np.nan if model.fs_hz is None else model.fs_hz}
@@ -155,7 +160,7 @@ def save_mat(model: RationalModel, path: str | Path) -> None:
         values |= dict(zip("ABCD", to_state_space(model), strict=True))
     if model.cov is not None:
         values["covariance"] = model.cov
-    write_atomically(path, lambda part: io.savemat(part, values, appendmat=False))
+    return values
 
 
 def _descending(model: RationalModel) -> tuple[ndarray, ndarray]:

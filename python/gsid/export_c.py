@@ -11,6 +11,7 @@ import numpy as np
 from gsid._lib import version
 from gsid.errors import InputError
 from gsid.model import RationalModel
+from gsid.piecewise import PiecewiseModel
 from gsid.plant import Effect, PlantModel
 from gsid.units import RADIANS
 
@@ -113,6 +114,9 @@ def export_c(
     fs_hz = model.fs_hz or fs_hz
     if not fs_hz:
         raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
+    if isinstance(model, PiecewiseModel):
+        hint = "export one of its pieces: PiecewiseModel.pieces[0].save(...)"
+        raise InputError("a set of models answers at a frequency, not in time", where, None, hint)
     if isinstance(model, PlantModel):
         return _export_plant(model, name, fs_hz, where)
     return _write(model, name, fs_hz, _rational_step(model, fs_hz, where), "", [], [])

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from gsid.frf import Frf
     from gsid.mimo_model import MimoModel
+    from gsid.piecewise import PiecewiseModel
     from gsid.plant import PlantModel
 
 FORMAT = 1
@@ -509,8 +510,8 @@ def read_model_file(path: str | Path) -> Any:
         raise InputError(f"the model file is not JSON: {error}", str(path), None, hint) from error
 
 
-def load_model(path: str | Path) -> RationalModel | MimoModel | PlantModel:
-    """Read a model file of any kind: a fitted transfer function, a matrix of them, or a stack of effects.
+def load_model(path: str | Path) -> RationalModel | PiecewiseModel | MimoModel | PlantModel:
+    """Read a model file of any kind: a transfer function, a set or a matrix of them, or a stack of effects.
 
     Raises
     ------
@@ -526,6 +527,10 @@ def load_model(path: str | Path) -> RationalModel | MimoModel | PlantModel:
         from gsid.mimo_model import MimoModel
 
         return MimoModel.from_dict(data, str(path))
+    if isinstance(data, dict) and "pieces" in data:
+        from gsid.piecewise import PiecewiseModel
+
+        return PiecewiseModel.from_dict(data, str(path))
     return RationalModel.from_dict(data, str(path))
 
 

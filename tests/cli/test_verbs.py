@@ -331,3 +331,22 @@ def test_closed_loop_through_the_reference(gsid, record):
     assert "did you mean ref?" in wrong.err
     (Path("plant.json")).write_text('{"gsid_model": 1, "fs_hz": 1000, "effects": [{"effect": "rigid_body"}]}')
     assert gsid("fit", "loop.csv", "--r", "ref", "--model", "plant.json").code == 2
+
+
+def test_pieces_of_low_order(gsid, rec_csv):
+    result = gsid("fit", rec_csv, "--order", "2/0", "--piecewise", "auto", "-o", "pieces.json")
+    assert result.code == 0, result.err
+    assert result.out.splitlines()[0].split() == ["pieces", "cost", "noise", "alone", "MDL"]
+    assert "\n1 piece of 2/0, 4 parameters, converged" in result.out  # the truth is of this order
+    assert "wrote pieces.json" in result.err
+    assert gsid("compare", rec_csv, "--model", "pieces.json", "--band", "5:197.5").code == 0
+    assert gsid("report", rec_csv, "--model", "pieces.json").code == 0
+    values = json.loads(gsid("fit", rec_csv, "--order", "1/0", "--piecewise", "3", "--json").out)
+    assert (len(values["pieces"]), len(values["breaks_hz"]), len(values["jumps"])) == (3, 2, 2)
+    assert [cut["n_pieces"] for cut in values["tried"]] == [1, 2, 3]
+    assert values["cost"] == pytest.approx(sum(piece["cost"] for piece in values["pieces"]))
+    for wrong in (["--piecewise", "0"], ["--piecewise", "2", "--method", "nls"], ["--piecewise", "9"]):
+        assert gsid("fit", rec_csv, "--order", "1/0", *wrong).code == 2
+    refused = gsid("export-c", "pieces.json")
+    assert refused.code == 3
+    assert "a set of models answers at a frequency, not in time" in refused.err

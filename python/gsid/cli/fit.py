@@ -46,6 +46,19 @@ class Order(click.ParamType):
         return value
 
 
+class Pieces(click.ParamType):
+    """A number of pieces, or auto."""
+
+    name = "N|auto"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str | int:
+        if value == "auto" or isinstance(value, int):
+            return value
+        if not str(value).isdecimal() or int(value) < 1:
+            self.fail(f"{value} is not auto or a number of pieces", param, ctx)
+        return int(value)
+
+
 class Delay(click.ParamType):
     """free, none or seconds."""
 
@@ -70,6 +83,12 @@ class Delay(click.ParamType):
     "--order",
     type=Order(may_be_auto=True),
     help="Numbers of poles and zeros, for example 4/3; auto: the order of least MDL.",
+)
+@click.option(
+    "--piecewise",
+    metavar="N|auto",
+    type=Pieces(),
+    help="Cut the band into N pieces with a model of this order in each; auto: as many as MDL asks for.",
 )
 @click.option(
     "--model",
@@ -112,6 +131,7 @@ def fit(
     records: list[Record],
     reference: str | None,
     order: str | None,
+    piecewise: str | int | None,
     model_path: str | None,
     delay: str | float,
     method: str,
@@ -125,15 +145,18 @@ def fit(
     The cost is the sum of squared errors over their variance; the cost expected is what noise alone leaves.
     Intervals are 95 %, from the covariance of the parameters.
 
+    With --piecewise the band is cut where models of a low order follow the response best; they need not meet
+    at the breaks.
+
     With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
     in the file.
     """
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
-        rational = [name for name in ("delay", "method", "domain", "reference") if is_given(ctx, name)]
-        if rational:
-            option = "r" if rational[0] == "reference" else rational[0]
+        given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
+        if given:
+            option = "r" if given[0] == "reference" else given[0]
             raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
         _fit_plant(load_plant(model_path), records, band, output, as_json)
         return
@@ -141,6 +164,13 @@ def fit(
     from gsid.frf import frf
 
     measured = frf(records, reference=reference)
+    if piecewise is not None:
+        if order == "auto" or method != "ml":
+            raise click.UsageError("--piecewise goes with one order and maximum likelihood", ctx)
+        n = None if piecewise == "auto" else piecewise
+        options = {"delay": delay, "band": band, "domain": domain}
+        _fit_pieces(measured, describe(records), output, as_json, order, n, **options)
+        return
     choice = None
     if order == "auto":
         choice = _choose_order(measured, describe(records), delay=delay, band=band, domain=domain)
@@ -163,6 +193,9 @@ def fit(
             print(text)
         print()
     _print(model)
+
+
+OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise")
 
 
 def _say_what_is_ill_determined(model: RationalModel) -> None:
@@ -230,6 +263,44 @@ def _fit_plant(
             print(f"{words}: {', '.join(names)}")
     print()
     print_parameters(found.model)
+
+
+def _fit_pieces(
+    frf: Frf,
+    records: str,
+    output: str | None,
+    as_json: bool,
+    order: str,
+    n_pieces: int | None,
+    **options: object,
+) -> None:
+    """A model of low order in each of several adjoining bands."""
+    from gsid.piecewise import fit_piecewise
+
+    with working(f"fitting pieces of {order} to {records}"), options_as_arguments():
+        found = fit_piecewise(frf, order, n_pieces, **options)
+    if output:
+        found.save(output)
+        say(f"wrote {output}")
+    if as_json:
+        names = ("breaks_hz", "cost", "cost_expected", "stable", "converged", "n_lines", "n_parameters")
+        values = {name: getattr(found, name) for name in names}
+        values |= {"pieces": [_as_json(piece) for piece in found.pieces]}
+        values |= {"jumps": [vars(j) for j in found.jumps()], "tried": [vars(cut) for cut in found.tried]}
+        print_json(values)
+        return
+    if n_pieces is None:
+        rows = (
+            [f"{c.n_pieces}", f"{c.cost:.5g}", f"{c.cost_expected:.5g}", f"{c.mdl:.5g}"] for c in found.tried
+        )
+        print_table(["pieces", "cost", "noise alone", "MDL"], rows)
+        print()
+    state = "converged" if found.converged else "not converged"
+    n = len(found.pieces)
+    print(f"{n} piece{'s' * (n != 1)} of {order}, {found.n_parameters} parameters, {state}")
+    print(f"cost {found.cost:.5g}, expected of noise alone {found.cost_expected:.5g}")
+    print()
+    print_table(*found.table(), left=["jump"])
 
 
 def _fit_all(

@@ -10,7 +10,7 @@ from gsid.plots.estimators import estimators
 from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.matrix import bode_matrix
 from gsid.plots.noise import noise
-from gsid.plots.response import bode, bode_of_plant, frf, residual, residual_of_plant
+from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
 from gsid.plots.torque import torque_residual
@@ -33,6 +33,7 @@ __all__ = [
     "noise",
     "order_text",
     "periods",
+    "piecewise",
     "pole_zero",
     "residual",
     "residual_of_plant",

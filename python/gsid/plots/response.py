@@ -17,11 +17,13 @@ from gsid.confidence import (
     unwrapped_phase_deg,
 )
 from gsid.plots.style import (
+    EVEN,
     MEASURED,
     MODEL,
     NOISE,
     SIGNAL,
     above_text,
+    band_text,
     db,
     db_label,
     degrees_of_freedom,
@@ -45,6 +47,7 @@ from gsid.plots.style import (
 if TYPE_CHECKING:
     from gsid.frf import Frf
     from gsid.model import RationalModel
+    from gsid.piecewise import PiecewiseModel
 
 
 @styled
@@ -128,7 +131,52 @@ def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
     return figure
 
 
-def _band_of(model: RationalModel) -> np.ndarray:
+@styled
+def piecewise(model: PiecewiseModel, frf: Frf | None = None) -> Figure:
+    """Models of adjoining bands, each in its band, over the measured response when one is given.
+
+    Parameters
+    ----------
+    model : PiecewiseModel
+    frf : Frf, optional
+
+    Returns
+    -------
+    Figure
+    """
+    f = _band_of(model) if frf is None else frf.f_hz[line_mask(frf)]
+    fine = _dense(f, *([piece.poles for piece in model.pieces] if model.pieces[0].domain == "s" else [[]]))
+    g = model.response(fine)
+    std = model.response_std(fine)
+    phase = unwrapped_phase_deg(fine, g)
+    figure = new_figure(6.0)
+    gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
+    if frf is not None:
+        _draw_measured(gain_ax, phase_ax, frf, model.response(f), np.interp(f, fine, phase))
+    for i, piece in enumerate(model.pieces):
+        use = model.piece_at(fine) == i
+        colour = MODEL if i % 2 == 0 else EVEN
+        low, high, half = gain_phase_band(g[use], std[use])
+        gain_ax.fill_between(fine[use], low, high, color=colour, alpha=0.25, linewidth=0.0)
+        phase_ax.fill_between(
+            fine[use], phase[use] - half, phase[use] + half, color=colour, alpha=0.25, linewidth=0.0
+        )
+        label = f"model {order_text(piece)} with its 95 % band, {band_text(*piece.band_hz)}"
+        gain_ax.plot(fine[use], db(g[use]), color=colour, label=label if piece.band_hz else None)
+        phase_ax.plot(fine[use], phase[use], color=colour)
+    for ax in (gain_ax, phase_ax):
+        for at in model.breaks_hz:
+            ax.axvline(at, color=NOISE, linewidth=0.8, linestyle="--")
+    limits_db(gain_ax, db(g), *([] if frf is None else [db(frf.g[line_mask(frf)])]))
+    gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(model.y_unit, model.u_unit))))
+    frequency_axis(gain_ax, f, label=False)
+    frequency_axis(phase_ax, f)
+    phase_axis(phase_ax)
+    legend_below(figure, [gain_ax])
+    return figure
+
+
+def _band_of(model: RationalModel | PiecewiseModel) -> np.ndarray:
     """Band to draw a model in by itself: that of its fit, else around its roots; below fs/2."""
     band = model.band_hz
     if band is None:

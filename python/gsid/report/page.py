@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from gsid.excitation import Multisine
     from gsid.frf import Frf
     from gsid.model import RationalModel
+    from gsid.piecewise import PiecewiseModel
     from gsid.record import Record
     from gsid.spectra import Spectra
 
@@ -82,7 +83,7 @@ class Report:
         record: Record | Sequence[Record] | None = None,
         spectra: Spectra | Sequence[Spectra] | None = None,
         frf: Frf | None = None,
-        model: RationalModel | PlantModel | None = None,
+        model: RationalModel | PiecewiseModel | PlantModel | None = None,
         comparison: Comparison | None = None,
         *,
         multisine: Multisine | None = None,
@@ -99,7 +100,7 @@ class Report:
         record, spectra : one or one per realisation, optional
             Of several, the pictures show the first.
         frf : Frf, optional
-        model : RationalModel or PlantModel, optional
+        model : RationalModel, PiecewiseModel or PlantModel, optional
             A plant is shown beside the measured response where there are spectra, and with its ladder.
         comparison : Comparison, optional
         multisine : Multisine, optional

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from gsid import plots
 from gsid.ladder import ladder
+from gsid.model import RationalModel
 from gsid.plant import PlantModel
 
 if TYPE_CHECKING:
@@ -69,15 +70,14 @@ def pictures_of(
     """Title and drawing of each picture there is data for, in the order of reading."""
     spectra = all_spectra[0] if all_spectra else None
     u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
-    is_rational = model is not None and not isinstance(model, PlantModel)
-    has_fit = frf is not None and is_rational
+    has_fit = frf is not None and model is not None and not isinstance(model, PlantModel)
     of_plant = _plant_pictures(model, all_spectra, frf) if isinstance(model, PlantModel) else []
-    has_roots = is_rational and len(model.poles) + len(model.zeros) > 0
+    has_roots = isinstance(model, RationalModel) and len(model.poles) + len(model.zeros) > 0
     pictures = [
         ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
-        ("Measured and fitted", has_fit, lambda: plots.bode(model, frf)),
+        ("Measured and fitted", has_fit, lambda: model.plot(frf)),
         ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
         *((title, True, draw) for title, draw in of_plant),
         ("Poles and zeros", has_roots, lambda: plots.pole_zero(model)),

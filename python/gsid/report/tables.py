@@ -10,6 +10,7 @@ import numpy as np
 
 from gsid import plots
 from gsid.confidence import NORMAL_95, root_quantities
+from gsid.piecewise import PiecewiseModel
 from gsid.plant import Param, PlantModel
 
 if TYPE_CHECKING:
@@ -62,13 +63,19 @@ def _number(value: float, digits: int = 6) -> str:
     return "" if value is None or not np.isfinite(value) else f"{value:.{digits}g}".replace("-", "−")
 
 
-def model_tables(model: RationalModel | PlantModel | None, truth: Sequence[Truth] | None) -> list[Table]:
+def model_tables(
+    model: RationalModel | PiecewiseModel | PlantModel | None, truth: Sequence[Truth] | None
+) -> list[Table]:
     """What is told of a model, its truth first where that is known."""
     tables = []
     if truth:
         tables.append(truth_table(truth))
     if isinstance(model, PlantModel):
         tables.append(plant_table(model))
+    elif isinstance(model, PiecewiseModel):
+        head, rows = model.table()
+        note = "A jump is what the response does at the break to the piece below."
+        tables.append(Table("Models of adjoining bands", tuple(head), [tuple(row) for row in rows], note))
     elif model is not None:
         tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
     return tables

@@ -12,6 +12,7 @@ import numpy as np
 
 from gsid import plots
 from gsid._lib import ffi, lib, version
+from gsid.piecewise import PiecewiseModel
 from gsid.plant import PlantModel
 
 if TYPE_CHECKING:
@@ -22,13 +23,15 @@ if TYPE_CHECKING:
 
 
 def verdict_of(
-    frf: Frf | None, model: RationalModel | PlantModel | None, comparison: Comparison | None
+    frf: Frf | None, model: RationalModel | PiecewiseModel | PlantModel | None, comparison: Comparison | None
 ) -> tuple[str, str]:
     """A sentence on what was found, and its colour: "good", "bad" or "none"."""
     if comparison is not None:
         return comparison.verdict, "good" if comparison.adequate else "bad"
     if isinstance(model, PlantModel):
         return f"A plant of {len(model.effects)} effects; not compared with a record.", "none"
+    if isinstance(model, PiecewiseModel):
+        return f"Fitted: models of {len(model.pieces)} adjoining bands; not compared with a record.", "none"
     if model is not None:
         delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
         fitted = (
