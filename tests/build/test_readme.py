@@ -1,6 +1,5 @@
 """The programs and the session of README.md do what README.md says they do."""
 
-import os
 import re
 import shlex
 import shutil
@@ -8,8 +7,9 @@ import sys
 
 import numpy as np
 import pages
-import pytest
 from pages import assert_same_text, commands
+
+from measured import BENCH, needs_bench
 
 
 def blocks(root, language):
@@ -46,13 +46,10 @@ def test_the_run_over_a_serial_line(run, root, tmp_path):
     assert "<html" in (tmp_path / "rig.html").read_text()
 
 
+@needs_bench
 def test_the_session(run, root, tmp_path):
-    data = os.environ.get("GSID_DATA") or root.parent / "shared/data"
-    bench = os.path.join(data, "twomass_motor_bench")
-    if not os.path.isdir(bench):
-        pytest.skip(f"the motor bench's records are not in {bench}: set GSID_DATA")
     for letter in "AB":
-        shutil.copy(os.path.join(bench, f"multisine_{letter}.npz"), tmp_path / f"bench_{letter.lower()}.npz")
+        shutil.copy(BENCH / f"multisine_{letter}.npz", tmp_path / f"bench_{letter.lower()}.npz")
     for command, shown in commands(blocks(root, "console")[0]):
         gsid = shlex.quote(str(root / ".venv/bin/gsid"))
         result = run("sh", "-c", re.sub(r"^gsid ", f"{gsid} ", command), cwd=tmp_path)

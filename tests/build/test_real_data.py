@@ -8,11 +8,12 @@ import os
 import re
 import shlex
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pages import assert_same_text, commands
+
+from measured import DATA
 
 SLOW = os.environ.get("GSID_SLOW_DATA") == "1"
 
@@ -20,13 +21,12 @@ SLOW = os.environ.get("GSID_SLOW_DATA") == "1"
 @pytest.fixture
 def page(run, root, tmp_path):
     """Run a section's commands in a folder of its own: `page("EMPS")`; gives that folder."""
-    data = Path(os.environ.get("GSID_DATA") or root.parent / "shared/data").resolve()
-    if not data.is_dir():
-        pytest.skip(f"the measured records are not in {data}: set GSID_DATA")
+    if not DATA.is_dir():
+        pytest.skip(f"the measured records are not in {DATA}: set GSID_DATA")
     folder = tmp_path / "clone"
     folder.mkdir()
     (tmp_path / "shared").mkdir()
-    (tmp_path / "shared/data").symlink_to(data)
+    (tmp_path / "shared/data").symlink_to(DATA)
 
     def follow(title, language="console"):
         text = (root / "docs/real_data.md").read_text()

@@ -1,8 +1,6 @@
 """gsid distortion: its keys, its words, the measured benches."""
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +8,7 @@ from known_system import FS_HZ, LINES, N_PERIOD, response
 
 from gsid.io import write_record
 from gsid.record import Record
-
-DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data")).resolve()
-BENCH = DATA / "twomass_motor_bench"
-needs_bench = pytest.mark.skipif(not BENCH.is_dir(), reason=f"no measured records in {BENCH} (set GSID_DATA)")
+from measured import BENCH, needs_bench
 
 
 def write_realisations(tmp_path, size=1.0, cubic=0.05, line=LINES[1::2], stem="r"):

@@ -13,10 +13,8 @@ from scipy.io import loadmat
 
 from gsid.io import write_record
 from gsid.record import Record
+from measured import BENCH, needs_bench
 
-DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data")).resolve()
-BENCH = DATA / "twomass_motor_bench"
-needs_bench = pytest.mark.skipif(not BENCH.is_dir(), reason=f"no measured records in {BENCH} (set GSID_DATA)")
 NAMES = ["--u", "iq", "--y", "omega_motor"]
 
 

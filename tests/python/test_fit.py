@@ -2,8 +2,6 @@
 
 import contextlib
 import dataclasses
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +12,9 @@ from gsid.fit import METHODS, fit, initial_delay, parse_order
 from gsid.frf import Frf, frf
 from gsid.io import read_record
 from gsid.model import RationalModel
+from measured import BENCH, needs_bench
 
 SEED = 20260302
-DATA = Path(os.environ.get("GSID_DATA", "../shared/data"))
 TRUTH = RationalModel([40.0, 900.0], [1.0, 30.0, 2000.0], 0.0042)
 F = np.arange(1, 241) * 0.5
 
@@ -221,11 +219,10 @@ def test_one_period_has_no_variance():
         fit(response, "2/1")
 
 
+@needs_bench
 def test_motor_bench_resonances():
     """The bench's anti-resonance is at 54 Hz and its resonance at 76 Hz (meta.json of the set)."""
-    path = DATA / "twomass_motor_bench" / "multisine_A.npz"
-    if not path.exists():
-        pytest.skip(f"{path} is not there: set GSID_DATA to the folder of measured records")
+    path = BENCH / "multisine_A.npz"
     model = fit(
         frf(read_record(path, u="iq", y="omega_motor", period=2500, settle=2500)), "4/3", band=(11, 250)
     )

@@ -1,8 +1,5 @@
 """Spectra and frequency responses, against numpy written out and against the truth of made-up records."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,9 +9,9 @@ from gsid.frf import Frf, frf, merged
 from gsid.record import Record
 from gsid.spectra import excited_lines, spectra
 from gsid.streaming import StreamingFrf
+from measured import BENCH, needs_bench
 
 FS_HZ, N, PERIODS = 1000.0, 500, 12
-DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 
 def true_response(f_hz):
@@ -56,12 +53,10 @@ def by_numpy(record, settle, line, rows=slice(None)):
     return g, var_g / P
 
 
+@needs_bench
 @pytest.mark.parametrize("letter", ["A", "B"])
 def test_motor_bench_agrees_with_a_plain_fft_at_every_line(letter):
-    path = DATA / "twomass_motor_bench" / f"multisine_{letter}.npz"
-    if not path.exists():
-        pytest.skip(f"no {path.name} in ../shared/data, and GSID_DATA does not name its place")
-    data = np.load(path)
+    data = np.load(BENCH / f"multisine_{letter}.npz")
     record = Record(data["iq"], data["omega_motor"], 2500.0, 2500, 2500)
     response = frf(record)
     # the excitation as its makers describe it

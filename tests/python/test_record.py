@@ -1,17 +1,11 @@
 """Period, settling and cutting of records, on signals whose answers are known."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from gsid.errors import InputError
 from gsid.record import Record, find_period, find_settling, split_periods
-
-DATA = Path(os.environ.get("GSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
-BENCH = DATA / "twomass_motor_bench"
-needs_bench = pytest.mark.skipif(not BENCH.is_dir(), reason=f"no measured records in {BENCH} (set GSID_DATA)")
+from measured import BENCH, needs_bench
 
 
 def multisine(n_period: int, lines: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -48,7 +48,7 @@ def _ulog_topic(path: Path, topic: str) -> dict[str, np.ndarray]:
     try:
         with contextlib.redirect_stdout(sys.stderr):  # pyulog warns on stdout, where our data go
             log = ULog(str(path))
-    except Exception as error:  # as above
+    except Exception as error:  # on damaged files the reader raises what it will
         raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from error
     data = next((d.data for d in log.data_list if d.name == topic and d.multi_id == 0), None)
     if data is None:
