@@ -1,8 +1,6 @@
 """The indirect method on a simulated closed loop with known truth, where input and output alone mislead."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from gsid.frf import frf
 from gsid.record import Record
 
 SEED = 20260401
-DATA = Path(os.environ.get("GSID_DATA", "../shared/data"))
 FS_HZ, N, LINES = 1000.0, 400, np.arange(1, 80, 2)
 # In z^-1: a plant with a resonance at 62 Hz and two samples of delay, and a PI controller. The closed loop's
 # slowest pole, 0.939, decays by 1e-11 in one period.
