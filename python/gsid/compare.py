@@ -3,7 +3,9 @@
 At each line the model's output error of every period is E[p] = Y[p] - G U[p]; for a plant, whose answer is
 not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. When
 the model is right and the noise is Gaussian, T = P |mean E|^2 / s^2, s^2 the sample variance of E over the P
-periods, follows F(2, 2 nu), nu = P - 1, exactly: P(T > t) = (1 + t/nu)^-nu. So q = nu ln(1 + T/nu) is
+periods, follows F(2, 2 nu), nu = P - 1, exactly: P(T > t) = (1 + t/nu)^-nu. (A wandering output scatters more
+from period to period than its mean; where the input repeats, s^2 is taken from what lies between the lines:
+`gsid.spectra.variance_between_lines`.) So q = nu ln(1 + T/nu) is
 exponential with mean 1 for any P >= 2, and twice the sum of q over n lines is chi-square with 2 n degrees of
 freedom (CMP-1). The line at 0, which counts for plants when the band begins there, is real: T follows
 F(1, nu), and q = -ln P(T > t). The test therefore keeps its false-alarm rate with few periods, where one that
@@ -268,6 +270,7 @@ def _lines(
         inside = (s.line > 0) & (2 * s.line < s.period_samples)
         use = inside.copy()
         use[inside] = in_band(s.f_hz[inside], band if band is not None else (f_excited[0], f_excited[-1]))
+    known_input = isinstance(model, PlantModel) or bool(np.all(s.U == s.U[0]))
     errors = s.Y[:, use] - _answer(model, s, use)
     kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
     return _Lines(
@@ -276,7 +279,7 @@ def _lines(
         kind=kind,
         error=errors.mean(axis=0),
         y=s.Y[:, use].mean(axis=0),
-        var_mean=np.var(errors, axis=0, ddof=1) / s.n_periods,
+        var_mean=(s.noise_y[use] if known_input else np.var(errors, axis=0, ddof=1)) / s.n_periods,
         dof=s.n_periods - 1,
     )
 

@@ -92,7 +92,7 @@ class Problem:
             raise ValueError("no free parameter is shared by the records: there is nothing to fit in common")
         has_drift = DRIFT in per_record
         self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
-        variances = pooled_variance(measured)
+        variances = pooled_variance(measured, drift=has_drift)
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With play, what does not settle soon rattles: waiting is dear and in vain.
         self.has_joint = any(effect.id == "gear_backlash" for effect in model.effects)

@@ -54,7 +54,7 @@ def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
         use = record.line[record.line > 0]
         nu = one.n_periods - 1
         error = one.y[use] - record.prediction.Y[use]
-        variance = np.maximum(one.var_y[use], np.finfo(float).tiny)
+        variance = np.maximum(one.noise_y[use], np.finfo(float).tiny)
         total += float(np.sum(nu * np.log1p(one.n_periods * np.abs(error) ** 2 / variance / nu)))
         n_lines += len(use)
     return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -88,6 +89,16 @@ class Spectra:
     def var_y(self) -> np.ndarray:
         """Sample variance of one period's Y, (K,) (source, eq. 4.11)."""
         return covariance(self.Y, self.Y).real
+
+    @cached_property
+    def noise_y(self) -> np.ndarray:
+        """Variance of one period's Y as the mean over periods sees it, (K,), see `variance_between_lines`.
+
+        Where periods in between were lost, `var_y`.
+        """
+        if self.n_spoiled:
+            return self.var_y
+        return variance_between_lines(self.Y, self.period_samples, self.settle_samples)
 
     @property
     def cov_yu(self) -> np.ndarray:
@@ -410,15 +421,52 @@ def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> 
             ffi.from_buffer("gsid_cplx[]", lines),
         )
     check(status, "transforming the periods")
-    shift = settle_samples % n_period
-    if shift:  # settling not a whole number of periods; the angle is reduced with integers
-        lines *= np.exp(-2j * np.pi * (line.astype(np.int64) * shift % n_period) / n_period)
+    if settle_samples % n_period:  # settling not a whole number of periods
+        lines *= _turns(line, settle_samples, n_period)
     return lines
+
+
+def _turns(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
+    """Each line's phase after n_samples, as a factor; the angle is reduced with integers."""
+    return np.exp(-2j * np.pi * (line.astype(np.int64) * (n_samples % n_period) % n_period) / n_period)
 
 
 def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Sample covariance of a and conj(b) over their first axis (source, eq. 4.11)."""
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
+
+
+def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
+    """Variance of one period's lines, from what lies between them in the spectrum of the whole record (FRF-6).
+
+    A wandering output makes each period begin and end at different values. The jump leaks into all lines of
+    that period, but not into their mean: what one period's end adds the next one's beginning takes away. The
+    sample variance over the periods (source, eq. 4.11) counts it. In the spectrum of all P periods together
+    line k is bin kP, and the P - 1 bins around it hold noise alone, leakage as in the mean.
+
+    Parameters
+    ----------
+    lines : (P, K) complex ndarray
+        Lines 0 .. N/2 of consecutive periods.
+    n_period : int
+        N, samples.
+    settle_samples : int
+        The lines' phases count from that long before the first period.
+
+    Returns
+    -------
+    (K,) float64 ndarray; of white noise as `covariance`, with P - 1 degrees of freedom too
+    """
+    n_periods, n_lines = lines.shape
+    lines = lines * _turns(np.arange(n_lines), settle_samples, n_period).conj()
+    whole = np.fft.fft(np.concatenate([period_of(one, n_period) for one in lines]))
+    around = np.arange(-((n_periods - 1) // 2), n_periods // 2 + 1)
+    bins = n_periods * np.arange(n_lines)[:, None] + around[around != 0]
+    size = np.abs(whole[bins % len(whole)]) ** 2
+    scale = np.full(n_lines, (2.0 / n_period) ** 2 / n_periods)
+    real = np.arange(n_lines) * 2 % n_period == 0
+    scale[real] /= 4
+    return size.mean(axis=1) * scale
 
 
 def require_same(first: Realisation | Spectra, other: Realisation | Spectra) -> None:

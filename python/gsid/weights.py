@@ -17,7 +17,7 @@ UNSETTLED = 0.1  # what may change in a period, over the mean's noise, before it
 SAME_LEVEL = 1.05  # records whose inputs' rms differ by less are of one level
 
 
-def pooled_variance(measured: Sequence[Spectra]) -> list[tuple[np.ndarray, float]]:
+def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list[tuple[np.ndarray, float]]:
     """Variance of one period's output lines, pooled (GBX-3).
 
     Over records of one period, sample rate and level of the input (5 %), and where that leaves fewer than
@@ -26,6 +26,8 @@ def pooled_variance(measured: Sequence[Spectra]) -> list[tuple[np.ndarray, float
     Parameters
     ----------
     measured : sequence of Spectra
+    drift : bool
+        Whether a ramp is taken out of the means: alike in all periods, it then counts as no noise.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def pooled_variance(measured: Sequence[Spectra]) -> list[tuple[np.ndarray, float
                 break
         else:
             groups.append([one])
-    pooled = [(group, _pool(group)) for group in groups]
+    pooled = [(group, _pool(group, drift)) for group in groups]
     return [
         next(found for group, found in pooled if any(one is other for other in group)) for one in measured
     ]
@@ -61,9 +63,10 @@ def _alike(a: Spectra, b: Spectra) -> bool:
     return a.period_samples == b.period_samples and a.fs_hz == b.fs_hz and same_level(a, b)
 
 
-def _pool(group: list[Spectra]) -> tuple[np.ndarray, float]:
+def _pool(group: list[Spectra], drift: bool) -> tuple[np.ndarray, float]:
     dof = float(sum(one.n_periods - 1 for one in group))
-    variance = sum((one.n_periods - 1) * one.var_y for one in group) / dof
+    each = [one.var_y if drift else one.noise_y for one in group]
+    variance = sum((one.n_periods - 1) * own for one, own in zip(group, each, strict=True)) / dof
     if dof < DOF_WANTED:
         inner = variance[1:-1]  # the ends, real lines, have variances of their own size
         half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(inner) - 1) // 2)
