@@ -85,7 +85,7 @@ def test_the_bench_pulls_its_shaft_back(page):
     """The error falls on the periods kept out, and on the other record."""
     rungs = json.loads((page("Motor bench") / "bench_spring.json").read_text())["history"]
     held_out = rungs[-1]["rung"]["held_out"]
-    assert held_out["after"] < 0.7 * held_out["before"]
+    assert held_out["after"] < 0.75 * held_out["before"]
 
 
 def test_distortion_is_what_a_linear_model_leaves(page):
