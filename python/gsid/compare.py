@@ -270,7 +270,7 @@ def _lines(
         inside = (s.line > 0) & (2 * s.line < s.period_samples)
         use = inside.copy()
         use[inside] = in_band(s.f_hz[inside], band if band is not None else (f_excited[0], f_excited[-1]))
-    known_input = isinstance(model, PlantModel) or bool(np.all(s.U == s.U[0]))
+    known_input = isinstance(model, PlantModel) or not np.any(s.U - s.U[0])
     errors = s.Y[:, use] - _answer(model, s, use)
     kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
     return _Lines(

@@ -437,7 +437,7 @@ def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
-    """Variance of one period's lines, from what lies between them in the spectrum of the whole record (FRF-6).
+    """Variance of one period's lines, from between them in the spectrum of the whole record (FRF-6).
 
     A wandering output makes each period begin and end at different values. The jump leaks into all lines of
     that period, but not into their mean: what one period's end adds the next one's beginning takes away. The

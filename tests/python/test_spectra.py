@@ -25,22 +25,25 @@ def test_white_noise_gives_the_same_as_the_scatter_of_the_periods():
 
 
 def test_a_wandering_output_is_not_counted_by_its_jumps():
-    """A bug: nulls whose noise wandered were rejected in 3 % of trials, not in 5 %: jumps between periods leak into
-    each of them, and out of the mean."""
+    """A bug: nulls whose noise wandered were rejected in 3 % of trials, not in 5 %.
+
+    The jumps between periods leak into each of them, and out of the mean.
+    """
     rng = np.random.default_rng(SEED)
     mean_square, between, scatter = (np.zeros(N // 2 - 1) for _ in range(3))
     n_repeats = 400
     for _ in range(n_repeats):
         # First order, corner at a fifth of the first line: 1/f^2 at all of them.
-        wander = lfilter([1], [1, -np.exp(-2 * np.pi * 0.2 / N)], rng.standard_normal(P * N + 20 * N))[20 * N :]
+        white = rng.standard_normal((P + 20) * N)
+        wander = lfilter([1], [1, -np.exp(-2 * np.pi * 0.2 / N)], white)[20 * N :]
         mean, one, other = mean_and_variances(wander)
         mean_square += P * np.abs(mean) ** 2 / n_repeats
         between += one / n_repeats
         scatter += other / n_repeats
     low = slice(0, 40)  # well below half the sample rate
     found = np.mean(mean_square[low] / between[low]), np.mean(mean_square[low] / scatter[low])
-    print(f"seed {SEED}: mean square over variance {found[0]:.3f} between the lines, {found[1]:.3f} by scatter")
-    # The leakage of the whole record hits all lines alike, so the mean over lines is good to 1 / sqrt(400) = 5 %.
+    print(f"seed {SEED}: mean square over variance {found[0]:.3f} between lines, {found[1]:.3f} by scatter")
+    # Leakage of a whole record hits all lines alike: the mean over lines is good to 1 / sqrt(400) = 5 %.
     assert abs(found[0] - 1) < 0.15
     assert found[1] < 0.75
 
