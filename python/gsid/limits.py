@@ -150,7 +150,7 @@ def _factor_of_travel(signal: Periodic, limit: float, model: Model, most: float)
 
 
 def optimise(
-    multisine: Multisine, limits: Limits | None = None, model: Model | None = None, *, effort: int = 200
+    multisine: Multisine, limits: Limits | None = None, model: Model | None = None, *, effort: int = 150
 ) -> Multisine:
     """Search phases with low peaks (EXC-9), of the command alone or of command and travel together.
 

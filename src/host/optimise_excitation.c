@@ -29,7 +29,7 @@ static gsid_status check(const gsid_optimise_cfg *cfg, const double *phase_rad) 
 
 #if defined(GSID_WITH_FFTW) && defined(GSID_WITH_NLOPT)
 
-enum { POINTS_PER_TURN = 16, ORDER_FIRST = 4, ORDER_LAST = 256, N_PER_STAGE = 200 };
+enum { POINTS_PER_TURN = 16, ORDER_FIRST = 4, ORDER_LAST = 256, N_PER_STAGE = 150 };
 
 /* A signal that is made small: the command, or the travel it causes. Its lines are line_k exp(j phase_k). */
 typedef struct {

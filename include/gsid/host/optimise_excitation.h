@@ -11,7 +11,7 @@ typedef struct {
     const gsid_cplx *travel; /* [n_lines] travel per command at each line; NULL: the command's peak alone counts */
     double limit_command; /* with travel: > 0, of |command|; the larger of both, each over its limit, is made small */
     double limit_travel; /* with travel: > 0, of |travel| around its mean */
-    uint32_t n_per_stage; /* evaluations of each of the seven stages; 0: 200 */
+    uint32_t n_per_stage; /* evaluations of each of the seven stages; 0: 150 */
 } gsid_optimise_cfg;
 
 /** Search phases whose largest sample is small.
