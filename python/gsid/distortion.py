@@ -430,7 +430,7 @@ def distortion(
     first = parts[0]
     line, free_line = _lines_of(parts, band)
     _require_one_level(parts, line)
-    is_known = all(len(part.U) == 1 for part in parts)
+    is_known = all(part.u_repeats for part in parts)
     measured = StreamingDistortion(
         first.fs_hz, first.period_samples, line, free_line, input_is_known=is_known
     )
@@ -438,11 +438,11 @@ def distortion(
     for part in parts:
         Y = part.output(lines)
         if is_known:
-            measured.start(part.U[0, line])
+            measured.start(part.input(line)[0])
             measured.add_periods(Y)
         else:
             measured.start()
-            measured.add_periods(Y, np.broadcast_to(part.U[:, lines], Y.shape))
+            measured.add_periods(Y, np.broadcast_to(part.input(lines), Y.shape))
         measured.finish()
     return replace(
         _fast(measured.result()),
@@ -522,7 +522,7 @@ def _orders(line: np.ndarray, free_line: np.ndarray) -> np.ndarray:
 
 def _require_one_level(parts: list[Realisation], line: np.ndarray) -> None:
     """The best linear approximation is that of one level: another one has another."""
-    level = [float(np.sqrt(np.sum(np.abs(part.U[:, line].mean(axis=0)) ** 2))) for part in parts]
+    level = [float(np.sqrt(np.sum(np.abs(part.input(line).mean(axis=0)) ** 2))) for part in parts]
     for part, one in zip(parts[1:], level[1:], strict=True):
         if abs(one / level[0] - 1) > SAME_LEVEL:
             raise InputError(

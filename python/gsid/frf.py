@@ -417,10 +417,10 @@ def _without_tones(record: Record, removed: list[Tone], period: int | None, sett
 
 def _single(part: Realisation, line: np.ndarray) -> Frf:
     """Frequency response of one realisation at these lines."""
-    U, Y = part.U[:, line], part.output(line)
+    U, Y = part.input(line), part.output(line)
     u, y = U.mean(axis=0), Y.mean(axis=0)
     var_y, var_u, cov_yu = covariance(Y, Y).real, np.zeros(len(line)), np.zeros(len(line), complex)
-    if len(U) > 1:
+    if not part.u_repeats:
         var_u, cov_yu = covariance(U, U).real, covariance(Y, U)
     return Frf(
         line=line,

@@ -384,9 +384,11 @@ def _share_at(u: np.ndarray, valid: np.ndarray, period: int) -> float:
 
 def _share_that_repeats(rows: np.ndarray) -> float:
     """Share of the power of (P, N) rows that is the same in every row; unbiased, so near 0 when unrelated."""
-    power = np.mean((rows - rows.mean()) ** 2)
-    scatter = np.sum((rows - rows.mean(axis=0)) ** 2) / (rows.size - rows.shape[1])
-    return float(1 - scatter / power) if power > 0 else 0.0
+    away = rows - rows.mean()
+    total = float(np.einsum("pn,pn->", away, away))
+    mean = away.mean(axis=0)
+    scatter = max(total - len(rows) * float(np.sum(mean**2)), 0.0)
+    return 1 - scatter / (rows.size - rows.shape[1]) * rows.size / total if total > 0 else 0.0
 
 
 def _near_multiple_to_base(scores: dict[int, float], n: int) -> int:

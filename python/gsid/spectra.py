@@ -139,7 +139,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
         fs_hz=part.fs_hz,
         period_samples=part.period_samples,
         line=line,
-        U=np.broadcast_to(part.U, Y.shape),
+        U=np.broadcast_to(part.input(line), Y.shape),
         Y=Y,
         n_spoiled=part.n_spoiled,
         settle_samples=part.settle_samples,
@@ -184,21 +184,23 @@ def spectra_of(
 
 @dataclass(repr=False)
 class Realisation:
-    """One realisation in periods, whose output is transformed at the lines that are asked for, and no others.
+    """One realisation in periods, transformed at the lines that are asked for, and no others.
 
     Attributes
     ----------
-    U : (P, K) or (1, K) complex
-        Lines 0 .. N/2 of the input; one row when it repeats to the bit, and so is known exactly.
-    excited : (K,) bool
+    u_repeats : bool
+        To the bit: the input is known exactly, and one row stands for all periods.
+    large, excited : (K,) bool
+        Lines 0 .. N/2 that are large enough to be excited, and those of them that stand out of their noise.
     n_periods, n_spoiled, settle_samples, period_samples : int
     fs_hz : float
     hold, u_unit, y_unit, name : str
     """
 
-    U: np.ndarray
-    _samples: np.ndarray | None  # (P, N) of the output, or
-    _lines: np.ndarray | None  # (P, K)
+    _samples: tuple[np.ndarray, np.ndarray] | None  # of input (P or 1, N) and output (P, N)
+    _lines: tuple[np.ndarray, np.ndarray | None]  # of both, from line 0 on, as far as they are known already
+    u_repeats: bool
+    large: np.ndarray
     excited: np.ndarray
     n_periods: int
     n_spoiled: int
@@ -215,16 +217,19 @@ class Realisation:
         """Frequencies of the lines, (K,) [Hz]."""
         return np.arange(len(self.excited)) * (self.fs_hz / self.period_samples)
 
-    @property
-    def large(self) -> np.ndarray:
-        """Lines that are large enough to be excited, whatever their noise, (K,) bool."""
-        return large_lines(self.U, self.period_samples)
+    def input(self, line: np.ndarray) -> np.ndarray:
+        """Lines of the input, (P, len(line)) complex, or (1, len(line)) when it repeats."""
+        return self._at(0, line)
 
     def output(self, line: np.ndarray) -> np.ndarray:
         """Lines of the output, (P, len(line)) complex."""
-        if self._lines is not None:
-            return self._lines[:, line]
-        return period_lines(self._samples, line.astype(np.uint32), self.settle_samples)
+        return self._at(1, line)
+
+    def _at(self, channel: int, line: np.ndarray) -> np.ndarray:
+        known = self._lines[channel]
+        if known is not None and line.max() < known.shape[1]:
+            return known[:, line]
+        return period_lines(self._samples[channel], line.astype(np.uint32), self.settle_samples)
 
 
 def realisations(
@@ -293,25 +298,28 @@ def rejected_lines(
 
 
 def _realisation(record: Record | Spectra, period: int | None, settle: int | None) -> Realisation:
-    samples = lines = None
     if isinstance(record, Spectra):
-        U, lines, excited = record.U, record.Y, record.excited
+        samples, lines, u_repeats = None, (record.U, record.Y), False
+        large, excited = large_lines(record.U, record.period_samples), record.excited
         n_period, n_settle, n_spoiled = record.period_samples, record.settle_samples, record.n_spoiled
+        n_periods = record.n_periods
     else:
         periods = split_periods(record, period=period, settle=settle)
         n_period, n_settle, n_spoiled = periods.period_samples, periods.settle_samples, periods.n_spoiled
-        samples, u = periods.y, periods.u[:1] if periods.u_repeats else periods.u
-        U = period_lines(u, np.arange(n_period // 2 + 1, dtype=np.uint32), n_settle)
-        excited = excited_lines(U, n_period)
+        n_periods, u_repeats = len(periods.y), periods.u_repeats
+        samples = (periods.u[:1] if u_repeats else periods.u, periods.y)
+        large, excited, U = _input_lines(samples[0], n_settle)
+        lines = (U, None)
         if not excited.any():
             what = "u has no line that stands out of its own noise"
             raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
     return Realisation(
-        U,
         samples,
         lines,
+        u_repeats,
+        large,
         excited,
-        len(samples if lines is None else lines),
+        n_periods,
         n_spoiled,
         n_settle,
         n_period,
@@ -321,6 +329,19 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
         record.y_unit,
         record.name,
     )
+
+
+def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Large and excited lines, and the lines of each period up to the last large one.
+
+    `excited_lines` without a transform of every period at every line: the mean period shows what is large.
+    """
+    n_period = u.shape[1]
+    line = np.arange(n_period // 2 + 1, dtype=np.uint32)
+    large = large_lines(period_lines(u.mean(axis=0)[None], line, n_settle), n_period)
+    n_kept = int(np.flatnonzero(large)[-1]) + 1 if large.any() else 1
+    U = period_lines(u, line[:n_kept], n_settle)
+    return large, np.pad(_above_noise(U, large[:n_kept]), (0, len(line) - n_kept)), U
 
 
 def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
@@ -343,13 +364,7 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     -------
     (K,) bool; never lines 0 and N/2, which have no phase
     """
-    excited = large_lines(U, n_period)
-    if len(U) == 1:
-        return excited
-    strong = U[:, excited]
-    variance_of_mean = covariance(strong, strong).real / len(U)
-    excited[excited] = np.abs(strong.mean(axis=0)) ** 2 > ABOVE_NOISE * variance_of_mean
-    return excited
+    return _above_noise(U, large_lines(U, n_period))
 
 
 def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
@@ -365,6 +380,16 @@ def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     last = int(np.argmax(step))
     smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
     return size >= smallest
+
+
+def _above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:
+    """Large lines whose mean stands out of its own noise, (K,) bool; one row has none."""
+    excited = large.copy()
+    if len(U) > 1:
+        lines = U[:, large]
+        variance_of_mean = covariance(lines, lines).real / len(U)
+        excited[large] = np.abs(lines.mean(axis=0)) ** 2 > ABOVE_NOISE * variance_of_mean
+    return excited
 
 
 def lines_of(x: np.ndarray) -> np.ndarray:

@@ -228,6 +228,11 @@ def test_streaming_with_known_input():
     assert (result.var_u == 0).all()
 
 
+def test_excited_lines_are_found_in_the_mean_period_as_in_all():
+    measured = spectra(make_record(12, settle=41, noise_u=0.3))
+    np.testing.assert_array_equal(measured.excited, excited_lines(measured.U, N))
+
+
 def test_an_input_that_repeats_to_the_bit_has_no_variance():
     """It is transformed once, and the output at the excited lines only: the answer is that of all lines."""
     record = make_record(10, settle=37)
