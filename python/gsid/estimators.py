@@ -12,6 +12,7 @@ import numpy as np
 from gsid.errors import GsidError
 from gsid.fit import METHODS, fit, in_band, initial_delay
 from gsid.frf import Frf
+from gsid.validation import HELD_OUT, Validation, held_out_text, validate, without_empty
 
 if TYPE_CHECKING:
     from gsid.model import RationalModel
@@ -35,6 +36,8 @@ class Estimate:
     seconds : float
     note : str
         "" where the estimator converged to a stable model.
+    held_out : Validation or None
+        On the response kept out of the fit, where one was given.
     """
 
     method: str
@@ -45,6 +48,7 @@ class Estimate:
     cost: float
     seconds: float
     note: str
+    held_out: Validation | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,9 +101,10 @@ class Estimators:
             "cost",
             "time [ms]",
             "delay [ms]",
+            *HELD_OUT,
             "",
         ]
-        return head, [_text(row) for row in self.rows]
+        return without_empty(head, [_text(row) for row in self.rows], HELD_OUT)
 
     def __repr__(self) -> str:
         head, rows = self.table()
@@ -117,6 +122,7 @@ def fit_all(
     methods: Sequence[str] = tuple(METHODS),
     reference: np.ndarray | None = None,
     band: tuple[float, float] | None = None,
+    held_out: Frf | None = None,
     **options: object,
 ) -> Estimators:
     """Fit by every estimator and compare what they made (source, section 7.10).
@@ -132,6 +138,8 @@ def fit_all(
         the measured one.
     band : (lo, hi), optional
         Lines to use [Hz].
+    held_out : Frf, optional
+        Response of realisations kept out: every model is judged on it, too (`gsid.validation`).
     **options
         Passed to `fit`.
 
@@ -152,6 +160,10 @@ def fit_all(
             f"reference has shape {measured.shape}; the band holds {np.count_nonzero(use)} lines"
         )
     rows = tuple(_estimate(frf, order, method, band, frf.f_hz[use], measured, options) for method in methods)
+    if held_out is not None:
+        rows = tuple(
+            row if row.model is None else replace(row, held_out=validate(row.model, held_out)) for row in rows
+        )
     by_ml = [row.model for row in rows if row.method == "ml" and row.model is not None]
     return Estimators(
         rows=rows,
@@ -252,4 +264,4 @@ def _rms(x: np.ndarray) -> float:
 def _text(row: Estimate) -> list[str]:
     numbers = [f"{row.amplitude_db:.3g}", f"{row.phase_deg:.3g}", f"{row.error_db:.1f}", f"{row.cost:.5g}"]
     delay = "-" if row.model is None else f"{1e3 * row.model.delay_s:.4g}"
-    return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, row.note]
+    return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, *held_out_text(row.held_out), row.note]

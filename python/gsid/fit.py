@@ -101,7 +101,7 @@ def fit(
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
     use = in_band(frf.f_hz, band)
     f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
-    sigma, dof = _weights(frf, use)
+    sigma, dof = weights(frf, use)
     n_parameters = n_poles + n_zeros + 1 + (delay == "free")
     if 2 * len(f) < n_parameters:
         raise ValueError(
@@ -143,7 +143,7 @@ def fit(
         free_delay=delay == "free",
         method=method,
         cost=result.cost if method == "ml-io" else result.cost_ml,
-        cost_expected=_inflation(dof) * (len(f) - n_parameters / 2) if is_ml and dof > 1 else None,
+        cost_expected=inflation(dof) * (len(f) - n_parameters / 2) if is_ml and dof > 1 else None,
         n_lines=len(f),
         converged=bool(result.converged),
         band_hz=(float(f[0]), float(f[-1])),
@@ -239,7 +239,7 @@ def _configuration(
     return cfg
 
 
-def _weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
+def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     """Standard deviation of the lines in use, and the degrees of freedom of its square."""
     known = frf.period_samples == 0  # measured elsewhere: its variance is taken as it stands
     dof = np.inf if known else float(frf.n_dof)
@@ -297,7 +297,7 @@ def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
     return float(-np.mean(np.diff(phase) / (2 * np.pi * np.diff(frf.f_hz[use]))))
 
 
-def _inflation(dof: float) -> float:
+def inflation(dof: float) -> float:
     """Mean of sigma^2 / s^2 when s^2 has so many degrees of freedom."""
     return 1.0 if np.isinf(dof) else dof / (dof - 1)
 

@@ -11,7 +11,7 @@ With V the cost of eq. 7.28 over F lines, freed of what the scatter of its weigh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,16 @@ from scipy import stats
 
 from gsid.confidence import LEVEL, NORMAL_95
 from gsid.errors import GsidError
-from gsid.fit import fit, in_band, parse_order
+from gsid.fit import fit, parse_order
+from gsid.validation import (
+    HELD_OUT,
+    Validation,
+    held_out_text,
+    relative_variance,
+    validate,
+    whiteness,
+    without_empty,
+)
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
@@ -27,7 +36,6 @@ if TYPE_CHECKING:
 
 POLES_MAX = 9  # the source's highest order
 PATIENCE = 2  # orders without a lower MDL before the search upwards ends
-LAGS = 10
 NEAR = 0.5  # a pole and a zero further apart than this part of the pole are never one pair
 
 
@@ -49,6 +57,8 @@ class Candidate:
         the first.
     whiteness : float
         p-value that the residuals are white over frequency.
+    held_out : Validation or None
+        On the response kept out of the fit, where one was given.
     """
 
     order: str
@@ -60,6 +70,7 @@ class Candidate:
     mdl: float
     p_value: float
     whiteness: float
+    held_out: Validation | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,7 +91,7 @@ class OrderChoice:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Return the head and the rows as text."""
-        head = ["order", "cost", "noise alone", "AIC", "MDL", "F-test p", "whiteness p", ""]
+        head = ["order", "cost", "noise alone", "AIC", "MDL", "F-test p", "whiteness p", *HELD_OUT, ""]
         rows = [
             [
                 c.order,
@@ -90,11 +101,12 @@ class OrderChoice:
                 f"{c.mdl:.5g}",
                 "-" if np.isnan(c.p_value) else f"{c.p_value:.2g}",
                 f"{c.whiteness:.2g}",
+                *held_out_text(c.held_out),
                 "chosen" if c is self.chosen else "",
             ]
             for c in self.tried
         ]
-        return head, rows
+        return without_empty(head, rows, HELD_OUT)
 
     def __repr__(self) -> str:
         head, rows = self.table()
@@ -106,6 +118,7 @@ def select_order(
     orders: Sequence[str] | None = None,
     *,
     band: tuple[float, float] | None = None,
+    held_out: Frf | None = None,
     **options: object,
 ) -> OrderChoice:
     """Choose numbers of poles and zeros.
@@ -118,6 +131,9 @@ def select_order(
         that nearly cancel.
     band : (lo, hi), optional
         Lines to use [Hz].
+    held_out : Frf, optional
+        Response of realisations kept out: every order is judged on it, too (`gsid.validation`). It has no
+        part in the choice.
     **options
         Passed to `gsid.fit.fit`; the method is maximum likelihood.
 
@@ -150,6 +166,9 @@ def select_order(
         why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
         removed.append(f"{best.order} does what {chosen.order}{why} did")
         chosen = best
+    if held_out is not None:
+        judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in tried}
+        tried, chosen = [judged[id(c)] for c in tried], judged[id(chosen)]
     return OrderChoice(tuple(tried), chosen, tuple(removed))
 
 
@@ -174,7 +193,7 @@ def _judge(frf: Frf, order: str, model: RationalModel, tried: Sequence[Candidate
     n, p = model.n_lines, model.n_parameters
     inflation = model.cost_expected / (n - p / 2)
     v = model.cost / inflation
-    spread = NORMAL_95 * np.sqrt((n - p / 2) * _relative_variance(inflation)) * inflation
+    spread = NORMAL_95 * np.sqrt((n - p / 2) * relative_variance(inflation)) * inflation
     smaller = [c for c in tried if c.model.n_parameters < p]
     p_value = np.nan
     if smaller:
@@ -193,38 +212,6 @@ def _judge(frf: Frf, order: str, model: RationalModel, tried: Sequence[Candidate
         p_value=p_value,
         whiteness=whiteness(model, frf),
     )
-
-
-def _relative_variance(inflation: float) -> float:
-    """Variance of |e|^2/s^2 over its squared mean, F(2, 2 m) with m/(m - 1) = inflation."""
-    if inflation <= 1:
-        return 1.0
-    m = inflation / (inflation - 1)
-    return m / (m - 2) if m > 2 else np.inf
-
-
-def whiteness(model: RationalModel, frf: Frf, n_lags: int = LAGS) -> float:
-    """p-value that the residuals, over their standard deviations, are white over frequency.  Eq: ORD-2
-
-    Parameters
-    ----------
-    model : RationalModel
-    frf : Frf
-        The lines in the model's band are used.
-    n_lags : int
-
-    Returns
-    -------
-    float
-        Uniform in 0 .. 1 where only noise is left, small where neighbours miss alike.
-    """
-    use = in_band(frf.f_hz, model.band_hz)
-    e = (frf.g[use] - model.response(frf.f_hz[use])) / np.sqrt(frf.var_g[use])
-    n = len(e)
-    lags = range(1, min(n_lags, n - 2) + 1)
-    power = np.sum(np.abs(e) ** 2)
-    r2 = [abs(np.vdot(e[lag:], e[:-lag]) / power) ** 2 * n / (n - lag) for lag in lags]
-    return float(stats.chi2.sf(2 * n * np.sum(r2), 2 * len(r2)))
 
 
 def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:

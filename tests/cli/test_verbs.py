@@ -348,3 +348,18 @@ def test_pieces_of_low_order(gsid, rec_csv):
     refused = gsid("export-c", "pieces.json")
     assert refused.code == 3
     assert "a set of models answers at a frequency, not in time" in refused.err
+
+
+def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
+    new = Record(record.u, record.y + 0.01 * np.random.default_rng(32).standard_normal(len(record.y)), FS_HZ)
+    write_record("new.csv", new)
+    values = json.loads(gsid("fit", rec_csv, "--order", "2/0", "--held-out", "new.csv", "--json").out)
+    held_out = values["held_out"]
+    assert held_out["interval"][0] < held_out["cost_expected"] < held_out["interval"][1]
+    words = gsid("fit", rec_csv, "--order", "2/0", "--held-out", "new.csv").out
+    assert f"on data kept out: cost {held_out['cost']:.5g}" in words
+    table = gsid("fit", rec_csv, "--order", "2/0", "--method", "all", "--held-out", "new.csv").out
+    assert "held-out cost" in table
+    orders = json.loads(gsid("fit", rec_csv, "--order", "auto", "--held-out", "new.csv", "--json").out)
+    assert all(row["held_out"]["n_lines"] == len(LINES) for row in orders["orders"])
+    assert gsid("fit", rec_csv, "--order", "2/0", "--piecewise", "2", "--held-out", "new.csv").code == 2

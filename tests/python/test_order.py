@@ -7,7 +7,8 @@ from scipy import stats
 from gsid.fit import fit
 from gsid.frf import Frf
 from gsid.model import RationalModel
-from gsid.order import near_cancelled, select_order, whiteness
+from gsid.order import near_cancelled, select_order
+from gsid.validation import whiteness
 
 SEED = 20260304
 F = np.arange(1, 121) * 1.0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,7 +18,8 @@ from gsid.cli.common import (
     print_json,
     print_parameters,
     print_table,
-    record_options,
+    reading_options,
+    records_argument,
     reference_option,
     say,
     working,
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from gsid.order import OrderChoice
     from gsid.plant import PlantModel
     from gsid.record import Record
+    from gsid.validation import Validation
 
 
 class Order(click.ParamType):
@@ -77,7 +80,8 @@ class Delay(click.ParamType):
 
 
 @click.command(short_help="Fit a rational model, or a stack of effects, to records.")
-@record_options
+@records_argument
+@reading_options
 @reference_option
 @click.option(
     "--order",
@@ -89,6 +93,13 @@ class Delay(click.ParamType):
     metavar="N|auto",
     type=Pieces(),
     help="Cut the band into N pieces with a model of this order in each; auto: as many as MDL asks for.",
+)
+@click.option(
+    "--held-out",
+    metavar="REC",
+    multiple=True,
+    type=click.Path(),
+    help="Judge the model on this record, too.",
 )
 @click.option(
     "--model",
@@ -128,10 +139,12 @@ class Delay(click.ParamType):
 @click.pass_context
 def fit(
     ctx: click.Context,
-    records: list[Record],
+    records: Sequence[str],
+    read: Callable[[Sequence[str]], list[Record]],
     reference: str | None,
     order: str | None,
     piecewise: str | int | None,
+    held_out: Sequence[str],
     model_path: str | None,
     delay: str | float,
     method: str,
@@ -156,36 +169,41 @@ def fit(
     if model_path is not None:
         given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
         if given:
-            option = "r" if given[0] == "reference" else given[0]
+            option = {"reference": "r"}.get(given[0], given[0].replace("_", "-"))
             raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
-        _fit_plant(load_plant(model_path), records, band, output, as_json)
+        _fit_plant(load_plant(model_path), read(records), band, output, as_json)
         return
     from gsid.fit import fit as fit_model
     from gsid.frf import frf
+    from gsid.validation import validate
 
-    measured = frf(records, reference=reference)
+    fitted = read(records)
+    measured, name = frf(fitted, reference=reference), describe(fitted)
+    options: dict[str, Any] = {"delay": delay, "band": band, "domain": domain}
     if piecewise is not None:
-        if order == "auto" or method != "ml":
-            raise click.UsageError("--piecewise goes with one order and maximum likelihood", ctx)
+        if order == "auto" or method != "ml" or held_out:
+            raise click.UsageError("--piecewise goes with one order and ml, without --held-out", ctx)
         n = None if piecewise == "auto" else piecewise
-        options = {"delay": delay, "band": band, "domain": domain}
-        _fit_pieces(measured, describe(records), output, as_json, order, n, **options)
+        _fit_pieces(measured, name, output, as_json, order, n, **options)
         return
+    new = frf(read(held_out), reference=reference) if held_out else None
     choice = None
     if order == "auto":
-        choice = _choose_order(measured, describe(records), delay=delay, band=band, domain=domain)
+        choice = _choose_order(measured, name, held_out=new, **options)
         order = choice.chosen.order
     if method == "all":
-        _fit_all(measured, describe(records), output, as_json, order, delay=delay, band=band, domain=domain)
+        _fit_all(measured, name, output, as_json, order, held_out=new, **options)
         return
-    with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
-        model = fit_model(measured, order, delay=delay, method=method, band=band, domain=domain)
+    with working(f"fitting {order} to {name}"), options_as_arguments():
+        model = fit_model(measured, order, method=method, **options)
+        judged = validate(model, new) if new else None
     _say_what_is_ill_determined(model)
     if output:
         _save(model, output)
         say(f"wrote {output}")
     if as_json:
-        print_json(_as_json(model) | ({} if choice is None else {"orders": _orders(choice)}))
+        orders = {} if choice is None else {"orders": _orders(choice)}
+        print_json(_as_json(model) | orders | ({} if judged is None else {"held_out": vars(judged)}))
         return
     if choice is not None:
         print_table(*choice.table(), left=["order", ""])
@@ -193,9 +211,11 @@ def fit(
             print(text)
         print()
     _print(model)
+    if judged is not None:
+        _print_held_out(judged)
 
 
-OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise")
+OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise", "held_out")
 
 
 def _say_what_is_ill_determined(model: RationalModel) -> None:
@@ -230,6 +250,7 @@ def _orders(choice: OrderChoice) -> list[dict]:
     rows = []
     for c in choice.tried:
         row = {name: value for name, value in vars(c).items() if name != "model"}
+        row["held_out"] = c.held_out and vars(c.held_out)
         rows.append(row | {"chosen": c is choice.chosen})
     return rows
 
@@ -316,7 +337,11 @@ def _fit_all(
             _save(best.model, output)
             say(f"wrote {output}, the model of {best.method}")
     if as_json:
-        rows = [vars(row) | {"model": row.model and _as_json(row.model)} for row in found.rows]
+        rows = [
+            vars(row)
+            | {"model": row.model and _as_json(row.model), "held_out": row.held_out and vars(row.held_out)}
+            for row in found.rows
+        ]
         print_json(
             {
                 "order": found.order,
@@ -367,6 +392,13 @@ def _print(model: RationalModel) -> None:
 def _expected(model: RationalModel) -> str:
     """What noise alone leaves of the cost; only maximum likelihood and enough periods say that."""
     return "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
+
+
+def _print_held_out(v: Validation) -> None:
+    low, high = v.interval
+    print()
+    print(f"on data kept out: cost {v.cost:.5g}, {low:.0f} to {high:.0f} (95 %) of a right model")
+    print(f"error {v.error_db:.1f} dB of the response, {v.noise_db:.1f} dB of it noise of these data")
 
 
 def _delay(model: RationalModel) -> str:

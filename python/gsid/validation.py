@@ -1,0 +1,158 @@
+"""A fitted model on realisations that it was not fitted to (source, section 7.11).
+
+On new data of the same kind the cost of eq. 7.28 is that of the new noise and of what noise did to the model,
+
+    V = sum of |g - G|^2 / s^2,   E V = (F + tr(A C)) nu / (nu - 1),   A = sum of Re(x^H x) / s^2  (VAL-1)
+
+with x the derivatives of G by the parameters, C their covariance. A model of too high an order, whose cost on
+its own data is lower than the truth's, shows here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from gsid.confidence import NORMAL_95
+from gsid.fit import in_band, inflation, weights
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
+    from gsid.model import RationalModel
+
+LAGS = 10
+HELD_OUT = ("held-out cost", "of right model", "error [dB]", "noise [dB]")
+"""Columns of tables that compare models."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Error of a model on data kept out of its fit.
+
+    Attributes
+    ----------
+    n_lines : int
+    cost, cost_expected : float
+        V, and what it is on average when the model is right.
+    interval : (float, float)
+        In which V lies 95 times in 100 when the model is right.
+    error_db, noise_db : float
+        Root mean squares over the lines of the complex error over the response, and of what the noise of
+        these data leaves of it [dB].
+    whiteness : float
+        p-value that the residuals are white over frequency (ORD-2).
+    """
+
+    n_lines: int
+    cost: float
+    cost_expected: float
+    interval: tuple[float, float]
+    error_db: float
+    noise_db: float
+    whiteness: float
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing but noise is left: the cost is not above its interval."""
+        return self.cost <= self.interval[1]
+
+
+def validate(model: RationalModel, held_out: Frf) -> Validation:
+    """Judge a model on a response measured apart.  Eq: VAL-1
+
+    Parameters
+    ----------
+    model : RationalModel
+        With covariance where it was fitted.
+    held_out : Frf
+        Of realisations that the fit has not seen; its lines in the band of the fit count.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    ValueError
+        No line lies in the band, or the response has no variance.
+    """
+    use = in_band(held_out.f_hz, model.band_hz)
+    f, g = held_out.f_hz[use], held_out.g[use]
+    sigma, dof = weights(held_out, use)
+    error = g - model.response(f)
+    n, by_model, scatter = len(f), 0.0, 0.0
+    if model.cov is not None:
+        x = model.gradient(f) / sigma[:, None]
+        if model.hold == "zoh":
+            x = x * np.sinc(f / model.fs_hz)[:, None]
+        moved = (x.conj().T @ x).real @ model.cov
+        by_model, scatter = float(np.trace(moved)), float(np.trace(moved @ moved))
+    factor = inflation(dof) if dof > 1 else np.nan
+    expected = factor * (n + by_model)
+    spread = NORMAL_95 * factor * np.sqrt(n * relative_variance(factor) + 2 * by_model + 2 * scatter)
+    return Validation(
+        n_lines=n,
+        cost=float(np.sum(np.abs(error / sigma) ** 2)),
+        cost_expected=float(expected),
+        interval=(float(expected - spread), float(expected + spread)),
+        error_db=_rms_db(error / g),
+        noise_db=_rms_db(sigma / g),
+        whiteness=whiteness(model, held_out),
+    )
+
+
+def whiteness(model: RationalModel, frf: Frf, n_lags: int = LAGS) -> float:
+    """p-value that the residuals, over their standard deviations, are white over frequency.  Eq: ORD-2
+
+    Parameters
+    ----------
+    model : RationalModel
+    frf : Frf
+        The lines in the model's band are used.
+    n_lags : int
+
+    Returns
+    -------
+    float
+        Uniform in 0 .. 1 where only noise is left, small where neighbours miss alike.
+    """
+    use = in_band(frf.f_hz, model.band_hz)
+    e = (frf.g[use] - model.response(frf.f_hz[use])) / np.sqrt(frf.var_g[use])
+    n = len(e)
+    lags = range(1, min(n_lags, n - 2) + 1)
+    power = np.sum(np.abs(e) ** 2)
+    r2 = [abs(np.vdot(e[lag:], e[:-lag]) / power) ** 2 * n / (n - lag) for lag in lags]
+    return float(stats.chi2.sf(2 * n * np.sum(r2), 2 * len(r2)))
+
+
+def relative_variance(inflation: float) -> float:
+    """Variance of |e|^2/s^2 over its squared mean, F(2, 2 m) with m/(m - 1) = inflation."""
+    if inflation <= 1:
+        return 1.0
+    m = inflation / (inflation - 1)
+    return m / (m - 2) if m > 2 else np.inf
+
+
+def held_out_text(validation: Validation | None) -> list[str]:
+    """The columns `HELD_OUT` of a model."""
+    if validation is None:
+        return [""] * len(HELD_OUT)
+    v = validation
+    interval = f"{v.interval[0]:.0f} .. {v.interval[1]:.0f}"
+    return [f"{v.cost:.5g}", interval, f"{v.error_db:.1f}", f"{v.noise_db:.1f}"]
+
+
+def without_empty(
+    head: list[str], rows: list[list[str]], names: Sequence[str]
+) -> tuple[list[str], list[list[str]]]:
+    """Leave out the columns of these names in which there is nothing."""
+    keep = [i for i, name in enumerate(head) if name not in names or any(row[i] for row in rows)]
+    return [head[i] for i in keep], [[row[i] for i in keep] for row in rows]
+
+
+def _rms_db(x: np.ndarray) -> float:
+    return float(10 * np.log10(np.mean(np.abs(x) ** 2)))
