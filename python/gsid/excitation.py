@@ -17,6 +17,10 @@ from gsid._lib import check, ffi, lib
 if TYPE_CHECKING:
     import matplotlib.figure
 
+    from gsid.limits import Limits
+    from gsid.model import RationalModel
+    from gsid.plant import PlantModel
+
 GRIDS = ("full", "odd", "odd-random", "quasi-log")
 GROUP = 4  # odd lines of which one is left out on the grid odd-random, at random
 LINES_PER_DECADE = 20  # of the grid quasi-log
@@ -90,17 +94,27 @@ class Periodic(ABC):
         """Share of the power in the lines of interest (source, definition 3.2.1)."""
         return power_share(self.table(), self.line)
 
-    def plot(self, u_unit: str = "") -> matplotlib.figure.Figure:
-        """One period and its lines, with the crest factors.
+    def plot(
+        self,
+        u_unit: str = "",
+        *,
+        model: RationalModel | PlantModel | None = None,
+        limits: Limits | None = None,
+    ) -> matplotlib.figure.Figure:
+        """One period and its lines, with the crest factors; with a model the travel that it predicts.
 
         Parameters
         ----------
         u_unit : str
             Unit of the input, for the axes.
+        model : RationalModel or PlantModel, optional
+            Predicts the travel.
+        limits : Limits, optional
+            Of command and travel, to draw beside them.
         """
         from gsid import plots
 
-        return plots.excitation(self, u_unit)
+        return plots.excitation(self, u_unit, model=model, limits=limits)
 
     def write_table(self, path: str | os.PathLike) -> None:
         """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.

@@ -66,16 +66,47 @@ def travel(signal: Periodic, model: Model) -> float:
     ValueError
         The model has a controller that runs at another rate.
     """
+    return float(np.abs(travel_path(signal.table(), signal.fs_hz, model)).max())
+
+
+def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
+    """Predict the angle over one period, in steady state.
+
+    Parameters
+    ----------
+    u : (N,) float
+        One period of the command.
+    fs_hz : float
+        Sample rate [Hz].
+    model : RationalModel or PlantModel
+        As for `travel`.
+
+    Returns
+    -------
+    (N,) float
+        From the middle of the travel, in `travel_unit`.
+
+    Raises
+    ------
+    ValueError
+        The model has a controller that runs at another rate.
+    """
     if isinstance(model, PlantModel):
-        angle = _angle_model(model, signal.fs_hz).simulate(signal.table()).angle
-        return float(np.ptp(angle)) / 2 * DEG.get(model.angle_unit, 1.0)
-    u = signal.table()
-    spectrum = np.fft.rfft(u)
-    line = np.flatnonzero(np.abs(spectrum) > 1e-12 * np.abs(spectrum).max())
-    line = line[(line > 0) & (2 * line < len(u))]
-    angle = np.zeros(len(spectrum), complex)
-    angle[line] = spectrum[line] * travel_response(model, line * signal.fs_hz / len(u), signal.fs_hz)
-    return float(np.ptp(np.fft.irfft(angle, len(u)))) / 2
+        angle = _angle_model(model, fs_hz).simulate(u).angle * DEG.get(model.angle_unit, 1.0)
+    else:
+        spectrum = np.fft.rfft(u)
+        line = np.flatnonzero(np.abs(spectrum) > 1e-12 * np.abs(spectrum).max())
+        line = line[(line > 0) & (2 * line < len(u))]
+        lines = np.zeros(len(spectrum), complex)
+        lines[line] = spectrum[line] * travel_response(model, line * fs_hz / len(u), fs_hz)
+        angle = np.fft.irfft(lines, len(u))
+    return angle - (angle.max() + angle.min()) / 2
+
+
+def travel_unit(model: Model) -> str:
+    """Unit of the predicted travel: deg for angles, else that of the model's output or its integral."""
+    unit = model.angle_unit if isinstance(model, PlantModel) else (model.y_unit or "deg/s").removesuffix("/s")
+    return "deg" if unit in DEG else unit
 
 
 def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from gsid.compare import compare
 from gsid.confidence import complex_bound, gain_phase_std
 from gsid.excitation import Multisine
 from gsid.frf import frf
+from gsid.limits import Limits, travel
 from gsid.model import RationalModel
 from gsid.noise import noise
 from gsid.record import Record
@@ -78,6 +79,25 @@ def test_excitation_as_designed():
     assert "input u [A]" in words
     assert "frequency [Hz]" in words
     assert "|U| [dB re 1 A]" in words
+
+
+def test_predicted_travel_beside_its_limit(record):
+    multisine = Multisine.design(FS_HZ, N, (2.0, 250.0), rms=1.0, seed=1)
+    figure = multisine.plot("A", model=axis(), limits=Limits(command=3.0, travel=0.2))
+    words = labels(figure)
+    most = travel(multisine, axis())
+    assert f"in steady state: ±{most:.3g} deg, {most / 0.2:.0%}".replace("%", " %") in words
+    assert "travel [deg]" in words
+    assert "limit of the travel, ±0.2 deg" in words
+    assert "limit of the command, ±3 A" in words
+    path = figure.axes[2].lines[0].get_ydata()
+    # the rate that the angle's slope gives is the model's answer to the same period, less its mean
+    lines = np.fft.rfft(multisine.table())
+    lines[1 : N // 2] *= axis().response(np.arange(1, N // 2) * FS_HZ / N)
+    lines[[0, N // 2]] = 0
+    slope = np.fft.irfft(1j * 2 * np.pi * np.fft.rfftfreq(N, 1 / FS_HZ) * np.fft.rfft(path), N)
+    np.testing.assert_allclose(slope, np.fft.irfft(lines, N), atol=1e-9)
+    assert len(plots.excitation(spectra(record), model=axis()).axes) == 3
 
 
 def test_excitation_as_applied(record):

@@ -36,6 +36,13 @@ if TYPE_CHECKING:
 @click.option("--order", type=Order(), help="Fit a model of this order, with free delay, instead.")
 @click.option("--estimators", is_flag=True, help="With --order: show what every estimator makes of it.")
 @band_option("Measure, fit and compare from LO to HI [Hz] only.")
+@click.option("--limit-command", metavar="C", type=float, help="Largest |u|, drawn beside the excitation.")
+@click.option(
+    "--limit-travel-deg",
+    metavar="D",
+    type=float,
+    help="Largest travel to each side of its middle, drawn beside what the model predicts.",
+)
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
     "-o",
@@ -54,6 +61,8 @@ def report(
     order: str | None,
     estimators: bool,
     band: tuple[float, float] | None,
+    limit_command: float | None,
+    limit_travel_deg: float | None,
     title: str | None,
     output: str,
     as_json: bool,
@@ -67,7 +76,9 @@ def report(
     from gsid.errors import InputError
     from gsid.fit import fit
     from gsid.frf import frf
+    from gsid.limits import Limits
     from gsid.model import load_model
+    from gsid.noise import noise
     from gsid.report import Report
     from gsid.spectra import spectra
 
@@ -96,7 +107,15 @@ def report(
             say(f"note: distortion left out: {error.what}")
             found = None
         page.add_experiment(
-            describe(records), records, measured, response, model, comparison, distortion=found
+            describe(records),
+            records,
+            measured,
+            response,
+            model,
+            comparison,
+            distortion=found,
+            noise=noise(records[0]),
+            limits=Limits(limit_command, limit_travel_deg),
         )
         if estimators:
             from gsid.estimators import fit_all

@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from gsid.excitation import between_samples
+from gsid.limits import travel_path, travel_unit
 from gsid.plots.style import (
     EXCESS,
     MEASURED,
+    MODEL,
     NOISE,
     SIGNAL,
     db,
@@ -30,6 +32,9 @@ from gsid.spectra import lines_of, period_of
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
+    from gsid.limits import Limits
+    from gsid.model import RationalModel
+    from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.spectra import Spectra
 
@@ -64,14 +69,23 @@ def crest_factors(u) -> tuple[float, float]:
 
 
 @styled
-def excitation(source: Multisine | Spectra, u_unit: str | None = None) -> Figure:
-    """One period of the excitation and its line spectrum.
+def excitation(
+    source: Multisine | Spectra,
+    u_unit: str | None = None,
+    *,
+    model: RationalModel | PlantModel | None = None,
+    limits: Limits | None = None,
+) -> Figure:
+    """One period of the excitation, its line spectrum and, with a model, the travel that it predicts.
 
     Parameters
     ----------
     source : Multisine (as designed) or Spectra (as applied: the mean period of the record)
     u_unit : str, optional
         Unit of the input; default: that of the source.
+    model : RationalModel or PlantModel, optional
+    limits : Limits, optional
+        Of command and travel, drawn beside them.
 
     Returns
     -------
@@ -79,16 +93,28 @@ def excitation(source: Multisine | Spectra, u_unit: str | None = None) -> Figure
     """
     u, amplitude, excited, designed = _one_period(source)
     unit = plain_text(getattr(source, "u_unit", "") if u_unit is None else u_unit)
+    crest = (source.crest_factor, source.crest_factor_fine) if designed else crest_factors(u)
+    figure = new_figure(4.6 if model is None else 6.6)
+    time_ax, line_ax, *more = figure.subplots(2 if model is None else 3, 1)
     fs, n = source.fs_hz, len(u)
-    on_samples, between = (source.crest_factor, source.crest_factor_fine) if designed else crest_factors(u)
+    _draw_period(time_ax, u, fs, unit, None if limits is None else limits.command)
+    time_ax.set_title(
+        f"{'Designed' if designed else 'Applied'} excitation, one period of {n} samples "
+        f"({n / fs:g} s): crest factor {crest[0]:.2f} on samples, {crest[1]:.2f} between them"
+    )
+    _draw_lines(line_ax, np.arange(len(amplitude)) * fs / n, amplitude, excited, unit)
+    if model is not None:
+        _draw_travel(more[0], u, fs, model, None if limits is None else limits.travel)
+    return figure
 
-    figure = new_figure(4.6)
-    time_ax, line_ax = figure.subplots(2, 1)
-    time_ax.plot(np.arange(n) / fs, u, color=SIGNAL, linewidth=0.7, rasterized=n > 20000)
+
+def _draw_period(ax: Axes, u: np.ndarray, fs: float, unit: str, limit: float | None) -> None:
+    n = len(u)
+    ax.plot(np.arange(n) / fs, u, color=SIGNAL, linewidth=0.7, rasterized=n > 20000)
     rms = float(np.sqrt(np.mean(u**2)))
     for sign, name in ((-1.0, "−rms"), (1.0, "+rms")):
-        time_ax.axhline(sign * rms, color=NOISE, linewidth=0.8, linestyle="--")
-        time_ax.annotate(
+        ax.axhline(sign * rms, color=NOISE, linewidth=0.8, linestyle="--")
+        ax.annotate(
             name,
             (1.0, sign * rms),
             (4, 0),
@@ -98,36 +124,53 @@ def excitation(source: Multisine | Spectra, u_unit: str | None = None) -> Figure
             va="center",
             color="#555555",
         )
-    time_ax.set_xlim(0.0, n / fs)
-    time_ax.set_xlabel("time in one period [s]")
-    time_ax.set_ylabel(with_unit("input u", unit))
-    time_ax.set_title(
-        f"{'Designed' if designed else 'Applied'} excitation, one period of {n} samples "
-        f"({n / fs:g} s): crest factor {on_samples:.2f} on samples, {between:.2f} between them"
-    )
+    _draw_limit(ax, limit, f"limit of the command, ±{limit or 0:g} {unit}".rstrip())
+    ax.set_xlim(0.0, n / fs)
+    ax.set_xlabel("time in one period [s]")
+    ax.set_ylabel(with_unit("input u", unit))
 
-    f_hz = np.arange(len(amplitude)) * fs / n
+
+def _draw_limit(ax: Axes, limit: float | None, label: str) -> None:
+    if limit is None:
+        return
+    for sign in (-1.0, 1.0):
+        ax.axhline(sign * limit, color=EXCESS, linewidth=1.0, label=label if sign > 0 else None)
+    ax.legend(loc="best")
+
+
+def _draw_lines(ax: Axes, f_hz: np.ndarray, amplitude: np.ndarray, excited: np.ndarray, unit: str) -> None:
     is_excited = np.zeros(len(amplitude), dtype=bool)
     is_excited[excited] = True
     rest = ~is_excited & (f_hz > 0.0) & (amplitude > 1e-9 * amplitude.max())
     if rest.any():
-        draw_points(
-            line_ax, f_hz[rest], db(amplitude[rest]), NOISE, f"other lines ({rest.sum()})", markersize=1.8
-        )
+        draw_points(ax, f_hz[rest], db(amplitude[rest]), NOISE, f"other lines ({rest.sum()})", markersize=1.8)
     if len(excited):
         draw_points(
-            line_ax,
+            ax,
             f_hz[excited],
             db(amplitude[excited]),
             SIGNAL,
             f"excited lines ({len(excited)}, {f_hz[excited].min():g} to {f_hz[excited].max():g} Hz)",
             markersize=3.0,
         )
-    frequency_axis(line_ax, f_hz[(f_hz > 0.0) & (is_excited | rest)])
-    limits_db(line_ax, db(amplitude[excited]), db(amplitude[rest]))
-    line_ax.set_ylabel(db_label("|U|", unit))
-    line_ax.legend(loc="best")
-    return figure
+    frequency_axis(ax, f_hz[(f_hz > 0.0) & (is_excited | rest)])
+    limits_db(ax, db(amplitude[excited]), db(amplitude[rest]))
+    ax.set_ylabel(db_label("|U|", unit))
+    ax.legend(loc="best")
+
+
+def _draw_travel(
+    ax: Axes, u: np.ndarray, fs: float, model: RationalModel | PlantModel, limit: float | None
+) -> None:
+    angle, unit = travel_path(u, fs, model), plain_text(travel_unit(model))
+    n, most = len(u), float(np.abs(angle).max())
+    ax.plot(np.arange(n) / fs, angle, color=MODEL, linewidth=0.9, rasterized=n > 20000)
+    _draw_limit(ax, limit, f"limit of the travel, ±{limit or 0:g} {unit}")
+    ax.set_xlim(0.0, n / fs)
+    ax.set_xlabel("time in one period [s]")
+    ax.set_ylabel(with_unit("travel", unit))
+    share = f", {most / limit:.0%} of the limit".replace("%", " %") if limit else ""
+    ax.set_title(f"Predicted travel about its middle, in steady state: ±{most:.3g} {unit}{share}")
 
 
 @styled

@@ -40,7 +40,9 @@ if TYPE_CHECKING:
     from gsid.estimators import Estimators
     from gsid.excitation import Multisine
     from gsid.frf import Frf
+    from gsid.limits import Limits
     from gsid.model import RationalModel
+    from gsid.noise import Noise
     from gsid.piecewise import PiecewiseModel
     from gsid.record import Record
     from gsid.spectra import Spectra
@@ -88,6 +90,8 @@ class Report:
         *,
         multisine: Multisine | None = None,
         distortion: Distortion | None = None,
+        noise: Noise | None = None,
+        limits: Limits | None = None,
         truth: Sequence[Truth] | None = None,
         story: str = "",
     ) -> Report:
@@ -107,6 +111,10 @@ class Report:
             The excitation as designed; without it the applied one is shown, from the spectra.
         distortion : Distortion, optional
             Shown where it could be told from noise.
+        noise : Noise, optional
+            Of the first record.
+        limits : Limits, optional
+            Of command and travel, drawn beside the excitation.
         truth : sequence of Truth, optional
         story : str, optional
             A sentence or two on what was done and why.
@@ -118,7 +126,8 @@ class Report:
         """
         records, all_spectra = as_list(record), as_list(spectra)
         verdict, grade = verdict_of(frf, model, comparison)
-        drawn = pictures_of(records[0] if records else None, all_spectra, frf, model, comparison, multisine)
+        first = records[0] if records else None
+        drawn = pictures_of(first, all_spectra, frf, model, comparison, multisine, noise, limits)
         bands = distortion.bands if distortion is not None else []
         if bands and comparison is None:
             verdict = f"{verdict} {distortion.verdict}"

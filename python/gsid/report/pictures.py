@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 
 from gsid import plots
 from gsid.ladder import ladder
+from gsid.limits import travel_unit
 from gsid.model import RationalModel
 from gsid.plant import PlantModel
 
@@ -37,7 +38,8 @@ CAPTIONS = {
     "Estimators": "Where only noise is left, errors stay below the bound; linear least squares is weak at "
     "low frequencies, and maximum likelihood spends its errors where the noise is.",
     "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
-    "limited command.",
+    "limited command. With a model, the travel that it predicts.",
+    "Noise": "What does not repeat with the period: its density, and periodic disturbances such as a fan.",
     "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "
     "at its level before the first period that is used.",
     "Frequency response": "The response and, in the same dB, the standard deviation of its noise: the "
@@ -65,7 +67,7 @@ CAPTIONS = {
 
 
 def pictures_of(
-    record, all_spectra, frf, model, comparison, multisine
+    record, all_spectra, frf, model, comparison, multisine, noise=None, limits=None
 ) -> list[tuple[str, Callable[[], Figure]]]:
     """Title and drawing of each picture there is data for, in the order of reading."""
     spectra = all_spectra[0] if all_spectra else None
@@ -73,9 +75,15 @@ def pictures_of(
     has_fit = frf is not None and model is not None and not isinstance(model, PlantModel)
     of_plant = _plant_pictures(model, all_spectra, frf) if isinstance(model, PlantModel) else []
     has_roots = isinstance(model, RationalModel) and len(model.poles) + len(model.zeros) > 0
+
+    def excite() -> Figure:
+        turns = isinstance(model, RationalModel | PlantModel) and travel_unit(model) in ("deg", "m")
+        return plots.excitation(multisine or spectra, u_unit, model=model if turns else None, limits=limits)
+
     pictures = [
-        ("Excitation", multisine or spectra, lambda: plots.excitation(multisine or spectra, u_unit)),
+        ("Excitation", multisine or spectra, excite),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
+        ("Noise", noise, lambda: plots.noise(noise)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
         ("Measured and fitted", has_fit, lambda: model.plot(frf)),
         ("Complex residual", has_fit, lambda: plots.residual(model, frf)),
