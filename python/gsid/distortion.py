@@ -49,6 +49,8 @@ class Distortion:
     std_nonlinear : (F,)
         Standard deviation of one realisation's response by distortion (source, eq. 5.16). With one
         realisation from the odd free lines beside each (DIS-3), NaN where the excited lines leave none.
+    responses : (M, F) complex
+        Of each realisation (source, eq. 5.13).
     u : (F,)
         Amplitude of the input, rms over realisations.
     free_line : (D,) int
@@ -69,6 +71,7 @@ class Distortion:
     var_noise: np.ndarray
     var_total: np.ndarray
     std_nonlinear: np.ndarray
+    responses: np.ndarray
     u: np.ndarray
     free_line: np.ndarray
     free_f_hz: np.ndarray
@@ -156,7 +159,8 @@ class Distortion:
         dict of (2, F) arrays, lower and upper
             `std_noise` of `bla` by noise: exact, chi-square with 2 M (P - 1) degrees of freedom.
             `std_nonlinear` of one realisation by distortion: that of Williams and Tukey for a component of
-            variance (DIS-4), from 0 where noise alone explains the scatter; NaN with one realisation.
+            variance (DIS-4), from 0 where noise alone explains the scatter, with fewer degrees of freedom
+            where the scatter has longer tails than a normal one (DIS-5); NaN with one realisation.
 
         Raises
         ------
@@ -166,11 +170,12 @@ class Distortion:
         if not 0 < level < 1:
             raise ValueError(f"the level must be between 0 and 1, not {level}")
         m = self.n_realisations
-        nu_noise, nu_total = 2 * (self.n_periods - m), 2 * (m - 1)
+        nu_noise = 2 * (self.n_periods - m)
         tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
         noise = self.var_noise * nu_noise / chi2.ppf(tails, nu_noise)
         if m < 2:
             return {"std_noise": np.sqrt(noise), "std_nonlinear": np.full((2, len(self.line)), np.nan)}
+        nu_total = 2 / (1 / (m - 1) + excess_kurtosis(self.responses) / m)
         ratio = f_distribution.ppf(tails, nu_total, nu_noise)
         above = self.var_total - ratio * self.var_noise
         nonlinear = m * np.maximum(above, 0) * nu_total / chi2.ppf(tails, nu_total)
@@ -240,6 +245,7 @@ class StreamingDistortion:
         self.free_line = np.asarray([] if free_line is None else free_line, int)
         self.settle_samples, self.input_is_known = int(settle_samples), bool(input_is_known)
         self._power_u = np.zeros(len(self.line))
+        self._responses: list[np.ndarray] = []
         self._all = np.concatenate([self.line, self.free_line]).astype(np.uint32)
         self._twiddle = np.empty(period_samples, self._cplx)
         check(
@@ -328,21 +334,19 @@ class StreamingDistortion:
         GsidError
             None is under way, it has fewer than 2 good periods, or an excited line has no input.
         """
-        mean, n_spoiled = self._u_mean(), self._d.frf.n_spoiled
+        g, u, n_spoiled = *self._under_way(), self._d.frf.n_spoiled
         check(self._lib.gsid_distortion_finish(self._d), "ending a realisation")
         self.n_spoiled += n_spoiled
-        self._power_u += np.abs(mean) ** 2
+        self._power_u += np.abs(u) ** 2
+        self._responses.append(g)
 
-    def _u_mean(self) -> np.ndarray:
-        """Mean input lines of the realisation under way, (F,)."""
-        if self.input_is_known:
-            return self._known[: len(self.line)] if self._known is not None else np.zeros(len(self.line))
-        n = len(self._all)
-        u = np.zeros(n, self._cplx)
+    def _under_way(self) -> tuple[np.ndarray, np.ndarray]:
+        """Response and mean input lines of the realisation under way, (F,) each."""
+        g, u = (np.zeros(len(self._all), self._cplx) for _ in range(2))
         out = self._ffi.new("gsid_frf_out *")
-        out.u = self._pointer(u)
+        out.g, out.u = self._pointer(g), self._pointer(u)
         self._lib.gsid_frf_result(self._ffi.addressof(self._d.frf), out)
-        return u[: len(self.line)].astype(complex)
+        return g[: len(self.line)].astype(complex), u[: len(self.line)].astype(complex)
 
     def result(self) -> Distortion:
         """Read the realisations finished so far.
@@ -376,6 +380,7 @@ class StreamingDistortion:
             line=self.line,
             f_hz=self.line * spacing,
             bla=bla.astype(complex),
+            responses=np.array(self._responses),
             u=np.sqrt(self._power_u / self.n_realisations),
             free_line=self.free_line,
             free_f_hz=self.free_line * spacing,
@@ -467,6 +472,32 @@ def _fast(d: Distortion) -> Distortion:
     distance = np.abs(d.free_line[free] - d.line[:, None])
     nearest = np.argsort(distance, axis=1, kind="stable")[:, :NEIGHBOURS]
     return replace(d, std_nonlinear=np.sqrt(np.maximum(excess[nearest].mean(axis=1), 0)) / d.u)
+
+
+def excess_kurtosis(responses: np.ndarray) -> float:
+    """How much longer than a normal variable's the tails of the scatter over realisations are (DIS-5).
+
+    Distortion is a sum of products of lines: of few lines, it is not normal, and its sample variance scatters
+    more. One number for all lines, since M values of one line cannot tell.
+
+    Parameters
+    ----------
+    responses : (M, F) complex array_like
+
+    Returns
+    -------
+    float
+        E|d|^4 / (E|d|^2)^2 - 2, 0 at least; 0 with fewer than 4 realisations, which say next to nothing.
+    """
+    m = len(responses)
+    power = np.abs(responses - np.mean(responses, axis=0)) ** 2
+    total = power.sum(axis=0)
+    if m < 4 or not (total > 0).any():
+        return 0.0
+    b = float(np.mean(np.sum(power**2, axis=0)[total > 0] / total[total > 0] ** 2))
+    normal = 2 * (m - 1) / m**2
+    slope = ((m - 1) ** 4 + m - 1) / (2 * m**2 * (m - 1) ** 2) - (m - 1) / m**2
+    return max((b / normal - 1) / slope, 0.0)
 
 
 def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
