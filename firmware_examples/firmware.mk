@@ -68,8 +68,9 @@ $(BUILD)/firmware/count.so: firmware_examples/budget/count.c
 	@mkdir -p $(@D)
 	$(CC) -std=c99 -O2 -fPIC -shared -fvisibility=hidden -o $@ $<
 
+COUNTED := $(BUILD)/firmware/m7-budget.elf $(BUILD)/firmware/m4-budget.elf $(BUILD)/firmware/count.so
 .PHONY: size
-size: all firmware $(BUILD)/firmware/m7-budget.elf $(BUILD)/firmware/m4-budget.elf $(BUILD)/firmware/count.so ## what the firmware costs: docs/budget.md anew, and what has changed
+size: all firmware $(COUNTED) ## what the firmware costs: docs/budget.md anew, and what has changed
 	$(PY) tools/firmware_budget > $(BUILD)/firmware/budget.md
 	@cp $(BUILD)/firmware/budget.md docs/budget.md
 	@cat docs/budget.md
@@ -80,5 +81,5 @@ firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmwar
 -include $(shell find $(BUILD)/firmware -name '*.d' 2>/dev/null)
 
 .PHONY: test-firmware
-test-firmware: all firmware $(REPLAY) ## run the firmware in an emulator, in lock-step with a simulated axis
+test-firmware: all firmware $(COUNTED) $(REPLAY) ## run the firmware in an emulator, in lock-step with a simulated axis
 	$(PY) -m pytest -q -s firmware_examples/tests
