@@ -194,7 +194,7 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *change) {
 }
 
 /* One step of Newton's method is exact where no law acts. */
-static void find_linear_orbit(shooting *s) {
+static gsid_status find_linear_orbit(shooting *s) {
     gsid_plant_layout *l = s->l;
     l->n_free = 0;
     l->n_active = 1 + l->n_shoot;
@@ -202,10 +202,12 @@ static void find_linear_orbit(shooting *s) {
     memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
     enter_start(s);
     run_period(s);
+    const gsid_status status = gsid_plant_health(l);
     correct_start(s);
     for (uint32_t j = 0; j < l->n_shoot; j++)
         state(s, j)[VALUE] = start(s, j)[VALUE];
     l->n_active = 1;
+    return status;
 }
 
 static gsid_status check_period(const gsid_plant *plant, uint32_t n_period, const gsid_real *u) {
@@ -231,11 +233,10 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
     const int has_side = l->has_side;
     shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = has_controller(&plant->cfg)};
     l->n_laws = 0;
-    l->has_side = l->is_loose = 0;
-    find_linear_orbit(&s);
+    l->has_side = l->sticks = l->is_loose = 0;
+    status = find_linear_orbit(&s);
     l->n_laws = n_laws;
     l->has_side = has_side;
-    status = gsid_plant_health(l);
     if (status != GSID_OK) {
         gsid_plant_reset(plant);
         return status;

@@ -317,6 +317,64 @@ static void a_refused_sample_or_update_changes_nothing(void **state) {
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 1, 1, y, NULL, NULL, NULL, NULL), GSID_E_NONFINITE);
 }
 
+/* Without laws the linear orbit is the periodic one; laws do not move where it begins. The axis was held by the friction in
+ * which it rested. */
+static void the_linear_start_is_the_orbit_without_laws(void **state) {
+    (void)state;
+    gsid_real residual;
+    fill_command(50);
+    bench_clear(&b);
+    bench_add_source(&b);
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, &residual), GSID_OK);
+    assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_OK);
+    for (int n = 0; n < N; n++)
+        assert_near((double)step(u[n]), (double)y[n], (double)residual + 10 * FINE);
+    bench_clear(&b);
+    bench_add_source(&b);
+    bench_add_with(&b, "coulomb_friction", 15, 0, 0);
+    bench_add_with(&b, "cubic_spring", 10, 0, 0);
+    bench_init(&b);
+    assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_OK);
+    assert_near((double)step(u[0]), (double)y[0], (double)residual + 10 * FINE);
+}
+
+static void a_refused_linear_start_changes_nothing(void **state) {
+    (void)state;
+    const gsid_plant none = {0};
+    gsid_plant unready = none;
+    start_source();
+    bench_init(&b);
+    fill_command(50);
+    for (int n = 0; n < 100; n++)
+        y[n] = step(u[n]);
+    assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
+    for (int n = 0; n < 100; n++) {
+        assert_int_equal(gsid_plant_start_linear(NULL, N, u), GSID_E_NULL);
+        assert_int_equal(gsid_plant_start_linear(&b.plant, N, NULL), GSID_E_NULL);
+        assert_int_equal(gsid_plant_start_linear(&unready, N, u), GSID_E_STATE);
+        assert_int_equal(gsid_plant_start_linear(&b.plant, 0, u), GSID_E_CONFIG);
+        const gsid_real good = u[N - 1];
+        u[N - 1] = (gsid_real)NAN;
+        assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_E_NONFINITE);
+        u[N - 1] = good;
+        assert_true(step(u[n]) == y[n]);
+    }
+    assert_memory_equal(&unready, &none, sizeof none);
+}
+
+static void a_linear_start_that_overflows_ends_at_rest(void **state) {
+    (void)state;
+    start_source();
+    b.item[1].value[0] = GSID_R(1e6); /* gain */
+    bench_init(&b);
+    for (int n = 0; n < N; n++)
+        u[n] = sizeof(gsid_real) == 4 ? (gsid_real)3e38 : (gsid_real)1.7e308;
+    assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_E_NONFINITE);
+    for (int n = 0; n < 100; n++)
+        assert_true(step(0) == 0);
+}
+
 /* A plant that runs away is said to, and comes back to rest. */
 static void overflow_is_an_answer(void **state) {
     (void)state;
@@ -347,6 +405,9 @@ int main(void) {
         cmocka_unit_test(stiff_laws_stay_finite),
         cmocka_unit_test(bad_configurations_are_refused),
         cmocka_unit_test(a_refused_sample_or_update_changes_nothing),
+        cmocka_unit_test(the_linear_start_is_the_orbit_without_laws),
+        cmocka_unit_test(a_refused_linear_start_changes_nothing),
+        cmocka_unit_test(a_linear_start_that_overflows_ends_at_rest),
         cmocka_unit_test(overflow_is_an_answer),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
