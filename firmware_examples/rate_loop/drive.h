@@ -12,10 +12,14 @@
 #include "controller.h"
 #include "experiment.h"
 
+#ifndef DRIVE_SILENCE_S
+#define DRIVE_SILENCE_S 1
+#endif
+
 /* By the timer, since in lock-step a slow partner stretches the ticks. */
 enum {
     DRIVE_HELLO_EVERY = EXPERIMENT_FS_HZ, /* 1 s */
-    DRIVE_SILENCE_MAX = EXPERIMENT_FS_HZ, /* 1 s without the sample that is due: it is lost */
+    DRIVE_SILENCE_MAX = DRIVE_SILENCE_S * EXPERIMENT_FS_HZ, /* without the sample that is due: it is lost */
     DRIVE_LOST_MAX = 16 /* samples of one run: the line is no good */
 };
 
