@@ -230,6 +230,10 @@ bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estim
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
 	$(PY) benchmarks/coverage_fit.py
 
+.PHONY: coverage-mimo
+coverage-mimo: all ## the same for common poles, delays and responses of a simulated 4 x 4 gimbal (minutes)
+	$(PY) tests/python/mimo_coverage.py
+
 .PHONY: distortion-study
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
 	$(PY) tests/python/distortion_study.py

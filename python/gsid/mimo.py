@@ -15,6 +15,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from gsid.errors import InputError
 from gsid.io import read_record
 from gsid.record import Record, split_periods
 from gsid.spectra import excited_lines, period_lines
+
+if TYPE_CHECKING:
+    from gsid.mimo_model import MimoModel
 
 CONDITION_MAX = 100.0
 """Of the inputs' lines over the experiments: beyond it they are not told apart."""
@@ -338,6 +342,39 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     )
 
 
+def nrmse(model: MimoModel, records: Sequence[MimoRecord]) -> np.ndarray:
+    """Error of a model's steady answer, over all periods of all records and all lines but the mean.
+
+    Parameters
+    ----------
+    model : MimoModel
+    records : sequence of MimoRecord
+
+    Returns
+    -------
+    (n_y,) ndarray
+        Root mean square of the error over that of each output.
+
+    Raises
+    ------
+    InputError
+        As `frf_mimo`; channels other than the model's.
+    """
+    records = [records] if isinstance(records, MimoRecord) else list(records)
+    error, size = np.zeros(model.n_y), np.zeros(model.n_y)
+    for record in records:
+        if (record.inputs, record.outputs) != (model.inputs, model.outputs):
+            raise InputError("the channels are not the model's", record.name, record.inputs + record.outputs)
+        u, y, n_period = part = _lines_of(record)
+        chosen = _any_excited(part, n_period)
+        f_hz = np.flatnonzero(chosen) * (record.fs_hz / n_period)
+        left = y.copy()
+        left[..., chosen] -= np.einsum("kij,pjk->pik", model.response(f_hz), u[..., chosen])
+        error += np.sum(np.abs(left[..., 1:]) ** 2, axis=(0, 2))
+        size += np.sum(np.abs(y[..., 1:]) ** 2, axis=(0, 2))
+    return np.sqrt(error / size)
+
+
 def _lines_of(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
     """Lines of inputs and outputs, (P, channels, K) each, and the period."""
     first = split_periods(_busiest(record))
@@ -361,6 +398,12 @@ def _excited(parts: list, n_period: int) -> np.ndarray:
     n_u = parts[0][0].shape[1]
     by_input = [[excited_lines(u[:, i], n_period) for u, _, _ in parts] for i in range(n_u)]
     return np.logical_and.reduce([np.logical_or.reduce(each) for each in by_input])
+
+
+def _any_excited(part: tuple, n_period: int) -> np.ndarray:
+    """Lines that one input at least excites in this experiment."""
+    u = part[0]
+    return np.logical_or.reduce([excited_lines(u[:, i], n_period) for i in range(u.shape[1])])
 
 
 def _require_same(records: list[MimoRecord], periods: list[int]) -> None:

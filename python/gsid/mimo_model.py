@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid._lib import lib, version
+from gsid.confidence import root_quantities
 from gsid.errors import InputError
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
@@ -257,9 +258,32 @@ class MimoModel:
         """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov."""
         if self.delay_of is None:
             return np.zeros(self.delay_s.shape)
+        return self._std()[self.num.size + self.n_poles + self.delay_of]
+
+    def _std(self) -> np.ndarray:
         if self.cov is None:
-            return np.full(self.delay_s.shape, np.nan)
-        return np.sqrt(np.maximum(np.diag(self.cov), 0))[self.num.size + self.n_poles + self.delay_of]
+            return np.full(self.n_parameters, np.nan)
+        return np.sqrt(np.maximum(np.diag(self.cov), 0))
+
+    @property
+    def std_num(self) -> np.ndarray:
+        """Standard deviation of num, in its shape; nan without covariance."""
+        return self._std()[: self.num.size].reshape(self.num.shape)
+
+    @property
+    def std_sections(self) -> np.ndarray:
+        """(n,) standard deviation of the sections; nan without covariance."""
+        return self._std()[self.num.size :][: self.n_poles]
+
+    @property
+    def modes(self) -> list[tuple[float, float, float, float]]:
+        """Frequency [Hz], damping and the standard deviations of both, of each real pole or pair of poles."""
+        found = [
+            root_quantities(pole, cov, domain=self.domain, fs_hz=self.fs_hz)
+            for pole, cov in zip(self.poles, self.pole_cov, strict=True)
+            if pole.imag >= 0
+        ]
+        return sorted(found)
 
     @property
     def pole_cov(self) -> np.ndarray:

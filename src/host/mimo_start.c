@@ -9,11 +9,12 @@
 #include "mimo_run.h"
 
 #define STARTS 3
-#define SCAN_RELOCATIONS 8
+#define SCAN_RELOCATIONS 4
 #define RELOCATIONS 20
 #define SCAN_LINES_PER_POLE 16
 #define SCAN_PERIODS 3 /* of the highest frequency: the default range of delays */
-#define FINE_STEPS 32 /* of the scan of one delay, in a period of the highest frequency */
+#define SCAN_STEPS 8  /* of delays, in a period of the highest frequency */
+#define FINE_STEPS 32 /* the same when each is looked for by itself */
 #define DELAY_ROUNDS 3
 #define SWAP_DAMPING 0.03
 #define SWAP_PLACES_PER_PAIR 4
@@ -65,7 +66,7 @@ static void keep(const mimo_candidate *c, uint32_t n_kept, mimo_candidate *kept)
 /* Poles at delays common to all channels, from 0 to the limit; best first. */
 static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kept, mimo_candidate *kept) {
     const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = delay_limit(r, f_max_hz);
-    const uint32_t n_steps = r->cfg.n_delays > 0 ? (uint32_t)ceil(8 * f_max_hz * limit_s) : 0;
+    const uint32_t n_steps = r->cfg.n_delays > 0 ? (uint32_t)ceil(SCAN_STEPS * f_max_hz * limit_s) : 0;
     gsid_status last = GSID_E_SINGULAR;
     for (uint32_t i = 0; i < n_kept; i++)
         kept[i].cost = HUGE_VAL;
@@ -100,10 +101,10 @@ static double group_delay(const mimo_run *r, uint32_t group, const mimo_candidat
 
 /* Each free delay by itself over the whole range, the poles as they are. The numerators of a weak channel can do with
  * a wrong delay for a while: its minima are narrow. */
-static void scan_each_delay(mimo_run *r, mimo_candidate *c) {
+static void scan_each_delay(mimo_run *r, double steps_per_period, mimo_candidate *c) {
     double q[GSID_MIMO_POLES_MAX];
     const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = delay_limit(r, f_max_hz);
-    const uint32_t n_steps = (uint32_t)ceil(FINE_STEPS * f_max_hz * limit_s);
+    const uint32_t n_steps = (uint32_t)ceil(steps_per_period * f_max_hz * limit_s);
     gsid_mimo_sections(r, c->x, q);
     for (uint32_t group = 0; group < r->cfg.n_delays; group++) {
         double best_s = group_delay(r, group, c), least = group_cost(r, q, group, best_s);
@@ -159,7 +160,7 @@ static void best_place(mimo_run *r, uint32_t first, mimo_candidate *c) {
 /* Pairs that cancel their own zeros are local minima of V: as long as it helps, the weakest pair is moved to where it
  * is of most use. */
 static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
-    gsid_status status = gsid_mimo_search(r, c);
+    gsid_status status = GSID_OK;
     for (uint32_t round = 0; status >= 0 && round < r->cfg.n_poles && r->cfg.n_poles >= 4; round++) {
         mimo_candidate moved = *c;
         best_place(r, weakest_pair(r, c), &moved);
@@ -170,6 +171,19 @@ static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
     return status;
 }
 
+/* Channels with delays of their own move apart. */
+static gsid_status part_delays(mimo_run *r, mimo_candidate *c) {
+    for (int round = 0; round < DELAY_ROUNDS && r->cfg.n_delays > 1; round++) {
+        mimo_candidate moved = *c;
+        scan_each_delay(r, FINE_STEPS, &moved);
+        const gsid_status status = gsid_mimo_search(r, &moved);
+        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
+            return status;
+        *c = moved;
+    }
+    return GSID_OK;
+}
+
 /* The best of the starts, on the lines of the scan. */
 static gsid_status choose(mimo_run *r, const mimo_candidate *first, mimo_candidate *best) {
     mimo_candidate kept[STARTS];
@@ -178,21 +192,18 @@ static gsid_status choose(mimo_run *r, const mimo_candidate *first, mimo_candida
     for (int i = 0; i < STARTS && status >= 0 && kept[i].cost < HUGE_VAL; i++) {
         mimo_candidate moved = kept[i];
         if (r->cfg.n_delays > 1) {
-            scan_each_delay(r, &moved);
+            scan_each_delay(r, SCAN_STEPS, &moved);
             if (gsid_mimo_relocate(r, SCAN_RELOCATIONS, &moved) >= 0 && moved.cost < kept[i].cost)
                 kept[i] = moved;
         }
         if (r->cfg.method != GSID_METHOD_IWLS)
-            status = put_to_use(r, &kept[i]);
-        for (int round = 0; status >= 0 && round < DELAY_ROUNDS && r->cfg.n_delays > 1; round++) {
-            moved = kept[i];
-            scan_each_delay(r, &moved);
-            if (gsid_mimo_search(r, &moved) < 0 || !(moved.cost < kept[i].cost))
-                break;
-            kept[i] = moved;
-        }
+            status = gsid_mimo_search(r, &kept[i]);
         keep(&kept[i], 1, best);
     }
+    if (status >= 0 && r->cfg.method != GSID_METHOD_IWLS)
+        status = put_to_use(r, best);
+    if (status >= 0 && r->cfg.method != GSID_METHOD_IWLS)
+        status = part_delays(r, best);
     return best->cost < HUGE_VAL ? GSID_OK : status < 0 ? status : GSID_E_SINGULAR;
 }
 

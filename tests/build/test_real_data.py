@@ -125,3 +125,29 @@ def test_bouc_wen_is_of_the_hysteresis_family(page):
     use = (s.f_hz >= 5) & (s.f_hz <= 150)
     error = (s.y - load_model(folder / "hysteresis_found.json").predict(s).Y)[use]
     assert np.linalg.norm(error) < 0.2 * np.linalg.norm(s.y[use])
+
+
+PUBLISHED_MIRROR = np.array([0.0389, 0.0587, 0.0421])  # 28 states, at 300 mV
+
+
+def mirror_error(folder, name):
+    import gsid
+    from gsid.mimo import nrmse
+
+    channels = ["u1", "u2", "u3"], ["y1", "y2", "y3"]
+    test = [gsid.read_mimo_record(folder / f"test{e}.npz", *channels) for e in (1, 2, 3)]
+    return nrmse(gsid.load_model(folder / name), test)
+
+
+def test_a_model_of_the_mirror(page):
+    """At most the published error on experiments kept out, output by output."""
+    folder = page("A model of the mirror")
+    assert np.all(mirror_error(folder, "mirror.json") <= PUBLISHED_MIRROR)
+    assert (folder / "mirror.png").stat().st_size > 50_000
+
+
+@needs_time
+def test_a_model_of_the_mirror_with_a_delay(page):
+    page("A model of the mirror")
+    folder = page("A model of the mirror", "shell-session")
+    assert np.all(mirror_error(folder, "mirror_delay.json") <= mirror_error(folder, "mirror.json"))

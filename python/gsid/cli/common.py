@@ -11,6 +11,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -18,6 +19,7 @@ import click
 if TYPE_CHECKING:
     from gsid.diagnose import Diagnosis
     from gsid.ladder import Ladder
+    from gsid.mimo import MimoRecord
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.spectra import Spectra
@@ -180,11 +182,18 @@ def reading_options(command: Callable) -> Callable:
         settle: int | None,
         **kwargs: object,
     ) -> object:
-        def read(paths: Sequence[str], **how: bool) -> list[Record]:
+        def read(
+            paths: Sequence[str], *, matrix: bool = False, **how: bool
+        ) -> list[Record] | list[MimoRecord]:
             from gsid.io import read_record
 
-            given = {"u": u_name, "y": y_name, "fs_hz": fs_hz, "period": period, "settle": settle}
-            return [read_record(path, **given, **how) for path in paths]
+            given = {"fs_hz": fs_hz, "period": period, "settle": settle}
+            if matrix and "," in f"{u_name}{y_name}":
+                from gsid.mimo import read_mimo_record
+
+                names = [(name or default).split(",") for name, default in ((u_name, "u"), (y_name, "y"))]
+                return [read_mimo_record(path, *names, **given) for path in paths]
+            return [read_record(path, u=u_name, y=y_name, **given, **how) for path in paths]
 
         return command(*args, read=read, **kwargs)
 
@@ -203,6 +212,18 @@ def record_options(command: Callable) -> Callable:
         return command(*args, records=read(records), **kwargs)
 
     return records_argument(reading_options(with_records))
+
+
+PICTURES = (".png", ".svg", ".pdf")
+picture_option = click.option(
+    "--plot", "picture", metavar="FILE", type=click.Path(), help="Draw to .png, .svg or .pdf."
+)
+
+
+def check_picture(picture: str | None) -> None:
+    """Refuse other kinds of files (usage error) before work begins."""
+    if picture and Path(picture).suffix.lower() not in PICTURES:
+        raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
 
 
 def records_argument(command: Callable) -> Callable:

@@ -10,11 +10,13 @@ import click
 
 from gsid.cli.common import (
     band_option,
+    check_picture,
     describe,
     is_given,
     json_option,
     load_plant,
     options_as_arguments,
+    picture_option,
     print_json,
     print_parameters,
     print_table,
@@ -24,11 +26,13 @@ from gsid.cli.common import (
     say,
     working,
 )
+from gsid.cli.fit_matrix import fit_matrix
 
 if TYPE_CHECKING:
     import numpy as np
 
     from gsid.frf import Frf
+    from gsid.mimo import MimoRecord
     from gsid.model import RationalModel
     from gsid.order import OrderChoice
     from gsid.plant import PlantModel
@@ -63,19 +67,19 @@ class Pieces(click.ParamType):
 
 
 class Delay(click.ParamType):
-    """free, none or seconds."""
+    """free, common, none or seconds."""
 
-    name = "free|none|SECONDS"
+    name = "free|common|none|SECONDS"
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
-        if value in ("free", "none") or isinstance(value, float):
+        if value in ("free", "common", "none") or isinstance(value, float):
             return value
         try:
             seconds = float(value)
         except ValueError:
             seconds = -1.0
         if not 0 <= seconds < float("inf"):
-            self.fail(f"{value} is not free, none or a number of seconds", param, ctx)
+            self.fail(f"{value} is not free, common, none or a number of seconds", param, ctx)
         return seconds
 
 
@@ -110,11 +114,11 @@ class Delay(click.ParamType):
 )
 @click.option(
     "--delay",
-    metavar="free|none|SECONDS",
+    metavar="free|common|none|SECONDS",
     type=Delay(),
     default="free",
     show_default=True,
-    help="Fitted, left out, or known.",
+    help="Fitted (common: one for several responses), left out, or known.",
 )
 @click.option(
     "--method",
@@ -135,12 +139,13 @@ class Delay(click.ParamType):
     type=click.Path(),
     help="Write the model, with its covariance; .mat is for MATLAB.",
 )
+@picture_option
 @json_option
 @click.pass_context
 def fit(
     ctx: click.Context,
     records: Sequence[str],
-    read: Callable[[Sequence[str]], list[Record]],
+    read: Callable[..., list[Record] | list[MimoRecord]],
     reference: str | None,
     order: str | None,
     piecewise: str | int | None,
@@ -151,6 +156,7 @@ def fit(
     band: tuple[float, float] | None,
     domain: str,
     output: str | None,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Fit a rational transfer function with delay to the measured frequency response.
@@ -161,25 +167,41 @@ def fit(
     With --piecewise the band is cut where models of a low order follow the response best; they need not meet
     at the breaks.
 
+    With several inputs or outputs (--u u1,u2 --y y1,y2,y3) each file is one experiment, of which there are as
+    many as inputs at least, and the matrix of responses gets common poles, with as many zeros or one fewer.
+    Methods are iwls, nls and ml; --delay free is one for each response.
+
     With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
     in the file.
     """
+    check_picture(picture)
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
         given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
         if given:
-            option = {"reference": "r"}.get(given[0], given[0].replace("_", "-"))
+            option = {"reference": "r", "picture": "plot"}.get(given[0], given[0].replace("_", "-"))
             raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
         _fit_plant(load_plant(model_path), read(records), band, output, as_json)
         return
     from gsid.fit import fit as fit_model
     from gsid.frf import frf
+    from gsid.record import Record
     from gsid.validation import validate
 
-    fitted = read(records)
-    measured, name = frf(fitted, reference=reference), describe(fitted)
+    fitted = read(records, matrix=True)
     options: dict[str, Any] = {"delay": delay, "band": band, "domain": domain}
+    if not isinstance(fitted[0], Record):
+        if reference is not None or order == "auto" or piecewise is not None:
+            raise click.UsageError("--r, --piecewise and --order auto are for one input and one output", ctx)
+        new = read(held_out, matrix=True)
+        fit_matrix(fitted, new, output, picture, as_json, order=order, method=method, **options)
+        return
+    if delay == "common":
+        raise click.UsageError("--delay common is for several inputs or outputs", ctx)
+    if picture and (piecewise is not None or method == "all"):
+        raise click.UsageError("--plot draws one model", ctx)
+    measured, name = frf(fitted, reference=reference), describe(fitted)
     if piecewise is not None:
         if order == "auto" or method != "ml" or held_out:
             raise click.UsageError("--piecewise goes with one order and ml, without --held-out", ctx)
@@ -201,6 +223,9 @@ def fit(
     if output:
         _save(model, output)
         say(f"wrote {output}")
+    if picture:
+        model.plot(measured).savefig(picture)
+        say(f"wrote {picture}")
     if as_json:
         orders = {} if choice is None else {"orders": _orders(choice)}
         print_json(_as_json(model) | orders | ({} if judged is None else {"held_out": vars(judged)}))
@@ -215,7 +240,7 @@ def fit(
         _print_held_out(judged)
 
 
-OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise", "held_out")
+OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise", "held_out", "picture")
 
 
 def _say_what_is_ill_determined(model: RationalModel) -> None:

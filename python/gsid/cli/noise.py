@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import json_option, print_json, print_table, reading_options, records_argument, say
+from gsid.cli.common import (
+    check_picture,
+    json_option,
+    picture_option,
+    print_json,
+    print_table,
+    reading_options,
+    records_argument,
+    say,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from gsid.noise import Noise
     from gsid.record import Record
-
-PICTURES = (".png", ".svg", ".pdf")
 
 
 @click.command(short_help="Spectrum and variance of the noise, and what is periodic in it.")
@@ -29,7 +35,7 @@ PICTURES = (".png", ".svg", ".pdf")
     show_default=True,
     help="Rate at which noise alone may show a periodic disturbance.",
 )
-@click.option("--plot", "picture", metavar="FILE", type=click.Path(), help="Draw to .png, .svg or .pdf.")
+@picture_option
 @json_option
 def noise(
     records: Sequence[str],
@@ -46,9 +52,9 @@ def noise(
     """
     from gsid.noise import noise as analyse
 
-    if picture and (len(records) > 1 or Path(picture).suffix.lower() not in PICTURES):
-        what = "one record at a time" if len(records) > 1 else f"{', '.join(PICTURES)} only"
-        raise click.UsageError(f"--plot draws {what}", click.get_current_context())
+    check_picture(picture)
+    if picture and len(records) > 1:
+        raise click.UsageError("--plot draws one record at a time", click.get_current_context())
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
     if picture:
         found[0].plot().savefig(picture)

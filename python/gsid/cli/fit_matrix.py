@@ -1,0 +1,102 @@
+"""gsid fit with several inputs or outputs"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.common import describe, options_as_arguments, print_json, print_table, say, working
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+
+    from gsid.mimo import MimoRecord
+    from gsid.mimo_model import MimoModel
+
+
+def fit_matrix(
+    records: Sequence[MimoRecord],
+    held_out: Sequence[MimoRecord],
+    output: str | None,
+    picture: str | None,
+    as_json: bool,
+    *,
+    order: str,
+    band: tuple[float, float] | None,
+    **options: object,
+) -> None:
+    """Fit one model with common poles to the experiments, and say what it is."""
+    from gsid.mimo import frf_mimo, nrmse
+    from gsid.mimo_fit import fit_mimo
+
+    if output and output.lower().endswith(".mat"):
+        raise click.UsageError("a matrix of responses is written as .json", click.get_current_context())
+    measured = frf_mimo(records)
+    say(f"note: intervals are those of the scatter over {measured.source}")
+    with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
+        model = fit_mimo(measured, order, band=band, **options)
+    errors = {"fitted": nrmse(model, records)} | ({"held_out": nrmse(model, held_out)} if held_out else {})
+    if output:
+        model.save(output)
+        say(f"wrote {output}")
+    if picture:
+        model.plot(measured.in_band(band)).savefig(picture)
+        say(f"wrote {picture}")
+    if as_json:
+        print_json(_as_json(model) | {"nrmse": errors})
+    else:
+        _print(model, errors)
+
+
+# fmt: off
+JSON_KEYS = (
+    "method", "inputs", "outputs", "sections", "num", "delay_s", "cost", "cost_expected", "poles",
+    "converged", "stable", "domain", "fs_hz", "n_lines", "n_poles", "n_zeros", "n_parameters", "band_hz",
+    "u_unit", "y_unit",
+)
+# fmt: on
+
+
+def _as_json(model: MimoModel) -> dict:
+    std = {"sections": model.std_sections, "num": model.std_num, "delay_s": model.std_delay_s}
+    names = ("f_hz", "damping", "std_f_hz", "std_damping")
+    modes = [dict(zip(names, mode, strict=True)) for mode in model.modes]
+    return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
+
+
+def _print(model: MimoModel, errors: dict[str, np.ndarray]) -> None:
+    from gsid.confidence import NORMAL_95
+
+    converged = "converged" if model.converged else "not converged"
+    stable = "stable" if model.stable else "NOT STABLE"
+    print(
+        f"{model.method} fit, {model.n_y} x {model.n_u} responses, {model.n_poles} common poles, "
+        f"{model.n_parameters} parameters, {model.n_lines} lines, {converged}, {stable}"
+    )
+    expected = "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
+    print(f"cost {model.cost:.5g}{expected}")
+    print()
+    rows = [
+        [f"{f:.5g}", f"+-{NORMAL_95 * std_f:.2g}", f"{damping:.4g}", f"+-{NORMAL_95 * std_damping:.2g}"]
+        for f, damping, std_f, std_damping in model.modes
+    ]
+    print_table(["f [Hz]", "95 %", "damping", "95 % "], rows)
+    print()
+    rows = []
+    for i, name in enumerate(model.outputs):
+        cells = [
+            f"{1e3 * delay:.5g}" + (f" +- {1e3 * std:.2g}" if std > 0 else "")
+            for delay, std in zip(model.delay_s[i], model.std_delay_s[i], strict=True)
+        ]
+        rows.append([name, *cells])
+    print_table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"])
+    print()
+    rows = [
+        [name, *(f"{100 * values[i]:.3g}" for values in errors.values())]
+        for i, name in enumerate(model.outputs)
+    ]
+    header = ["error of the output's rms [%]", *(name.replace("_", " ") for name in errors)]
+    print_table(header, rows, left=header[:1])

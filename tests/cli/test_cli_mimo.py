@@ -1,0 +1,112 @@
+"""gsid fit with several inputs and outputs: its keys, its words, its files."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsid as package
+from gsid.cli.fit_matrix import JSON_KEYS
+
+FS_HZ, N, LINES = 1000.0, 1000, np.arange(1, 201)
+POLES = 2 * np.pi * np.array([-2 + 30j, -5 + 90j])
+RESIDUES = np.array([[[2.0, 0.3], [0.5, 1.5]], [[1.0, -0.8], [0.2, 3.0]]])  # [mode, output, input]
+DELAY_S = 2e-3
+
+
+def response(f_hz):
+    """Two modes that both axes see, behind one delay."""
+    s = 2j * np.pi * f_hz[:, None, None]
+    modes = sum(r * s / (s**2 - 2 * p.real * s + abs(p) ** 2) for r, p in zip(RESIDUES, POLES, strict=True))
+    return 100 * modes * np.exp(-s * DELAY_S)
+
+
+@pytest.fixture
+def experiments(tmp_path):
+    """Two experiments with opposite sign of the second input, four periods each, and one more to judge on."""
+    rng = np.random.default_rng(3)
+    names = []
+    for name, sign in (("a", 1), ("b", -1), ("new", 0.5j)):
+        spectrum = np.zeros((N // 2 + 1, 2), complex)
+        phase = np.exp(2j * np.pi * np.random.default_rng(5).random((len(LINES), 2)))
+        spectrum[LINES] = phase * [1, sign] * N / 2 / np.sqrt(len(LINES))
+        answer = np.zeros_like(spectrum)
+        answer[LINES] = np.einsum("kij,kj->ki", response(LINES * FS_HZ / N), spectrum[LINES])
+        u, y = (np.tile(np.fft.irfft(x, N, axis=0), (4, 1)) for x in (spectrum, answer))
+        y = y + 0.01 * rng.standard_normal(y.shape)
+        header = f"# fs_hz: {FS_HZ}\n# period_samples: {N}\n# settle_samples: 0\nu1,u2,y1,y2\n"
+        rows = "\n".join(",".join(f"{x:.12g}" for x in row) for row in np.column_stack([u, y]))
+        (tmp_path / f"{name}.csv").write_text(header + rows + "\n")
+        names.append(f"{name}.csv")
+    return names
+
+
+CHANNELS = ("--u", "u1,u2", "--y", "y1,y2")
+
+
+def test_json(gsid, experiments):
+    *fitted, new = experiments
+    options = ("--order", "4/3", "--delay", "common", "--held-out", new, "--json")
+    result = gsid("fit", *fitted, *CHANNELS, *options)
+    assert result.code == 0, result.err
+    d = json.loads(result.out)
+    assert d.keys() == {*JSON_KEYS, "std", "modes", "nrmse"}
+    assert (d["inputs"], d["outputs"], d["n_poles"], d["n_zeros"]) == (["u1", "u2"], ["y1", "y2"], 4, 3)
+    assert d["stable"]
+    assert d["converged"]
+    assert np.shape(d["num"]) == np.shape(d["std"]["num"]) == (2, 2, 4)
+    for mode, pole in zip(d["modes"], POLES, strict=True):  # 5 standard deviations: once in 2e6
+        assert abs(mode["f_hz"] - abs(pole) / (2 * np.pi)) < 5 * mode["std_f_hz"]
+        assert abs(mode["damping"] + pole.real / abs(pole)) < 5 * mode["std_damping"]
+    assert abs(d["delay_s"][0][0] - DELAY_S) < 5 * d["std"]["delay_s"][0][0]
+    assert np.all(np.array(d["nrmse"]["held_out"]) < 0.02)
+
+
+def test_words_and_files(gsid, experiments, tmp_path):
+    files = ("-o", "m.json", "--plot", "m.png")
+    result = gsid("fit", *experiments[:2], *CHANNELS, "--order", "4/3", "--band", "5:150", *files)
+    assert result.code == 0, result.err
+    first = "ml fit, 2 x 2 responses, 4 common poles, 24 parameters, 146 lines, converged, stable"
+    assert result.out.startswith(first)
+    assert "scatter over periods" in result.err
+    model = package.load_model(tmp_path / "m.json")
+    f = np.array([10.0, 100.0])
+    assert np.all(np.abs(model.response(f) - response(f)) < 5 * model.response_std(f))
+    assert (tmp_path / "m.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--order", "4/1"), "zeros are as many as poles or one fewer"),
+        (("--order", "70/70"), "common poles must be 1 to 64"),
+        (("--order", "auto"), "one input and one output"),
+        (("--order", "4/3", "--method", "log"), "method is one of iwls, nls, ml"),
+        (("--order", "4/3", "--piecewise", "2"), "one input and one output"),
+        (("--order", "4/3", "-o", "m.mat"), "written as .json"),
+        (("--order", "4/3", "--plot", "m.txt"), ".png, .svg, .pdf only"),
+    ],
+)
+def test_usage(gsid, experiments, options, said):
+    result = gsid("fit", *experiments[:2], *CHANNELS, *options)
+    assert result.code == 2
+    assert said in result.err
+
+
+def test_too_few_experiments(gsid, experiments):
+    result = gsid("fit", experiments[0], *CHANNELS, "--order", "4/3")
+    assert result.code == 3
+    assert "fewer experiments than inputs" in result.err
+    assert "hint:" in result.err
+
+
+def test_other_verbs_want_one_channel(gsid, experiments):
+    result = gsid("frf", experiments[0], *CHANNELS)
+    assert result.code == 3
+    assert "no column named u1,u2" in result.err
+
+
+def test_plot_of_one_response(gsid, experiments, tmp_path):
+    result = gsid("fit", experiments[0], "--u", "u1", "--y", "y1", "--order", "4/3", "--plot", "one.svg")
+    assert result.code == 0, result.err
+    assert (tmp_path / "one.svg").read_text().startswith("<?xml")
