@@ -352,7 +352,7 @@ def frf(
     if window:
         from gsid.windows import windowed_frf
 
-        result = windowed_frf(records, window, band=band, min_input=min_input)
+        result = windowed_frf(records, window, settle=settle, band=band, min_input=min_input)
     else:
         result = _at_lines(parts, band, merge, min_input)
     if len(result.rejected_hz):
@@ -391,14 +391,14 @@ def _at_lines(
     """Estimate at the lines that every part excites with `min_input`; those left out are kept in mind."""
     line = common_lines(parts, band)
     each = [_single(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts]
-    strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
-    if not strong.any():
-        most = max(np.abs(one.u).max() for one in each)
-        raise InputError(
-            "no line has that much input", each[0].name, f"{min_input:g}", f"the largest has {most:.4g}"
-        )
-    each = [one.at(strong) for one in each]
-    rejected = parts[0].f_hz[rejected_lines(parts, line[strong], band)]
+    if min_input > 0:
+        strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
+        if not strong.any():
+            most = max(np.abs(one.u).max() for one in each)
+            hint = f"the largest has {most:.4g}"
+            raise InputError("no line has that much input", each[0].name, f"{min_input:g}", hint)
+        line, each = line[strong], [one.at(strong) for one in each]
+    rejected = parts[0].f_hz[rejected_lines(parts, line, band)]
     average = merged if merge else _over_realisations
     return replace(each[0] if len(each) == 1 else average(each), rejected_hz=rejected)
 

@@ -31,7 +31,12 @@ def default_window(records: Sequence[Record]) -> int | None:
 
 
 def windowed_frf(
-    records: Sequence[Record], window: int, *, band: tuple[float, float] | None = None, min_input: float = 0.0
+    records: Sequence[Record],
+    window: int,
+    *,
+    settle: int | None = None,
+    band: tuple[float, float] | None = None,
+    min_input: float = 0.0,
 ) -> Frf:
     """Estimate the response by Hann windows that overlap by half (WIN-1), and say what that costs.
 
@@ -41,6 +46,8 @@ def windowed_frf(
         Their windows are averaged together.
     window : int
         Samples of a window.
+    settle : int, optional
+        Samples thrown away first; default: what each record states, else none.
     band : (lo, hi), optional
         Only lines within [Hz].
     min_input : float
@@ -58,7 +65,7 @@ def windowed_frf(
         Fewer than 3 windows, no line in the band, records of unequal sample rate, hold or units.
     """
     first = records[0]
-    parts = [_Sums(record, window) for record in records]
+    parts = [_Sums(record, window, settle) for record in records]
     for part in parts[1:]:
         require_same(parts[0], part)
     n_windows = sum(part.n_windows for part in parts)
@@ -100,7 +107,7 @@ def windowed_frf(
         n_periods=n_windows,
         n_realisations=len(records),
         n_spoiled=sum(part.n_spoiled for part in parts),
-        settle_samples=first.settle_samples or 0,
+        settle_samples=parts[0].settle_samples,
         period_samples=window,
         fs_hz=first.fs_hz,
         hold=first.hold,
@@ -121,14 +128,15 @@ class _Sums:
     uu, yy : (K,) float
     yu : (K,) complex
         Sums over the windows.
-    n_windows, n_spoiled : int
-        Good ones, and those with a lost sample.
+    n_windows, n_spoiled, settle_samples : int
+        Good ones, those with a lost sample, and what was thrown away before the first.
     n_effective : float
         How many independent ones they are worth.
     """
 
-    def __init__(self, record: Record, window: int) -> None:
-        part = slice(record.settle_samples or 0, None)
+    def __init__(self, record: Record, window: int, settle: int | None) -> None:
+        self.settle_samples = (record.settle_samples or 0) if settle is None else settle
+        part = slice(self.settle_samples, None)
         U, Y = (hann_windows(x[part], record.valid[part], window) for x in (record.u, record.y))
         self.uu, self.yy = (np.sum(np.abs(X) ** 2, axis=0) for X in (U, Y))
         self.yu = np.sum(Y * U.conj(), axis=0)

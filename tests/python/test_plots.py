@@ -139,6 +139,15 @@ def test_frequency_response(measured):
     assert sigma == pytest.approx(10.0 * np.log10(measured.var_g))
 
 
+def test_frequency_response_says_how_it_was_made(record):
+    assert "mean of 9 periods, transient by local polynomials" in labels(
+        plots.frf(frf(record, lpm=True, settle=0))
+    )
+    assert "mean of 35 windows, H1 from the coherence" in labels(
+        plots.frf(frf(record, window=N // 2, settle=0))
+    )
+
+
 def test_bode_names_its_level_and_the_delay(measured):
     words = labels(plots.bode(axis(), measured))
     assert "95 % interval, measured" in words

@@ -76,6 +76,15 @@ def test_records_are_averaged_by_their_windows():
     assert (both.n_periods, both.n_realisations) == (94, 2)
 
 
+def test_what_is_thrown_away_first():
+    record = random_record(5, settle_samples=1000)
+    later = Record(record.u[2000:], record.y[2000:], FS_HZ)
+    response = frf(record, window=WINDOW, settle=2000)
+    assert response.settle_samples == 2000
+    np.testing.assert_array_equal(response.g, frf(later, window=WINDOW).g)
+    assert frf(record, window=WINDOW).settle_samples == 1000
+
+
 def test_windows_with_lost_samples_are_left_out():
     valid = np.ones(32768, bool)
     valid[5000] = False

@@ -66,9 +66,6 @@ def frf(frf: Frf) -> Figure:
     f, g, sigma = frf.f_hz[use], frf.g[use], np.sqrt(frf.var_g[use])
     figure = new_figure(5.2)
     gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
-    averaged = f"{frf.n_periods} period{'s' * (frf.n_periods != 1)}"
-    if frf.n_realisations > 1:
-        averaged += f" of {frf.n_realisations} realisations"
     draw_points(gain_ax, f, db(g), SIGNAL, f"|G| measured, {len(f)} lines")
     known = np.isfinite(sigma) & (sigma > 0.0)
     if known.any():
@@ -77,7 +74,7 @@ def frf(frf: Frf) -> Figure:
             f[known],
             db(sigma[known]),
             NOISE,
-            f"σ of the noise on G, mean of {averaged}",
+            f"σ of the noise on G, {_averaged(frf)}",
             markersize=2.0,
         )
     frequency_axis(gain_ax, f, label=False)
@@ -88,6 +85,16 @@ def frf(frf: Frf) -> Figure:
     frequency_axis(phase_ax, f)
     phase_axis(phase_ax)
     return figure
+
+
+def _averaged(frf: Frf) -> str:
+    """Over what the response was averaged, and by which method if not by periods."""
+    piece = "window" if frf.method == "windows" else "period"
+    words = f"mean of {frf.n_periods} {piece}{'s' * (frf.n_periods != 1)}"
+    if frf.n_realisations > 1:
+        words += f" of {frf.n_realisations} realisations"
+    how = {"lpm": ", transient by local polynomials", "windows": ", H1 from the coherence"}
+    return words + how.get(frf.method, "")
 
 
 def _dense(f, *roots) -> np.ndarray:
