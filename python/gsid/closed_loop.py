@@ -20,7 +20,15 @@ import numpy as np
 from gsid.errors import InputError, choose
 from gsid.frf import Frf
 from gsid.record import Record
-from gsid.spectra import ABOVE_NOISE, SHARE_OF_LARGEST, Spectra, covariance, require_same, spectra
+from gsid.spectra import (
+    ABOVE_NOISE,
+    SHARE_OF_LARGEST,
+    Spectra,
+    covariance,
+    require_same,
+    sample_variance,
+    spectra,
+)
 
 ROUNDING = 1e-5  # of the largest line: smaller ones are what was rounded away when the reference was stored
 
@@ -112,7 +120,7 @@ def _lines(R: np.ndarray, n_period: int) -> np.ndarray:
     size = np.abs(R.mean(axis=0))
     line = np.arange(len(size))
     size[(line == 0) | (2 * line == n_period)] = 0  # they have no phase
-    return (size > ROUNDING * size.max()) & (size**2 > ABOVE_NOISE * covariance(R, R).real / len(R))
+    return (size > ROUNDING * size.max()) & (size**2 > ABOVE_NOISE * sample_variance(R) / len(R))
 
 
 def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarray) -> Frf:
@@ -127,7 +135,7 @@ def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarr
     )
     g = y / u
     # of the mean of each realisation, whose numbers of periods may differ
-    error = [covariance(b - g * a, b - g * a).real / len(a) for a, b in ratios]
+    error = [sample_variance(b - g * a) / len(a) for a, b in ratios]
     variance = level**2 * np.sum(error, axis=0) / m**2 / np.abs(u) ** 2
     to_u, to_y = each[0]
     return Frf(

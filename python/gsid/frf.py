@@ -28,6 +28,7 @@ from gsid.spectra import (
     covariance,
     realisations,
     rejected_lines,
+    sample_variance,
 )
 
 if TYPE_CHECKING:
@@ -419,9 +420,9 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
     """Frequency response of one realisation at these lines."""
     U, Y = part.input(line), part.output(line)
     u, y = U.mean(axis=0), Y.mean(axis=0)
-    var_y, var_u, cov_yu = covariance(Y, Y).real, np.zeros(len(line)), np.zeros(len(line), complex)
+    var_y, var_u, cov_yu = sample_variance(Y), np.zeros(len(line)), np.zeros(len(line), complex)
     if not part.u_repeats:
-        var_u, cov_yu = covariance(U, U).real, covariance(Y, U)
+        var_u, cov_yu = sample_variance(U), covariance(Y, U)
     return Frf(
         line=line,
         f_hz=part.f_hz[line],

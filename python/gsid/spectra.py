@@ -83,12 +83,12 @@ class Spectra:
     @property
     def var_u(self) -> np.ndarray:
         """Sample variance of one period's U, (K,) (source, eq. 4.11)."""
-        return covariance(self.U, self.U).real
+        return sample_variance(self.U)
 
     @property
     def var_y(self) -> np.ndarray:
         """Sample variance of one period's Y, (K,) (source, eq. 4.11)."""
-        return covariance(self.Y, self.Y).real
+        return sample_variance(self.Y)
 
     @cached_property
     def noise_y(self) -> np.ndarray:
@@ -338,7 +338,10 @@ def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, 
     """
     n_period = u.shape[1]
     line = np.arange(n_period // 2 + 1, dtype=np.uint32)
-    large = large_lines(period_lines(u.mean(axis=0)[None], line, n_settle), n_period)
+    mean = period_lines(u.mean(axis=0)[None], line, n_settle)
+    large = large_lines(mean, n_period)
+    if len(u) == 1:
+        return large, large, mean
     n_kept = int(np.flatnonzero(large)[-1]) + 1 if large.any() else 1
     U = period_lines(u, line[:n_kept], n_settle)
     return large, np.pad(_above_noise(U, large[:n_kept]), (0, len(line) - n_kept)), U
@@ -387,7 +390,7 @@ def _above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:
     excited = large.copy()
     if len(U) > 1:
         lines = U[:, large]
-        variance_of_mean = covariance(lines, lines).real / len(U)
+        variance_of_mean = sample_variance(lines) / len(U)
         excited[large] = np.abs(lines.mean(axis=0)) ** 2 > ABOVE_NOISE * variance_of_mean
     return excited
 
@@ -454,6 +457,13 @@ def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> 
 def _turns(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
     """Each line's phase after n_samples, as a factor; the angle is reduced with integers."""
     return np.exp(-2j * np.pi * (line.astype(np.int64) * (n_samples % n_period) % n_period) / n_period)
+
+
+def sample_variance(a: np.ndarray) -> np.ndarray:
+    """Sample variance over the first axis, (K,): `covariance(a, a)` in half of the passes."""
+    away = a - a.mean(axis=0)
+    power = sum(np.einsum("pk,pk->k", part, part) for part in (away.real, away.imag))
+    return power / (len(a) - 1)
 
 
 def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
