@@ -110,3 +110,16 @@ def test_plot_of_one_response(gsid, experiments, tmp_path):
     result = gsid("fit", experiments[0], "--u", "u1", "--y", "y1", "--order", "4/3", "--plot", "one.svg")
     assert result.code == 0, result.err
     assert (tmp_path / "one.svg").read_text().startswith("<?xml")
+
+
+COMPARE = ("compare", "--model", "m.json", "a.csv", "--u", "u1", "--y", "y1")
+
+
+@pytest.mark.parametrize("verb", [COMPARE, ("export-c", "m.json", "-o", "m.c")])
+def test_verbs_of_one_response_refuse_a_matrix(gsid, experiments, verb):
+    fitted = gsid("fit", *experiments[:2], *CHANNELS, "--order", "4/3", "--method", "iwls", "-o", "m.json")
+    assert fitted.code == 0, fitted.err
+    result = gsid(*verb)
+    assert result.code == 3
+    assert "2 x 2 responses" in result.err
+    assert "hint:" in result.err

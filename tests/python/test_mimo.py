@@ -1,9 +1,12 @@
 """Matrices of responses with common poles: measured, fitted, and how far their intervals go."""
 
+from dataclasses import replace
+
 import mimo_coverage as coverage
 import mimo_gimbal as gimbal
 import numpy as np
 import pytest
+from scipy import signal
 
 import gsid
 from gsid.errors import InputError
@@ -91,3 +94,84 @@ def test_a_gimbal_of_four_axes_is_recovered_within_its_intervals():
         assert counts.mean() >= low / n, f"{kind}: {counts.mean():.3f} of {counts.size}"
         # No wrong minimum anywhere: of 720 normal numbers the largest is below 5 but once in 2400.
         assert np.abs([one[kind] for one in seeds]).max() < 5
+
+
+def modal(f_hz, poles, residues, direct=0.0):
+    """Sum of residue matrices over s - p and their conjugates, by its definition."""
+    s = 2j * np.pi * np.asarray(f_hz)[:, None, None]
+    g = np.zeros((len(f_hz), *np.shape(residues)[1:]), complex) + direct
+    for pole, residue in zip(poles, residues, strict=True):
+        g = g + residue / (s - pole) + (np.conj(residue) / (s - np.conj(pole)) if pole.imag else 0)
+    return g
+
+
+def exact_frf(f_hz, g):
+    return MimoFrf.from_arrays(f_hz, g, np.full(g.shape[:2], 1e-10), fs_hz=1000.0)
+
+
+F_HZ = np.arange(0.5, 200, 0.5)
+RESIDUES = np.random.default_rng(11).standard_normal((3, 2, 3, 2)) @ [1, 1j]
+
+
+def test_an_odd_number_of_poles_and_a_direct_term():
+    poles = np.array([-4 + 90j, -9 + 500j, -30 + 0j])
+    residues = [RESIDUES[0], RESIDUES[1], RESIDUES[2].real]
+    model = fit_mimo(exact_frf(F_HZ, modal(F_HZ, poles, residues, 0.05)), "5/5", delay="none")
+    found = model.poles[model.poles.imag >= 0]
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(poles), rtol=1e-6)
+    np.testing.assert_allclose(model.num[:, :, -1], 0.05, rtol=1e-5)
+
+
+def test_models_are_stable_unless_they_may_be_unstable():
+    poles = np.array([-4 + 90j, 6 + 500j])
+    frf = exact_frf(F_HZ, modal(F_HZ, poles, RESIDUES[:2]))
+    assert fit_mimo(frf, "4/3", delay="none").stable
+    free = fit_mimo(frf, "4/3", delay="none", allow_unstable=True)
+    found = free.poles[free.poles.imag > 0]
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(poles), rtol=1e-6)
+
+
+def test_thirty_poles_are_no_numerical_matter():
+    """Fifteen close modes up to 3 kHz, to 1e-6 of their frequencies."""
+    rng = np.random.default_rng(5)
+    f_modes = np.linspace(150, 2900, 15) * (1 + 0.02 * rng.standard_normal(15))
+    poles = 2 * np.pi * f_modes * (-0.01 + 1j)
+    residues = 1e3 * rng.standard_normal((15, 2, 2, 2)) @ [1, 1j]
+    f = np.arange(2.0, 3000, 2)
+    model = fit_mimo(exact_frf(f, modal(f, poles, residues)), "30/29", delay="none")
+    found = np.sort_complex(model.poles[model.poles.imag > 0] * 1j)[::-1] / 1j
+    np.testing.assert_allclose(np.sort(np.abs(found)), np.sort(np.abs(poles)), rtol=1e-6)
+
+
+def test_held_inputs_are_fitted_in_z():
+    """scipy samples a state space with the hold: its poles and its response come out."""
+    a = np.array([[0, 1, 0, 0], [-9e3, -5, 2e3, 0], [0, 0, 0, 1], [1e3, 0, -2e5, -12]])
+    b, c = np.array([[0, 0], [1e3, 50], [0, 0], [-40, 2e3]]), np.array([[0, 1, 0, 0], [0, 0, 0, 1.0]])
+    ad, bd, cd, dd, dt = signal.cont2discrete((a, b, c, np.zeros((2, 2))), 1e-3)
+    z = np.exp(2j * np.pi * F_HZ * dt)[:, None, None]
+    frf = exact_frf(F_HZ, cd @ np.linalg.inv(z * np.eye(4) - ad) @ bd + dd)
+    with pytest.raises(InputError, match="held over each sample"):
+        fit_mimo(replace(frf, hold="zoh"), "4/3")
+    model = fit_mimo(replace(frf, hold="zoh"), "4/3", domain="z", delay="none")
+    poles = np.sort_complex(np.linalg.eigvals(ad))
+    np.testing.assert_allclose(np.sort_complex(model.poles), poles, rtol=1e-7)
+    rates = np.abs(np.linalg.eigvals(a)) / (2 * np.pi)
+    np.testing.assert_allclose([mode[0] for mode in model.modes], np.unique(rates.round(9)), rtol=1e-6)
+
+
+def test_derivatives_are_those_of_differences(model):
+    """Of a response by its numerator, in which it is linear, by the sections and by the delay."""
+    f = np.array([7.0, 61.0, 170.0])
+    gradient = model.gradient(f, 2, 1)
+    steps = [("num", (2, 1, k), 1e-3 * np.abs(model.num).max()) for k in range(8)]
+    steps += [("sections", k, 1e-5 * model.sections[k]) for k in range(8)]
+    steps += [("delay_s", (2, 1), 1e-7)]
+    for column, (name, where, step) in enumerate(steps):
+        sides = []
+        for sign in (1, -1):
+            values = getattr(model, name).copy()
+            values[where] += sign * step
+            sides.append(replace(model, cov=None, **{name: values}).response(f)[:, 2, 1])
+        difference = (sides[0] - sides[1]) / (2 * step)
+        atol = 1e-6 * np.abs(difference).max()
+        np.testing.assert_allclose(gradient[:, column], difference, rtol=1e-5, atol=atol)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gsid.diagnose import Diagnosis
     from gsid.ladder import Ladder
     from gsid.mimo import MimoRecord
+    from gsid.model import RationalModel
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.spectra import Spectra
@@ -229,6 +230,26 @@ def check_picture(picture: str | None) -> None:
 def records_argument(command: Callable) -> Callable:
     """REC..., one at least."""
     return click.argument("records", metavar="REC...", nargs=-1, required=True, type=click.Path())(command)
+
+
+def load_single(path: str) -> RationalModel | PlantModel:
+    """Read a model of one input and one output, of either kind.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is a matrix of responses.
+    """
+    from gsid.errors import InputError
+    from gsid.mimo_model import MimoModel
+    from gsid.model import load_model
+
+    model = load_model(path)
+    if isinstance(model, MimoModel):
+        what = "one input and one output are needed here"
+        hint = "fit one pair of channels: gsid fit --u u1 --y y1"
+        raise InputError(what, path, f"{model.n_y} x {model.n_u} responses", hint)
+    return model
 
 
 def load_plant(path: str) -> PlantModel:

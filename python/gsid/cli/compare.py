@@ -11,6 +11,7 @@ from gsid.cli.common import (
     alpha_option,
     band_option,
     json_option,
+    load_single,
     options_as_arguments,
     print_json,
     print_table,
@@ -53,9 +54,8 @@ def compare(
     a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
     """
     from gsid.compare import compare as compare_model
-    from gsid.model import load_model
 
-    model = load_model(model_path)
+    model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha)
     if as_json:

@@ -15,6 +15,7 @@ from gsid.cli.common import (
     Band,
     band_option,
     json_option,
+    load_single,
     multisine_options,
     options_as_arguments,
     print_json,
@@ -79,12 +80,11 @@ def _finished(command: Callable) -> Callable:
         **kwargs: object,
     ) -> None:
         from gsid.limits import Limits, fit_to_limits, travel
-        from gsid.model import load_model
 
         context = click.get_current_context()
         if limit_travel_deg is not None and model_path is None:
             raise click.UsageError("--limit-travel-deg needs --model, which predicts the travel", context)
-        model = load_model(model_path) if model_path else None
+        model = load_single(model_path) if model_path else None
         with options_as_arguments():
             limits = Limits(limit_command, limit_travel_deg, limit_slew)
             some = limits if limits != Limits() else None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.common import json_option, options_as_arguments, print_json, say
+from gsid.cli.common import json_option, load_single, options_as_arguments, print_json, say
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
@@ -24,12 +24,11 @@ def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: 
     """
     from gsid.export_c import export_c as export
     from gsid.files import write_atomically
-    from gsid.model import load_model
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")
     with options_as_arguments():
-        made = export(load_model(model_path), source.stem, fs_hz=fs_hz, where=model_path)
+        made = export(load_single(model_path), source.stem, fs_hz=fs_hz, where=model_path)
     for path, text in ((header, made.header), (source, made.source)):
         write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
         say(f"wrote {path}")

@@ -11,6 +11,7 @@ from gsid.cli.common import (
     describe,
     json_option,
     load_plant,
+    load_single,
     options_as_arguments,
     print_json,
     record_options,
@@ -77,7 +78,6 @@ def report(
     from gsid.fit import fit
     from gsid.frf import frf
     from gsid.limits import Limits
-    from gsid.model import load_model
     from gsid.noise import noise
     from gsid.report import Report
     from gsid.spectra import spectra
@@ -94,7 +94,7 @@ def report(
         response = frf(records, band=band)
         model = None
         if model_path:
-            model = load_plant(model_path) if diagnose else load_model(model_path)
+            model = load_plant(model_path) if diagnose else load_single(model_path)
         elif order:
             model = fit(response, order)
         comparison = compare(model, measured, band=band) if model else None
