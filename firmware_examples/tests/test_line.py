@@ -17,7 +17,7 @@ from gsid.link import COMMAND, HELLO, STOP, Receiver, SerialTransport
 IMAGE = "m7-short"
 MIDDLE = 900  # a tick in the middle of the run
 TRIPPED, LOSSES = 2, 3  # drive_why
-TRIP_MISSING, TRIP_RATE = 2, 3  # gsid_trip
+TRIP_MISSING, TRIP_RATE, TRIP_COMMAND = 2, 3, 5  # gsid_trip
 
 
 @pytest.fixture(scope="module")
@@ -109,15 +109,17 @@ def test_a_lost_sample_spoils_its_period_only(tmp_path, undisturbed):
     assert lost
 
 
-def test_the_guard_stops_the_excitation_within_a_tick(tmp_path, undisturbed):
+# Limits: 20 deg/s, and a command of 10, which the controller alone reaches at 12 deg/s.
+@pytest.mark.parametrize(("bump_deg_s", "trip"), [(30.0, TRIP_RATE), (12.0, TRIP_COMMAND)])
+def test_the_guard_stops_the_excitation_within_a_tick(tmp_path, undisturbed, bump_deg_s, trip):
     path = tmp_path / "line"
     with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
         line, axis = connect(path), Axis(three_pole_axis())
-        axis.bump = (MIDDLE, 30.0)  # deg/s; the limit is 20
+        axis.bump = (MIDDLE, bump_deg_s)
         serve(axis, line, lambda: axis.n_stop > 0)
         heard = Receiver().decode(bytes(axis.heard))
         last = np.flatnonzero(heard["kind"] == COMMAND)[-1]
         assert heard["tick"][last] == MIDDLE  # whose sample has the bump
         assert heard["kind"][last + 1] == STOP
         assert heard["kind"][0] == HELLO
-        assert assert_next_run_is_good(line, undisturbed) == (TRIP_RATE, TRIPPED)
+        assert assert_next_run_is_good(line, undisturbed) == (trip, TRIPPED)
