@@ -65,7 +65,8 @@ static void set_denominator(const gsid_cplx *pole, gsid_rational *model) {
         model->den[i] = den[i].re;
 }
 
-/* Eq: EST-10. The numerator of least squared error for poles and delay given. */
+/* Eq: EST-10. The numerator of least squared error for poles and delay given. Weighed between absolute and relative errors: with
+ * the former a resonance where the response is small is lost beside small errors of where it is large. */
 static gsid_status solve_numerator(herd *h) {
     const gsid_frd *data = &h->r->thin;
     gsid_rational *m = &h->model;
@@ -75,13 +76,15 @@ static gsid_status solve_numerator(herd *h) {
     for (uint32_t k = 0, row = 0; k < data->n_lines && status >= 0; k++) {
         const double w_rad_s = GSID_TWO_PI * data->f_hz[k];
         const gsid_cplx v = gsid_rational_variable(m, w_rad_s);
+        const double size = hypot(data->g[k].re, data->g[k].im), weight = size > 0 ? 1 / sqrt(size) : 0;
         gsid_cplx x = gsid_cplx_div(gsid_cplx_cis(-w_rad_s * m->delay_s), gsid_cplx_polynomial(m->n_poles, m->den, v));
+        x = gsid_cplx_scale(weight, x);
         for (uint32_t i = 0; i <= m->n_zeros; i++, x = gsid_cplx_mul(x, v)) {
             block[i * GSID_LSQ_BLOCK + row] = x.re;
             block[i * GSID_LSQ_BLOCK + row + 1] = x.im;
         }
-        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row] = data->g[k].re;
-        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row + 1] = data->g[k].im;
+        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row] = weight * data->g[k].re;
+        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row + 1] = weight * data->g[k].im;
         row = (row + 2) % GSID_LSQ_BLOCK;
         if (row == 0 || k + 1 == data->n_lines)
             status = gsid_lsq_add_block(&h->num, row == 0 ? GSID_LSQ_BLOCK : row, block);

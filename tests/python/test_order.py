@@ -69,3 +69,11 @@ def test_a_pair_that_nearly_cancels_is_found():
     found = near_cancelled(surplus)
     assert len(found) == 1
     assert found[0][0] == pytest.approx(pole[0], rel=1e-6)
+
+
+def test_pairs_of_a_surplus_order_are_found_and_left_out():
+    """A fit of 6/5 to a plant of 2/1 has them, what the selection chooses has not."""
+    response = measured(0)
+    assert len(near_cancelled(fit(response, "6/5"))) >= 1
+    chosen = select_order(response).chosen
+    assert (chosen.order, near_cancelled(chosen.model)) == ("2/1", [])
