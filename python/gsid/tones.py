@@ -23,9 +23,11 @@ GUARD = 2  # bins beside a peak that it leaks into
 BESIDE = 16  # bins on each side, behind the guard, that tell the noise
 FEWEST_BESIDE = 4  # nearer to 0 Hz there are too few, and nothing is looked for
 FINE = 4  # points of the periodogram per bin
-OFF_LINE = 0.75  # bins from a line of the period within which a sine looks like the response
+OFF_LINE = 0.5  # bins from a line of the period within which no sine is looked for
+CLOSEST = 0.2  # bins from such a line within which the fit cannot tell a sine from the response
 HARMONIC_BINS = 0.5  # a multiple of another frequency, to so many bins
 MAX_STEPS = 20
+ROUNDING = 1e-12  # of the signal: what is smaller comes from rounding
 CONVERGED = 0.01  # last step, in standard deviations of the frequency
 NO_MORE = 0.1  # what sines do to each other's fits, in standard deviations of the amplitude
 
@@ -88,6 +90,7 @@ class Rest:
 
     def __init__(self, valid: np.ndarray, period: int) -> None:
         self._weight, self._period = valid.astype(float), period
+        self._spacing = len(valid) // period if period else 0
         self._count = (
             np.maximum(self._weight.reshape(-1, period).sum(axis=0), 1) if period else self._weight.sum()
         )
@@ -104,6 +107,13 @@ class Rest:
             return ((rows - rows.sum(axis=0) / self._count).ravel()) * self._weight
         x = x - (x.sum() / self._count) * self._weight
         return x - (self._trend @ x) * self._trend
+
+    def off_lines(self, bins: float) -> float:
+        """The nearest place that is not too close to a line of the period."""
+        if not self._spacing:
+            return bins
+        line = self._spacing * round(bins / self._spacing)
+        return line + float(np.copysign(max(abs(bins - line), CLOSEST), bins - line))
 
 
 def find_tones(
@@ -135,9 +145,10 @@ def find_tones(
     rest = rest_of(np.asarray(x, float))
     beside = _Beside(n, n // period if period else 0)
     found: list[_Sine] = []
+    power = rest @ rest
     while len(found) < MAX_TONES:
         peak = _strongest(rest, beside)
-        if peak is None or peak.p_value > alpha:
+        if peak is None or peak.p_value > alpha or rest @ rest < ROUNDING**2 * power:
             break
         found.append(_fitted(_Sine(peak.bins, 0.0, 0.0, peak.p_value), rest, rest_of))
         rest = rest - rest_of(found[-1].samples(n))
@@ -274,6 +285,8 @@ class _Sine:
     a: float
     b: float
     p_value: float
+    spread_bins: float = 0.0  # standard deviations in noise of unit variance
+    spread_amplitude: float = 0.0
 
     @property
     def amplitude(self) -> float:
@@ -303,8 +316,13 @@ def _fitted(sine: _Sine, rest: np.ndarray, rest_of: Rest) -> _Sine:
         curvature = slope @ slope - across @ np.linalg.solve(normal, across)
         # half a bin at most: the next minimum is one bin away
         step = float(np.clip((slope @ rest - across @ np.array([a, b])) / curvature, -0.5, 0.5))
-        sine = replace(sine, a=float(a), b=float(b), bins=sine.bins + step)
-        if abs(step) < CONVERGED * np.sqrt(max(rest @ rest - right @ np.array([a, b]), 0) / (n * curvature)):
+        bins, along = rest_of.off_lines(sine.bins + step), np.array([a, b]) / np.hypot(a, b)
+        # about its middle amplitude and frequency err apart, but not next to a line that is taken off
+        pull = along @ np.linalg.solve(normal, across)
+        spread = 1 / np.sqrt(curvature), np.sqrt(along @ np.linalg.solve(normal, along) + pull**2 / curvature)
+        moved = abs(bins - sine.bins)
+        sine = _Sine(bins, float(a), float(b), sine.p_value, *map(float, spread))
+        if moved < CONVERGED * spread[0] * np.sqrt(max(rest @ rest - right @ np.array([a, b]), 0) / n):
             break
     return sine
 
@@ -339,14 +357,13 @@ def _tone(sine: _Sine, rest: np.ndarray, floor: np.ndarray, n_beside: np.ndarray
     while nearest + 1 < len(floor) and not n_beside[nearest]:  # beside a line of the excitation
         nearest += 1
     variance = floor[nearest] / n  # of white noise that has the power of the noise beside the sine
-    amplitude = sine.amplitude
     middle_angle = 2 * np.pi * sine.bins / n * (n - 1) / 2
     phase = np.arctan2(-sine.b, sine.a) - middle_angle
     return Tone(
         f_hz=sine.bins * fs_hz / n,
-        std_f_hz=float(np.sqrt(24 * variance / (amplitude**2 * n**3)) * fs_hz / (2 * np.pi)),
-        amplitude=amplitude,
-        std_amplitude=float(np.sqrt(2 * variance / n)),
+        std_f_hz=float(np.sqrt(variance)) * sine.spread_bins * fs_hz / n,
+        amplitude=sine.amplitude,
+        std_amplitude=float(np.sqrt(variance)) * sine.spread_amplitude,
         phase_rad=float(np.angle(np.exp(1j * phase))),
         p_value=sine.p_value,
     )
