@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
-from gsid.errors import InputError
 from gsid.fit import DOF_WANTED
 from gsid.mimo import MimoFrf
-from gsid.mimo_model import MimoModel
+from gsid.mimo_model import MimoModel, hold_response
 
 METHODS = {"iwls": lib.GSID_METHOD_IWLS, "nls": lib.GSID_METHOD_NLS, "ml": lib.GSID_METHOD_ML}
 LINES_AT_ONCE = 256  # of the sums over lines: bounds the memory
+HOLD_ROUNDS_MAX = 8
+HOLD_SETTLED = 0.02  # of the images, in standard deviations of a line
 
 
 def fit_mimo(
@@ -43,6 +45,7 @@ def fit_mimo(
     band : (lo, hi), optional
         Lines to use [Hz]; default all.
     domain : "s" or "z"
+        In "s" a held input (what the records say) is taken as such: the model is of what follows the hold.
     delay_max_s : float
         Free delays are searched from 0 to here [s]; 0: three periods of the highest frequency.
     allow_unstable : bool
@@ -58,25 +61,25 @@ def fit_mimo(
     ------
     ValueError
         Wrong arguments, or too few lines.
-    InputError
-        A held input in domain "s".
     GsidError
         Singular equations.
     """
     n_poles, direct = _order(order)
     _check_choices(method, domain, delay)
-    if domain == "s" and frf.hold == "zoh":
-        what, hint = "the inputs were held over each sample", "fit in z: --domain z, domain='z'"
-        raise InputError(what, "", "domain s", hint)
+    hold = frf.hold if domain == "s" else "none"
+    if hold == "zoh" and direct:
+        raise ValueError(
+            f"a held input needs one zero fewer than poles: {n_poles}/{n_poles - 1}, or domain z"
+        )
     frf = frf.in_band(band)
     n_lines = len(frf.line)
     if n_lines < n_poles + 1:
         raise ValueError(f"{n_poles} common poles need at least {n_poles + 1} lines; there are {n_lines}")
+    frf = _behind_hold(frf) if hold == "zoh" else frf
     cov_y, dof = _smoothed(frf)
     sigma = np.sqrt(np.einsum("kii,kjj->kij", cov_y, frf.spread).real)
     delay_of = _delay_groups(delay, frf)
-    fixed = 0.0 if isinstance(delay, str) else delay
-    delay_s = np.array(np.broadcast_to(fixed, (frf.n_y, frf.n_u)), dtype=float)
+    fixed = np.broadcast_to(0.0 if isinstance(delay, str) else delay, (frf.n_y, frf.n_u)).astype(float)
     cfg = ffi.new("gsid_mimo_cfg *")
     cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
     cfg.method, cfg.n_poles, cfg.direct = METHODS[method], n_poles, direct
@@ -85,32 +88,55 @@ def fit_mimo(
     groups = np.ascontiguousarray(np.zeros(1) if delay_of is None else delay_of.ravel(), np.uint32)
     cfg.n_delays = 0 if delay_of is None else int(delay_of.max()) + 1
     cfg.delay_of = ffi.from_buffer("uint32_t[]", groups)
-    found = _run(frf, sigma, cfg, delay_s)
-    model = MimoModel(
-        sections=found["sections"],
-        num=found["num"],
-        delay_s=delay_s,
-        domain=domain,
-        fs_hz=frf.fs_hz,
-        delay_of=delay_of,
-        method=method,
-        cost=found["cost"],
-        n_lines=n_lines,
-        converged=found["converged"],
-        band_hz=(float(frf.f_hz[0]), float(frf.f_hz[-1])),
-        inputs=frf.inputs,
-        outputs=frf.outputs,
-        u_unit=frf.u_unit,
-        y_unit=frf.y_unit,
-    )
+    facts = {
+        "domain": domain,
+        "hold": hold,
+        "fs_hz": frf.fs_hz,
+        "delay_of": delay_of,
+        "method": method,
+        "n_lines": n_lines,
+        "band_hz": (float(frf.f_hz[0]), float(frf.f_hz[-1])),
+        "inputs": frf.inputs,
+        "outputs": frf.outputs,
+        "u_unit": frf.u_unit,
+        "y_unit": frf.y_unit,
+    }
+    model, half_inverse = _settled(frf, sigma, cfg, fixed, facts)
     weight = np.ones_like(sigma) if method == "nls" else 1 / sigma
-    model.cov = _covariance(model, found["cov"], frf, cov_y, weight)
+    model.cov = _covariance(model, half_inverse, frf, cov_y, weight)
     if method == "ml" and 2 < dof < np.inf:
         model.cov *= dof / (dof - 2)
     if method == "ml" and dof > 1:
         inflation = 1.0 if np.isinf(dof) else dof / (dof - 1)
         model.cost_expected = inflation * (n_lines * frf.n_y * frf.n_u - model.n_parameters / 2)
     return model
+
+
+def _settled(
+    frf: MimoFrf, sigma: np.ndarray, cfg: Any, fixed: np.ndarray, facts: dict[str, Any]
+) -> tuple[MimoModel, np.ndarray]:
+    """Fit, and with a hold again without the images of the last model, until they stay. Eq: MOD-2"""
+    images = np.zeros_like(frf.g)
+    for _ in range(HOLD_ROUNDS_MAX):
+        delay_s = fixed.copy()
+        found = _run(replace(frf, g=frf.g - images), sigma, cfg, delay_s)
+        half_inverse = found.pop("cov")
+        model = MimoModel(delay_s=delay_s, **found, **facts)
+        if model.hold == "none":
+            break
+        held = model.response(frf.f_hz) / hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+        last, images = images, held - model.behind_hold(frf.f_hz)
+        if np.max(np.abs(images - last) / sigma) < HOLD_SETTLED:
+            break
+    else:
+        model.converged = False
+    return model, half_inverse
+
+
+def _behind_hold(frf: MimoFrf) -> MimoFrf:
+    """The response without the hold's own, images still in it."""
+    hold = hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+    return replace(frf, g=frf.g / hold, cov_y=frf.cov_y / np.abs(hold) ** 2)
 
 
 def _order(order: str | tuple[int, int]) -> tuple[int, bool]:

@@ -36,8 +36,10 @@ class MimoModel:
     delay_s : (n_y, n_u) array_like
         Delays [s].
     domain : "s" or "z"
+    hold : "zoh" or "none"
+        "zoh": the inputs are held over each sample, and :meth:`response` is that of hold and model together.
     fs_hz : float or None
-        Sampling frequency [Hz]; needed in domain "z".
+        Sampling frequency [Hz]; needed in domain "z" and with a hold.
     cov : (p, p) array_like or None
         Covariance of (num, row by row of the matrix, sections, free delays).
     delay_of : (n_y, n_u) int array_like or None
@@ -52,6 +54,7 @@ class MimoModel:
     num: np.ndarray
     delay_s: np.ndarray
     domain: str = "s"
+    hold: str = "none"
     fs_hz: float | None = None
     cov: np.ndarray | None = None
     delay_of: np.ndarray | None = None
@@ -78,8 +81,12 @@ class MimoModel:
             raise ValueError(f"delay_s has shape {self.delay_s.shape}, not {self.num.shape[:2]}")
         if self.domain not in ("s", "z"):
             raise ValueError(f"domain must be 's' or 'z', got {self.domain!r}")
-        if self.domain == "z" and not (self.fs_hz and self.fs_hz > 0):
-            raise ValueError("fs_hz is needed in domain 'z'")
+        if self.hold not in ("none", "zoh") or (
+            self.hold == "zoh" and (self.domain == "z" or self.n_zeros >= self.n_poles)
+        ):
+            raise ValueError(f"hold {self.hold!r} goes with domain 's' and one zero fewer than poles")
+        if (self.domain == "z" or self.hold == "zoh") and not (self.fs_hz and self.fs_hz > 0):
+            raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.delay_of is not None:
             self.delay_of = np.asarray(self.delay_of, dtype=int)
         if self.cov is not None:
@@ -155,16 +162,56 @@ class MimoModel:
         return inverse if self.n_zeros < self.n_poles else np.column_stack([inverse, np.ones(len(v))])
 
     def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Matrix of frequency responses (MIM-1).
+        """Matrix of frequency responses, with the hold when `hold` is "zoh" (MIM-1, MOD-2).
 
         Parameters
         ----------
         f_hz : (F,) array_like
-            Frequencies [Hz].
+            Frequencies [Hz]; below fs/2 with a hold.
 
         Returns
         -------
         (F, n_y, n_u) complex ndarray, output unit per input unit.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        return self._held_response(f) if self.hold == "zoh" else self.behind_hold(f)
+
+    def _held_response(self, f: np.ndarray) -> np.ndarray:
+        """Sampled response to held inputs, exactly: the state of each section, the delay inside a sample."""
+        from scipy.linalg import expm
+
+        total = np.zeros((len(f), self.n_y, self.n_u), dtype=complex)
+        z = np.exp(2j * np.pi * f / self.fs_hz)
+        for delay_s in np.unique(self.delay_s):
+            late = delay_s * self.fs_hz
+            whole = np.floor(late)
+            where = self.delay_s == delay_s
+            for first in range(0, self.n_poles, 2):
+                q = self.sections[first : first + 2]
+                n = len(q)
+                flow = np.zeros((n + 1, n + 1))  # of state and held input
+                flow[: n - 1, 1:n] = np.eye(n - 1)
+                flow[n - 1, :n], flow[n - 1, n] = -q, 1
+                new, old = (expm(flow * share / self.fs_hz) for share in (1 - late + whole, late - whole))
+                drive = new[:n, n] * z[:, None] ** -whole + (new[:n, :n] @ old[:n, n]) * z[:, None] ** -(
+                    whole + 1
+                )
+                matrix = z[:, None, None] * np.eye(n) - new[:n, :n] @ old[:n, :n]
+                state = np.linalg.solve(matrix, drive[..., None])[..., 0]
+                total[:, where] += state @ self.num[where][:, first : first + n].T
+        return total
+
+    def behind_hold(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Matrix of frequency responses of what follows the hold (MIM-1); as :meth:`response` without one.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz.
+
+        Returns
+        -------
+        (F, n_y, n_u) complex ndarray
         """
         f = np.atleast_1d(np.asarray(f_hz, dtype=float))
         rational = np.einsum("kl,ijl->kij", self._basis(self._variable(f)), self.num)
@@ -195,7 +242,7 @@ class MimoModel:
         units = {"u_unit": self.u_unit, "y_unit": self.y_unit, "fs_hz": self.fs_hz}
         if self.domain == "s" and self.n_zeros < self.n_poles:
             num = num[1:]
-        return RationalModel(num, den, self.delay_s[i, j], self.domain, **units)
+        return RationalModel(num, den, self.delay_s[i, j], self.domain, hold=self.hold, **units)
 
     # ---- uncertainty -------------------------------------------------------------------------------------
 
@@ -208,7 +255,7 @@ class MimoModel:
         return np.concatenate(places).astype(int)
 
     def gradient(self, f_hz: np.ndarray, i: int, j: int) -> np.ndarray:
-        """Derivatives of one response by its numerator, the sections, and its delay when it is free.
+        """Derivatives of one response, without hold, by its numerator, the sections, and a free delay.
 
         Parameters
         ----------
@@ -251,7 +298,7 @@ class MimoModel:
             x, where = self.gradient(f, i, j), self._where(i, j)
             variance = np.einsum("ka,ab,kb->k", x, self.cov[np.ix_(where, where)], x.conj(), optimize=True)
             std[:, i, j] = np.sqrt(np.maximum(variance.real, 0))
-        return std
+        return std * np.abs(hold_response(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
 
     @property
     def std_delay_s(self) -> np.ndarray:
@@ -307,6 +354,7 @@ class MimoModel:
         """The model as the JSON of a model file."""
         common = {
             "domain": self.domain,
+            "hold": self.hold,
             "sections": self.sections.tolist(),
             "num": self.num.tolist(),
             "delay_s": self.delay_s.tolist(),
@@ -345,6 +393,7 @@ class MimoModel:
                 num=common["num"],
                 delay_s=common["delay_s"],
                 domain=common.get("domain", "s"),
+                hold=common.get("hold", "none"),
                 fs_hz=data.get("fs_hz"),
                 cov=common.get("covariance"),
                 delay_of=common.get("delay_of"),
@@ -395,6 +444,23 @@ class MimoModel:
 
 
 _FIT_KEYS = ("method", "cost", "cost_expected", "n_lines", "converged")
+
+
+def hold_response(f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
+    """Response of a zero-order hold.
+
+    Parameters
+    ----------
+    f_hz : (F,) ndarray
+        Hz.
+    fs_hz : float
+        Sample rate [Hz].
+
+    Returns
+    -------
+    (F,) complex ndarray
+    """
+    return np.sinc(f_hz / fs_hz) * np.exp(-1j * np.pi * f_hz / fs_hz)
 
 
 def _product(factors: list[np.ndarray]) -> np.ndarray:

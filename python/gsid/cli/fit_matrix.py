@@ -54,8 +54,8 @@ def fit_matrix(
 # fmt: off
 JSON_KEYS = (
     "method", "inputs", "outputs", "sections", "num", "delay_s", "cost", "cost_expected", "poles",
-    "converged", "stable", "domain", "fs_hz", "n_lines", "n_poles", "n_zeros", "n_parameters", "band_hz",
-    "u_unit", "y_unit",
+    "converged", "stable", "domain", "hold", "fs_hz", "n_lines", "n_poles", "n_zeros", "n_parameters",
+    "band_hz", "u_unit", "y_unit",
 )
 # fmt: on
 
@@ -76,6 +76,8 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray]) -> None:
         f"{model.method} fit, {model.n_y} x {model.n_u} responses, {model.n_poles} common poles, "
         f"{model.n_parameters} parameters, {model.n_lines} lines, {converged}, {stable}"
     )
+    if model.hold == "zoh":
+        print("inputs held over each sample; the model is of what follows")
     expected = "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
     print(f"cost {model.cost:.5g}{expected}")
     print()
