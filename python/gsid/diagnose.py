@@ -2,7 +2,7 @@
 
 1. The free parameters are fitted, and what is left is tested in two ways at half the false-alarm rate
    each: is it more than noise (CMP-1), and does it point along an effect of the catalogue more than
-   chance allows (DIA-1, DIA-2)?
+   chance allows (DIA-1, DIA-2)? With few periods chance allows anything, and the first test is the only one.
 2. Every effect that the model does not have is scored over a grid of its shapes (`gsid.probes`); the few
    best are added and fitted for real, from several starts.
 3. They are ranked by evidence: the cost after the fit and a price for each parameter. Effects whose
@@ -42,8 +42,10 @@ ALPHA = 0.05
 EFFECTS_MAX = 3  # effects looked for, one after the other
 RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
 DRAWS = 999  # of the bootstrap
+SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
+SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
 
 
 @dataclass(eq=False)
@@ -52,12 +54,14 @@ class Step:
 
     fit: PlantFit
     p_noise: float
-    p_score: float
+    p_score: float | None  # None: too few periods to draw what chance does
     ranking: list[Group]
 
     @property
     def p_value(self) -> float:
         """Of both tests together (Bonferroni)."""
+        if self.p_score is None:
+            return self.p_noise
         return min(1.0, 2 * min(self.p_noise, self.p_score))
 
 
@@ -253,8 +257,11 @@ def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: Plant
     left = max(last.cost - last.n_dof - scatter, 0.0)
     gained = first.cost - last.cost
     too_little = gained < EXPLAINED * (gained + left)
-    too_much_left = steps[-1].p_noise < alpha / 2 and left > LEFT * last.n_dof
-    return "unknown_effect" if not found or too_little or too_much_left else "missing_effect"
+    end = steps[-1]
+    too_much_left = end.p_noise < SURE * alpha or (end.p_noise < alpha / 2 and left > LEFT * last.n_dof)
+    at_a_loss = len(found) == EFFECTS_MAX and end.p_value < alpha
+    unknown = not found or too_little or too_much_left or at_a_loss
+    return "unknown_effect" if unknown else "missing_effect"
 
 
 # ---- one round ---------------------------------------------------------------------------------------
@@ -286,8 +293,10 @@ def _round(
     return step, step.ranking[0]
 
 
-def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], seed: int) -> float:
+def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], seed: int) -> float | None:
     """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
+    if sum(one.n_periods - 1 for one in measured) < SCATTER_LEAST:
+        return None
     residual = stacked(fit, "residual")[:, 0]
     if not scores:
         return 1.0

@@ -30,7 +30,7 @@ from gsid.units import RADIANS
 
 NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
 TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
-ZOOMS, ZOOM_POINTS = 2, 8  # refinements of a step's grid, points on each side
+ZOOMS, ZOOM_POINTS = 4, 8  # refinements of a step's grid, points on each side: to one sample in 10 000
 SAMPLER, RATES = "sensor_sample_hold", 5  # effect; rates that are looked at in all records
 
 Scored = list[tuple[Probe, Score]]
