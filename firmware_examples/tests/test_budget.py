@@ -15,7 +15,7 @@ CPUS = ("m7", "m4")
 def budget() -> dict:
     """What docs/budget.md is made of."""
     command = [ROOT / ".venv/bin/python", ROOT / "tools/firmware_budget", "--json"]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
 
 @pytest.mark.parametrize("cpu", CPUS)
