@@ -49,12 +49,15 @@ def bounds(n: int, share: float = 0.95, alpha: float = 1e-4) -> tuple[int, int]:
 
 
 def main(n: int) -> None:
-    held = [inside(deviations(seed)) for seed in range(n)]
+    seeds = [deviations(seed) for seed in range(n)]
     print(f"{n} seeds; 95 % of them is {0.95 * n:.0f}, sd {np.sqrt(n * 0.95 * 0.05):.1f}")
-    for kind in held[0]:
-        counts = np.sum([one[kind] for one in held], axis=0)
-        share = 100 * counts / n
-        print(f"{kind}: {share.mean():.1f} % on average, lowest {share.min():.1f}, highest {share.max():.1f}")
+    for kind in seeds[0]:
+        share = 100 * np.mean([inside(one)[kind] for one in seeds], axis=0)
+        largest = np.abs([one[kind] for one in seeds]).max()
+        print(
+            f"{kind}: {share.mean():.1f} % on average, lowest {share.min():.1f}, highest {share.max():.1f}; "
+            f"largest error {largest:.1f} standard deviations"
+        )
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from gsid.confidence import NORMAL_95
 from gsid.plots.style import (
@@ -68,8 +69,8 @@ def bode_matrix(model: MimoModel, frf: MimoFrf | None = None) -> Figure:
             gain.set_ylabel(db_label("|G|", plain_text(per_unit(model.y_unit, model.u_unit))))
         for ax in (gain, phase):
             ax.tick_params(labelsize="x-small")
-            if model.n_u > 2:
-                ax.locator_params(axis="x", numticks=6)
+            if model.n_u > 2:  # no room for 2 and 5
+                ax.xaxis.set_major_locator(LogLocator(numticks=9))
     for row in gain_axes:  # one scale a row: outputs may be of different size
         low, high = np.array([ax.get_ylim() for ax in row]).T
         for ax in row:
