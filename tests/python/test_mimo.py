@@ -51,6 +51,25 @@ def test_the_matrix_of_responses_is_measured():
     assert np.mean(error) == pytest.approx(16 / 15, abs=0.1)
 
 
+def test_more_experiments_than_inputs_measure_their_own_scatter():
+    """Sixteen experiments: 12 degrees of freedom, errors over their sample variance 12/11 on average."""
+    measured = frf_mimo(gimbal.experiments(8, n_periods=2, n_repeats=4))
+    assert (measured.source, measured.dof, measured.n_experiments) == ("experiments", 12, 16)
+    error = np.abs(measured.g - gimbal.true_response(measured.f_hz)) ** 2 / measured.var_g
+    assert np.mean(error) == pytest.approx(12 / 11, abs=0.1)
+
+
+def test_a_lost_sample_spoils_its_period_only():
+    experiments = gimbal.experiments(7)
+    second = experiments[1]
+    second.valid = np.arange(len(second.u)) != 2 * gimbal.N + 17
+    second.y[~second.valid] = 1e6
+    measured = frf_mimo(experiments)
+    assert (measured.n_periods, measured.dof) == (19, 15)
+    error = np.abs(measured.g - gimbal.true_response(measured.f_hz)) ** 2 / measured.var_g
+    assert np.mean(error) == pytest.approx(15 / 14, abs=0.1)
+
+
 def test_too_few_experiments():
     with pytest.raises(InputError, match="fewer experiments than inputs"):
         frf_mimo(gimbal.experiments(7)[:3])
