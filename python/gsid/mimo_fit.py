@@ -80,14 +80,10 @@ def fit_mimo(
     sigma = np.sqrt(np.einsum("kii,kjj->kij", cov_y, frf.spread).real)
     delay_of = _delay_groups(delay, frf)
     fixed = np.broadcast_to(0.0 if isinstance(delay, str) else delay, (frf.n_y, frf.n_u)).astype(float)
-    cfg = ffi.new("gsid_mimo_cfg *")
-    cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
-    cfg.method, cfg.n_poles, cfg.direct = METHODS[method], n_poles, direct
-    cfg.sample_s = 1 / frf.fs_hz if domain == "z" else 0.0
+    cfg, _keep = _configuration(
+        method, domain, n_poles, direct, delay_of, frf.fs_hz
+    )  # the array that it points to
     cfg.delay_max_s, cfg.allow_unstable = delay_max_s, allow_unstable
-    groups = np.ascontiguousarray(np.zeros(1) if delay_of is None else delay_of.ravel(), np.uint32)
-    cfg.n_delays = 0 if delay_of is None else int(delay_of.max()) + 1
-    cfg.delay_of = ffi.from_buffer("uint32_t[]", groups)
     facts = {
         "domain": domain,
         "hold": hold,
@@ -152,6 +148,20 @@ def _order(order: str | tuple[int, int]) -> tuple[int, bool]:
             f"with several inputs or outputs zeros are as many as poles or one fewer, got {order}"
         )
     return poles, zeros == poles
+
+
+def _configuration(
+    method: str, domain: str, n_poles: int, direct: bool, delay_of: np.ndarray | None, fs_hz: float
+) -> tuple[Any, np.ndarray]:
+    """What the C library is asked, and an array that it points to."""
+    cfg = ffi.new("gsid_mimo_cfg *")
+    cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
+    cfg.method, cfg.n_poles, cfg.direct = METHODS[method], n_poles, direct
+    cfg.sample_s = 1 / fs_hz if domain == "z" else 0.0
+    groups = np.ascontiguousarray(np.zeros(1) if delay_of is None else delay_of.ravel(), np.uint32)
+    cfg.n_delays = 0 if delay_of is None else int(delay_of.max()) + 1
+    cfg.delay_of = ffi.from_buffer("uint32_t[]", groups)
+    return cfg, groups
 
 
 def _check_choices(method: str, domain: str, delay: object) -> None:
