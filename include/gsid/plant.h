@@ -66,7 +66,8 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
 /** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best
- *  begins: from rest, a plant with stops or play can be thrown onto another orbit, which is periodic too.
+ *  begins: from rest, a plant with stops or play can be thrown onto another orbit, which is periodic too. In closed loop
+ *  behind a delay it is near that orbit, not on it: what is under way is that of a period begun at rest.
  *  @param[in]  u         [n_period] one period
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period is 0; GSID_E_NONFINITE u is not finite: nothing changed;
  *          or the plant left the range of numbers: it is at rest now.

@@ -134,26 +134,25 @@ static int is_settled(const shooting *s, gsid_real change) {
 }
 
 /* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
- * direction with eigenvalue 1 is determined by nothing: it stays. */
-static void correct_start(shooting *s) {
+ * direction with eigenvalue 1 is determined by nothing: it stays. After a failure only a part of the columns is corrected. */
+static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     const uint32_t n = l->n_shoot;
     gsid_lsq q;
-    if (gsid_lsq_init(&q, n, l->lsq_mem, GSID_LSQ_MEM_SIZE(l->n_shoot_max)) != GSID_OK)
-        return;
-    for (uint32_t c = 0; c < s->first_shoot; c++) {
-        gsid_lsq_reset(&q);
-        for (uint32_t i = 0; i < n; i++) {
+    gsid_status status = gsid_lsq_init(&q, n, l->lsq_mem, GSID_LSQ_MEM_SIZE(l->n_shoot_max));
+    for (uint32_t c = 0; c < s->first_shoot && status >= 0; c++) {
+        status = gsid_lsq_reset(&q);
+        for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
             for (uint32_t j = 0; j < n; j++)
                 l->correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
-            if (gsid_lsq_add(&q, l->correction, state(s, i)[c] - start(s, i)[c]) != GSID_OK)
-                return;
+            status = gsid_lsq_add(&q, l->correction, state(s, i)[c] - start(s, i)[c]);
         }
-        if (gsid_lsq_solve(&q, RANK_TOL, l->correction, NULL) < 0)
-            continue;
-        for (uint32_t j = 0; j < n; j++)
+        if (status == GSID_OK)
+            status = gsid_lsq_solve(&q, RANK_TOL, l->correction, NULL);
+        for (uint32_t j = 0; j < n && status >= 0; j++)
             start(s, j)[c] += l->correction[j];
     }
+    return status < 0 ? status : GSID_OK;
 }
 
 /* ---- the search ---- */
@@ -178,22 +177,22 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *change) {
             return GSID_OK;
         if (!helped && i == 0)
             return status;
-        if (!helped) {
-            memcpy(l->start, l->fallback, size);
-            before = INFINITY;
-        } else if (i < n_newton) {
-            keep(s, l->fallback);
-            correct_start(s);
-            before = *change;
-        } else {
+        if (helped && i == n_newton)
             return GSID_MAX_ITER;
+        before = INFINITY;
+        if (helped) {
+            keep(s, l->fallback);
+            before = correct_start(s) == GSID_OK ? *change : INFINITY;
         }
+        if (before == INFINITY)
+            memcpy(l->start, l->fallback, size);
     }
     const gsid_status status = pass(s, change);
     return status == GSID_OK ? GSID_MAX_ITER : status;
 }
 
-/* One step of Newton's method is exact where no law acts. */
+/* One step of Newton's method from rest: exact where no law acts and no loop is closed behind a delay. A controller's
+ * commands under way and angles seen are no part of the state that is corrected: they stay those of the period from rest. */
 static gsid_status find_linear_orbit(shooting *s) {
     gsid_plant_layout *l = s->l;
     l->n_free = 0;
@@ -202,8 +201,9 @@ static gsid_status find_linear_orbit(shooting *s) {
     memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
     enter_start(s);
     run_period(s);
-    const gsid_status status = gsid_plant_health(l);
-    correct_start(s);
+    gsid_status status = gsid_plant_health(l);
+    if (status == GSID_OK)
+        status = correct_start(s);
     for (uint32_t j = 0; j < l->n_shoot; j++)
         state(s, j)[VALUE] = start(s, j)[VALUE];
     l->n_active = 1;
