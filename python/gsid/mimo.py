@@ -21,7 +21,7 @@ import numpy as np
 
 from gsid.errors import InputError
 from gsid.io import read_record
-from gsid.record import Record, split_periods
+from gsid.record import Periods, Record, find_period, find_settling, split_periods
 from gsid.spectra import excited_lines, period_lines
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ class MimoRecord:
         Sample rate [Hz].
     inputs, outputs : list of str, optional
         Names; default u1, u2, ... and y1, y2, ...
-    period_samples, settle_samples, valid, u_unit, y_unit, hold, name
+    settle_samples : int, optional
+        Default: until no channel stands out of its later periods (`gsid.record.find_settling`).
+    period_samples, valid, u_unit, y_unit, hold, name
         As in `gsid.Record`.
 
     Raises
@@ -77,8 +79,12 @@ class MimoRecord:
         self.outputs = self.outputs or [f"y{i + 1}" for i in range(self.y.shape[1])]
         if len(self.inputs) != self.u.shape[1] or len(self.outputs) != self.y.shape[1]:
             raise InputError("names and channels differ in number", self.name, self.inputs + self.outputs)
-        for i in range(max(len(self.inputs), len(self.outputs))):
-            self.pair(min(i, len(self.inputs) - 1), min(i, len(self.outputs) - 1))
+        self.pairs()
+
+    def pairs(self) -> list[Record]:
+        """Every channel in a record at least."""
+        n_u, n_y = len(self.inputs), len(self.outputs)
+        return [self.pair(min(i, n_u - 1), min(i, n_y - 1)) for i in range(max(n_u, n_y))]
 
     def pair(self, i: int, j: int) -> Record:
         """Input i and output j as a record of their own."""
@@ -377,7 +383,7 @@ def nrmse(model: MimoModel, records: Sequence[MimoRecord]) -> np.ndarray:
 
 def _lines_of(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
     """Lines of inputs and outputs, (P, channels, K) each, and the period."""
-    first = split_periods(_busiest(record))
+    first = _periods(record)
     line = np.arange(first.period_samples // 2 + 1, dtype=np.uint32)
 
     def transform(columns: np.ndarray) -> np.ndarray:
@@ -388,9 +394,16 @@ def _lines_of(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
     return transform(record.u), transform(record.y), first.period_samples
 
 
-def _busiest(record: MimoRecord) -> Record:
-    """The period is that of the input that moves most: others may rest in this experiment."""
-    return record.pair(int(np.argmax(record.u.std(axis=0))), 0)
+def _periods(record: MimoRecord) -> Periods:
+    """Cut where every channel has settled; the period is that of the input that moves most: others may rest."""
+    busiest = record.pair(int(np.argmax(record.u.std(axis=0))), 0)
+    if record.settle_samples is not None:
+        return split_periods(busiest)
+    period = record.period_samples
+    if period is None:
+        period = find_period(busiest.u, valid=busiest.valid, name=busiest.name)
+    settle = max(find_settling(pair, period) for pair in record.pairs())
+    return split_periods(busiest, period=period, settle=settle)
 
 
 def _excited(parts: list, n_period: int) -> np.ndarray:

@@ -524,6 +524,8 @@ def find_settling(record: Record, period: int) -> int:
 def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
     """Whether period x differs from the settled spectra in a band of lines; `find_settling` has the rule."""
     deviation = np.fft.rfft(x) - settled.mean(axis=0)
+    if not np.any(deviation):  # as of a channel at rest, which has no scatter to compare with
+        return False
     line = np.arange(len(deviation))
     tops = 2 ** np.arange(1, int(np.log2(len(line))) + 2)
     bands = [(line >= lo) & (line < top) for top in tops for lo in {1, top // 2}]

@@ -10,7 +10,7 @@ from scipy import signal
 
 import gsid
 from gsid.errors import InputError
-from gsid.mimo import MimoFrf, frf_mimo
+from gsid.mimo import MimoFrf, MimoRecord, frf_mimo
 from gsid.mimo_fit import fit_mimo
 from gsid.mimo_model import MimoModel
 
@@ -68,6 +68,30 @@ def test_a_lost_sample_spoils_its_period_only():
     assert (measured.n_periods, measured.dof) == (19, 15)
     error = np.abs(measured.g - gimbal.true_response(measured.f_hz)) ** 2 / measured.var_g
     assert np.mean(error) == pytest.approx(15 / 14, abs=0.1)
+
+
+@pytest.mark.parametrize("slow", [0, 1])
+def test_settling_is_that_of_the_slowest_output(slow):
+    """Bug: it was judged on the first output alone, so that the order of the outputs changed the answer.
+
+    One output follows at once, the other by a pole that decays by 0.37 a period: periods 0 to 5 or so stand
+    out of noise of 1e-3. One input rests in each experiment.
+    """
+    rng, n, n_periods = np.random.default_rng(9), 200, 24
+    records, pole = [], np.exp(-1 / n)
+    for moving in (0, 1):
+        u = np.zeros((n_periods * n, 2))
+        u[:, moving] = np.tile(rng.standard_normal(n) + 1, n_periods)
+        y = np.empty_like(u)
+        y[:, 1 - slow] = u @ [1.0, 2.0]
+        y[:, slow] = signal.lfilter([1 - pole], [1, -pole], u @ [3.0, 1.0])
+        records.append(MimoRecord(u, y + 1e-3 * rng.standard_normal(y.shape), 200.0, period_samples=n))
+    measured = frf_mimo(records)
+    assert 4 * 2 <= 2 * n_periods - measured.n_periods <= 10 * 2
+    z = np.exp(2j * np.pi * measured.f_hz / 200.0)
+    true = ((1 - pole) / (1 - pole / z))[:, None] * [3.0, 1.0]
+    error = np.abs(measured.g[:, slow] - true) ** 2 / measured.var_g[:, slow]
+    assert np.mean(error) == pytest.approx(1, abs=0.3)  # 200 numbers of mean 1, sd 0.07 and what is left to decay
 
 
 def test_too_few_experiments():
