@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid._lib import version
+from gsid._lib import lib, version
 from gsid.errors import GsidError, InputError
 from gsid.files import write_atomically
 from gsid.fit import fit, in_band, parse_order
@@ -318,6 +318,8 @@ def fit_piecewise(
     ------
     ValueError
         Wrong arguments; too few lines for so many pieces, or no stable model in some band.
+    GsidError
+        As `gsid.fit.fit`, but for a band without a stable model.
     """
     if n_pieces is not None and not 1 <= n_pieces <= PIECES_MAX:
         raise ValueError(f"n_pieces must be 1 to {PIECES_MAX}, got {n_pieces}")
@@ -327,7 +329,8 @@ def fit_piecewise(
     cuts = {n: bands.refined(edges) for n, edges in bands.best_cuts(limit).items()}
     wanted = cuts if n_pieces is None else {n: cuts[n] for n in (n_pieces,) if n in cuts}
     if not wanted:
-        raise ValueError(f"no {n_pieces or 1} adjoining bands each have lines enough and a stable model")
+        what = f"no {n_pieces or 1} adjoining bands each have lines enough and a stable model"
+        raise ValueError(what) from bands.failure
     judged = {n: bands.judge(edges) for n, edges in cuts.items()}
     chosen = wanted[min(wanted, key=lambda n: judged[n].mdl)]
     pieces = tuple(bands.model(lo, hi) for lo, hi in pairwise(chosen))
@@ -343,21 +346,31 @@ class _Bands:
         self.f_hz = frf.f_hz[in_band(frf.f_hz, band)]
         self.n_parameters = sum(order) + 1 + (options.get("delay", "free") == "free")
         self._models: dict[tuple[int, int], RationalModel | None] = {}
+        self.failure: GsidError | None = None
         even = np.geomspace(self.f_hz[0], self.f_hz[-1], INTERVALS + 1)[1:-1]
         inner = np.searchsorted(self.f_hz, even)
         self.grid = [int(i) for i in np.unique([0, *inner, len(self.f_hz)])]
 
     def model(self, lo: int, hi: int) -> RationalModel | None:
-        """The model of a band; None where it has too few lines or no stable model."""
+        """The model of a band; None where it has too few lines or periods, or no stable model.
+
+        Raises
+        ------
+        GsidError
+            What fails for another reason, which is not the band's.
+        """
         if hi - lo < self.n_parameters:  # half as many parameters as numbers
             return None
         if (lo, hi) not in self._models:
             band = (self.f_hz[lo], self.f_hz[hi - 1])
             try:
                 model = fit(self.frf, self.order, band=band, **{**self.options, "method": "ml"})
-            except GsidError:
-                model = None
-            self._models[lo, hi] = model
+            except GsidError as error:
+                if error.code not in (lib.GSID_E_UNSTABLE, lib.GSID_E_SINGULAR):
+                    raise
+                self.failure, model = error, None
+            # Without a cost to expect, as on two lines of two periods, it cannot be weighed against others.
+            self._models[lo, hi] = None if model is None or model.cost_expected is None else model
         return self._models[lo, hi]
 
     def cost(self, lo: int, hi: int) -> float:

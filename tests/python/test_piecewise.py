@@ -7,11 +7,12 @@ import pytest
 from scipy.io import loadmat
 
 from gsid.compare import compare
-from gsid.errors import InputError
+from gsid.errors import GsidError, InputError
 from gsid.fit import fit
-from gsid.frf import Frf
+from gsid.frf import Frf, frf
 from gsid.model import RationalModel, load_model
 from gsid.piecewise import PiecewiseModel, _Bands, fit_piecewise
+from gsid.record import Record
 
 SEED = 20260402
 WA, WR = 2 * np.pi * 165, 2 * np.pi * 179
@@ -41,6 +42,9 @@ def test_two_low_orders_do_on_the_axis_what_the_true_order_does():
     response = measured(f, AXIS.response(f))
     found = fit_piecewise(response, "3/2")
     cost_true = np.sum(np.abs(response.g - AXIS.response(f)) ** 2 / response.var_g)
+    # the figures of docs/estimators.md
+    print(f"cost {found.cost:.4g}, of the true model {cost_true:.4g}, of one piece {found.tried[0].cost:.2g}")
+    print(f"break at {found.breaks_hz[0]:.3g} Hz")
     assert [piece.n_poles for piece in found.pieces] == [3, 3]
     assert 10 < found.breaks_hz[0] < 160
     assert found.cost <= 1.0 * cost_true
@@ -105,8 +109,6 @@ def test_files_and_comparison(broken, tmp_path):
 
 def test_compare_takes_a_set():
     """A record of the set itself: its piece answers at each line."""
-    from gsid.record import Record
-
     rng = np.random.default_rng(SEED)
     n, fs, line = 400, 400.0, np.arange(5, 96)
     spectrum = np.zeros(n // 2 + 1, complex)
@@ -120,6 +122,33 @@ def test_compare_takes_a_set():
     assert compare(model, record, alpha=0.001).adequate
     assert not compare(pieces[0], record, alpha=0.001).adequate
     assert "PiecewiseModel of 2 pieces" in repr(model)  # one that was not fitted has no cost
+
+
+def test_two_periods_and_bands_of_two_lines():
+    """Bug: TypeError. One degree of freedom says nothing of a cost, so that such bands are no candidates.
+
+    From three lines on the variance is an average over neighbours and has more. Two levels, cut at 12 Hz, and
+    noise 100 times smaller.
+    """
+    rng, n = np.random.default_rng(SEED), 64
+    spectrum = np.zeros(n // 2 + 1, complex)
+    spectrum[1:25] = np.exp(2j * np.pi * rng.random(24)) * n / 2
+    g = np.where(np.arange(n // 2 + 1) < 12, 1.0, 0.1)
+    u, y = (np.tile(np.fft.irfft(x), 2) for x in (spectrum, spectrum * g))
+    record = Record(u, y + 0.01 * rng.standard_normal(2 * n), 64.0, n, 0)
+    found = fit_piecewise(frf(record), "0/0", 2, delay="none")
+    assert found.breaks_hz == (11.5,)
+    assert min(piece.n_lines for piece in found.pieces) > 2
+
+
+def test_what_fails_in_every_band_is_said(broken):
+    """Bug: every failure of the library counted as a band without a stable model."""
+    with pytest.raises(GsidError, match="out of its range"):
+        fit_piecewise(broken, "1/1", exponent=-1.0)
+    dead = Frf.from_arrays(broken.f_hz, np.zeros(100, complex), np.ones(100), fs_hz=3000.0)
+    with pytest.raises(ValueError, match="a stable model") as caught:
+        fit_piecewise(dead, "1/1", 1)
+    assert "singular" in str(caught.value.__cause__)
 
 
 @pytest.mark.parametrize(
