@@ -91,7 +91,7 @@ def test_settling_is_that_of_the_slowest_output(slow):
     z = np.exp(2j * np.pi * measured.f_hz / 200.0)
     true = ((1 - pole) / (1 - pole / z))[:, None] * [3.0, 1.0]
     error = np.abs(measured.g[:, slow] - true) ** 2 / measured.var_g[:, slow]
-    assert np.mean(error) == pytest.approx(1, abs=0.3)  # 200 numbers of mean 1, sd 0.07 and what is left to decay
+    assert np.mean(error) == pytest.approx(1, abs=0.3)  # of 198 numbers: sd 0.07
 
 
 def test_too_few_experiments():
