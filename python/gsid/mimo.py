@@ -395,7 +395,7 @@ def _lines_of(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _periods(record: MimoRecord) -> Periods:
-    """Cut where every channel has settled; the period is that of the input that moves most: others may rest."""
+    """Cut where all channels have settled; the period is that of the busiest input: others may rest."""
     busiest = record.pair(int(np.argmax(record.u.std(axis=0))), 0)
     if record.settle_samples is not None:
         return split_periods(busiest)
