@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.errors import InputError
+from gsid.fit import in_band
 from gsid.io import read_record
 from gsid.record import Periods, Record, find_period, find_settling, split_periods
 from gsid.spectra import excited_lines, period_lines
@@ -260,8 +261,6 @@ class MimoFrf:
 
     def in_band(self, band: tuple[float, float] | None) -> MimoFrf:
         """The lines in a band (lo, hi) [Hz], ends included; all of them for None."""
-        from gsid.fit import in_band
-
         use = in_band(self.f_hz, band)
         names = ("line", "f_hz", "g", "cov_y", "spread")
         return replace(self, **{name: getattr(self, name)[use] for name in names})
@@ -296,7 +295,9 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     ------
     InputError
         Too few experiments, experiments that differ in rate, period or channels, inputs that are not told
-        apart at a line, or as `gsid.spectra`.
+        apart at a line of the band, or as `gsid.spectra`.
+    ValueError
+        No line in the band.
     """
     records = [records] if isinstance(records, MimoRecord) else list(records)
     if not records:
@@ -311,12 +312,11 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     n_period = parts[0][2]
     f_hz = np.arange(n_period // 2 + 1) * (first.fs_hz / n_period)
     chosen = _excited(parts, n_period)
-    if band is not None:
-        chosen &= (f_hz >= band[0]) & (f_hz <= band[1])
     if not chosen.any():
         raise InputError(
             "no line is excited at every input", first.name, None, "excite all inputs on one grid"
         )
+    chosen[chosen] = in_band(f_hz[chosen], band)
     us, ys = ([part[i][..., chosen] for part in parts] for i in (0, 1))  # each (P, channels, F)
     mean_u, mean_y = (np.stack([x.mean(axis=0) for x in xs], axis=-1).swapaxes(0, 1) for xs in (us, ys))
     weight = np.array([len(u) for u in us], dtype=float)
@@ -348,13 +348,17 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     )
 
 
-def nrmse(model: MimoModel, records: Sequence[MimoRecord]) -> np.ndarray:
+def nrmse(
+    model: MimoModel, records: Sequence[MimoRecord], *, band: tuple[float, float] | None = None
+) -> np.ndarray:
     """Error of a model's steady answer, over all periods of all records and all lines but the mean.
 
     Parameters
     ----------
     model : MimoModel
     records : sequence of MimoRecord
+    band : (lo, hi), optional
+        Of error and output count only the lines within [Hz]: outside of its band a model extrapolates.
 
     Returns
     -------
@@ -365,6 +369,8 @@ def nrmse(model: MimoModel, records: Sequence[MimoRecord]) -> np.ndarray:
     ------
     InputError
         As `frf_mimo`; channels other than the model's.
+    ValueError
+        No line in the band.
     """
     records = [records] if isinstance(records, MimoRecord) else list(records)
     error, size = np.zeros(model.n_y), np.zeros(model.n_y)
@@ -373,11 +379,12 @@ def nrmse(model: MimoModel, records: Sequence[MimoRecord]) -> np.ndarray:
             raise InputError("the channels are not the model's", record.name, record.inputs + record.outputs)
         u, y, n_period = part = _lines_of(record)
         chosen = _any_excited(part, n_period)
-        f_hz = np.flatnonzero(chosen) * (record.fs_hz / n_period)
+        f_hz = np.arange(len(chosen)) * (record.fs_hz / n_period)
         left = y.copy()
-        left[..., chosen] -= np.einsum("kij,pjk->pik", model.response(f_hz), u[..., chosen])
-        error += np.sum(np.abs(left[..., 1:]) ** 2, axis=(0, 2))
-        size += np.sum(np.abs(y[..., 1:]) ** 2, axis=(0, 2))
+        left[..., chosen] -= np.einsum("kij,pjk->pik", model.response(f_hz[chosen]), u[..., chosen])
+        use = in_band(f_hz, band) & (f_hz > 0)
+        error += np.sum(np.abs(left[..., use]) ** 2, axis=(0, 2))
+        size += np.sum(np.abs(y[..., use]) ** 2, axis=(0, 2))
     return np.sqrt(error / size)
 
 

@@ -75,6 +75,37 @@ def test_words_and_files(gsid, experiments, tmp_path):
     assert (tmp_path / "m.png").stat().st_size > 20_000
 
 
+def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
+    """Bug: lines outside of the band ended the command, or counted in the error by extrapolation.
+
+    The second experiment's inputs above 150 Hz are made those of the first, and its outputs ten times too
+    large. The error left within the band is the noise: 0.01 rms over 500 lines, of which 146 count.
+    """
+    rows = {name: np.loadtxt(tmp_path / name, delimiter=",", skiprows=4) for name in experiments[:2]}
+    first, second = (np.fft.rfft(each.reshape(4, N, 4), axis=1) for each in rows.values())
+    in_band = second[:, 5:151, 2:].copy()
+    second[:, 151:, :2], second[:, 151:, 2:] = first[:, 151:, :2], 10 * first[:, 151:, 2:]
+    samples = np.fft.irfft(second, N, axis=1).reshape(-1, 4)
+    header = f"# fs_hz: {FS_HZ}\n# period_samples: {N}\n# settle_samples: 0\nu1,u2,y1,y2"
+    np.savetxt(tmp_path / "c.csv", samples, delimiter=",", header=header, comments="")
+    fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", "c.csv")
+    whole = gsid(*fit)
+    assert whole.code == 3
+    assert "not told apart at" in whole.err
+    result = gsid(*fit, "--band", "5:150", "--json")
+    assert result.code == 0, result.err
+    d = json.loads(result.out)
+    assert (d["n_lines"], d["band_hz"]) == (146, [5, 150])
+    rms = np.sqrt(2 * np.sum(np.abs(in_band) ** 2, axis=(0, 1)) / 4) / N
+    noise = 0.01 * np.sqrt(146 / 500) / rms
+    # 1168 numbers leave 2 % of scatter, what the fit takes of them 1 %
+    np.testing.assert_allclose(d["nrmse"]["held_out"], noise, rtol=0.15)
+    assert "[%], 5 .. 150 Hz" in gsid(*fit, "--band", "5:150").out
+    nowhere = gsid(*fit, "--band", "300:400")
+    assert nowhere.code == 2
+    assert "no line lies in 300:400 Hz" in nowhere.err
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -34,21 +34,23 @@ def fit_matrix(
 
     if output and output.lower().endswith(".mat"):
         raise click.UsageError("a matrix of responses is written as .json", click.get_current_context())
-    measured = frf_mimo(records)
+    with options_as_arguments():
+        measured = frf_mimo(records, band=band)
     say(f"note: intervals are those of the scatter over {measured.source}")
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
-        model = fit_mimo(measured, order, band=band, **options)
-    errors = {"fitted": nrmse(model, records)} | ({"held_out": nrmse(model, held_out)} if held_out else {})
+        model = fit_mimo(measured, order, **options)
+    judged = {"fitted": records, "held_out": held_out}
+    errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
     if output:
         model.save(output)
         say(f"wrote {output}")
     if picture:
-        model.plot(measured.in_band(band)).savefig(picture)
+        model.plot(measured).savefig(picture)
         say(f"wrote {picture}")
     if as_json:
         print_json(_as_json(model) | {"nrmse": errors})
     else:
-        _print(model, errors)
+        _print(model, errors, band)
 
 
 # fmt: off
@@ -67,7 +69,7 @@ def _as_json(model: MimoModel) -> dict:
     return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
 
 
-def _print(model: MimoModel, errors: dict[str, np.ndarray]) -> None:
+def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
     from gsid.confidence import NORMAL_95
 
     converged = "converged" if model.converged else "not converged"
@@ -100,5 +102,6 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray]) -> None:
         [name, *(f"{100 * values[i]:.3g}" for values in errors.values())]
         for i, name in enumerate(model.outputs)
     ]
-    header = ["error of the output's rms [%]", *(name.replace("_", " ") for name in errors)]
+    where = "" if band is None else f", {band[0]:g} .. {band[1]:g} Hz"
+    header = [f"error of the output's rms [%]{where}", *(name.replace("_", " ") for name in errors)]
     print_table(header, rows, left=header[:1])
