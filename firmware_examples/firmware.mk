@@ -84,4 +84,4 @@ firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmwar
 
 .PHONY: test-firmware
 test-firmware: all firmware $(COUNTED) $(REPLAY) ## run the firmware in an emulator, in lock-step with a simulated axis
-	$(PY) -m pytest -q -s firmware_examples/tests
+	$(PY) -m pytest -q -s -rs firmware_examples/tests

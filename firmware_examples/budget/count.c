@@ -1,4 +1,4 @@
-/* Plugin of QEMU 7.2 (interface version 1, declared here since it is not packaged): counts the instructions between two
+/* Plugin of QEMU 7 and 8 (interface version 1, declared here since it is not packaged): counts the instructions between two
  * functions of the image. For each passage from `begin` to `end` it writes one line with the number, for each `case` a line
  * with a dash.
  *

@@ -6,7 +6,7 @@
 #include "gsid/frf.h"
 #include "gsid/guard.h"
 
-enum { N_PERIOD = 6000, N_LINES_MAX = 500, N_PERIODS = 2 };
+enum { N_PERIOD = 6000, N_PERIOD_WITH_7 = 4200, N_LINES_MAX = 500, N_PERIODS = 2 };
 
 void budget_case(void);
 void budget_begin(void);
@@ -26,6 +26,7 @@ static uint32_t line[N_LINES_MAX];
 static gsid_real output[N_PERIOD]; /* any signal: what the ticks cost does not depend on it */
 static gsid_cplx memory[GSID_FRF_SPREAD_MEM_SIZE(N_PERIOD, N_LINES_MAX, 1) / sizeof(gsid_cplx) + 1];
 static gsid_frf frf;
+static uint32_t n_period;
 
 static void begin_case(const char *name) {
     board_log(name);
@@ -41,7 +42,7 @@ static void require(gsid_status status) {
 typedef gsid_status engine(gsid_frf *, const gsid_frf_cfg *, void *, size_t);
 
 static void init(engine *init_engine, uint32_t n_lines, int is_known) {
-    const gsid_frf_cfg cfg = {.n_period = N_PERIOD,
+    const gsid_frf_cfg cfg = {.n_period = n_period,
                               .n_lines = n_lines,
                               .line = line,
                               .twiddle = twiddle,
@@ -51,11 +52,11 @@ static void init(engine *init_engine, uint32_t n_lines, int is_known) {
 
 static void count_frf(const char *name, engine *init_engine, uint32_t n_lines, int is_known) {
     init(init_engine, n_lines, is_known);
-    for (uint32_t n = 0; n < N_PERIOD; n++) /* in the first period there is no period to work on */
+    for (uint32_t n = 0; n < n_period; n++) /* in the first period there is no period to work on */
         gsid_frf_step(&frf, output[n], output[n]);
     begin_case(name);
-    for (uint32_t n = 0; n < N_PERIODS * N_PERIOD; n++) {
-        const gsid_real y = output[n % N_PERIOD];
+    for (uint32_t n = 0; n < N_PERIODS * n_period; n++) {
+        const gsid_real y = output[n % n_period];
         budget_begin();
         gsid_frf_step(&frf, y, y);
         budget_end();
@@ -120,8 +121,13 @@ static void count_guard(void) {
     }
 }
 
+static void set_period(uint32_t n) {
+    n_period = n;
+    require(gsid_twiddle_fill(n, twiddle));
+}
+
 int main(void) {
-    require(gsid_twiddle_fill(N_PERIOD, twiddle));
+    set_period(N_PERIOD);
     for (uint32_t i = 0; i < N_LINES_MAX; i++) {
         line[i] = i + 1;
         u_known[i].re = 1;
@@ -142,6 +148,9 @@ int main(void) {
     count_frf("spread 500, input measured", gsid_frf_init_spread, 500, 0);
     count_skips();
     count_guard();
+    set_period(N_PERIOD_WITH_7);
+    count_frf("spread 500, period 4200", gsid_frf_init_spread, 500, 1);
+    count_frf("spread 500, period 4200, input measured", gsid_frf_init_spread, 500, 0);
     return 0;
 }
 

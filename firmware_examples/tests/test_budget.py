@@ -15,12 +15,23 @@ CPUS = ("m7", "m4")
 def budget() -> dict:
     """What docs/budget.md is made of."""
     command = [ROOT / ".venv/bin/python", ROOT / "tools/firmware_budget", "--json"]
-    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        pytest.fail(done.stderr, pytrace=False)
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def instructions(budget) -> dict:
+    """What the emulator counts; code and stack are compared without it."""
+    if budget["uncounted"]:
+        pytest.skip(budget["uncounted"])
+    return budget["instructions"]
 
 
 @pytest.mark.parametrize("cpu", CPUS)
 def test_code(budget, cpu):
-    """The core's alone; the C library's is under it even with the fit."""
+    """6 KiB for the core alone, the C library's 3.5 KiB not counted; 16 KiB with the fit for both."""
     assert budget["code"]["multisine and streaming FRF, spread engine"][cpu][0] <= 6 * 1024
     assert sum(budget["code"]["the last, and a fit with delay by IWLS"][cpu]) <= 16 * 1024
 
@@ -31,14 +42,14 @@ def test_stack(budget, cpu):
 
 
 @pytest.mark.parametrize("cpu", CPUS)
-def test_one_line_alone(budget, cpu):
+def test_one_line_alone(instructions, cpu):
     """Excitation and response, the tick in which the period ends included."""
-    assert budget["instructions"]["stepped sine"][cpu][2] <= 110
+    assert instructions["stepped sine"][cpu][2] <= 110
 
 
 @pytest.mark.parametrize("cpu", CPUS)
 @pytest.mark.parametrize("case", ["spread 1", "spread 50", "spread 500", "spread 500, input measured"])
-def test_spread_engine(budget, cpu, case):
-    _, median, most = budget["instructions"][case][cpu]
+def test_spread_engine(instructions, cpu, case):
+    _, median, most = instructions[case][cpu]
     assert most <= 300
     assert most <= 1.2 * median

@@ -3,7 +3,7 @@
  * Two buffers change places at the end of each period: one takes the samples that come, the other is transformed in
  * place, one slice of work a tick. Every slice costs about the same, and the last one ends before the buffers change
  * places again. gsid_spectrum gives the same lines to rounding for any N, at once, and without buffers; it is the better
- * one up to about ten lines. */
+ * one up to seven lines. */
 #ifndef GSID_SPREAD_H
 #define GSID_SPREAD_H
 

@@ -1,7 +1,5 @@
 #include "gsid/spread.h"
 
-#include <string.h>
-
 #include "complex_math.h"
 #include "streaming.h"
 
@@ -192,10 +190,10 @@ static void butterfly_5(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
     *x4 = gsid_cplx_mul_conj(gsid_cplx_plus_j(even_1, odd_1), w[4 * step]);
 }
 
-/* Radices 3 and 7. In loops, for the sake of its code: they are the rarer ones, and 5 is the costliest butterfly anyhow. */
-static void butterfly_odd(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
+/* In loops, for the sake of its code: it is the rarest, and the dearest by far. */
+static void butterfly_7(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
     const gsid_cplx *w = s->cfg.twiddle;
-    const uint32_t n_period = s->cfg.n_period, radix = s->radix[s->stage], span = s->span;
+    const uint32_t n_period = s->cfg.n_period, radix = 7, span = s->span;
     const uint32_t part = n_period / radix; /* of a turn */
     gsid_cplx sum[4], diff[4];
     const gsid_cplx first = x[0];
@@ -219,7 +217,7 @@ static void butterfly_odd(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
 }
 
 static void (*const butterfly_of[8])(const gsid_spread *s, gsid_cplx *x, uint32_t step) = {
-    [2] = butterfly_2, [3] = butterfly_3, [4] = butterfly_4, [5] = butterfly_5, [7] = butterfly_odd};
+    [2] = butterfly_2, [3] = butterfly_3, [4] = butterfly_4, [5] = butterfly_5, [7] = butterfly_7};
 
 /* ---- the slices ---- */
 
