@@ -39,16 +39,18 @@ class MimoRecord:
     Parameters
     ----------
     u : (n, n_u) array_like
-        Inputs, unit `u_unit`.
+        Inputs.
     y : (n, n_y) array_like
-        Outputs, unit `y_unit`.
+        Outputs.
     fs_hz : float
         Sample rate [Hz].
     inputs, outputs : list of str, optional
         Names; default u1, u2, ... and y1, y2, ...
     settle_samples : int, optional
         Default: until no channel stands out of its later periods (`gsid.record.find_settling`).
-    period_samples, valid, u_unit, y_unit, hold, name
+    u_units, y_units : list of str, optional
+        Unit of each input and output; default none.
+    period_samples, valid, hold, name
         As in `gsid.Record`.
 
     Raises
@@ -65,8 +67,8 @@ class MimoRecord:
     period_samples: int | None = None
     settle_samples: int | None = None
     valid: np.ndarray | None = None
-    u_unit: str = ""
-    y_unit: str = ""
+    u_units: list[str] = field(default_factory=list)
+    y_units: list[str] = field(default_factory=list)
     hold: str = "none"
     name: str = ""
 
@@ -80,6 +82,10 @@ class MimoRecord:
         self.outputs = self.outputs or [f"y{i + 1}" for i in range(self.y.shape[1])]
         if len(self.inputs) != self.u.shape[1] or len(self.outputs) != self.y.shape[1]:
             raise InputError("names and channels differ in number", self.name, self.inputs + self.outputs)
+        self.u_units = self.u_units or [""] * len(self.inputs)
+        self.y_units = self.y_units or [""] * len(self.outputs)
+        if len(self.u_units) != len(self.inputs) or len(self.y_units) != len(self.outputs):
+            raise InputError("units and channels differ in number", self.name, self.u_units + self.y_units)
         self.pairs()
 
     def pairs(self) -> list[Record]:
@@ -96,8 +102,8 @@ class MimoRecord:
             period_samples=self.period_samples,
             settle_samples=self.settle_samples,
             valid=self.valid,
-            u_unit=self.u_unit,
-            y_unit=self.y_unit,
+            u_unit=self.u_units[i],
+            y_unit=self.y_units[j],
             hold=self.hold,
             name=self.name,
         )
@@ -151,8 +157,8 @@ def read_mimo_record(
         period_samples=first.period_samples,
         settle_samples=first.settle_samples,
         valid=np.logical_and.reduce([record.valid for record in us + ys]),
-        u_unit=first.u_unit,
-        y_unit=first.y_unit,
+        u_units=[record.u_unit for record in us],
+        y_units=[record.y_unit for record in ys],
         hold=first.hold,
         name=first.name,
     )
@@ -180,8 +186,9 @@ class MimoFrf:
         n_periods of all experiments together.
     fs_hz : float
     period_samples : int
-    inputs, outputs : list of str
-    hold, u_unit, y_unit : str
+    inputs, outputs, u_units, y_units : list of str
+        Names and units of the channels.
+    hold : str
     """
 
     line: np.ndarray
@@ -197,9 +204,9 @@ class MimoFrf:
     period_samples: int
     inputs: list[str]
     outputs: list[str]
+    u_units: list[str]
+    y_units: list[str]
     hold: str = "none"
-    u_unit: str = ""
-    y_unit: str = ""
 
     @property
     def n_y(self) -> int:
@@ -257,6 +264,8 @@ class MimoFrf:
             period_samples=0,
             inputs=[f"u{i + 1}" for i in range(n_u)],
             outputs=[f"y{i + 1}" for i in range(n_y)],
+            u_units=[""] * n_u,
+            y_units=[""] * n_y,
         )
 
     def in_band(self, band: tuple[float, float] | None) -> MimoFrf:
@@ -343,8 +352,8 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
         inputs=first.inputs,
         outputs=first.outputs,
         hold=first.hold,
-        u_unit=first.u_unit,
-        y_unit=first.y_unit,
+        u_units=first.u_units,
+        y_units=first.y_units,
     )
 
 
@@ -428,7 +437,7 @@ def _any_excited(part: tuple, n_period: int) -> np.ndarray:
 
 def _require_same(records: list[MimoRecord], periods: list[int]) -> None:
     for record, period in zip(records, periods, strict=True):
-        for what in ("fs_hz", "inputs", "outputs", "hold", "u_unit", "y_unit"):
+        for what in ("fs_hz", "inputs", "outputs", "hold", "u_units", "y_units"):
             ours, theirs = getattr(records[0], what), getattr(record, what)
             if ours != theirs:
                 raise InputError(

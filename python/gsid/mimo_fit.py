@@ -94,8 +94,8 @@ def fit_mimo(
         "band_hz": (float(frf.f_hz[0]), float(frf.f_hz[-1])),
         "inputs": frf.inputs,
         "outputs": frf.outputs,
-        "u_unit": frf.u_unit,
-        "y_unit": frf.y_unit,
+        "u_units": frf.u_units,
+        "y_units": frf.y_units,
     }
     model, half_inverse = _settled(frf, sigma, cfg, fixed, facts)
     weight = np.ones_like(sigma) if method == "nls" else 1 / sigma

@@ -46,8 +46,8 @@ class MimoModel:
         Which free delay each channel has; None: the delays were given.
     method, cost, cost_expected, n_lines, converged, band_hz
         How the model was fitted, as in `RationalModel`; costs are sums over all channels.
-    inputs, outputs : list of str
-    u_unit, y_unit : str
+    inputs, outputs, u_units, y_units : list of str
+        Names and units of the channels.
     """
 
     sections: np.ndarray
@@ -66,8 +66,8 @@ class MimoModel:
     band_hz: tuple[float, float] | None = None
     inputs: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
-    u_unit: str = ""
-    y_unit: str = ""
+    u_units: list[str] = field(default_factory=list)
+    y_units: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for name in ("sections", "num", "delay_s"):
@@ -95,6 +95,11 @@ class MimoModel:
                 raise ValueError(f"cov must have shape {(self.n_parameters,) * 2}, got {self.cov.shape}")
         self.inputs = list(self.inputs) or [f"u{j + 1}" for j in range(self.n_u)]
         self.outputs = list(self.outputs) or [f"y{i + 1}" for i in range(self.n_y)]
+        self.u_units = list(self.u_units) or [""] * self.n_u
+        self.y_units = list(self.y_units) or [""] * self.n_y
+        names = (self.inputs, self.u_units, self.outputs, self.y_units)
+        if [len(each) for each in names] != [self.n_u, self.n_u, self.n_y, self.n_y]:
+            raise ValueError(f"names and units {names} are not those of {self.n_y} x {self.n_u} responses")
 
     # ---- what it is --------------------------------------------------------------------------------------
 
@@ -239,7 +244,7 @@ class MimoModel:
             num[len(num) - len(part) :] += part
         if self.n_zeros == self.n_poles:
             num += self.num[i, j, -1] * den
-        units = {"u_unit": self.u_unit, "y_unit": self.y_unit, "fs_hz": self.fs_hz}
+        units = {"u_unit": self.u_units[j], "y_unit": self.y_units[i], "fs_hz": self.fs_hz}
         if self.domain == "s" and self.n_zeros < self.n_poles:
             num = num[1:]
         return RationalModel(num, den, self.delay_s[i, j], self.domain, hold=self.hold, **units)
@@ -366,10 +371,10 @@ class MimoModel:
             "gsid_model": FORMAT,
             "made_by": f"gsid {version()}",
             "fs_hz": self.fs_hz,
-            "u_unit": self.u_unit,
-            "y_unit": self.y_unit,
             "inputs": self.inputs,
             "outputs": self.outputs,
+            "u_units": self.u_units,
+            "y_units": self.y_units,
             "common_denominator": common,
             "fit": fit | {"band_hz": None if self.band_hz is None else list(self.band_hz)},
         }
@@ -400,8 +405,8 @@ class MimoModel:
                 band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),
                 inputs=data.get("inputs") or [],
                 outputs=data.get("outputs") or [],
-                u_unit=data.get("u_unit", ""),
-                y_unit=data.get("y_unit", ""),
+                u_units=data.get("u_units") or [],
+                y_units=data.get("y_units") or [],
                 **{name: fit.get(name) for name in _FIT_KEYS},
             )
         except KeyError as error:

@@ -75,6 +75,21 @@ def test_words_and_files(gsid, experiments, tmp_path):
     assert (tmp_path / "m.png").stat().st_size > 20_000
 
 
+def test_every_channel_has_its_own_unit(gsid, experiments, tmp_path):
+    """Bug: all had that of the first, in the model file and in the picture."""
+    units = {"u1": "V", "u2": "A", "y1": "deg/s", "y2": "m"}
+    channels = [{"name": name, "unit": unit} for name, unit in units.items()]
+    (tmp_path / "meta.json").write_text(json.dumps({"files": experiments, "channels": channels}))
+    fit = ("fit", *experiments[:2], *CHANNELS, "--order", "4/3", "-o", "m.json", "--json")
+    d = json.loads(gsid(*fit).out)
+    model = package.load_model(tmp_path / "m.json")
+    assert (d["u_units"], d["y_units"]) == (model.u_units, model.y_units) == (["V", "A"], ["deg/s", "m"])
+    assert (model.channel(1, 0).y_unit, model.channel(1, 0).u_unit) == ("m", "V")
+    labels = [ax.get_ylabel() for ax in model.plot().axes]
+    expected = ("(deg/s)/V", "(deg/s)/A", "m/V", "m/A")
+    assert [text for text in labels if "|G|" in text] == [f"|G| [dB re 1 {unit}]" for unit in expected]
+
+
 def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     """Bug: lines outside of the band ended the command, or counted in the error by extrapolation.
 

@@ -57,7 +57,7 @@ def fit_matrix(
 JSON_KEYS = (
     "method", "inputs", "outputs", "sections", "num", "delay_s", "cost", "cost_expected", "poles",
     "converged", "stable", "domain", "hold", "fs_hz", "n_lines", "n_poles", "n_zeros", "n_parameters",
-    "band_hz", "u_unit", "y_unit",
+    "band_hz", "u_units", "y_units",
 )
 # fmt: on
 

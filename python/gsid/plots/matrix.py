@@ -64,9 +64,10 @@ def bode_matrix(model: MimoModel, frf: MimoFrf | None = None) -> Figure:
         frequency_axis(phase, f, label=i == model.n_y - 1)
         phase.set_ylim(-190, 190)
         phase_axis(phase)
-        phase.set_ylabel("phase [deg]" if j == 0 else "")
-        if j == 0:
-            gain.set_ylabel(db_label("|G|", plain_text(per_unit(model.y_unit, model.u_unit))))
+        phase.set_ylabel("phase [deg]" if j == 0 else "", fontsize="small")
+        if j == 0 or len(set(model.u_units)) > 1:
+            unit = plain_text(per_unit(model.y_units[i], model.u_units[j]))
+            gain.set_ylabel(db_label("|G|", unit), fontsize="small")
         for ax in (gain, phase):
             ax.tick_params(labelsize="x-small")
             if model.n_u > 2:  # no room for 2 and 5
