@@ -25,6 +25,7 @@ _log = logging.getLogger("gsid.noise")
 
 SEGMENTS = 16  # of a record whose period is not known: the resolution is so many times coarser than 1/T
 FEWEST = 256  # samples
+SHORTEST = 8  # samples of a window: Hann's reaches two lines far, and one must be clear of 0 Hz and of fs/2
 CORRELATION = 1 / 36  # of the powers of Hann windows that overlap by half
 
 
@@ -176,20 +177,24 @@ def noise(
         raise InputError(
             "too few samples to tell noise by", record.name, f"{len(y)}", f"record {FEWEST} at least"
         )
+    if segment < SHORTEST:
+        hint = f"give a period of {SHORTEST} samples at least; a multiple of it is one, too"
+        raise InputError("the period is too short for a spectrum", record.name, f"{segment} samples", hint)
     tones, rest = find_tones(y, record.fs_hz, valid=valid, period=period_samples, alpha=alpha)
     tones = [_from_first_sample(tone, part.start / record.fs_hz) for tone in tones]
     f_hz, psd, n_dof = spectrum(rest, record.fs_hz, valid, segment)
     n_valid = np.count_nonzero(valid)
-    # what was taken off has degrees of freedom of its own
-    share = 1 - period_samples / len(y) if period_samples else 1 - 2 / n_valid
-    with_tones = rest + sum(tone.at(np.arange(part.start, part.stop) / record.fs_hz) for tone in tones)
+    share = _share_of_noise(valid, period_samples)
+    variance_rest = float(np.mean(rest[valid] ** 2)) / share
+    t_s = np.arange(part.start, part.stop)[valid] / record.fs_hz
+    periodic = sum((tone.at(t_s) for tone in tones), np.zeros(n_valid))
     return Noise(
         f_hz=f_hz,
         psd=psd / (share if period_samples else 1),
         n_dof=n_dof * (share if period_samples else 1),
         tones=tones,
-        variance=float(np.mean(with_tones[valid] ** 2)) / share,
-        variance_rest=float(np.mean(rest[valid] ** 2)) / share,
+        variance=variance_rest + float(np.mean(periodic**2)),
+        variance_rest=variance_rest,
         alpha=alpha,
         segment_samples=segment,
         period_samples=period_samples,
@@ -243,6 +248,12 @@ def _noise_alone(record: Record, period: int | None, settle: int | None) -> tupl
     n_periods = (len(record) - periods.settle_samples) // found
     stop = periods.settle_samples + n_periods * found
     return slice(periods.settle_samples, stop), found, found
+
+
+def _share_of_noise(valid: np.ndarray, period_samples: int) -> float:
+    """Share of the noise's variance that is left when mean and trend, or the mean period, are taken off."""
+    n_taken = np.count_nonzero(valid.reshape(-1, period_samples).any(axis=0)) if period_samples else 2
+    return 1 - n_taken / np.count_nonzero(valid)
 
 
 def _from_first_sample(tone: Tone, start_s: float) -> Tone:

@@ -194,6 +194,33 @@ def test_a_disturbance_is_taken_off_an_excited_record():
     np.testing.assert_array_equal(cleaned.u, record.u)
 
 
+@pytest.mark.parametrize("n_periods", [2, 3])
+def test_a_disturbance_counts_once_in_the_variance(n_periods):
+    """It was scaled up with the noise, by the share that the mean period takes: 2 x at two periods."""
+    n_period, n = 2000, 2000 * n_periods
+    u = np.resize(white(20, n_period), n)
+    line = 200.5 if n_periods == 2 else 200 + 1 / 3  # farthest from the lines of the period: a bin
+    y = 3 * u + np.cos(2 * np.pi * line * np.arange(n) / n_period) + white(21, n, 0.1)
+    found = noise(Record(u, y, FS_HZ, n_period, 0))
+    assert len(found.tones) == 1
+    # the sine's fit beside two lines errs by 0.1 sqrt(2 / n) x 2 in amplitude: 0.01 is more than 3 sigma
+    assert found.variance == pytest.approx(0.51, abs=0.01)
+    assert found.variance_rest == pytest.approx(0.01, rel=0.1)  # 3 sigma of 2000 squares
+
+
+def test_lost_periods_do_not_make_the_noise_smaller():
+    """They counted as measured: two of four lost left 2/3 of the variance, and of the density."""
+    n_period, n = 2000, 8000
+    u = np.resize(white(22, n_period), n)
+    valid = np.ones(n, bool)
+    valid[n_period : 3 * n_period] = False
+    y = np.where(valid, 3 * u + white(23, n, 0.1), 0)
+    found = noise(Record(u, y, FS_HZ, n_period, 0, valid=valid))
+    assert found.tones == []
+    assert found.variance_rest == pytest.approx(0.01, rel=0.1)  # 3 sigma of 2000 squares
+    assert found.psd.mean() * FS_HZ / 2 == pytest.approx(0.01, rel=0.15)  # two windows, tapered: twice as much
+
+
 def test_a_disturbance_at_a_line_of_the_period_stays():
     assert noise(excited(10, 30.0)).tones == []
 
@@ -238,6 +265,10 @@ def test_refusals():
     with pytest.raises(InputError, match="too few samples") as caught:
         noise(zero_input(white(13, 100)))
     assert "256 at least" in caught.value.hint
+    for period in (1, 2, 7):  # ended in an IndexError, and a division by zero
+        with pytest.raises(InputError, match="too short for a spectrum"):
+            noise(zero_input(white(13, 1000)), period=period)
+    assert len(noise(zero_input(white(13, 1000)), period=8).f_hz) == 3
     with pytest.raises(ValueError, match="alpha must be"):
         noise(zero_input(white(13, 1000)), alpha=0)
     with pytest.raises(ValueError, match="level must be"):
