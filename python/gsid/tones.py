@@ -25,7 +25,9 @@ FEWEST_BESIDE = 4  # nearer to 0 Hz there are too few, and nothing is looked for
 FINE = 4  # points of the periodogram per bin
 OFF_LINE = 0.5  # bins from a line of the period within which no sine is looked for
 CLOSEST = 0.2  # bins from such a line within which the fit cannot tell a sine from the response
-HARMONIC_BINS = 0.5  # a multiple of another frequency, to so many bins
+HARMONIC_STD = 3.0  # a multiple of another frequency, within so many standard deviations
+HARMONIC_BINS = 0.01  # or within so many bins: what is left of the error where there is no noise
+BY_CHANCE = 0.01  # no name where an unrelated frequency would be as near to a multiple more often than this
 MAX_STEPS = 20
 ROUNDING = 1e-12  # of the signal: what is smaller comes from rounding
 CONVERGED = 0.01  # last step, in standard deviations of the frequency
@@ -369,16 +371,18 @@ def _tone(sine: _Sine, rest: np.ndarray, floor: np.ndarray, n_beside: np.ndarray
     )
 
 
+def _is_multiple(tone: Tone, base: Tone, bin_hz: float) -> bool:
+    order = round(tone.f_hz / base.f_hz)
+    error_hz = max(HARMONIC_STD * np.hypot(tone.std_f_hz, order * base.std_f_hz), HARMONIC_BINS * bin_hz)
+    by_chance = 2 * error_hz / base.f_hz  # multiples lie base.f_hz apart
+    return order > 1 and by_chance < BY_CHANCE and abs(tone.f_hz - order * base.f_hz) < error_hz
+
+
 def _harmonics(tones: list[Tone], bin_hz: float) -> list[Tone]:
-    """Name those that are multiples of another's frequency, as far as a record this long can tell."""
+    """Name those that are multiples of another's frequency, where that is not likely to be chance."""
     named = []
     for tone in tones:
-        bases = [other for other in tones if round(tone.f_hz / other.f_hz) > 1]
-        near = [
-            other
-            for other in bases
-            if abs(tone.f_hz - round(tone.f_hz / other.f_hz) * other.f_hz) < HARMONIC_BINS * bin_hz
-        ]
+        near = [other for other in tones if _is_multiple(tone, other, bin_hz)]
         if near:
             base = max(near, key=lambda other: other.amplitude)
             tone = replace(tone, order=round(tone.f_hz / base.f_hz), base_hz=base.f_hz)

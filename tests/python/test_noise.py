@@ -133,6 +133,28 @@ def test_a_fan_is_found_and_named_by_its_frequency():
     assert found.near_tone(np.array([30.0, 30.9, 61.8]), 0.1).tolist() == [False, True, True]
 
 
+def test_unrelated_sines_are_not_named_by_each_other():
+    """Any within half a bin of a multiple was: with a base of few bins that is nearly every one."""
+    n, n_records, chance = 4096, 80, 0
+    t_s = np.arange(n) / FS_HZ
+    for seed in range(n_records):
+        rng = np.random.default_rng(seed)
+        f_hz = [rng.uniform(2, 3), *rng.uniform(20, 400, 3)]
+        y = sum(0.5 * np.cos(2 * np.pi * f * t_s + 6 * rng.random()) for f in f_hz) + rng.standard_normal(n)
+        tones = find_tones(y, FS_HZ)[0]
+        assert len(tones) >= 4
+        chance += sum(tone.order > 1 for tone in tones)
+    print(f"{chance} of {4 * n_records} unrelated sines named as multiples")
+    assert chance <= binom.ppf(0.999, 6 * n_records, 0.01)  # six pairs, 1 % each at most
+
+
+def test_multiples_without_noise_are_named():
+    """Their standard deviations are next to nothing: what rounding leaves must not take the name away."""
+    t_s = np.arange(4000) / FS_HZ
+    y = np.cos(2 * np.pi * 30.91 * t_s) + 0.3 * np.cos(2 * np.pi * 92.73 * t_s + 1)
+    assert [tone.order for tone in find_tones(y, FS_HZ)[0][:2]] == [1, 3]
+
+
 def test_strong_sines_close_together_are_told_apart():
     """Leakage of the one is no error of the other: both are fitted again when the other is known."""
     n = 4000
@@ -218,7 +240,7 @@ def test_lost_periods_do_not_make_the_noise_smaller():
     found = noise(Record(u, y, FS_HZ, n_period, 0, valid=valid))
     assert found.tones == []
     assert found.variance_rest == pytest.approx(0.01, rel=0.1)  # 3 sigma of 2000 squares
-    assert found.psd.mean() * FS_HZ / 2 == pytest.approx(0.01, rel=0.15)  # two windows, tapered: twice as much
+    assert found.psd.mean() * FS_HZ / 2 == pytest.approx(0.01, rel=0.15)  # two tapered windows
 
 
 def test_a_disturbance_at_a_line_of_the_period_stays():

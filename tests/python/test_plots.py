@@ -306,7 +306,7 @@ def test_noise_with_and_without_disturbances():
         "95 % interval, each line",
         "amplitude [deg/s]",
         "95 % interval; false-alarm rate 0.01",
-        "Zero input: noise of",
+        "Output less its trend: noise of",
         "28.6",
         "frequency [Hz]",
     ):

@@ -62,10 +62,12 @@ def _draw_density(ax: Axes, n: Noise) -> None:
     unit = plain_text(n.y_unit)
     power_unit = (f"({unit})²" if "/" in unit else f"{unit}²") if unit else "1"
     ax.set_ylabel(db_label("density", f"{power_unit}/Hz"))
-    what = f"Output less its mean period of {n.period_samples} samples" if n.period_samples else "Zero input"
+    what = f"mean period of {n.period_samples} samples" if n.period_samples else "trend"
     rms = f"{np.sqrt(n.variance):.3g} {unit}".strip()
     rest = f", {np.sqrt(n.variance_rest):.3g} without what is periodic" if n.tones else ""
-    ax.set_title(f"{what}: noise of {rms} rms{rest}; windows of {n.segment_samples / n.fs_hz:.3g} s")
+    ax.set_title(
+        f"Output less its {what}: noise of {rms} rms{rest}; windows of {n.segment_samples / n.fs_hz:.3g} s"
+    )
     ax.legend(loc="best")
 
 
