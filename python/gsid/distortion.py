@@ -122,7 +122,14 @@ class Distortion:
 
         Transformed over the excited lines alone: the edges of the band put some of a linear axis there too,
         so that only the same band at another level is a fair comparison.
+
+        Raises
+        ------
+        ValueError
+            Responses measured elsewhere: the grid of their lines is not known.
         """
+        if not self.period_samples:
+            raise ValueError("the inverse transform needs a period, which responses measured elsewhere lack")
         n, line = self.period_samples, self.line
         spectrum = np.zeros(n // 2 + 1, complex)
         spectrum[line] = self.bla

@@ -293,6 +293,8 @@ def test_misuse():
         distortion([])
     with pytest.raises(ValueError, match="shape"):
         from_responses(np.arange(3), np.ones((2, 1, 3)))
+    with pytest.raises(ValueError, match="needs a period"):  # ended in an IndexError
+        _ = from_responses(np.arange(3), np.ones((2, 2, 3))).noncausal_power_ratio
     records = NonlinearAxis(noise=0.1).records(np.random.default_rng(SEED), 2, 3)
     with pytest.raises(InputError, match="no line"):
         distortion(records, band=(200, 300))
