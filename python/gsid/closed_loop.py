@@ -59,18 +59,20 @@ def closed_loop_frf(
     Frf
         From u to y (FRF-5), at the lines of the reference at which u is above 1 % of its largest line and
         stands out of its noise: a smooth reference may have little where the loop asks much of the plant.
-        `u` and `y` are turned by the phase of the reference.
+        `u` and `y` are turned by the phase of the reference; `rejected_hz` has its other lines.
 
     Raises
     ------
     InputError
         No such column, or as `gsid.frf.frf`.
     ValueError
-        No record.
+        No record, or Spectra, which have no reference.
     """
-    records = [records] if isinstance(records, Record) else list(records)
+    records = [records] if isinstance(records, Record | Spectra) else list(records)
     if not records:
         raise ValueError("no record to estimate a frequency response from")
+    if any(isinstance(record, Spectra) for record in records):
+        raise ValueError("a closed loop needs the samples of its reference: give records, not their spectra")
     each = [_spectra(record, reference, period, settle) for record in records]
     first, first_y = each[0]
     for to_u, to_y in each[1:]:
@@ -89,7 +91,7 @@ def closed_loop_frf(
         where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
         what = f"no line{where} that {reference} excites stands out of the noise of u"
         raise InputError(what, found.name, None, "excite the reference more, or name another with --r")
-    return found.at(heard)
+    return replace(found.at(heard), rejected_hz=found.f_hz[~heard])
 
 
 def _spectra(

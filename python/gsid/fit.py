@@ -241,9 +241,8 @@ def _configuration(
 
 def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     """Standard deviation of the lines in use, and the degrees of freedom of its square."""
-    known = frf.period_samples == 0  # measured elsewhere: its variance is taken as it stands
-    dof = np.inf if known else float(frf.n_dof)
-    if known and not np.all(np.isfinite(frf.var_g[use])):
+    dof = float(frf.n_dof)
+    if np.isinf(dof) and not np.all(np.isfinite(frf.var_g[use])):
         raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
     if dof < 1:
         raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")

@@ -28,6 +28,7 @@ from gsid.spectra import (
     covariance,
     realisations,
     rejected_lines,
+    require_same,
     sample_variance,
 )
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("gsid.frf")
 
+SHORTEST_WINDOW = 4  # samples: below, no line is apart from the mean and from half of the sample rate
 SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a share
 
 
@@ -71,7 +73,8 @@ class Frf:
     removed : tuple of Tone
         Periodic disturbances that were taken off the output first.
     n_dof : float
-        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`.
+        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`;
+        infinite: they are known.
     rejected_hz : (R,) [Hz]
         Lines with an input that were left out: too weak, lost in its noise, or not in every record.
     method : {"periods", "lpm", "windows"}
@@ -115,7 +118,7 @@ class Frf:
         """
         rest = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
         gain = np.abs(self.g * self.u) ** 2
-        share = self.n_dof / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
+        share = 1 - 1 / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
         return gain / (gain + share * np.maximum(rest, 0))
 
     def at(self, use: np.ndarray) -> Frf:
@@ -180,6 +183,7 @@ class Frf:
             settle_samples=0,
             period_samples=0,
             fs_hz=fs_hz,
+            n_dof=np.inf,
         )
 
     @classmethod
@@ -329,9 +333,15 @@ def frf(
     InputError
         As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band;
         parts of one realisation whose inputs differ.
+    NotPeriodicError
+        An input that does not repeat, where windows are no way out: the record is short, or `merge` is asked
+        for, or there are Spectra beside it.
     ValueError
-        No record; Spectra where samples are needed; options that exclude each other.
+        No record; Spectra where samples are needed; a window of less than 4 samples; options that exclude
+        each other.
     """
+    if window is not None and window < SHORTEST_WINDOW:
+        raise ValueError(f"a window has {SHORTEST_WINDOW} samples at least, not {window}")
     asked = {"remove_periodic": remove_periodic, "lpm": lpm, "window": window, "merge": merge}
     asked = [name for name, value in (asked | {"min_input": min_input > 0}).items() if value]
     if reference is not None:
@@ -339,7 +349,9 @@ def frf(
             raise ValueError(f"{asked[0]} is for open loops: in a closed one u answers y")
         from gsid.closed_loop import closed_loop_frf
 
-        return closed_loop_frf(records, reference, period=period, settle=settle, band=band)
+        result = closed_loop_frf(records, reference, period=period, settle=settle, band=band)
+        _say_rejected(result.rejected_hz)
+        return result
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
     records = [records] if isinstance(records, Record | Spectra) else list(records)
@@ -349,21 +361,30 @@ def frf(
     removed: list[Tone] = []
     if remove_periodic:
         records = [_without_tones(record, removed, period, settle) for record in records]
-    parts, window = _parts(records, period, settle, lpm, window)
+    parts, window = _parts(records, period, settle, lpm, window, merge)
     if window:
         from gsid.windows import windowed_frf
 
         result = windowed_frf(records, window, settle=settle, band=band, min_input=min_input)
     else:
         result = _at_lines(parts, band, merge, min_input)
-    if len(result.rejected_hz):
-        few = ", ".join(f"{f:g}" for f in result.rejected_hz[:8]) + ", ..." * (len(result.rejected_hz) > 8)
-        _log.warning("lines left out, their input being too weak: %d (%s Hz)", len(result.rejected_hz), few)
+    _say_rejected(result.rejected_hz)
     return replace(result, removed=tuple(removed))
 
 
+def _say_rejected(rejected_hz: np.ndarray) -> None:
+    if len(rejected_hz):
+        few = ", ".join(f"{f:g}" for f in rejected_hz[:8]) + ", ..." * (len(rejected_hz) > 8)
+        _log.warning("lines left out, their input being too weak: %d (%s Hz)", len(rejected_hz), few)
+
+
 def _parts(
-    records: list[Record | Spectra], period: int | None, settle: int | None, lpm: bool, window: int | None
+    records: list[Record | Spectra],
+    period: int | None,
+    settle: int | None,
+    lpm: bool,
+    window: int | None,
+    merge: bool,
 ) -> tuple[list[Realisation] | list[Unsettled], int | None]:
     """Realisations to estimate from, or none and the windows to cut the records into."""
     if window is not None:
@@ -375,9 +396,12 @@ def _parts(
     try:
         return realisations(records, period=period, settle=settle), None
     except NotPeriodicError:
+        # periods that are merged, or were transformed before, are not to become windows
+        if merge or any(isinstance(record, Spectra) for record in records):
+            raise
         from gsid.windows import default_window
 
-        window = default_window([record for record in records if isinstance(record, Record)])
+        window = default_window(records)
         if window is None:
             raise
         return [], window
@@ -466,14 +490,17 @@ def merged(each: Sequence[Frf]) -> Frf:
     Raises
     ------
     InputError
-        Their inputs differ by more than a tenth.
+        Their inputs differ by more than a tenth, or their periods, sample rates, holds or units differ.
     ValueError
         No part, other lines, or a response that was not estimated by periods.
     """
-    if not each or any(one.method != "periods" or one.n_realisations != 1 for one in each):
+    if not each or any(
+        one.method != "periods" or one.n_realisations != 1 or np.isinf(one.n_dof) for one in each
+    ):
         raise ValueError("only responses of one realisation each, by periods, are merged")
     whole = each[0]
     for part in each[1:]:
+        require_same(whole, part)
         if not np.array_equal(part.line, whole.line):
             raise ValueError("the parts have different lines")
         whole = _merged_pair(whole, part)
@@ -502,6 +529,8 @@ def _merged_pair(a: Frf, b: Frf) -> Frf:
         n_periods=n,
         n_spoiled=a.n_spoiled + b.n_spoiled,
         n_dof=None,
+        removed=a.removed + b.removed,
+        rejected_hz=np.union1d(a.rejected_hz, b.rejected_hz),
         name=", ".join(name for name in (a.name, b.name) if name),
     )
 

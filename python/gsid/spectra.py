@@ -9,6 +9,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.errors import InputError
 from gsid.record import Record, split_periods
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
 
 SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
 GAP = 2.0  # ratio between neighbours, lines sorted by size, that parts excitation from by-products
@@ -504,8 +508,8 @@ def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int
     return size.mean(axis=1) * scale
 
 
-def require_same(first: Realisation | Spectra, other: Realisation | Spectra) -> None:
-    """Refuse to average records of unequal period, rate, hold or units (InputError)."""
+def require_same(first: Realisation | Spectra | Frf, other: Realisation | Spectra | Frf) -> None:
+    """Refuse to put together records of unequal period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)
         if ours != theirs:
@@ -513,7 +517,7 @@ def require_same(first: Realisation | Spectra, other: Realisation | Spectra) -> 
                 f"the records differ in {what}",
                 other.name,
                 f"{theirs!r}, not {ours!r} as in {first.name or 'the first'}",
-                "average realisations of one experiment only",
+                "give records of one experiment only",
             )
 
 

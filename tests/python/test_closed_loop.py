@@ -11,6 +11,7 @@ from gsid.errors import InputError
 from gsid.fit import fit
 from gsid.frf import frf
 from gsid.record import Record
+from gsid.spectra import spectra
 
 SEED = 20260401
 FS_HZ, N, LINES = 1000.0, 400, np.arange(1, 80, 2)
@@ -107,6 +108,21 @@ def test_the_parametric_fit_is_right_within_its_covariance(method):
     assert abs(free.delay_s - 2 / FS_HZ) < 3.3 * free.std_delay_s
 
 
+def test_lines_that_the_input_does_not_show_are_said(caplog):
+    """They were left out in silence."""
+    record = loop(np.random.default_rng(SEED), 4, 0.05)
+    assert len(frf(record, reference="r").rejected_hz) == 0
+    rows = np.fft.rfft(record.u.reshape(-1, N), axis=1)
+    silent = LINES[10:15]
+    rows[:, silent] = 0
+    quiet = replace(record, u=np.fft.irfft(rows, N, axis=1).ravel())
+    response = frf(quiet, reference="r")
+    np.testing.assert_allclose(response.rejected_hz, silent * FS_HZ / N)
+    np.testing.assert_allclose(response.f_hz, np.delete(LINES, np.s_[10:15]) * FS_HZ / N)
+    assert "left out, their input being too weak: 5 (52.5, 57.5, 62.5, 67.5, 72.5 Hz)" in caplog.text
+    np.testing.assert_allclose(frf(quiet, reference="r", band=(70, 200)).rejected_hz, [72.5])
+
+
 def test_what_is_missing_is_said():
     record = loop(np.random.default_rng(SEED), 4, 0.05)
     with pytest.raises(InputError, match="no column named ref"):
@@ -127,3 +143,6 @@ def test_what_is_missing_is_said():
     assert frf(replace(record, columns={"r": broken}, valid=valid), reference="r").n_periods == 4
     with pytest.raises(ValueError, match="no record"):
         closed_loop_frf([], "r")
+    for what in (spectra(record), [record, spectra(record)]):  # ended in a TypeError
+        with pytest.raises(ValueError, match="not their spectra"):
+            frf(what, reference="r")

@@ -1,5 +1,7 @@
 """Spectra and frequency responses, against numpy written out and against the truth of made-up records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from gsid.frf import Frf, frf, merged
 from gsid.record import Record
 from gsid.spectra import excited_lines, spectra
 from gsid.streaming import StreamingFrf
+from gsid.tones import Tone
 from measured import BENCH, needs_bench
 
 FS_HZ, N, PERIODS = 1000.0, 500, 12
@@ -378,6 +381,20 @@ def test_records_of_one_realisation_are_merged_to_the_whole():
         merged([frf(whole), frf(whole, band=(2, 50))])
 
 
+def test_merged_parts_must_be_of_one_experiment_and_forget_nothing():
+    """Only their lines were compared, and what was taken off or left out of all but the first was lost."""
+    one = frf(make_record(35, y_unit="rad/s"))
+    others = {"fs_hz": 2 * FS_HZ, "y_unit": "m", "hold": "zoh", "period_samples": 2 * N}
+    for name, value in others.items():
+        with pytest.raises(InputError, match=f"differ in {name}"):
+            merged([one, replace(one, **{name: value})])
+    sines = [Tone(f_hz, 0.01, 1, 0.1, 0, 1e-9) for f_hz in (30.9, 31.1)]
+    first = replace(one, rejected_hz=np.array([1.0, 2.0]), removed=(sines[0],))
+    both = merged([first, replace(one, rejected_hz=np.array([2.0, 3.0]), removed=(sines[1],))])
+    np.testing.assert_array_equal(both.rejected_hz, [1, 2, 3])
+    assert both.removed == tuple(sines)
+
+
 def test_coherence_of_periods_is_that_of_their_sums():
     """Eq. 5.3 with the powers summed over the periods."""
     record = make_record(37, noise_u=0.1, noise_y=0.2)
@@ -387,3 +404,12 @@ def test_coherence_of_periods_is_that_of_their_sums():
     expected = cross / (np.abs(U) ** 2).sum(axis=0) / (np.abs(Y) ** 2).sum(axis=0)
     # noise of the input counts twice in the sums, once in the response: second order of 1/SNR
     np.testing.assert_allclose(response.coherence, expected, atol=2e-2)
+
+
+def test_coherence_of_a_known_variance_is_not_one():
+    """It was, whatever the variance, which counted as of no degree of freedom."""
+    known = Frf.from_arrays([1, 2, 3], [2, 2j, -2], [0, 1, 4])
+    np.testing.assert_allclose(known.coherence, [1, 4 / 5, 1 / 2])  # |G|^2 / (|G|^2 + var)
+    assert np.isnan(Frf.from_arrays([1], [2]).coherence).all()
+    with pytest.raises(ValueError, match="by periods"):
+        merged([known, known])

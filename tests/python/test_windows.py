@@ -8,6 +8,7 @@ from gsid.errors import InputError, NotPeriodicError
 from gsid.fit import fit
 from gsid.frf import frf
 from gsid.record import Record
+from gsid.spectra import spectra
 
 FS_HZ, WINDOW = 1000.0, 512
 B, A = [0, 0.1], [1, -0.9]
@@ -63,6 +64,16 @@ def test_an_input_that_does_not_repeat_is_windowed_with_a_warning(caplog):
     frf(short, window=100)  # when asked
 
 
+def test_windows_do_not_take_the_place_of_periods_that_were_asked_for():
+    """Merging was forgotten without a word, and Spectra beside such a record ended in an AttributeError."""
+    first = random_record(2)
+    periodic = Record(np.resize(first.u[:4096], 32768), np.resize(first.y[:4096], 32768), FS_HZ, 4096, 0)
+    with pytest.raises(NotPeriodicError, match="not periodic"):
+        frf([first, random_record(3)], merge=True)
+    with pytest.raises(NotPeriodicError, match="not periodic"):
+        frf([spectra(periodic), random_record(3)])
+
+
 def test_records_are_averaged_by_their_windows():
     records = [random_record(seed, n=n) for seed, n in ((3, 8192), (4, 16384))]
     both = frf(records, window=WINDOW)
@@ -116,6 +127,9 @@ def test_refusals():
         frf(random_record(8, n=600), window=WINDOW)
     with pytest.raises(InputError, match="no line is excited"):
         frf(random_record(8), window=WINDOW, band=(0.1, 0.2))
+    for window in (0, 3):  # ended in an IndexError
+        with pytest.raises(ValueError, match="4 samples at least"):
+            frf(random_record(8), window=window)
     with pytest.raises(ValueError, match="exclude each other"):
         frf(random_record(8), window=WINDOW, lpm=True)
     with pytest.raises(InputError, match="differ in y_unit"):

@@ -169,8 +169,8 @@ def limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
 
 
 def degrees_of_freedom(frf: Frf) -> int | None:
-    """Degrees of freedom of the variance; None (taken as exact) where it did not come from periods."""
-    return frf.n_dof if frf.n_dof > 0 else None
+    """Degrees of freedom of the variance; None: it is taken as exact."""
+    return frf.n_dof if 0 < frf.n_dof < np.inf else None
 
 
 def line_mask(frf: Frf) -> np.ndarray:
