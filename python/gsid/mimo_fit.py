@@ -60,7 +60,7 @@ def fit_mimo(
     Raises
     ------
     ValueError
-        Wrong arguments, or too few lines.
+        Wrong arguments, too few lines, or too many parameters.
     GsidError
         Singular equations.
     """
@@ -81,7 +81,7 @@ def fit_mimo(
     delay_of = _delay_groups(delay, frf)
     fixed = np.broadcast_to(0.0 if isinstance(delay, str) else delay, (frf.n_y, frf.n_u)).astype(float)
     cfg, _keep = _configuration(
-        method, domain, n_poles, direct, delay_of, frf.fs_hz
+        method, domain, n_poles, direct, frf.n_y * frf.n_u, delay_of, frf.fs_hz
     )  # the array that it points to
     cfg.delay_max_s, cfg.allow_unstable = delay_max_s, allow_unstable
     facts = {
@@ -151,7 +151,13 @@ def _order(order: str | tuple[int, int]) -> tuple[int, bool]:
 
 
 def _configuration(
-    method: str, domain: str, n_poles: int, direct: bool, delay_of: np.ndarray | None, fs_hz: float
+    method: str,
+    domain: str,
+    n_poles: int,
+    direct: bool,
+    n_channels: int,
+    delay_of: np.ndarray | None,
+    fs_hz: float,
 ) -> tuple[Any, np.ndarray]:
     """What the C library is asked, and an array that it points to."""
     cfg = ffi.new("gsid_mimo_cfg *")
@@ -160,6 +166,12 @@ def _configuration(
     cfg.sample_s = 1 / fs_hz if domain == "z" else 0.0
     groups = np.ascontiguousarray(np.zeros(1) if delay_of is None else delay_of.ravel(), np.uint32)
     cfg.n_delays = 0 if delay_of is None else int(delay_of.max()) + 1
+    n_parameters = n_channels * (n_poles + direct) + n_poles + cfg.n_delays
+    if n_parameters > lib.GSID_LSQ_COLUMNS_MAX:
+        raise ValueError(
+            f"{n_poles} common poles of {n_channels} responses are {n_parameters} parameters; the covariance"
+            f" is for {lib.GSID_LSQ_COLUMNS_MAX} at most: take fewer poles, inputs or outputs"
+        )
     cfg.delay_of = ffi.from_buffer("uint32_t[]", groups)
     return cfg, groups
 

@@ -161,6 +161,10 @@ static gsid_status check(uint32_t n_channels, const gsid_frd *channel, const gsi
         cfg->n_poles > GSID_MIMO_POLES_MAX || cfg->n_delays > n_channels || (unsigned)cfg->domain > GSID_DOMAIN_Z ||
         (cfg->method != GSID_METHOD_IWLS && cfg->method != GSID_METHOD_NLS && cfg->method != GSID_METHOD_ML))
         return GSID_E_CONFIG;
+    const size_t n = (size_t)n_channels * (cfg->n_poles + (cfg->direct != 0)) + cfg->n_poles + cfg->n_delays;
+    if (result->cov != NULL && n > GSID_LSQ_COLUMNS_MAX)
+        return GSID_E_CONFIG;
+    uint64_t used = 0; /* numbers of free delays */
     for (uint32_t i = 0; i < n_channels; i++) {
         const gsid_status status = check_channel(&channel[i]);
         if (status != GSID_OK)
@@ -169,11 +173,15 @@ static gsid_status check(uint32_t n_channels, const gsid_frd *channel, const gsi
             return GSID_E_NONFINITE;
         if (cfg->n_delays > 0 && cfg->delay_of[i] >= cfg->n_delays)
             return GSID_E_CONFIG;
+        used |= cfg->n_delays > 0 ? UINT64_C(1) << cfg->delay_of[i] : 0;
         if (2 * channel[i].n_lines < 2 * cfg->n_poles + 2)
             return GSID_E_TOO_FEW;
     }
+    if (cfg->n_delays > 0 && used != UINT64_MAX >> (64 - cfg->n_delays))
+        return GSID_E_CONFIG;
     const double f_max_hz = gsid_mimo_highest_frequency(n_channels, channel);
-    if (!(f_max_hz > 0) || !(cfg->delay_max_s >= 0 && cfg->delay_max_s * 8 * f_max_hz <= GSID_MIMO_DELAYS_MAX) ||
+    if (!(f_max_hz > 0) ||
+        !(cfg->delay_max_s >= 0 && GSID_MIMO_SCAN_STEPS * cfg->delay_max_s * f_max_hz <= GSID_MIMO_DELAYS_MAX) ||
         (cfg->domain == GSID_DOMAIN_Z && !(cfg->sample_s > 0 && f_max_hz * cfg->sample_s < 0.5)))
         return GSID_E_CONFIG;
     return GSID_OK;

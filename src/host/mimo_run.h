@@ -63,7 +63,14 @@ gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared);
 double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel);
 
 /* ---- mimo_start.c */
+#define GSID_MIMO_SCAN_STEPS 8    /* of delays, in a period of the highest frequency */
 #define GSID_MIMO_DELAYS_MAX 4096 /* of a scan */
+
+/* Free delays are searched from 0 to here. */
+double gsid_mimo_delay_limit(const mimo_run *r);
+
+/* The free delay with that number. */
+double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c);
 gsid_status gsid_mimo_start(mimo_run *r, mimo_candidate *c);
 
 /* ---- mimo_relocate.c: iteratively reweighted linear fits */

@@ -99,12 +99,18 @@ typedef struct {
 
 static void set_limits(const mimo_run *r, const mimo_candidate *c, shared_step *s) {
     const uint32_t n = r->n_shared;
+    const double limit_s = gsid_mimo_delay_limit(r);
     for (uint32_t j = 0; j < n; j++) {
-        double least = -HUGE_VAL, most = HUGE_VAL;
-        if (j < r->cfg.n_poles)
+        double least = 0, most = limit_s, now;
+        if (j < r->cfg.n_poles) {
+            now = c->x[j];
             gsid_mimo_bounds(r, j, &least, &most);
-        s->lower[j] = j < r->cfg.n_poles ? least - c->x[j] : least;
-        s->upper[j] = j < r->cfg.n_poles ? most - c->x[j] : most;
+        } else {
+            now = gsid_mimo_group_delay(r, j - r->cfg.n_poles, c);
+            most = fmax(most, now); /* the scan's thinned lines may end lower: its limit is longer then */
+        }
+        s->lower[j] = least - now;
+        s->upper[j] = most - now;
         s->length[j] = 0;
         for (uint32_t i = 0; i <= j; i++)
             s->length[j] = hypot(s->length[j], r->shared[(size_t)i * (n + 1) + j]);
@@ -225,8 +231,6 @@ gsid_status gsid_mimo_search(mimo_run *r, mimo_candidate *c) {
 
 gsid_status gsid_mimo_covariance(mimo_run *r, const mimo_candidate *c, double *cov) {
     const size_t n = (size_t)r->n_channels * r->n_local + r->n_shared;
-    if (n > GSID_LSQ_COLUMNS_MAX)
-        return GSID_E_CONFIG;
     const size_t size = gsid_lsq_mem_size((uint32_t)n);
     void *mem = malloc(size);
     gsid_lsq lsq;

@@ -13,8 +13,7 @@
 #define RELOCATIONS 20
 #define SCAN_LINES_PER_POLE 16
 #define SCAN_PERIODS 3 /* of the highest frequency: the default range of delays */
-#define SCAN_STEPS 8  /* of delays, in a period of the highest frequency */
-#define FINE_STEPS 32 /* the same when each is looked for by itself */
+#define FINE_STEPS 32  /* as GSID_MIMO_SCAN_STEPS, when each is looked for by itself */
 #define DELAY_ROUNDS 3
 #define SWAP_DAMPING 0.03
 #define SWAP_PLACES_PER_PAIR 4
@@ -50,8 +49,10 @@ static void thin_free(const mimo_run *r, gsid_frd *thin) {
     free(thin);
 }
 
-static double delay_limit(const mimo_run *r, double f_max_hz) {
-    return r->cfg.delay_max_s > 0 ? r->cfg.delay_max_s : SCAN_PERIODS / f_max_hz;
+double gsid_mimo_delay_limit(const mimo_run *r) {
+    if (r->cfg.delay_max_s > 0)
+        return r->cfg.delay_max_s;
+    return SCAN_PERIODS / gsid_mimo_highest_frequency(r->n_channels, r->channel);
 }
 
 static void keep(const mimo_candidate *c, uint32_t n_kept, mimo_candidate *kept) {
@@ -65,8 +66,8 @@ static void keep(const mimo_candidate *c, uint32_t n_kept, mimo_candidate *kept)
 
 /* Poles at delays common to all channels, from 0 to the limit; best first. */
 static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kept, mimo_candidate *kept) {
-    const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = delay_limit(r, f_max_hz);
-    const uint32_t n_steps = r->cfg.n_delays > 0 ? (uint32_t)ceil(SCAN_STEPS * f_max_hz * limit_s) : 0;
+    const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = gsid_mimo_delay_limit(r);
+    const uint32_t n_steps = r->cfg.n_delays > 0 ? (uint32_t)ceil(GSID_MIMO_SCAN_STEPS * f_max_hz * limit_s) : 0;
     gsid_status last = GSID_E_SINGULAR;
     for (uint32_t i = 0; i < n_kept; i++)
         kept[i].cost = HUGE_VAL;
@@ -76,6 +77,8 @@ static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kep
             c.delay_s[channel] = limit_s * step / n_steps;
         gsid_mimo_spread_poles(r, &c);
         const gsid_status status = gsid_mimo_relocate(r, SCAN_RELOCATIONS, &c);
+        if (status == GSID_E_NO_MEMORY)
+            return status;
         last = status < 0 ? status : last;
         if (status >= 0)
             keep(&c, n_kept, kept);
@@ -92,7 +95,7 @@ static double group_cost(mimo_run *r, const double *q, uint32_t group, double de
     return cost;
 }
 
-static double group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c) {
+double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c) {
     uint32_t channel = 0;
     while (channel + 1 < r->n_channels && r->cfg.delay_of[channel] != group)
         channel++;
@@ -103,11 +106,11 @@ static double group_delay(const mimo_run *r, uint32_t group, const mimo_candidat
  * a wrong delay for a while: its minima are narrow. */
 static void scan_each_delay(mimo_run *r, double steps_per_period, mimo_candidate *c) {
     double q[GSID_MIMO_POLES_MAX];
-    const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = delay_limit(r, f_max_hz);
+    const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = gsid_mimo_delay_limit(r);
     const uint32_t n_steps = (uint32_t)ceil(steps_per_period * f_max_hz * limit_s);
     gsid_mimo_sections(r, c->x, q);
     for (uint32_t group = 0; group < r->cfg.n_delays; group++) {
-        double best_s = group_delay(r, group, c), least = group_cost(r, q, group, best_s);
+        double best_s = gsid_mimo_group_delay(r, group, c), least = group_cost(r, q, group, best_s);
         for (uint32_t step = 0; step <= n_steps; step++) {
             const double delay_s = limit_s * step / n_steps, cost = group_cost(r, q, group, delay_s);
             best_s = cost < least ? delay_s : best_s;
@@ -160,15 +163,15 @@ static void best_place(mimo_run *r, uint32_t first, mimo_candidate *c) {
 /* Pairs that cancel their own zeros are local minima of V: as long as it helps, the weakest pair is moved to where it
  * is of most use. */
 static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
-    gsid_status status = GSID_OK;
-    for (uint32_t round = 0; status >= 0 && round < r->cfg.n_poles && r->cfg.n_poles >= 4; round++) {
+    for (uint32_t round = 0; round < r->cfg.n_poles && r->cfg.n_poles >= 4; round++) {
         mimo_candidate moved = *c;
         best_place(r, weakest_pair(r, c), &moved);
-        if (gsid_mimo_search(r, &moved) < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
-            break;
+        const gsid_status status = gsid_mimo_search(r, &moved);
+        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
+            return status;
         *c = moved;
     }
-    return status;
+    return GSID_OK;
 }
 
 /* Channels with delays of their own move apart. */
@@ -184,27 +187,40 @@ static gsid_status part_delays(mimo_run *r, mimo_candidate *c) {
     return GSID_OK;
 }
 
-/* The best of the starts, on the lines of the scan. */
+/* One start, with delays of its channels' own, refined. */
+static gsid_status try_start(mimo_run *r, mimo_candidate *c) {
+    if (r->cfg.n_delays > 1) {
+        mimo_candidate moved = *c;
+        scan_each_delay(r, GSID_MIMO_SCAN_STEPS, &moved);
+        const gsid_status status = gsid_mimo_relocate(r, SCAN_RELOCATIONS, &moved);
+        if (status == GSID_E_NO_MEMORY)
+            return status;
+        if (status >= 0 && moved.cost < c->cost)
+            *c = moved;
+    }
+    return r->cfg.method != GSID_METHOD_IWLS ? gsid_mimo_search(r, c) : GSID_OK;
+}
+
+/* The best of the starts, on the lines of the scan. One that fails leaves it to the others; without memory all would. */
 static gsid_status choose(mimo_run *r, const mimo_candidate *first, mimo_candidate *best) {
     mimo_candidate kept[STARTS];
-    gsid_status status = scan(r, first, STARTS, kept);
+    gsid_status status = scan(r, first, STARTS, kept), last = GSID_E_SINGULAR;
     best->cost = HUGE_VAL;
-    for (int i = 0; i < STARTS && status >= 0 && kept[i].cost < HUGE_VAL; i++) {
-        mimo_candidate moved = kept[i];
-        if (r->cfg.n_delays > 1) {
-            scan_each_delay(r, SCAN_STEPS, &moved);
-            if (gsid_mimo_relocate(r, SCAN_RELOCATIONS, &moved) >= 0 && moved.cost < kept[i].cost)
-                kept[i] = moved;
-        }
-        if (r->cfg.method != GSID_METHOD_IWLS)
-            status = gsid_mimo_search(r, &kept[i]);
-        keep(&kept[i], 1, best);
+    for (int i = 0; i < STARTS && status != GSID_E_NO_MEMORY && kept[i].cost < HUGE_VAL; i++) {
+        status = try_start(r, &kept[i]);
+        last = status < 0 ? status : last;
+        if (status >= 0)
+            keep(&kept[i], 1, best);
     }
-    if (status >= 0 && r->cfg.method != GSID_METHOD_IWLS)
+    if (status == GSID_E_NO_MEMORY)
+        return status;
+    if (!(best->cost < HUGE_VAL))
+        return status < 0 ? status : last;
+    if (r->cfg.method != GSID_METHOD_IWLS)
         status = put_to_use(r, best);
-    if (status >= 0 && r->cfg.method != GSID_METHOD_IWLS)
+    if (r->cfg.method != GSID_METHOD_IWLS && status != GSID_E_NO_MEMORY)
         status = part_delays(r, best);
-    return best->cost < HUGE_VAL ? GSID_OK : status < 0 ? status : GSID_E_SINGULAR;
+    return status == GSID_E_NO_MEMORY ? status : GSID_OK; /* what these two could not better stays as it was */
 }
 
 gsid_status gsid_mimo_start(mimo_run *r, mimo_candidate *c) {

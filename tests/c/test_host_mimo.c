@@ -1,9 +1,11 @@
 /* Fits of several responses with common poles: what is refused, what a failure leaves, and the answer's arrangement. */
+#include <complex.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -78,6 +80,126 @@ static void exact_responses_give_sections_numerators_and_delays(void **state) {
     assert_int_equal(b.result.converged, 1);
 }
 
+/* ---- domain z, with d, one delay for all, and the covariance ---- */
+
+enum { N_LOCAL_Z = N_POLES + 1, N_NUM_Z = N_CHANNELS * N_LOCAL_Z, N_Z = N_NUM_Z + N_POLES + 1 };
+#define SAMPLE_S 3e-3
+
+/* p: numerators of each channel, sections, delay, as in the covariance. */
+static double complex response_z(const double *p, int channel, double f_hz) {
+    const double w = TWO_PI * f_hz, *b = p + channel * N_LOCAL_Z, *q = p + N_NUM_Z;
+    const double complex z = cexp(I * w * SAMPLE_S);
+    return cexp(-I * w * q[N_POLES]) * ((b[0] + b[1] * z) / (z * z + q[1] * z + q[0]) + b[2] / (z + q[2]) + b[3]);
+}
+
+/* Twice M of EST-6 by central differences. */
+static void information(const bench *b, const double *p, double m[N_Z][N_Z]) {
+    memset(m, 0, N_Z * sizeof *m);
+    for (int c = 0; c < N_CHANNELS; c++) {
+        for (int k = 0; k < N_LINES; k++) {
+            double complex slope[N_Z];
+            for (int i = 0; i < N_Z; i++) {
+                double up[N_Z], down[N_Z];
+                const double h = 1e-5 * (i == N_Z - 1 ? SAMPLE_S : 1);
+                memcpy(up, p, sizeof up);
+                memcpy(down, p, sizeof down);
+                up[i] += h;
+                down[i] -= h;
+                slope[i] = (response_z(up, c, b->f_hz[k]) - response_z(down, c, b->f_hz[k])) / (2 * h * b->sigma[k]);
+            }
+            for (int i = 0; i < N_Z; i++)
+                for (int j = 0; j < N_Z; j++)
+                    m[i][j] += 2 * creal(conj(slope[i]) * slope[j]);
+        }
+    }
+}
+
+static const double TRUTH_Z[N_Z] = {0.1, 0.2, 0.3, 0.05, -0.2, 0.15, 0.1, -0.1, 0.9, -1.5, -0.5, 1.3e-3};
+
+static void make_z(bench *b) {
+    static const uint32_t shared[N_CHANNELS] = {0, 0};
+    make(b);
+    for (int c = 0; c < N_CHANNELS; c++)
+        for (int k = 0; k < N_LINES; k++) {
+            const double complex g = response_z(TRUTH_Z, c, b->f_hz[k]);
+            b->g[c][k] = (gsid_cplx){creal(g), cimag(g)};
+        }
+    const gsid_mimo_cfg cfg = {.domain = GSID_DOMAIN_Z,
+                               .method = GSID_METHOD_ML,
+                               .n_poles = N_POLES,
+                               .direct = 1,
+                               .sample_s = SAMPLE_S,
+                               .n_delays = 1,
+                               .delay_of = shared};
+    b->cfg = cfg;
+}
+
+static void the_covariance_is_half_the_inverse_of_the_information(void **state) {
+    (void)state;
+    bench b;
+    double num[N_NUM_Z], cov[N_Z][N_Z], found[N_Z], m[N_Z][N_Z];
+    make_z(&b);
+    b.result.num = num;
+    b.result.cov = cov[0];
+    assert_int_equal(run(&b), GSID_OK);
+    assert_true(b.delay_s[0] == b.delay_s[1]);
+    assert_int_equal(b.result.n_parameters, N_Z);
+    memcpy(found, num, sizeof num);
+    memcpy(found + N_NUM_Z, b.section, sizeof b.section);
+    found[N_Z - 1] = b.delay_s[0];
+    for (int i = 0; i < N_Z; i++)
+        assert_true(fabs(found[i] - TRUTH_Z[i]) < 1e-6);
+    information(&b, found, m);
+    for (int i = 0; i < N_Z; i++)
+        for (int j = 0; j < N_Z; j++) {
+            double product = 0;
+            for (int k = 0; k < N_Z; k++)
+                product += m[i][k] * cov[k][j];
+            const double unit = sqrt(m[i][i] / m[j][j]); /* of parameter j in those of i */
+            assert_true(fabs(product / unit - (i == j)) <
+                        1e-4); /* differences of 1e-5: squares of it, times the condition */
+        }
+}
+
+/* An early response is no negative delay. Found by review: the search had no limits there. */
+static void a_free_delay_is_not_negative(void **state) {
+    (void)state;
+    bench b;
+    make(&b);
+    for (int k = 0; k < N_LINES; k++)
+        b.g[0][k] = response(0, b.f_hz[k], -0.5e-3);
+    assert_true(run(&b) >= 0);
+    assert_true(b.delay_s[0] == 0);
+    assert_true(b.delay_s[1] >= 0 && b.delay_s[1] <= 3.0 / 120);
+}
+
+static void a_delay_stays_below_its_limit(void **state) {
+    (void)state;
+    bench b;
+    make(&b);
+    b.cfg.delay_max_s = 2e-3; /* channel 1 has 2.2 ms */
+    assert_true(run(&b) >= 0);
+    assert_true(b.delay_s[0] >= 0 && b.delay_s[0] <= 2e-3);
+    assert_true(b.delay_s[1] >= 0 && b.delay_s[1] <= 2e-3);
+}
+
+/* Nothing determines the poles of responses that are 0. */
+static void singular_leaves_all_of_the_result(void **state) {
+    (void)state;
+    static bench b, was;
+    static double cov[11][11], cov_was[11][11];
+    memset(&b, 0, sizeof b);
+    make(&b);
+    memset(b.g, 0, sizeof b.g);
+    memset(cov, 0x5A, sizeof cov);
+    memcpy(cov_was, cov, sizeof cov);
+    b.result.cov = cov[0];
+    memcpy(&was, &b, sizeof b);
+    assert_int_equal(run(&b), GSID_E_SINGULAR);
+    assert_memory_equal(&b, &was, sizeof b);
+    assert_memory_equal(cov, cov_was, sizeof cov);
+}
+
 static void assert_refused(bench *b, gsid_status wanted) {
     assert_int_equal(run(b), wanted);
     assert_true(b->section[0] == -7);
@@ -98,6 +220,10 @@ static void failures_leave_the_result(void **state) {
     assert_refused(&b, GSID_E_CONFIG);
     make(&b);
     b.cfg.n_delays = 1; /* the second channel asks for another one */
+    assert_refused(&b, GSID_E_CONFIG);
+    make(&b);
+    const uint32_t second[N_CHANNELS] = {1, 1};
+    b.cfg.delay_of = second; /* nobody has the first */
     assert_refused(&b, GSID_E_CONFIG);
     make(&b);
     b.cfg.domain = GSID_DOMAIN_Z; /* without a sample time */
@@ -121,10 +247,34 @@ static void failures_leave_the_result(void **state) {
     assert_int_equal(gsid_mimo_run(0, b.channel, &b.cfg, &b.result), GSID_E_CONFIG);
 }
 
+/* Found by review: it was refused after all the work. 34 channels of 30 numerators are 1050 parameters with their poles; the
+ * lines are too few, which is looked at later. */
+static void too_many_for_a_covariance_are_refused_first(void **state) {
+    (void)state;
+    static gsid_frd channel[34];
+    static double num[34 * 30], section[30], delay_s[34], cov[1];
+    bench b;
+    make(&b);
+    for (int c = 0; c < 34; c++) {
+        channel[c] = b.channel[0];
+        channel[c].n_lines = 5;
+    }
+    const gsid_mimo_cfg cfg = {.method = GSID_METHOD_ML, .n_poles = 30};
+    gsid_mimo_result result = {.section = section, .num = num, .delay_s = delay_s, .cov = cov};
+    assert_int_equal(gsid_mimo_run(34, channel, &cfg, &result), GSID_E_CONFIG);
+    result.cov = NULL;
+    assert_int_equal(gsid_mimo_run(34, channel, &cfg, &result), GSID_E_TOO_FEW);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exact_responses_give_sections_numerators_and_delays),
+        cmocka_unit_test(the_covariance_is_half_the_inverse_of_the_information),
+        cmocka_unit_test(a_free_delay_is_not_negative),
+        cmocka_unit_test(a_delay_stays_below_its_limit),
+        cmocka_unit_test(singular_leaves_all_of_the_result),
         cmocka_unit_test(failures_leave_the_result),
+        cmocka_unit_test(too_many_for_a_covariance_are_refused_first),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -94,6 +94,11 @@ def test_settling_is_that_of_the_slowest_output(slow):
     assert np.mean(error) == pytest.approx(1, abs=0.3)  # of 198 numbers: sd 0.07
 
 
+def test_more_parameters_than_the_covariance_is_for(exact):
+    with pytest.raises(ValueError, match="16 responses are 1086 parameters"):
+        fit_mimo(exact, "62/62", domain="z")
+
+
 def test_too_few_experiments():
     with pytest.raises(InputError, match="fewer experiments than inputs"):
         frf_mimo(gimbal.experiments(7)[:3])

@@ -20,20 +20,21 @@ typedef struct {
     int direct;               /* 1: as many zeros as poles (with d); 0: one fewer */
     double sample_s;          /* domain z: sample time [s] */
     uint32_t n_delays;        /* free ones, 0 .. GSID_MIMO_CHANNELS_MAX; 0: those given stay */
-    const uint32_t *delay_of; /* [n_channels] which free delay a channel has; NULL without free ones */
-    double delay_max_s;       /* scanned from 0 to here [s], all channels alike, then each alone; default 3 / f_max */
-    int allow_unstable;       /* 1: the best model, stable or not */
+    const uint32_t *delay_of; /* [n_channels] which free delay a channel has, each in use; NULL without free ones */
+    double delay_max_s; /* free ones are from 0 to here [s]: all channels alike, then each alone; default 3 / f_max */
+    int allow_unstable; /* 1: the best model, stable or not */
 } gsid_mimo_cfg;
 
 /* The caller's memory, n_local = n_poles + direct. */
 typedef struct {
-    double scale_rad_s;  /* of v in domain s; 1 in domain z */
-    double *section;     /* [n_poles] q0 and q1 of each section */
-    double *num;         /* [n_channels][n_local] b0 and b1 of each section, then d */
-    double *delay_s;     /* [n_channels]; in: the delays, when none is free */
+    double scale_rad_s; /* of v in domain s; 1 in domain z */
+    double *section; /* [n_poles] q0 and q1 of each section */
+    double *num; /* [n_channels][n_local] b0 and b1 of each section, then d */
+    double *delay_s; /* [n_channels]; in: the delays, when none is free */
     double *cov; /* [n][n] M^-1 / 2 of EST-6, with the weights of the method: the covariance of (num, section, free
                             delays) for ML and errors that are independent from channel to channel;
-                            n = n_channels n_local + n_poles + n_delays; may be NULL */
+                            n = n_channels n_local + n_poles + n_delays, at most GSID_LSQ_COLUMNS_MAX (else
+                            GSID_E_CONFIG, before any work); may be NULL */
     double cost; /* V with the weights of the method */
     double cost_ml; /* V weighted with the measured variance */
     uint32_t n_parameters;
