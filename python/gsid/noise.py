@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from gsid._callable import callable_as
 from gsid.errors import InputError
 from gsid.record import Record, find_period, split_periods
-from gsid.tones import Tone, find_tones
+from gsid.tones import Tone, find_tones, n_taken_off
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -252,8 +252,7 @@ def _noise_alone(record: Record, period: int | None, settle: int | None) -> tupl
 
 def _share_of_noise(valid: np.ndarray, period_samples: int) -> float:
     """Share of the noise's variance that is left when mean and trend, or the mean period, are taken off."""
-    n_taken = np.count_nonzero(valid.reshape(-1, period_samples).any(axis=0)) if period_samples else 2
-    return 1 - n_taken / np.count_nonzero(valid)
+    return 1 - n_taken_off(valid, period_samples) / np.count_nonzero(valid)
 
 
 def _from_first_sample(tone: Tone, start_s: float) -> Tone:

@@ -79,6 +79,11 @@ def _digits(value: float, std: float) -> str:
     return f"{value:.{decimals}f}"
 
 
+def n_taken_off(valid: np.ndarray, period: int) -> int:
+    """Degrees of freedom of the mean period that `Rest` takes off; with period 0, of mean and trend."""
+    return np.count_nonzero(valid.reshape(-1, period).any(axis=0)) if period else 2
+
+
 class Rest:
     """What is left of a signal when what is not noise is taken off: its mean and trend, or its mean period.
 
@@ -93,6 +98,7 @@ class Rest:
     def __init__(self, valid: np.ndarray, period: int) -> None:
         self._weight, self._period = valid.astype(float), period
         self._spacing = len(valid) // period if period else 0
+        self._n_free = np.count_nonzero(valid) - n_taken_off(valid, period)
         self._count = (
             np.maximum(self._weight.reshape(-1, period).sum(axis=0), 1) if period else self._weight.sum()
         )
@@ -109,6 +115,11 @@ class Rest:
             return ((rows - rows.sum(axis=0) / self._count).ravel()) * self._weight
         x = x - (x.sum() / self._count) * self._weight
         return x - (self._trend @ x) * self._trend
+
+    def variance(self, power: float) -> float:
+        """Variance of white noise of which the periodogram has this power, off the lines of the period."""
+        off_lines = 1 - (self._period or 2) / len(self._weight)  # what was taken off is missing there only
+        return power * off_lines / self._n_free
 
     def off_lines(self, bins: float) -> float:
         """The nearest place that is not too close to a line of the period."""
@@ -158,7 +169,7 @@ def find_tones(
     else:
         _log.warning("%d periodic disturbances found, and there are more", MAX_TONES)
     floor = beside.mean(_periodogram(rest))
-    tones = [_tone(sine, rest, floor, beside.n_beside, fs_hz) for sine in found]
+    tones = [_tone(sine, rest_of, floor, beside.n_beside, fs_hz, n) for sine in found]
     return _harmonics(sorted(tones, key=lambda tone: -tone.amplitude), fs_hz / n), rest
 
 
@@ -353,12 +364,11 @@ def _fit_again(found: list[_Sine], rest: np.ndarray, rest_of: Rest, std_amplitud
     return rest
 
 
-def _tone(sine: _Sine, rest: np.ndarray, floor: np.ndarray, n_beside: np.ndarray, fs_hz: float) -> Tone:
-    n = len(rest)
+def _tone(sine: _Sine, rest_of: Rest, floor: np.ndarray, n_beside: np.ndarray, fs_hz: float, n: int) -> Tone:
     nearest = min(round(FINE * sine.bins), len(floor) - 1)
     while nearest + 1 < len(floor) and not n_beside[nearest]:  # beside a line of the excitation
         nearest += 1
-    variance = floor[nearest] / n  # of white noise that has the power of the noise beside the sine
+    variance = rest_of.variance(floor[nearest])  # as if the noise beside the sine were white
     middle_angle = 2 * np.pi * sine.bins / n * (n - 1) / 2
     phase = np.arctan2(-sine.b, sine.a) - middle_angle
     return Tone(

@@ -263,6 +263,26 @@ def test_close_to_a_line_it_is_found_and_its_error_is_known(bins):
     assert all(within_binomial(count, 25, 0.95) for count in covered)
 
 
+@pytest.mark.parametrize("n_period", [0, 500])
+def test_where_samples_are_lost_the_error_is_known_too(n_period):
+    """They counted as noise of 0: the standard deviations were too small by 1.4 to 1.7."""
+    n, amplitude, scaled = 6000, 0.5, []
+    valid = np.ones(n, bool)
+    valid[500:3500] = False
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        u = np.resize(rng.standard_normal(n_period), n) if n_period else np.zeros(n)
+        f_hz = 100.9 + 0.2 * rng.random()  # lines of the period 2 Hz apart
+        sine = amplitude * np.cos(2 * np.pi * f_hz * np.arange(n) / FS_HZ + 6 * rng.random())
+        y = np.where(valid, 3 * u + sine + rng.standard_normal(n), 0)
+        tones = noise(Record(u, y, FS_HZ, n_period or None, 0, valid=valid)).tones
+        tone = min(tones, key=lambda tone: abs(tone.f_hz - f_hz))
+        scaled.append(((tone.f_hz - f_hz) / tone.std_f_hz, (tone.amplitude - amplitude) / tone.std_amplitude))
+    rms = np.sqrt(np.mean(np.square(scaled), axis=0))
+    print(f"period {n_period}: rms errors over their standard deviations {rms[0]:.2f}, {rms[1]:.2f}")
+    np.testing.assert_allclose(rms, 1, atol=0.3)  # 60 values: 9 %; three of that
+
+
 def test_next_to_a_line_the_fit_does_not_run_away():
     for seed in range(10):
         tones = noise(excited(seed, 30 + 0.1 / 12)).tones
