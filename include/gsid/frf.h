@@ -95,8 +95,9 @@ gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *m
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.
- *  @return GSID_OK; GSID_SETTLING every one fell in the settling; GSID_SPOILED the end of a period was passed;
- *          GSID_DONE the lines of the period before were added; GSID_E_NULL; GSID_E_STATE
+ *  @return GSID_OK; GSID_SETTLING every one fell in the settling; GSID_SPOILED the end of a period was passed, even
+ *          when the lines of the one before were added on the way: n_periods tells; GSID_DONE these were added and no end was
+ *          passed; GSID_E_NULL; GSID_E_STATE
  *  Cost: direct: one 64-bit remainder per line. Spread: as n_samples steps, until there is no work left.
  *  Context: as gsid_frf_step. */
 gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);

@@ -6,7 +6,6 @@
 #include "gsid/excitation.h"
 #include "reference.h"
 
-#define PI_L 3.14159265358979323846264338327950288L
 #define N_MAX 7000
 
 static gsid_cplx table[N_MAX];

@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <cmocka.h>
@@ -50,6 +51,24 @@ static void batch_equals_streaming_to_rounding(void **state) {
             }
         }
     }
+}
+
+/* Found by review: plan and buffers of any length were kept as long as the process lives. */
+static void a_period_too_long_to_keep_leaves_the_next_as_they_are(void **state) {
+    (void)state;
+    const uint32_t n_long = (UINT32_C(1) << 20) + 1024, periods[3] = {n_long, 240, n_long}, line[1] = {3};
+    double *long_x = malloc(n_long * sizeof *long_x);
+    assert_non_null(long_x);
+    for (int i = 0; i < 3; i++) {
+        gsid_cplx found[1];
+        for (uint32_t n = 0; n < periods[i]; n++) {
+            long_x[n] = sin(6.283185307179586 * 3 * n / periods[i]);
+        }
+        assert_int_equal(gsid_batch_spectra(1, periods[i], long_x, 1, line, found), GSID_OK);
+        /* -j, and rounding of a transform: a few units for each of its 20 stages, and of the sine's argument */
+        assert_true(fabs(found[0].re) < 1e-13 && fabs(found[0].im + 1) < 1e-13);
+    }
+    free(long_x);
 }
 
 static void spectra_refuse(void **state) {
@@ -145,6 +164,7 @@ static void a_refused_block_leaves_the_object_as_it_was(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(batch_equals_streaming_to_rounding),
+        cmocka_unit_test(a_period_too_long_to_keep_leaves_the_next_as_they_are),
         cmocka_unit_test(spectra_refuse),
         cmocka_unit_test(blocks_of_any_size_give_the_same_bits),
         cmocka_unit_test(a_refused_block_leaves_the_object_as_it_was),

@@ -8,8 +8,11 @@ const char *gsid_fftw_version_str(void) {
     return fftw_version;
 }
 
+#define KEPT_MAX (UINT32_C(1) << 20) /* samples of a plan that is kept: its buffers are 16 MB */
+
 /* The last plan is kept: planning takes as long as ten transforms, and realisations have the same period. One period's
- * buffers stay in the cache, and the caller's samples, which the planner might overwrite, stay whole. */
+ * buffers stay in the cache, and the caller's samples, which the planner might overwrite, stay whole. Those of a long period
+ * would take up to 16 GB as long as the process lives: they are freed. */
 static struct {
     uint32_t n_period;
     double *in;
@@ -17,13 +20,18 @@ static struct {
     fftw_plan plan;
 } kept;
 
+static void forget_plan(void) {
+    fftw_destroy_plan(kept.plan);
+    fftw_free(kept.out);
+    fftw_free(kept.in);
+    memset(&kept, 0, sizeof kept);
+}
+
 static gsid_status plan_for(uint32_t n_period) {
     if (kept.plan != NULL && kept.n_period == n_period) {
         return GSID_OK;
     }
-    fftw_destroy_plan(kept.plan);
-    fftw_free(kept.out);
-    fftw_free(kept.in);
+    forget_plan();
     kept.n_period = n_period;
     kept.in = fftw_alloc_real(n_period);
     kept.out = fftw_alloc_complex(n_period / 2 + 1);
@@ -44,6 +52,9 @@ gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double 
             of_period[i].re = scale * kept.out[k][0];
             of_period[i].im = scale * kept.out[k][1];
         }
+    }
+    if (status != GSID_OK || n_period > KEPT_MAX) {
+        forget_plan();
     }
     return status;
 }
