@@ -35,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 import truth
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 from truth import TruthError
 
@@ -491,9 +491,17 @@ class Nulls:
     def refit(self, ys: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
         """(drop, whitened residual, whitened slopes) of the best null, its parameters not negative."""
         target = self.whitened(ys)
-        best = least_squares(
+        # From the truth too: a refit that once lost the resonance would not find it again.
+        starts = np.maximum(self.scale, 1e-3), np.ones(len(self.free))
+        tried = [self._refitted(target, start) for start in starts]
+        best = min(tried, key=lambda one: one.cost)
+        self.scale = best.x
+        return 2 * float(best.cost), -best.fun, best.jac
+
+    def _refitted(self, target: np.ndarray, start: np.ndarray) -> OptimizeResult:
+        return least_squares(
             lambda scale: self.answer(scale) - target,
-            np.maximum(self.scale, 1e-3),
+            start,
             lambda scale: self.slopes(scale, self.answer(scale)),
             bounds=(0, np.inf),
             x_scale="jac",
@@ -501,8 +509,6 @@ class Nulls:
             xtol=1e-10,
             max_nfev=60,
         )
-        self.scale = best.x
-        return 2 * float(best.cost), -best.fun, best.jac
 
 
 # ---- a trial -------------------------------------------------------------------------------------
