@@ -23,6 +23,7 @@ STARTS = 2  # of each, the second when the first does not keep its promise
 STARTS_FIXED = 5  # of those whose shape the fit cannot move
 WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the nearest of a grid shows half
 KEPT = 0.9  # of the predicted drop: the promise is kept
+BEYOND = 1.2  # the same where the shape is held: each has a promise of its own, and may bring more
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 
@@ -149,7 +150,8 @@ def _refitted(
     """The effect fitted from each start; None when no start can be fitted."""
     best: Candidate | None = None
     for probe, item in tries:
-        if best is not None and best.fit.converged and fit.cost - best.fit.cost > KEPT * item.drop:
+        enough = (BEYOND if probe.fixed else KEPT) * item.drop
+        if best is not None and best.fit.converged and fit.cost - best.fit.cost > enough:
             break
         try:
             start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)

@@ -230,7 +230,7 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
     scored = [
         (probe, _as_it_is(score(residual, nuisance, whitened(fit, probe.columns), one_sided=True)))
-        for probe in sample_hold_at(paths, [*best, *nominal], exact=True)
+        for probe in sample_hold_at(paths, list(dict.fromkeys([*best, *nominal])), exact=True)
     ]
     return scored, len(seen) + len(nominal)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.candidates import SAME, Candidate, evidence, ranked
+from gsid.candidates import SAME, Candidate, _refitted, evidence, ranked
 from gsid.linear_view import linear_view
 from gsid.plant_periodic import PeriodicPlant
 
@@ -37,6 +37,34 @@ def test_the_best_of_many_shapes_pays_for_the_choice():
     largest = np.random.default_rng(3).chisquare(1, (400, 1500)).max(axis=1).mean()
     price = evidence(before, candidate("x", 0.0, n_shapes=1500)) - evidence(before, candidate("x", 0.0))
     assert price == pytest.approx(largest, rel=0.2)
+
+
+def test_the_next_shape_is_tried_though_the_first_brought_nearly_its_promise(monkeypatch):
+    """A bug: a sensor of 750 Hz, tried at 1000 Hz, brought 95; 750 Hz promised 99 and would bring 117."""
+    brings = {1000.0: 95.0, 750.0: 117.0}
+
+    def start(model, effect, params, limits, fixed):
+        return SimpleNamespace(rate=params["rate_hz"])
+
+    def fit(model, measured, **options):
+        return SimpleNamespace(cost=3251.0 - brings[model.rate], converged=True)
+
+    monkeypatch.setattr("gsid.candidates.with_effect", start)
+    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
+    tries = [
+        (
+            SimpleNamespace(
+                start=lambda size, rate=rate: {"rate_hz": rate},
+                limits={},
+                fixed=("rate_hz",),
+                less_delay_s=lambda size: 0.0,
+            ),
+            SimpleNamespace(drop=drop, size=None),
+        )
+        for rate, drop in ((1000.0, 113.0), (750.0, 99.0))
+    ]
+    found = _refitted(fitted(3251.0), "sensor_sample_hold", tries, [], None)
+    assert found.fit.cost == 3251.0 - 117.0
 
 
 def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():
