@@ -1,5 +1,7 @@
 """The response to random noise by windows: scipy's estimate, an honest variance, a warning."""
 
+import logging
+
 import numpy as np
 import pytest
 from scipy.signal import coherence, csd, freqz, lfilter, welch
@@ -54,7 +56,7 @@ def test_its_variance_is_that_of_the_error():
 def test_an_input_that_does_not_repeat_is_windowed_with_a_warning(caplog):
     response = frf(random_record(2, name="random.csv"))
     assert response.period_samples == 4096  # the largest power of two of which the record holds 8
-    assert caplog.records[-1].levelname == "WARNING"
+    assert caplog.records[-1].levelno == logging.WARNING
     assert "random.csv: not by periods but by 15 Hann windows of 4096 samples" in caplog.text
     truth = freqz(B, A, response.f_hz, fs=FS_HZ)[1]
     assert np.mean(np.abs(response.g - truth) ** 2 / response.var_g) == pytest.approx(14 / 13, abs=0.3)
