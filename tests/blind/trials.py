@@ -29,17 +29,31 @@ import argparse
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import truth
+from hidden import (
+    BASE,
+    CATALOGUE,
+    FOREIGN,
+    FS_HZ,
+    LOCKED,
+    PAIRED,
+    SINGLE,
+    Axis,
+    Hidden,
+    Params,
+    Rng,
+    lugre,
+    shapes_of_the_catalogue,
+)
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 from truth import TruthError
 
-FS_HZ, N = 3000.0, 6000
+N = 6000  # samples of a period
 LINE_MAX, LINE_JUDGED = 389, 400  # 194.5 Hz and 200 Hz
 TRAVEL_LINES = 4  # lines below 2 Hz: they make the travel
 LEVELS = (6.0, 20.0)  # command rms
@@ -49,259 +63,6 @@ CLEAR_TARGETS = (128.0, 256.0, 1024.0, 4096.0, 1e4)
 FOREIGN_TARGETS = (1024.0, 4096.0, 1e4, 1e5)
 DIRTY_TARGET = 1e6
 KINDS = {"null": 0.30, "single": 0.35, "two": 0.10, "form": 0.03, "foreign": 0.12, "dirty": 0.05, "fan": 0.05}
-
-# Catalogue id -> its parameters' names in the simulator, by the catalogue's names.
-CATALOGUE: dict[str, dict[str, str]] = {
-    "rigid_body": {"gain": "gain"},
-    "transport_delay": {"delay_s": "delay_s"},
-    "motor_lag": {"time_constant_s": "motor_lag_s"},
-    "drive_quantization": {"step": "quantization_step"},
-    "drive_dead_zone": {"half_width": "dead_zone_half_width"},
-    "drive_saturation": {"limit": "saturation_limit"},
-    "viscous_friction": {"rate": "viscous_rate"},
-    "coulomb_friction": {"level": "coulomb_level"},
-    "stribeck_friction": {
-        "level": "coulomb_level",
-        "extra": "stribeck_extra",
-        "velocity": "stribeck_velocity",
-    },
-    "presliding_friction": {"level": "presliding_level", "stiffness": "presliding_stiffness"},
-    "quadratic_drag": {"rate": "quadratic_drag_rate"},
-    "cable_spring": {"stiffness": "spring_stiffness"},
-    "cubic_spring": {"stiffness": "cubic_stiffness"},
-    "mass_unbalance": {"level": "unbalance_level", "angle_deg": "unbalance_angle_deg"},
-    "motor_cogging": {
-        "level": "cogging_level",
-        "cycles_per_rev": "cogging_cycles",
-        "phase_rad": "cogging_phase_rad",
-    },
-    "hard_stop": {"angle_deg": "stop_angle_deg", "stiffness": "stop_stiffness"},
-    "gear_backlash": {
-        "gap_deg": "gear_gap_deg",
-        "stiffness": "gear_stiffness",
-        "inertia_ratio": "gear_inertia_ratio",
-        "damping": "gear_damping",
-    },
-    "flexible_mode": {"f_hz": "mode_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
-    "sensor_lag": {"time_constant_s": "sensor_lag_s"},
-    "sensor_sample_hold": {"rate_hz": "sample_hold_hz"},
-}
-BASE = ("rigid_body", "transport_delay", "viscous_friction", "cable_spring", "flexible_mode", "sensor_lag")
-# torque_bias only shifts the rest position of a linear axis: alone it leaves no trace in the rate.
-PAIRED = (
-    "coulomb_friction",
-    "cubic_spring",
-    "drive_dead_zone",
-    "drive_saturation",
-    "quadratic_drag",
-    "mass_unbalance",
-    "motor_cogging",
-    "presliding_friction",
-)
-
-Params = dict[str, float]
-Rng = np.random.Generator
-
-
-@dataclass
-class Hidden:
-    """A hidden effect on its way from nothing (size 0) to much; what is not its size is drawn once."""
-
-    params: Callable[[float], Params]
-    size: float  # first guess
-    size_max: float
-    size_min: float = 0.0
-
-
-@dataclass
-class Axis:
-    """What a hidden effect may look at when it is drawn."""
-
-    gain: float
-    peak_command: float
-    peak_angle: float
-
-
-# ---- what can be hidden --------------------------------------------------------------------------
-
-
-def _plain(name: str, size: float, size_max: float) -> Callable[[Rng, Axis], Hidden]:
-    return lambda rng, axis: Hidden(lambda s: {name: s}, size, size_max)
-
-
-def _signed(rng: Rng, low: float, high: float) -> float:
-    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
-
-
-def _log_uniform(rng: Rng, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _stribeck(rng: Rng, axis: Axis) -> Hidden:
-    extra, velocity = rng.uniform(0.3, 1.0), rng.uniform(0.5, 3.0)
-    return Hidden(
-        lambda s: {"coulomb_level": s, "stribeck_extra": s * extra, "stribeck_velocity": velocity}, 0.1, 50.0
-    )
-
-
-def _presliding(rng: Rng, axis: Axis) -> Hidden:
-    stiffness = _log_uniform(rng, 10, 100)
-    return Hidden(lambda s: {"presliding_level": s, "presliding_stiffness": stiffness}, 0.1, 50.0)
-
-
-def _lugre(rng: Rng, axis: Axis) -> Hidden:
-    stiffness, extra, velocity = _log_uniform(rng, 10, 60), rng.uniform(0.1, 0.4), rng.uniform(0.5, 2.0)
-    damping = rng.uniform(0.05, 0.3)
-    return Hidden(
-        lambda s: {
-            "presliding_level": s,
-            "presliding_stiffness": stiffness,
-            "lugre_extra": extra,
-            "lugre_velocity": velocity,
-            "lugre_damping": damping * s,
-        },
-        0.1,
-        50.0,
-    )
-
-
-def _unbalance(rng: Rng, axis: Axis) -> Hidden:
-    angle = _signed(rng, 20, 80)
-    return Hidden(lambda s: {"unbalance_level": s, "unbalance_angle_deg": angle}, 1.0, 2000.0)
-
-
-def _cogging(rng: Rng, axis: Axis) -> Hidden:
-    cycles, phase = float(rng.integers(24, 145)), rng.uniform(-np.pi, np.pi)
-    return Hidden(
-        lambda s: {"cogging_level": s, "cogging_cycles": cycles, "cogging_phase_rad": phase}, 0.1, 50.0
-    )
-
-
-def _stop(rng: Rng, axis: Axis) -> Hidden:
-    # A stiff stop without losses bounces: whether the axis touches or rattles depends on how it got there.
-    stiffness = _log_uniform(rng, 100, 1000)
-    return Hidden(
-        lambda s: {"stop_angle_deg": axis.peak_angle / (1 + s), "stop_stiffness": stiffness}, 0.003, 0.6
-    )
-
-
-def _backlash(rng: Rng, axis: Axis) -> Hidden:
-    """Play of a size that gears have, between motor and load: large or small, it is never a faint effect."""
-    ratio, f_hz, zeta = rng.uniform(0.1, 0.6), rng.uniform(100, 350), rng.uniform(0.1, 0.2)
-    reduced = ratio / (1 + ratio) ** 2  # inertia of the twist
-    rad_s = 2 * np.pi * f_hz
-    # With much less than a tenth of critical the play rattles for ever and nothing is periodic.
-    gear = {
-        "gear_stiffness": rad_s**2 * reduced,
-        "gear_inertia_ratio": ratio,
-        "gear_damping": 2 * zeta * rad_s * reduced,
-    }
-    size = _log_uniform(rng, 0.002, 0.03)
-    return Hidden(lambda s: gear | {"gear_gap_deg": s}, size, size, size)
-
-
-def _mode(rng: Rng, axis: Axis) -> Hidden:
-    f_hz, zeta = rng.uniform(60, 185), rng.uniform(0.01, 0.03)
-    return Hidden(lambda s: {"mode_hz": f_hz, "mode_zeta": zeta, "mode_residue": s}, 1e-4, 2.0)
-
-
-SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
-    "transport_delay": _plain("delay_s", 1e-5, 0.012),
-    "motor_lag": _plain("motor_lag_s", 1e-5, 0.02),
-    "drive_quantization": _plain("quantization_step", 0.5, 8.0),
-    "drive_dead_zone": _plain("dead_zone_half_width", 0.05, 8.0),
-    "drive_saturation": lambda rng, axis: Hidden(
-        lambda s: {"saturation_limit": axis.peak_command / (1 + s)}, 0.02, 2.0
-    ),
-    "viscous_friction": _plain("viscous_rate", 1e-2, 20.0),
-    "coulomb_friction": _plain("coulomb_level", 0.1, 50.0),
-    "stribeck_friction": _stribeck,
-    "presliding_friction": _presliding,
-    "quadratic_drag": _plain("quadratic_drag_rate", 1e-3, 2.0),
-    "cable_spring": _plain("spring_stiffness", 1e-1, 60.0),
-    "cubic_spring": _plain("cubic_stiffness", 1e-1, 50.0),
-    "mass_unbalance": _unbalance,
-    "motor_cogging": _cogging,
-    "hard_stop": _stop,
-    "gear_backlash": _backlash,
-    "flexible_mode": _mode,
-    "sensor_lag": _plain("sensor_lag_s", 1e-5, 0.02),
-    # A rate whose refreshes repeat with the period, 2000 Hz at most: near the loop's own there is no hold.
-    "sensor_sample_hold": lambda rng, axis: Hidden(
-        lambda s: {"sample_hold_hz": float(np.round(FS_HZ / (1 + s)))}, 3.0, 14.0, 0.5
-    ),
-}
-
-
-def _snap(rng: Rng, axis: Axis) -> Hidden:
-    angle, width = _signed(rng, 0, 1), rng.uniform(0.1, 0.4)
-    return Hidden(lambda s: {"snap_level": s, "snap_angle_deg": angle, "snap_width_deg": width}, 0.1, 100.0)
-
-
-def _creep(rng: Rng, axis: Axis) -> Hidden:
-    time_s = rng.uniform(0.1, 1.0)
-    return Hidden(lambda s: {"creep_stiffness": s, "creep_time_s": time_s}, 0.1, 60.0)
-
-
-def _friction_of_angle(rng: Rng, axis: Axis) -> Hidden:
-    cycles, phase = rng.uniform(60, 200), rng.uniform(-np.pi, np.pi)
-    return Hidden(
-        lambda s: {
-            "coulomb_level": s,
-            "friction_ripple": 0.95,
-            "friction_ripple_cycles": cycles,
-            "friction_ripple_phase_rad": phase,
-        },
-        0.1,
-        50.0,
-    )
-
-
-FOREIGN: dict[str, Callable[[Rng, Axis], Hidden]] = {
-    "magnetic_snap": _snap,
-    "eddy_brake_by_command": _plain("eddy_rate", 1e-3, 1.0),
-    "creep": _creep,
-    # From the largest step of the command down.
-    "command_rate_limit": lambda rng, axis: Hidden(
-        lambda s: {"command_rate_limit": axis.peak_command / (1 + s)}, 0.05, 20.0
-    ),
-    "friction_of_angle": _friction_of_angle,
-    "command_even_gain": _plain("command_even", 1e-5, 3e-3),
-    "gyro_cubic": _plain("gyro_cubic", 1e-6, 1e-3),
-}
-
-
-def shapes_of_the_catalogue(axis: Axis) -> Iterator[list[Params]]:
-    """What the catalogue's effects can look like, coarsely: each a span of one or two small effects."""
-    small = 0.01
-    for name in ("quadratic_drag_rate", "cubic_stiffness", "coulomb_level", "motor_lag_s"):
-        yield [{name: 1e-4 if name == "motor_lag_s" else small}]
-    for velocity in (0.3, 1.0, 3.0):
-        only_extra = {"stribeck_extra": small, "stribeck_velocity": velocity}
-        yield [{"coulomb_level": small}, only_extra]
-    for stiffness in (5.0, 12.0, 30.0, 75.0, 200.0):
-        yield [{"presliding_level": small, "presliding_stiffness": stiffness}]
-    yield [{"unbalance_level": 1.0, "unbalance_angle_deg": angle} for angle in (0.0, 90.0)]
-    for cycles in np.geomspace(5, 250, 18):
-        yield [
-            {"cogging_level": small, "cogging_cycles": cycles, "cogging_phase_rad": phase}
-            for phase in (0.0, np.pi / 2)
-        ]
-    for size in (0.03, 0.2, 1.0):
-        yield [{"dead_zone_half_width": size}]
-        yield [{"saturation_limit": axis.peak_command / (1 + size)}]
-        yield [{"stop_angle_deg": axis.peak_angle / (1 + 0.3 * size), "stop_stiffness": 300.0}]
-    for rate_hz in (300.0, 400.0, 600.0, 1000.0):
-        yield [{"sample_hold_hz": rate_hz}]
-
-
-# Locked to the period: unlisted effects of the kind "dirty".
-LOCKED: dict[str, Params] = {
-    "command_cubic": {"command_cubic": 1e-6},
-    "gyro_even": {"gyro_even": 1e-4},
-    "gyro_cubic": {"gyro_cubic": 1e-5},
-    "gain_ripple": {"gain_ripple": 1e-3, "gain_ripple_cycles": 90.0},
-}
 
 
 # ---- noise ---------------------------------------------------------------------------------------
@@ -643,7 +404,7 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
     added: list[Params] = []
     traces = []
     for effect in effects:
-        draw = _lugre if kind == "form" else (FOREIGN if kind == "foreign" else SINGLE)[effect]
+        draw = lugre if kind == "form" else (FOREIGN if kind == "foreign" else SINGLE)[effect]
         hidden = draw(rng, axis)
         target = DIRTY_TARGET if kind == "dirty" else float(rng.choice(targets[kind]))
         size, residual, slopes = calibrate(nulls, hidden, bench, len(fit), target)
