@@ -185,7 +185,9 @@ static gsid_status search_bounded(const fit_run *r, fit_candidate *c) {
     const gsid_fit_bounds bounds = {.free_delay = r->cfg.delay == GSID_DELAY_FREE,
                                     .delay_min_s = r->cfg.bound_delay ? r->cfg.delay_min_s : fmin(0, c->model.delay_s),
                                     .delay_max_s = fmax(r->delay_limit_s, c->model.delay_s),
-                                    .unstable = r->cfg.allow_unstable};
+                                    .unstable = r->cfg.allow_unstable,
+                                    .delay_step_s = gsid_fit_delay_step(r),
+                                    .stride = r->stride};
     const gsid_status status = gsid_fit_stable(&r->work, &bounds, &c->model, &c->cost);
     return status >= 0 && !gsid_fit_is_admissible(r, &c->model) ? GSID_E_UNSTABLE : status;
 }

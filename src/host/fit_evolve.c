@@ -65,31 +65,13 @@ static void set_denominator(const gsid_cplx *pole, gsid_rational *model) {
         model->den[i] = den[i].re;
 }
 
-/* Eq: EST-10. The numerator of least squared error for poles and delay given. Weighed between absolute and relative errors: with
- * the former a resonance where the response is small is lost beside small errors of where it is large. */
-static gsid_status solve_numerator(herd *h) {
-    const gsid_frd *data = &h->r->thin;
-    gsid_rational *m = &h->model;
-    double block[(GSID_ORDER_MAX + 2) * GSID_LSQ_BLOCK];
-    gsid_lsq_reset(&h->num);
-    gsid_status status = GSID_OK;
-    for (uint32_t k = 0, row = 0; k < data->n_lines && status >= 0; k++) {
-        const double w_rad_s = GSID_TWO_PI * data->f_hz[k];
-        const gsid_cplx v = gsid_rational_variable(m, w_rad_s);
-        const double size = hypot(data->g[k].re, data->g[k].im), weight = size > 0 ? 1 / sqrt(size) : 0;
-        gsid_cplx x = gsid_cplx_div(gsid_cplx_cis(-w_rad_s * m->delay_s), gsid_cplx_polynomial(m->n_poles, m->den, v));
-        x = gsid_cplx_scale(weight, x);
-        for (uint32_t i = 0; i <= m->n_zeros; i++, x = gsid_cplx_mul(x, v)) {
-            block[i * GSID_LSQ_BLOCK + row] = x.re;
-            block[i * GSID_LSQ_BLOCK + row + 1] = x.im;
-        }
-        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row] = weight * data->g[k].re;
-        block[(m->n_zeros + 1) * GSID_LSQ_BLOCK + row + 1] = weight * data->g[k].im;
-        row = (row + 2) % GSID_LSQ_BLOCK;
-        if (row == 0 || k + 1 == data->n_lines)
-            status = gsid_lsq_add_block(&h->num, row == 0 ? GSID_LSQ_BLOCK : row, block);
+/* Weighed between absolute and relative errors: with the former a resonance where the response is small is lost beside small
+ * errors of where it is large. */
+static void weigh(fit_run *r) {
+    for (uint32_t k = 0; k < r->thin.n_lines; k++) {
+        const double size = hypot(r->thin_g[k].re, r->thin_g[k].im);
+        r->thin_sigma[k] = size > 0 ? sqrt(size) : HUGE_VAL;
     }
-    return status < 0 ? status : gsid_lsq_solve(&h->num, 0, m->num, &h->cost);
 }
 
 static double fitness(unsigned n, const double *gene, double *gradient, void *user) {
@@ -100,7 +82,8 @@ static double fitness(unsigned n, const double *gene, double *gradient, void *us
     set_denominator(pole, &h->model);
     if (h->r->cfg.delay == GSID_DELAY_FREE)
         h->model.delay_s = gene[n - 1];
-    return solve_numerator(h) >= 0 && isfinite(h->cost) ? h->cost : HUGE_VAL;
+    const gsid_status status = gsid_fit_numerator(&h->r->thin, 1, &h->num, &h->model, &h->cost);
+    return status >= 0 && isfinite(h->cost) ? h->cost : HUGE_VAL;
 }
 
 static void set_ranges(const fit_run *r, double *lower, double *upper) {
@@ -147,6 +130,7 @@ gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     double lower[GSID_ORDER_MAX + 1], upper[GSID_ORDER_MAX + 1];
     r->stride = (r->stride + 1) / 2;
     gsid_fit_thin_out(r);
+    weigh(r);
     h.model.delay_s = r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : 0;
     set_ranges(r, lower, upper);
     const uint32_t n = r->cfg.n_poles + (r->cfg.delay == GSID_DELAY_FREE ? 1 : 0);

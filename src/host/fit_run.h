@@ -3,6 +3,7 @@
 #define GSID_FIT_RUN_H
 
 #include "gsid/host/fit.h"
+#include "gsid/lsq.h"
 
 /* What one run works on. `work` is the data as the estimators see them: without the hold, with the method's weights. */
 typedef struct {
@@ -45,12 +46,18 @@ gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int wit
 
 /* ---- fit_scan.c: delays and linear fits */
 #define GSID_FIT_DELAYS_MAX 4096
+double gsid_fit_delay_step(const fit_run *r);
 double gsid_fit_rate(const fit_run *r); /* scale [rad/s] of the models of a run, or sample time */
 void gsid_fit_thin_out(fit_run *r);
 void gsid_fit_forget(uint32_t n, fit_candidate *kept);
 void gsid_fit_plan_scan(fit_run *r);
 gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept);
 gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best);
+
+/* ---- fit_numerator.c: numerator of least |g - G|^2 / sigma^2 for the poles and the delay of a model, over every stride-th line.
+ * `equations` is for n_zeros + 1 columns. */
+gsid_status gsid_fit_numerator(const gsid_frd *data, uint32_t stride, gsid_lsq *equations, gsid_rational *model,
+                               double *cost);
 
 /* ---- fit_evolve.c: starts by an evolutionary search */
 gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept);

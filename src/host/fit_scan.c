@@ -69,9 +69,13 @@ void gsid_fit_thin_out(fit_run *r) {
         .n_lines = n, .f_hz = r->thin_f, .g = r->thin_g, .sigma = r->thin_sigma, .logarithmic = r->work.logarithmic};
 }
 
-/* Steps of at most 1/(8 f_max), half the width of the basin of the least cost. */
+/* Half the width of the basin of the least cost [s]. */
+double gsid_fit_delay_step(const fit_run *r) {
+    return 1 / (8 * gsid_fit_highest_frequency(r->data));
+}
+
 static uint32_t n_scan_steps(const fit_run *r) {
-    return (uint32_t)ceil(r->delay_limit_s * 8 * gsid_fit_highest_frequency(r->data));
+    return (uint32_t)ceil(r->delay_limit_s / gsid_fit_delay_step(r));
 }
 
 void gsid_fit_forget(uint32_t n, fit_candidate *kept) {

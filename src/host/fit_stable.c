@@ -6,6 +6,7 @@
 
 #include "../core/residual.h"
 #include "backend/backend.h"
+#include "fit_run.h"
 #include "fit_sections.h"
 #include "gsid/host/fit.h"
 
@@ -23,6 +24,7 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
 
 #define EVALUATIONS_MAX 3000
 #define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
+#define FAR 1000 /* times the V of the start: where reflected poles leave more, numerator and delay must follow them */
 
 #define PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
 
@@ -152,6 +154,36 @@ static void set_bounds(const search *s, double *lower, double *upper) {
     }
 }
 
+/* Numerator and delay for poles that were reflected. A pole beyond the edge leads where its image lags, and a shorter delay makes up
+ * for that: without it the search starts many decades above the least V and crawls.  Eq: EST-4 */
+static gsid_status follow_reflection(search *s, double *x) {
+    const gsid_fit_bounds *b = s->bounds;
+    const double latest_s = s->model.delay_s;
+    const double span_s = s->free_delay ? fmax(latest_s - b->delay_min_s, 0) : 0;
+    const double steps = fmin(ceil(span_s / b->delay_step_s), GSID_FIT_DELAYS_MAX);
+    const size_t mem_size = gsid_lsq_mem_size(s->model.n_zeros + 1);
+    void *mem = malloc(mem_size);
+    if (mem == NULL)
+        return GSID_E_NO_MEMORY;
+    gsid_lsq equations;
+    gsid_lsq_init(&equations, s->model.n_zeros + 1, mem, mem_size);
+    gsid_rational trial = s->model;
+    double least = HUGE_VAL, cost;
+    for (uint32_t i = 0; i <= steps; i++) {
+        trial.delay_s = i == 0 ? latest_s : latest_s - i / steps * span_s;
+        if (gsid_fit_numerator(s->data, b->stride, &equations, &trial, &cost) >= 0 && cost < least) {
+            least = cost;
+            s->model = trial;
+        }
+    }
+    free(mem);
+    for (uint32_t i = 0; i <= s->model.n_zeros; i++)
+        x[s->model.n_poles + i] = s->model.num[i];
+    if (s->free_delay)
+        x[s->n - 1] = s->model.delay_s;
+    return GSID_OK;
+}
+
 /* From x to the least point. */
 static gsid_status minimise(search *s, double tolerance, double *x, double *least) {
     double lower[PARAMETERS_MAX], upper[PARAMETERS_MAX];
@@ -178,7 +210,11 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
         return GSID_E_NO_MEMORY;
     for (uint32_t k = 0; k < data->n_lines; k++)
         s.variable[k] = gsid_rational_variable(model, GSID_TWO_PI * data->f_hz[k]);
-    status = minimise(&s, TOLERANCE * fmin(1, *cost / data->n_lines), x, &least);
+    unpack(&s, x, &s.model);
+    if (gsid_estimate_cost(data, &s.model, &least) != GSID_OK || least > FAR * *cost)
+        status = follow_reflection(&s, x);
+    if (status == GSID_OK)
+        status = minimise(&s, TOLERANCE * fmin(1, *cost / data->n_lines), x, &least);
     free(s.variable);
     if (status < 0)
         return status;
