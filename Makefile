@@ -40,7 +40,7 @@ endif
 HOST_LIBS += -lm
 
 HEADERS := $(wildcard include/gsid/*.h include/gsid/host/*.h)
-C_FILES := $(wildcard src/*/*.[ch] src/*/*/*.[ch] tests/c/*.[ch])
+C_FILES := $(wildcard src/*/*.[ch] src/*/*/*.[ch] tests/c/*.[ch] benchmarks/*.c)
 CORE_LIBS := $(BUILD)/double/libgsid_core.a $(BUILD)/float/libgsid_core.a
 EFFECTS_LIBS := $(BUILD)/double/libgsid_effects.a $(BUILD)/float/libgsid_effects.a
 HOST_LIB := $(BUILD)/libgsid_host.a

@@ -7,21 +7,25 @@ and four times faster than pyFRF and scipy.signal.csd, which give no variance. `
 to be transformed and no more: the output's periods, and one of an input that repeats. Without a window csd
 and pyFRF give the same response; as they come they do not (Hann's window of csd; pyFRF divides by j w unless
 told otherwise). All run in one process, turn by turn, and the least of several times counts.
+The time of one sample in the streaming core is that of a C loop (frf_tick.c), in double and in float.
 """
 
-import time
+import json
+import os
+import subprocess
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import scipy.fft
 import scipy.signal
 from beside import best_seconds, show, versions
 
-from gsid._lib import ffi32, lib32
 from gsid.excitation import Multisine
 from gsid.frf import frf
 from gsid.record import Record
-from gsid.streaming import StreamingFrf
 
+ROOT = Path(__file__).resolve().parent.parent
 FS_HZ, N, PERIODS, TURNS, SEED = 3000.0, 6000, 75, 15, 1
 
 
@@ -51,20 +55,17 @@ def pyfrf(rows_u: np.ndarray, rows_y: np.ndarray) -> np.ndarray:
     return np.squeeze(peer.get_FRF(frf_form="mobility"))
 
 
-def streaming_per_sample(record: Record, m: Multisine, precision: str, known: bool) -> float:
-    """Time of the core for one sample [s]; the update at the end of a period is spread over the period."""
-    streaming = StreamingFrf(FS_HZ, N, m.line, u_known=m.spectrum() if known else None, precision=precision)
-    u, y = record.u[: 2 * N], record.y[: 2 * N]
-    start = time.perf_counter()
-    streaming.step(u, y)
-    with_call = (time.perf_counter() - start) / len(u)
-    if precision == "double":
-        return with_call
-    # the float core is called once per sample from Python: take what a call that does nothing costs off again
-    start = time.perf_counter()
-    for a, b in zip(u.tolist(), y.tolist(), strict=True):
-        lib32.gsid_frf_step(ffi32.NULL, a, b)
-    return with_call - (time.perf_counter() - start) / len(u)
+def ticks(precision: str) -> dict[str, float]:
+    """Time of one sample in the core [ns], in a C program that does nothing else (frf_tick.c)."""
+    single = ["-DGSID_SINGLE"] if precision == "float" else []
+    core = ROOT / f"build/{precision}/libgsid_core.a"
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "frf_tick"
+        flags = ["-std=c99", "-O2", "-ffp-contract=off", f"-I{ROOT / 'include'}", *single]
+        source = ROOT / "benchmarks/frf_tick.c"
+        subprocess.run([os.environ.get("CC", "cc"), *flags, "-o", program, source, core, "-lm"], check=True)
+        done = subprocess.run([program], check=True, capture_output=True, text=True)
+    return json.loads(done.stdout)
 
 
 def main() -> None:
@@ -86,13 +87,6 @@ def main() -> None:
     seconds = best_seconds({"gsid": lambda: frf(record)} | transforms | responses, TURNS)
     ours = frf(record)
     apart = {name: float(np.max(np.abs(job()[ours.line] / ours.g - 1))) for name, job in responses.items()}
-    per_sample = {
-        f"{precision}_{'known' if known else 'measured'}": min(
-            streaming_per_sample(record, m, precision, known) for _ in range(5)
-        )
-        for precision in ("double", "single")
-        for known in (True, False)
-    }
     figures = {
         "record": {
             "samples": len(record),
@@ -106,7 +100,9 @@ def main() -> None:
         "ratio_to_scipy_fft": seconds["gsid"] / seconds["scipy.fft"],
         "times_faster_than": {name: seconds[name] / seconds["gsid"] for name in responses},
         "largest_difference_of_g": apart,
-        "streaming_microseconds_per_sample": {name: 1e6 * value for name, value in per_sample.items()},
+        "streaming_nanoseconds_per_sample": {
+            precision: ticks(precision) for precision in ("double", "float")
+        },
     }
     rows = [("what", "time", "to gsid's", "variance", "largest difference from gsid's response")]
     for name, value in seconds.items():
