@@ -14,8 +14,9 @@ from gsid.greybox import PlantFit
 from gsid.linear_start import linear_error, linear_start
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
+from gsid.plant_periodic import drive_command
 from gsid.scan import with_effect
-from gsid.spectra import Spectra
+from gsid.spectra import Spectra, lines_of
 from gsid.units import RADIANS
 
 JOINT = "gear_backlash"
@@ -84,7 +85,11 @@ def _refer_to_load(model: PlantModel, inertia: float) -> None:
 
 def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tuple[float, PlantModel] | None:
     """Cost, and the model with the play that costs least; None when none can be simulated."""
-    twist = max(_twist(model, one) for one in measured)
+    commands = [
+        drive_command(fit.model, one, record.prediction)
+        for record, one in zip(fit.records, measured, strict=True)
+    ]
+    twist = max(_twist(model, one, command) for one, command in zip(measured, commands, strict=True))
     least, best = np.inf, None
     for gap in twist * np.array(GAPS):
         model[f"{JOINT}.gap_deg"].value = float(gap)
@@ -103,7 +108,7 @@ def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tupl
     return least, model
 
 
-def _twist(model: PlantModel, one: Spectra) -> float:
+def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
     """Root mean square of the twist that the motor's torque would make of the spring."""
     view = linear_view(
         model.stack(),
@@ -113,5 +118,5 @@ def _twist(model: PlantModel, one: Spectra) -> float:
         radians_per_unit=RADIANS[model.angle_unit],
         held=one.hold == "zoh" or model.has_controller,
     )
-    torque = np.linalg.norm(view.drive * one.u) / np.sqrt(2)
+    torque = np.linalg.norm(view.drive * lines_of(command)) / np.sqrt(2)
     return float(torque / model[f"{JOINT}.stiffness"].value)

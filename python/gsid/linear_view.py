@@ -24,7 +24,10 @@ class LinearView:
     torque : (K,) complex ndarray
         Torque / inertia to output.
     command : (K,) complex ndarray
-        Command, held over each sample, to output.
+        Record's input, held over each sample, to output: the command, or a loop's reference.
+    change : (K,) complex ndarray
+        A change of the command on its way to the drive, to output: in open loop the same as `command`, in a
+        closed one what the controller leaves of it.
     direct : (K,) complex ndarray
         Command to output past the rigid body: gain, hold, delay and lags only.
     drive : (K,) complex ndarray
@@ -33,6 +36,7 @@ class LinearView:
 
     torque: np.ndarray
     command: np.ndarray
+    change: np.ndarray
     direct: np.ndarray
     drive: np.ndarray
 
@@ -83,9 +87,13 @@ def linear_view(
     if output_angle:
         sensor = sensor / s
     loop = 1 / (1 + driven * body * _feedback(stack, s, fs_hz))
-    command = driven * body * loop * _reference(stack) + actuator * _mode(stack, s)
+    change = (driven * body + actuator * _mode(stack, s)) * loop * sensor
     return LinearView(
-        torque=body * loop * sensor, command=command * sensor, direct=actuator * sensor, drive=actuator
+        torque=body * loop * sensor,
+        command=change * _reference(stack),
+        change=change,
+        direct=actuator * sensor,
+        drive=actuator,
     )
 
 

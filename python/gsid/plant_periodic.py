@@ -14,7 +14,7 @@ from gsid.spectra import Spectra, lines_of, period_of
 from gsid.units import RADIANS, check_plant_units
 
 if TYPE_CHECKING:
-    from gsid.plant import PlantModel
+    from gsid.plant import Effect, PlantModel
 
 # An input that is not held is simulated at this many times the sample rate; see docs/decisions.md.
 OVERSAMPLING = 4
@@ -75,6 +75,40 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     fine = np.zeros(n * oversampling // 2 + 1, complex)
     fine[: len(below)] = below * np.exp(1j * half) / np.sinc(half / np.pi)
     return period_of(fine, n * oversampling)
+
+
+def drive_command(model: PlantModel, measured: Spectra, answer: Prediction) -> np.ndarray:
+    """Command on its way to the drive at each sample of a period: in closed loop what the controller gives.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : Spectra
+        The record: its mean input is the command, or the loop's reference.
+    answer : Prediction
+        The model's answer to it.
+
+    Returns
+    -------
+    (N,) float64
+    """
+    command = input_period(measured, 1)
+    for effect in model.effects:
+        if effect.type.c.control != ffi.NULL:
+            command = _controlled(effect, command, answer, measured.fs_hz)
+    return command
+
+
+def _controlled(effect: Effect, reference: np.ndarray, answer: Prediction, fs_hz: float) -> np.ndarray:
+    item = ffi.new("gsid_plant_item *", {"effect": effect.type.c, "data": effect.type.data})
+    for i, param in enumerate(effect.params.values()):
+        item.value[i] = param.value
+    law, samples = effect.type.c.control, effect.type.c.rate_samples
+    n = samples(item) if samples != ffi.NULL else 0
+    rate = (answer.angle - np.roll(answer.angle, n)) * fs_hz / n if n else answer.rate
+    slopes = ffi.new("gsid_real[]", 3), ffi.new("gsid_real[]", len(item.value))
+    signals = np.column_stack([reference, answer.angle, rate]).tolist()
+    return np.array([law(item, signal, *slopes) for signal in signals])
 
 
 def _check(status: int) -> None:

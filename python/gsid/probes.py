@@ -35,12 +35,12 @@ class Trajectory:
     ----------
     fs_hz : float
     command, angle, rate, output : (N,) ndarrays
-        Command as it enters the plant, and the model's angle, rate and output.
+        Command as the drive gets it, and the model's angle, rate and output.
     f_hz : (K,) ndarray
         All lines, 0 .. N/2.
-    torque_response, command_response, direct_response : (K,) complex ndarrays
-        Of the model's linear part, to the output: from torque / inertia, from the command, and from the
-        command past the rigid body (gain, hold, delay, lags).
+    torque_response, change_response, direct_response : (K,) complex ndarrays
+        Of the model's linear part, to the output: from torque / inertia, from a change of the command, and
+        from the command past the rigid body (gain, hold, delay, lags).
     radians_per_unit : float
         Of the angle: pi/180 when angles are degrees.
     spare_delay_s : float
@@ -54,7 +54,7 @@ class Trajectory:
     output: np.ndarray
     f_hz: np.ndarray
     torque_response: np.ndarray
-    command_response: np.ndarray
+    change_response: np.ndarray
     direct_response: np.ndarray
     radians_per_unit: float
     spare_delay_s: float
@@ -71,7 +71,7 @@ class Trajectory:
 
     def of_command(self, change: np.ndarray) -> np.ndarray:
         """(K,) what a change of the command adds to the output."""
-        return self.command_response * lines_of(change)
+        return self.change_response * lines_of(change)
 
 
 @dataclass(eq=False)

@@ -13,7 +13,7 @@ from gsid.effects import EffectType, catalogue, find
 from gsid.greybox import PlantFit, RecordFit
 from gsid.linear_view import linear_view
 from gsid.plant import Effect, Param, PlantModel
-from gsid.plant_periodic import input_period
+from gsid.plant_periodic import drive_command
 from gsid.probes import (
     SENSOR_RATES_HZ,
     Probe,
@@ -152,13 +152,13 @@ def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory
     )
     return Trajectory(
         fs_hz=one.fs_hz,
-        command=input_period(one, 1),
+        command=drive_command(model, one, record.prediction),
         angle=record.prediction.angle,
         rate=record.prediction.rate,
         output=record.prediction.y,
         f_hz=one.f_hz,
         torque_response=view.torque,
-        command_response=view.command,
+        change_response=view.change,
         direct_response=view.direct,
         radians_per_unit=RADIANS[model.angle_unit],
         spare_delay_s=_spare_delay(model),

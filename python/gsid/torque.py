@@ -19,7 +19,7 @@ import numpy as np
 from gsid.effects import EffectType, table
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
-from gsid.plant_periodic import input_period
+from gsid.plant_periodic import drive_command
 from gsid.record import Record
 from gsid.spectra import Spectra, spectra_of
 from gsid.tables import TORQUE, short_name, write_table
@@ -169,7 +169,8 @@ def torque_residual(
     paths = [_path(model, s, v, band) for s, (v, _) in zip(measured, variances, strict=True)]
     total = sum(path.n * float(np.sum(np.abs(path.torque) ** 2)) / 2 for path in paths)
     units = {"rate": f"{model.angle_unit}/s", "angle": model.angle_unit, "command": model.u_unit}
-    units["command"] = units["command"] or measured[0].u_unit
+    if not units["command"] and not model.has_controller:  # whose input is the reference
+        units["command"] = measured[0].u_unit
     time = np.arange(paths[0].n) / measured[0].fs_hz
     paths[0].coordinates["time"] = time
     return TorqueResidual(
@@ -196,7 +197,7 @@ def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float
     excess = max(float(np.sum(np.abs(error) ** 2 - noise)), float(np.sum(noise)))
     back = np.conj(g) / (np.abs(g) ** 2 + noise * np.sum(np.abs(g) ** 2) / excess)
     delay = model.stack().get("transport_delay", {}).get("delay_s", 0.0)
-    command = np.roll(input_period(s, 1), round(delay * s.fs_hz))  # as it arrives
+    command = np.roll(drive_command(model, s, answer), round(delay * s.fs_hz))  # as it arrives
     return _Path(
         n=s.period_samples,
         line=s.line[use],

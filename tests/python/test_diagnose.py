@@ -177,7 +177,7 @@ def test_a_probe_points_where_the_effect_leads(level):
     f = np.arange(N // 2 + 1) * FS / N
     view = linear_view(TRUTH, f, FS, radians_per_unit=np.pi / 180)
     rate = np.gradient(np.tile(angle, 3), 1 / FS)[N : 2 * N]
-    responses = view.torque, view.command, view.direct
+    responses = view.torque, view.change, view.direct
     path = Trajectory(FS, u, angle, rate, y, f, *responses, radians_per_unit=np.pi / 180, spare_delay_s=0.0)
     use = (f > 0) & (f <= 195)
     moved = (lines_of(simulate(coulomb_level=level)[1]) - lines_of(y))[use]
