@@ -174,9 +174,10 @@ class PlantModel:
                 if param.free:
                     known = effect.type[name]
                     null = [known.null_value] if known.null_value is not None else []
-                    lo, hi = param.limits or (min([known.lower, *null]), max([known.upper, *null]))
-                    lower.append(lo)
-                    upper.append(hi)
+                    least, most = min([known.lower, *null]), max([known.upper, *null])
+                    lo, hi = param.limits or (least, most)
+                    lower.append(max(lo, least))
+                    upper.append(min(hi, most))
         return np.array(lower), np.array(upper)
 
     def with_values(self, values: Sequence[float]) -> PlantModel:
@@ -252,7 +253,8 @@ class PlantModel:
 
         def plain(param: Param) -> dict[str, Any]:
             std = {} if param.std is None else {"std": param.std if math.isfinite(param.std) else None}
-            return {"value": param.value, "free": param.free} | std
+            ends = [end if math.isfinite(end) else None for end in param.limits or ()]
+            return {"value": param.value, "free": param.free} | std | ({"limits": ends} if ends else {})
 
         data: dict[str, Any] = {
             "gsid_model": FORMAT,
@@ -284,7 +286,8 @@ class PlantModel:
         ----------
         data : dict
             As :meth:`to_dict` gives it. A parameter may be a plain number: free, but for a controller's,
-            which is known.
+            which is known. `limits` of a parameter are [least, greatest], between which a fit keeps it; null
+            where that end is open.
         where : str
             File name, for messages.
 
@@ -408,10 +411,11 @@ def _read_covariance(covariance: Any, free_names: list[str], where: str) -> np.n
 
 
 def _read_param(value: Any, free: bool, where: str) -> Param:
-    std = None
+    std = limits = None
     if isinstance(value, Mapping):
         if "std" in value:
             std = math.nan if value["std"] is None else value["std"]
+        limits = _read_limits(value.get("limits"), where)
         value, free = value.get("value"), value.get("free", free)
     if (
         not _is_number(value)
@@ -421,7 +425,27 @@ def _read_param(value: Any, free: bool, where: str) -> Param:
         raise InputError(
             "a parameter is not a number", where, value, 'write 7.4 or {"value": 7.4, "free": true}'
         )
-    return Param(float(value), free, std)
+    if limits and free and not limits[0] <= value <= limits[1]:
+        raise InputError("a value is outside its own limits", where, f"{value:g}", f"they are {limits}")
+    return Param(float(value), free, std, limits)
+
+
+def _read_limits(limits: Any, where: str) -> tuple[float, float] | None:
+    if limits is None:
+        return None
+    if (
+        isinstance(limits, list)
+        and len(limits) == 2
+        and all(end is None or _is_number(end) for end in limits)
+    ):
+        lo, hi = (
+            float(open_end if end is None else end)
+            for end, open_end in zip(limits, (-math.inf, math.inf), strict=True)
+        )
+        if lo < hi:
+            return lo, hi
+    hint = 'write "limits": [least, greatest]; null leaves an end to the catalogue'
+    raise InputError("the limits of a parameter are not two rising numbers", where, limits, hint)
 
 
 def _check_params(effect: Effect, where: str) -> None:

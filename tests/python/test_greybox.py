@@ -123,6 +123,17 @@ def test_the_fitted_model_comes_back_from_its_file(with_friction, tmp_path):
     assert "converged" in repr(fit)
 
 
+def test_a_fit_keeps_to_the_limits_of_its_file(with_friction, tmp_path):
+    """They were not saved: the fit of a model file went where its user had said it must not."""
+    model = start(FRICTION_TRUTH)
+    level = FRICTION_TRUTH[LEVEL]
+    model[LEVEL].value = 0.7 * level
+    model[LEVEL].limits = (0.5 * level, 0.8 * level)
+    model.save(tmp_path / "m.json")
+    fit = fit_plant(PlantModel.load(tmp_path / "m.json"), with_friction)
+    assert fit.model[LEVEL].value == pytest.approx(0.8 * level)
+
+
 def test_nlopt_finds_the_same(with_friction):
     lm = fit_plant(start(FRICTION_TRUTH), with_friction)
     nlopt = fit_plant(start(FRICTION_TRUTH), with_friction, solver="nlopt", max_iter=200)

@@ -68,6 +68,8 @@ def test_a_file_comes_back_as_it_was(tmp_path):
     model["rigid_body.gain"].std = 0.1
     model["coulomb_friction.level"].std = float("nan")
     model["sensor_lag.time_constant_s"].free = False
+    model["rigid_body.gain"].limits = (800.0, 1000.0)
+    model["coulomb_friction.level"].limits = (0.5, float("inf"))
     model.cov = np.diag(np.arange(1.0, 6))
     model.fit, model.history = {"cost_per_dof": 1.5}, [{"step": "start"}]
     model.save(tmp_path / "m.json")
@@ -75,6 +77,10 @@ def test_a_file_comes_back_as_it_was(tmp_path):
     assert isinstance(again, PlantModel)
     assert again.to_dict() == model.to_dict()
     assert np.isnan(again["coulomb_friction.level"].std)
+    assert again["rigid_body.gain"].limits == (800.0, 1000.0)
+    assert again["coulomb_friction.level"].limits == (0.5, float("inf"))
+    for side, end in zip(again.bounds(), model.bounds(), strict=True):
+        np.testing.assert_array_equal(side, end)
     assert again.free_names == [name for name in model.names if name != "sensor_lag.time_constant_s"]
     assert "900 +- 0.1" in repr(again)
     assert "undetermined" in repr(again)
@@ -124,6 +130,18 @@ def file_of(stack, **more):
 BODY = {"rigid_body": {"gain": 7.4}}
 
 
+def test_limits_leave_the_rest_to_the_catalogue():
+    """An end open or beyond the catalogue's is the catalogue's. Files without limits stay as they were."""
+    data = file_of(BODY | {"transport_delay": {"delay_s": {"value": 0.01, "limits": [-1, None]}}})
+    limited, plain = (
+        PlantModel.from_dict(data),
+        PlantModel.from_dict(file_of(BODY | {"transport_delay": {"delay_s": 0.01}})),
+    )
+    for side, end in zip(limited.bounds(), plain.bounds(), strict=True):
+        np.testing.assert_array_equal(side, end)
+    assert "limits" not in plain.to_dict()["effects"][1]["params"]["delay_s"]
+
+
 @pytest.mark.parametrize(
     ("data", "what", "value_or_where", "hint"),
     [
@@ -136,6 +154,9 @@ BODY = {"rigid_body": {"gain": 7.4}}
         (file_of({"rigid_body": {"gain": "7"}}), "not a number", "rigid_body.gain", "7.4"),
         (file_of({"rigid_body": {"gain": float("nan")}}), "not a number", "nan", "7.4"),
         (file_of({"rigid_body": {"gain": {"value": 1, "free": 0}}}), "not a number", "body.gain", "7.4"),
+        (file_of({"rigid_body": {"gain": {"value": 7, "limits": [8, 6]}}}), "rising", "[8, 6]", "null"),
+        (file_of({"rigid_body": {"gain": {"value": 7, "limits": 8}}}), "rising", "gain 8", "null"),
+        (file_of({"rigid_body": {"gain": {"value": 7, "limits": [8, None]}}}), "own limits", "7", "(8.0"),
         (file_of(BODY | {"transport_delay": {"delay_s": -1e-3}}), "out of its bounds", "-0.001", "lies in 0"),
         (file_of({"torque_bias": {"level": 1.0}}), "exactly one rigid_body", "0 of them", ""),
         (file_of(BODY, output="speed"), "output must be one of", "speed", ""),
