@@ -31,6 +31,7 @@ _log = logging.getLogger("gsid.greybox")
 
 INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
 SOLVERS = ("lm", "nlopt")
+METHODS = ("ml", "nls-output")
 
 
 @dataclass(eq=False)
@@ -93,6 +94,8 @@ class PlantFit:
     variance_dof : float
         Degrees of freedom of the variances that weigh.
     solver : {"lm", "nlopt"}
+    method : {"ml", "nls-output"}
+        What was minimised; cost, residuals and standard deviations are in units of the noise either way.
     """
 
     model: PlantModel
@@ -108,11 +111,12 @@ class PlantFit:
     band_hz: tuple[float, float]
     variance_dof: float
     solver: str
+    method: str
 
     def summary(self) -> dict[str, Any]:
         """What a model file keeps of the fit."""
         keys = ("cost", "n_dof", "cost_per_dof", "converged", "n_iterations", "undetermined", "at_bound")
-        keys += ("unsettled", "variance_dof", "solver")
+        keys += ("unsettled", "variance_dof", "solver", "method")
         own = [
             {"name": r.name} | {name: _plain(p) for name, p in r.params.items()}
             for r in self.records
@@ -144,9 +148,10 @@ def fit_plant(
     fixed: Sequence[str] = (),
     per_record: Sequence[str] = (),
     solver: str = "lm",
+    method: str = "ml",
     max_iter: int = 50,
 ) -> PlantFit:
-    """Fit the free parameters of a plant (GBX-1, GBX-2).
+    """Fit the free parameters of a plant (GBX-1, GBX-2, GBX-4).
 
     Parameters
     ----------
@@ -164,6 +169,10 @@ def fit_plant(
         moves away in a period.
     solver : {"lm", "nlopt"}
         Levenberg-Marquardt, or NLopt's sequential quadratic programming.
+    method : {"ml", "nls-output"}
+        Maximum likelihood: lines weighted by their noise; or least squares of the output's error, all lines
+        alike. The first has the smaller standard deviations when the model is right. When it is not, it puts
+        the error where the noise is largest, the second where the error is smallest in rms.
     max_iter : int
         Steps at most.
 
@@ -183,6 +192,8 @@ def fit_plant(
     """
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if max_iter < 1:
         raise ValueError(f"max_iter must be at least 1, got {max_iter}")
     measured = spectra_of(records)
@@ -191,7 +202,29 @@ def fit_plant(
         start[name].free = False
     with ThreadPoolExecutor(_n_threads(len(measured))) as pool:
         problem = Problem(start, measured, band, tuple(per_record), pool)
-        return _fitted(problem, minimise(problem, solver, max_iter), solver)
+        if method == "nls-output":
+            return _least_error(problem, solver, max_iter)
+        minimum = minimise(problem, solver, max_iter)
+        dof = min(part.dof for part in problem.parts)
+        cov, pinned = _covariance(minimum.point.r)
+        # Weights that are estimates: the estimate scatters more than their inverse says (docs/decisions.md).
+        cov *= (dof - 1) / (dof - 2)
+        return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
+
+
+def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
+    """Least squares with equal weights; then what the noise makes of its answer (GBX-4)."""
+    by_noise, equal = problem.weights, problem.equal_weights()
+    problem.weights = equal
+    minimum = minimise(problem, solver, max_iter)
+    inverse, pinned = _covariance(minimum.point.r)
+    problem.weights = [e**2 / n for e, n in zip(equal, by_noise, strict=True)]
+    noise = problem.at(minimum.point.x).r @ inverse
+    problem.weights = by_noise
+    dof = min(part.dof for part in problem.parts)
+    cov = (dof - 1) / dof * noise.T @ noise  # the weights are those of the mean of 1/s^2
+    at_noise = problem.at(minimum.point.x)
+    return _fitted(problem, minimum, at_noise, cov, pinned, solver=solver, method="nls-output")
 
 
 def _n_threads(n_records: int) -> int:
@@ -199,11 +232,17 @@ def _n_threads(n_records: int) -> int:
     return max(1, min(usable or 1, n_records))
 
 
-def _fitted(problem: Problem, minimum: Minimum, solver: str) -> PlantFit:
-    point, dof = minimum.point, min(part.dof for part in problem.parts)
-    cov, pinned = _covariance(point.r)
-    # Weights that are estimates: the estimate scatters more than their inverse says (docs/decisions.md).
-    cov *= (dof - 1) / (dof - 2)
+def _fitted(
+    problem: Problem,
+    minimum: Minimum,
+    point: Point,
+    cov: np.ndarray,
+    pinned: np.ndarray,
+    *,
+    solver: str,
+    method: str,
+) -> PlantFit:
+    """What came out, from the minimum and the point there with the weights of the noise."""
     n_pinned = int(np.linalg.matrix_rank(pinned)) if len(pinned) else 0
     std = np.sqrt(np.diag(cov))
     std[np.any(np.abs(pinned) > INVOLVED, axis=0)] = np.nan
@@ -216,7 +255,7 @@ def _fitted(problem: Problem, minimum: Minimum, solver: str) -> PlantFit:
         converged=minimum.converged,
         n_iterations=minimum.n_iterations,
         undetermined=_undetermined(problem, point.x, std),
-        at_bound=_at_bound(problem, point),
+        at_bound=_at_bound(problem, minimum.point),
         unsettled=[
             part.name or f"record {i}"
             for i, (part, answer) in enumerate(zip(problem.parts, point.predictions, strict=True))
@@ -224,8 +263,9 @@ def _fitted(problem: Problem, minimum: Minimum, solver: str) -> PlantFit:
         ],
         records=[_record_fit(problem, point, std, i) for i in range(problem.n_records)],
         band_hz=problem.band_hz,
-        variance_dof=dof,
+        variance_dof=min(part.dof for part in problem.parts),
         solver=solver,
+        method=method,
     )
     fit.model.fit = fit.summary()
     if fit.unsettled:

@@ -108,6 +108,24 @@ class Problem:
         self.band_hz = (float(f_hz.min()), float(f_hz.max()))
 
     @property
+    def weights(self) -> list[np.ndarray]:
+        """Weight of each line, record by record: at first those of the noise."""
+        return [part.weight for part in self.parts]
+
+    @weights.setter
+    def weights(self, weights: list[np.ndarray]) -> None:
+        for part, weight in zip(self.parts, weights, strict=True):
+            part.weight = weight
+
+    def equal_weights(self) -> list[np.ndarray]:
+        """Alike for all lines of all records, as the mean square of the output counts them (GBX-4)."""
+        count = [
+            np.where(part.line == 0, 2.0, 1.0) for part in self.parts
+        ]  # a cosine has half its amplitude squared
+        mean = np.mean(np.concatenate(self.weights) ** -2)  # so that the cost is of the same size
+        return [np.sqrt(share / mean) for share in count]
+
+    @property
     def names(self) -> list[str]:
         """Name of each unknown; a record's own stand for all records' together."""
         free = self.model.free_names

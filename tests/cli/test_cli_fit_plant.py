@@ -28,11 +28,13 @@ def files(tmp_path):
     (tmp_path / "axis.json").write_text(json.dumps({"gsid_model": 1, "fs_hz": FS_HZ, "effects": stack}))
 
 
-def test_it_fits_the_stack_and_writes_it(gsid, files):
-    result = gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json", "--json")
+@pytest.mark.parametrize("method", ["ml", "nls-output"])
+def test_it_fits_the_stack_and_writes_it(gsid, files, method):
+    result = gsid("fit", "rec.csv", "--model", "axis.json", "--method", method, "-o", "fitted.json", "--json")
     assert result.code == 0, result.err
     found = json.loads(result.out)
     assert found["converged"]
+    assert found["method"] == method
     assert found["cost_per_dof"] == pytest.approx(1, abs=0.3)  # 400 numbers: 5 sigma
     written = json.loads(Path("fitted.json").read_text())
     assert written["effects"] == found["effects"]
@@ -49,6 +51,7 @@ def test_it_fits_the_stack_and_writes_it(gsid, files):
     [
         ((), "give --order for a rational model, or --model"),
         (("--model", "axis.json", "--order", "1/0"), "give --order for a rational model, or --model"),
+        (("--model", "axis.json", "--method", "log"), "methods of a stack of effects are ml and nls-output"),
         (("--model", "axis.json", "--delay", "none"), "--delay belongs to a rational model"),
     ],
 )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
 from scipy import stats
+from scipy.signal import lfilter
 
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
@@ -294,6 +295,8 @@ def test_misuse():
         fit_plant(model, [])
     with pytest.raises(ValueError, match="solver must be one of"):
         fit_plant(model, one, solver="newton")
+    with pytest.raises(ValueError, match="method must be one of"):
+        fit_plant(model, one, method="nls")
     with pytest.raises(ValueError, match="max_iter"):
         fit_plant(model, one, max_iter=0)
     with pytest.raises(ValueError, match="no line"):
@@ -368,3 +371,65 @@ def test_standard_errors_cover_the_truth():
     assert np.all((covered >= lo) & (covered <= hi))
     print(f"cost per degree of freedom {np.mean(cost):.4f} +- {np.std(cost) / np.sqrt(n_repeats):.4f}")
     assert np.mean(cost) == pytest.approx(1, abs=4 * np.std(cost) / np.sqrt(n_repeats) + 0.01)
+
+
+# ---- all lines alike -------------------------------------------------------------------------------------
+
+
+def rms_error(model, measured, band):
+    """Over time, of what the lines of the band leave, by the transform of the error itself."""
+    n = measured.period_samples
+    E = np.where(
+        (measured.f_hz >= band[0]) & (measured.f_hz <= band[1]), measured.y - model.predict(measured).Y, 0
+    )
+    return np.sqrt(np.mean(np.fft.irfft(E * n / 2, n) ** 2))
+
+
+def test_least_squares_of_the_output_leave_the_smallest_rms_error(with_friction):
+    """A wrong model, and noise that is ten times smaller at high frequency."""
+    band, rng = (2, 250), np.random.default_rng(20260312)
+    record = axis_record(multisine(1), 8, 0.0, 0, **AXIS, coulomb_level=6.0)
+    white = rng.standard_normal(len(record.y))
+    record.y = record.y + 1e-3 * np.convolve(white, np.ones(30) / 3, "same") + 1e-3 * white
+    measured = spectra(record)
+    by_noise = fit_plant(start(TRUTH), measured, band=band)
+    alike = fit_plant(start(TRUTH), measured, band=band, method="nls-output")
+    assert alike.converged
+    least = rms_error(alike.model, measured, band)
+    assert least < 0.99 * rms_error(by_noise.model, measured, band)
+    assert alike.cost > by_noise.cost  # both in units of the noise
+    for i, value in enumerate(alike.model.free_values):
+        for factor in (0.98, 1.02):
+            values = alike.model.free_values
+            values[i] = factor * value
+            assert rms_error(alike.model.with_values(values), measured, band) > least, alike.model.free_names[
+                i
+            ]
+    residual = np.concatenate([r.residual for r in alike.records])
+    assert alike.cost == pytest.approx(residual @ residual, rel=1e-12)
+    assert alike.model.fit["method"] == "nls-output"
+
+
+def test_standard_errors_of_equal_weights_cover_the_truth():
+    """150 noises that are large at low frequency: |z| < 1.96 in 95 %, within the 99.9 % range (GBX-4)."""
+    n, n_repeats, seed = 300, 150, 20260313
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    truth = {"rigid_body.gain": 900.0, "viscous_friction.rate": 60.0, "cable_spring.stiffness": 9000.0}
+    axis = {"gain": 900.0, "viscous_rate": 60.0, "spring_stiffness": 9000.0}
+    record = axis_record(multisine(1, n=n, band=(10, 400), amplitude=0.3), 24, 0.0, 0, **axis)
+    clean, model = record.y, start(truth)
+    z, wider = [], []
+    for i in range(n_repeats):
+        white = rng.standard_normal(len(clean) + 100)
+        record.y = clean + 0.3 * lfilter([1], [1, -0.95], white)[100:]
+        fit = fit_plant(model, record, method="nls-output")
+        z.append(list(deviations(fit, truth).values()))
+        if i % 10 == 0:
+            weighted = fit_plant(model, record).model
+            wider.append(fit.model["rigid_body.gain"].std / weighted["rigid_body.gain"].std)
+    lo, hi = stats.binom.interval(0.999, n_repeats, 0.95)
+    covered = np.count_nonzero(np.abs(z) < 1.96, axis=0)
+    print("covered", covered, "of", n_repeats, "rms z", np.sqrt(np.mean(np.square(z), axis=0)))
+    assert np.all((covered >= lo) & (covered <= hi))
+    assert np.mean(wider) > 1.5  # what the noise's weights are for: the gain shows at quiet lines, too

@@ -172,17 +172,20 @@ def fit(
     Methods are iwls, nls and ml; --delay free is one for each response.
 
     With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
-    in the file.
+    in the file. Methods are ml, which weights each line by its noise, and nls-output, which makes the rms
+    error of the output small: for a model that is not the whole truth.
     """
     check_picture(picture)
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
+        if method not in OF_PLANTS:
+            raise click.UsageError(f"methods of a stack of effects are {' and '.join(OF_PLANTS)}", ctx)
         given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
         if given:
             option = {"reference": "r", "picture": "plot"}.get(given[0], given[0].replace("_", "-"))
             raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
-        _fit_plant(load_plant(model_path), read(records), band, output, as_json)
+        _fit_plant(load_plant(model_path), read(records), band, method, output, as_json)
         return
     from gsid.fit import fit as fit_model
     from gsid.frf import frf
@@ -240,7 +243,8 @@ def fit(
         _print_held_out(judged)
 
 
-OF_RATIONAL_MODELS = ("delay", "method", "domain", "reference", "piecewise", "held_out", "picture")
+OF_PLANTS = ("ml", "nls-output")
+OF_RATIONAL_MODELS = ("delay", "domain", "reference", "piecewise", "held_out", "picture")
 
 
 def _say_what_is_ill_determined(model: RationalModel) -> None:
@@ -284,6 +288,7 @@ def _fit_plant(
     start: PlantModel,
     records: list[Record],
     band: tuple[float, float] | None,
+    method: str,
     output: str | None,
     as_json: bool,
 ) -> None:
@@ -294,12 +299,12 @@ def _fit_plant(
     n_free = len(start.free_names)
     with working(f"fitting {n_free} parameters to {describe(records)}"), options_as_arguments():
         measured = [spectra(record) for record in records]
-        found = fit_plant(linear_start(start, measured), measured, band=band)
+        found = fit_plant(linear_start(start, measured), measured, band=band, method=method)
     if output:
         found.model.save(output)
         say(f"wrote {output}")
     if as_json:
-        print_json({"method": "ml"} | found.summary() | {"effects": found.model.to_dict()["effects"]})
+        print_json(found.summary() | {"effects": found.model.to_dict()["effects"]})
         return
     state = "converged" if found.converged else "NOT converged"
     print(f"{n_free} parameters, {found.n_dof} degrees of freedom, {state}")
