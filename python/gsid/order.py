@@ -6,6 +6,9 @@ With V the cost of eq. 7.28 over F lines, freed of what the scatter of its weigh
     AIC = V + p, MDL = V + p/2 ln(2 F)  (ORD-1)
     F-test of q parameters more: (V_small - V) / q over V / (2 F - p) is F(q, 2 F - p) if none is needed
     whiteness over lags 1 .. L: 2 F sum |r_l|^2 is chi-square of 2 L  (ORD-2)
+
+Of a matrix of responses F counts the lines of all of them, whose errors are correlated: the costs' standard
+deviation says so, and of the whiteness of n responses the least p counts, n times.
 """
 
 from __future__ import annotations
@@ -17,15 +20,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from gsid._lib import lib
 from gsid.confidence import LEVEL, NORMAL_95
 from gsid.errors import GsidError
-from gsid.fit import fit, parse_order
+from gsid.fit import fit
+from gsid.mimo import MimoFrf
+from gsid.mimo_fit import fit_mimo
+from gsid.mimo_model import MimoModel
 from gsid.validation import (
     HELD_OUT,
     Validation,
     held_out_text,
     relative_variance,
     validate,
+    white,
     whiteness,
     without_empty,
 )
@@ -35,7 +43,9 @@ if TYPE_CHECKING:
     from gsid.model import RationalModel
 
 POLES_MAX = 9  # the source's highest order
+MATRIX_POLES_MAX = lib.GSID_MIMO_POLES_MAX
 PATIENCE = 2  # orders without a lower MDL before the search upwards ends
+MATRIX_PATIENCE = 4  # one pole more of a matrix, whose modes are pairs, may end in a worse minimum than none
 NEAR = 0.5  # a pole and a zero further apart than this part of the pole are never one pair
 
 
@@ -46,7 +56,7 @@ class Candidate:
     Attributes
     ----------
     order : str
-    model : RationalModel
+    model : RationalModel or MimoModel
     cost, cost_expected : float
         V, and what noise alone leaves of it.
     interval : (float, float)
@@ -62,7 +72,7 @@ class Candidate:
     """
 
     order: str
-    model: RationalModel
+    model: RationalModel | MimoModel
     cost: float
     cost_expected: float
     interval: tuple[float, float]
@@ -114,7 +124,7 @@ class OrderChoice:
 
 
 def select_order(
-    frf: Frf,
+    frf: Frf | MimoFrf,
     orders: Sequence[str] | None = None,
     *,
     band: tuple[float, float] | None = None,
@@ -125,17 +135,18 @@ def select_order(
 
     Parameters
     ----------
-    frf : Frf
+    frf : Frf or MimoFrf
+        A response, or a matrix of them.
     orders : sequence of "POLES/ZEROS", optional
         To try, in rising order; default: 1/0, 2/1, ... while MDL falls, then fewer zeros and without pairs
-        that nearly cancel.
+        that nearly cancel. For a matrix then as many zeros as poles, where the inputs are not held.
     band : (lo, hi), optional
         Lines to use [Hz].
     held_out : Frf, optional
         Response of realisations kept out: every order is judged on it, too (`gsid.validation`). It has no
-        part in the choice.
+        part in the choice. Not for a matrix.
     **options
-        Passed to `gsid.fit.fit`; the method is maximum likelihood.
+        Passed to `gsid.fit.fit` or `gsid.mimo_fit.fit_mimo`; the method is maximum likelihood.
 
     Returns
     -------
@@ -146,25 +157,27 @@ def select_order(
     ValueError
         No order gives a stable model, or wrong arguments.
     """
+    is_matrix = isinstance(frf, MimoFrf)
+    if is_matrix and held_out is not None:
+        raise ValueError("held_out is for one input and one output")
     tried: list[Candidate] = []
-    _try_all(
-        frf, orders or [f"{n}/{n - 1}" for n in range(1, POLES_MAX + 1)], tried, orders is None, band, options
-    )
+    highest = MATRIX_POLES_MAX if is_matrix else POLES_MAX
+    upwards = [f"{n}/{n - 1}" for n in range(1, highest + 1)]
+    _try_all(frf, orders or upwards, tried, orders is None, band, options)
     if not tried:
         raise ValueError("no order tried has a stable model")
     chosen, removed = min(tried, key=lambda c: c.mdl), []
     while orders is None:
-        n, m = parse_order(chosen.order)
-        smaller = [(n, m - 1), (n, m - 2), (n - 1, m - 1), (n - 2, m - 2)]
-        pairs = near_cancelled(chosen.model)
         known = {c.order for c in tried}
-        new = [f"{a}/{b}" for a, b in smaller if a > 0 and b >= 0 and f"{a}/{b}" not in known]
+        new = [f"{a}/{b}" for a, b in _neighbours(chosen) if a > 0 and b >= 0 and f"{a}/{b}" not in known]
         _try_all(frf, new, tried, False, band, options)
         best = min(tried, key=lambda c: c.mdl)
         if best is chosen:
             break
-        why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
-        removed.append(f"{best.order} does what {chosen.order}{why} did")
+        if best.model.n_parameters < chosen.model.n_parameters:
+            pairs = [] if is_matrix else near_cancelled(chosen.model)
+            why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
+            removed.append(f"{best.order} does what {chosen.order}{why} did")
         chosen = best
     if held_out is not None:
         judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in tried}
@@ -172,28 +185,44 @@ def select_order(
     return OrderChoice(tuple(tried), chosen, tuple(removed))
 
 
+def _neighbours(chosen: Candidate) -> list[tuple[int, int]]:
+    """Orders that the search upwards leaves out: fewer zeros, no pair; of a matrix, a direct term."""
+    n, m = chosen.model.n_poles, chosen.model.n_zeros
+    if isinstance(chosen.model, MimoModel):
+        return [] if chosen.model.hold == "zoh" else [(n, n), (n - 1, n - 1)]
+    return [(n, m - 1), (n, m - 2), (n - 1, m - 1), (n - 2, m - 2)]
+
+
 def _try_all(
-    frf: Frf, orders: Sequence[str], tried: list[Candidate], until_worse: bool, band, options: dict
+    frf: Frf | MimoFrf, orders: Sequence[str], tried: list[Candidate], until_worse: bool, band, options: dict
 ) -> None:
+    is_matrix = isinstance(frf, MimoFrf)
+    fit_any, patience = (fit_mimo, MATRIX_PATIENCE) if is_matrix else (fit, PATIENCE)
     for order in orders:
         try:
-            model = fit(frf, order, band=band, **{**options, "method": "ml"})
+            model = fit_any(frf, order, band=band, **{**options, "method": "ml"})
         except (GsidError, ValueError) as error:  # too few lines for the highest orders; no stable model
             if not until_worse and isinstance(error, ValueError):
                 raise
             continue
         tried.append(_judge(frf, order, model, tried))
         least = int(np.argmin([c.mdl for c in tried]))
-        if until_worse and len(tried) - 1 - least >= PATIENCE:
+        if until_worse and len(tried) - 1 - least >= patience:
             return
 
 
-def _judge(frf: Frf, order: str, model: RationalModel, tried: Sequence[Candidate]) -> Candidate:
+def _judge(
+    frf: Frf | MimoFrf, order: str, model: RationalModel | MimoModel, tried: Sequence[Candidate]
+) -> Candidate:
     """Eq: ORD-1"""
-    n, p = model.n_lines, model.n_parameters
+    is_matrix = isinstance(frf, MimoFrf)
+    n, p = model.n_lines * (frf.n_y * frf.n_u if is_matrix else 1), model.n_parameters
     inflation = model.cost_expected / (n - p / 2)
     v = model.cost / inflation
-    spread = NORMAL_95 * np.sqrt((n - p / 2) * relative_variance(inflation)) * inflation
+    spread = (
+        _matrix_variance(frf.in_band(model.band_hz), inflation) if is_matrix else relative_variance(inflation)
+    )
+    spread = NORMAL_95 * np.sqrt((n - p / 2) * spread) * inflation
     smaller = [c for c in tried if c.model.n_parameters < p]
     p_value = np.nan
     if smaller:
@@ -210,8 +239,31 @@ def _judge(frf: Frf, order: str, model: RationalModel, tried: Sequence[Candidate
         aic=float(v + p),
         mdl=float(v + p / 2 * np.log(2 * n)),
         p_value=p_value,
-        whiteness=whiteness(model, frf),
+        whiteness=_matrix_whiteness(model, frf) if is_matrix else whiteness(model, frf),
     )
+
+
+def _matrix_variance(frf: MimoFrf, inflation: float) -> float:
+    """`relative_variance` for responses whose errors are correlated, on average over them.  Eq: ORD-1"""
+    y = np.einsum("kij->k", np.abs(_correlation(frf.cov_y)) ** 2)
+    u = np.einsum("kij->k", np.abs(_correlation(frf.spread)) ** 2)
+    weights = 1.0  # what the scatter of the weights, which the responses of an output share, adds
+    if inflation > 1:
+        m = inflation / (inflation - 1)
+        weights = (m - 1) / (m - 2) if m > 2 else np.inf
+    return float(np.mean(y * ((frf.n_u**2 + u) * weights - frf.n_u**2)) / (frf.n_y * frf.n_u))
+
+
+def _correlation(cov: np.ndarray) -> np.ndarray:
+    std = np.sqrt(np.einsum("kii->ki", cov).real)
+    return cov / (std[:, :, None] * std[:, None, :])
+
+
+def _matrix_whiteness(model: MimoModel, frf: MimoFrf) -> float:
+    """The least p of all responses, times their number."""
+    frf = frf.in_band(model.band_hz)
+    e = ((frf.g - model.response(frf.f_hz)) / np.sqrt(frf.var_g)).reshape(len(frf.f_hz), -1)
+    return min(1.0, e.shape[1] * min(white(one) for one in e.T))
 
 
 def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:

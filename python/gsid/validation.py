@@ -121,7 +121,11 @@ def whiteness(model: RationalModel, frf: Frf, n_lags: int = LAGS) -> float:
         Uniform in 0 .. 1 where only noise is left, small where neighbours miss alike.
     """
     use = in_band(frf.f_hz, model.band_hz)
-    e = (frf.g[use] - model.response(frf.f_hz[use])) / np.sqrt(frf.var_g[use])
+    return white((frf.g[use] - model.response(frf.f_hz[use])) / np.sqrt(frf.var_g[use]), n_lags)
+
+
+def white(e: np.ndarray, n_lags: int = LAGS) -> float:
+    """p-value that (F,) complex residuals of one response are white.  Eq: ORD-2"""
     n = len(e)
     lags = range(1, min(n_lags, n - 2) + 1)
     power = np.sum(np.abs(e) ** 2)

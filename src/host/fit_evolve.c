@@ -65,7 +65,7 @@ static void set_denominator(const gsid_cplx *pole, gsid_rational *model) {
         model->den[i] = den[i].re;
 }
 
-/* Weighed between absolute and relative errors: with the former a resonance where the response is small is lost beside small
+/* Eq: EST-10. Weighed between absolute and relative errors: with the former a resonance where the response is small is lost beside small
  * errors of where it is large. */
 static void weigh(fit_run *r) {
     for (uint32_t k = 0; k < r->thin.n_lines; k++) {

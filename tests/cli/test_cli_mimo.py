@@ -121,12 +121,23 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     assert "no line lies in 300:400 Hz" in nowhere.err
 
 
+def test_an_order_found(gsid, experiments):
+    *fitted, new = experiments
+    fit = ("fit", *fitted, *CHANNELS, "--order", "auto", "--delay", "common", "--band", "5:200")
+    d = json.loads(gsid(*fit, "--held-out", new, "--json").out)
+    (chosen,) = (row for row in d["orders"] if row["chosen"])
+    assert (chosen["order"], d["n_poles"], d["n_zeros"]) == ("4/3", 4, 3)
+    assert chosen["interval"][0] < d["cost"] < chosen["interval"][1]
+    words = gsid(*fit).out
+    assert words.lstrip().startswith("order")
+    assert "ml fit, 2 x 2 responses, 4 common poles" in words
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         (("--order", "4/1"), "zeros are as many as poles or one fewer"),
         (("--order", "70/70"), "common poles must be 1 to 64"),
-        (("--order", "auto"), "one input and one output"),
         (("--order", "4/3", "--method", "log"), "method is one of iwls, nls, ml"),
         (("--order", "4/3", "--piecewise", "2"), "one input and one output"),
         (("--order", "4/3", "-o", "m.mat"), "written as .json"),

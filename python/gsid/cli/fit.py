@@ -27,6 +27,7 @@ from gsid.cli.common import (
     working,
 )
 from gsid.cli.fit_matrix import fit_matrix
+from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from gsid.frf import Frf
     from gsid.mimo import MimoRecord
     from gsid.model import RationalModel
-    from gsid.order import OrderChoice
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.validation import Validation
@@ -169,7 +169,8 @@ def fit(
 
     With several inputs or outputs (--u u1,u2 --y y1,y2,y3) each file is one experiment, of which there are as
     many as inputs at least, and the matrix of responses gets common poles, with as many zeros or one fewer.
-    Methods are iwls, nls and ml; --delay free is one for each response.
+    Methods are iwls, nls and ml; --delay free is one for each response. --order auto takes the common poles
+    of least MDL.
 
     With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
     in the file. Methods are ml, which weights each line by its noise, and nls-output, which makes the rms
@@ -195,8 +196,8 @@ def fit(
     fitted = read(records, matrix=True)
     options: dict[str, Any] = {"delay": delay, "band": band, "domain": domain}
     if not isinstance(fitted[0], Record):
-        if reference is not None or order == "auto" or piecewise is not None:
-            raise click.UsageError("--r, --piecewise and --order auto are for one input and one output", ctx)
+        if reference is not None or piecewise is not None:
+            raise click.UsageError("--r and --piecewise are for one input and one output", ctx)
         new = read(held_out, matrix=True)
         fit_matrix(fitted, new, output, picture, as_json, order=order, method=method, **options)
         return
@@ -214,7 +215,7 @@ def fit(
     new = frf(read(held_out), reference=reference) if held_out else None
     choice = None
     if order == "auto":
-        choice = _choose_order(measured, name, held_out=new, **options)
+        choice = choose_order(measured, name, held_out=new, **options)
         order = choice.chosen.order
     if method == "all":
         _fit_all(measured, name, output, as_json, order, held_out=new, **options)
@@ -230,14 +231,11 @@ def fit(
         model.plot(measured).savefig(picture)
         say(f"wrote {picture}")
     if as_json:
-        orders = {} if choice is None else {"orders": _orders(choice)}
-        print_json(_as_json(model) | orders | ({} if judged is None else {"held_out": vars(judged)}))
+        print_json(
+            _as_json(model) | orders_as_json(choice) | ({} if judged is None else {"held_out": vars(judged)})
+        )
         return
-    if choice is not None:
-        print_table(*choice.table(), left=["order", ""])
-        for text in choice.removed:
-            print(text)
-        print()
+    print_orders(choice)
     _print(model)
     if judged is not None:
         _print_held_out(judged)
@@ -265,23 +263,6 @@ def _save(model: RationalModel, output: str) -> None:
         save_mat(model, output)
     else:
         model.save(output)
-
-
-def _choose_order(frf: Frf, records: str, **options: object) -> OrderChoice:
-    from gsid.order import select_order
-
-    with working(f"choosing an order for {records}"), options_as_arguments():
-        return select_order(frf, **options)
-
-
-def _orders(choice: OrderChoice) -> list[dict]:
-    """What was tried, without the models."""
-    rows = []
-    for c in choice.tried:
-        row = {name: value for name, value in vars(c).items() if name != "model"}
-        row["held_out"] = c.held_out and vars(c.held_out)
-        rows.append(row | {"chosen": c is choice.chosen})
-    return rows
 
 
 def _fit_plant(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import describe, options_as_arguments, print_json, print_table, say, working
+from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +26,7 @@ def fit_matrix(
     as_json: bool,
     *,
     order: str,
+    method: str,
     band: tuple[float, float] | None,
     **options: object,
 ) -> None:
@@ -37,8 +39,12 @@ def fit_matrix(
     with options_as_arguments():
         measured = frf_mimo(records, band=band)
     say(f"note: intervals are those of the scatter over {measured.source}")
+    choice = None
+    if order == "auto":
+        choice = choose_order(measured, describe(records), **options)
+        order = choice.chosen.order
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
-        model = fit_mimo(measured, order, **options)
+        model = fit_mimo(measured, order, method=method, **options)
     judged = {"fitted": records, "held_out": held_out}
     errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
     if output:
@@ -48,8 +54,9 @@ def fit_matrix(
         model.plot(measured).savefig(picture)
         say(f"wrote {picture}")
     if as_json:
-        print_json(_as_json(model) | {"nrmse": errors})
+        print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
     else:
+        print_orders(choice)
         _print(model, errors, band)
 
 

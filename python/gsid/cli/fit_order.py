@@ -1,0 +1,42 @@
+"""gsid fit --order auto, of one response or a matrix of them"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gsid.cli.common import options_as_arguments, print_table, working
+
+if TYPE_CHECKING:
+    from gsid.frf import Frf
+    from gsid.mimo import MimoFrf
+    from gsid.order import OrderChoice
+
+
+def choose_order(frf: Frf | MimoFrf, records: str, **options: object) -> OrderChoice:
+    """Choose the order for what was measured from `records`, in words."""
+    from gsid.order import select_order
+
+    with working(f"choosing an order for {records}"), options_as_arguments():
+        return select_order(frf, **options)
+
+
+def orders_as_json(choice: OrderChoice | None) -> dict[str, list[dict]]:
+    """What was tried, without the models; nothing where the order was given."""
+    if choice is None:
+        return {}
+    rows = []
+    for c in choice.tried:
+        row = {name: value for name, value in vars(c).items() if name != "model"}
+        row["held_out"] = c.held_out and vars(c.held_out)
+        rows.append(row | {"chosen": c is choice.chosen})
+    return {"orders": rows}
+
+
+def print_orders(choice: OrderChoice | None) -> None:
+    """The table of orders, and what was left out."""
+    if choice is None:
+        return
+    print_table(*choice.table(), left=["order", ""])
+    for text in choice.removed:
+        print(text)
+    print()
