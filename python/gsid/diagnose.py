@@ -8,61 +8,37 @@
 3. They are ranked by evidence: the cost after the fit and a price for each parameter. Effects whose
    costs after the fit differ by less than the data can tell form one group.
 4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
-   effect found is tried to be left out again, and exchanged for its best rivals.
+   effect found is tried to be left out again, and exchanged for its best rivals. What that changes is
+   tested and searched again: the verdict is on the model that comes out. The search is `gsid.search`'s.
 5. When the best leaves too much of the misfit, or clearly more than noise, something is missing that is not
    in the catalogue.
 """
 
 from __future__ import annotations
 
-import copy
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gsid._callable import callable_as
-from gsid.candidates import Candidate, Group, evidence, ranked, tried
-from gsid.errors import GsidError, InputError
+from gsid.candidates import Group
 from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
 from gsid.plant import PlantModel
 from gsid.record import Record
-from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
-from gsid.scores import Score, family_wise_p, random_periods, random_phases
+from gsid.search import EFFECTS_MAX, Ranking, Search, Step
 from gsid.spectra import Spectra, spectra
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 ALPHA = 0.05
-EFFECTS_MAX = 3  # effects looked for, one after the other
-RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
-DRAWS = 999  # of the bootstrap
-SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
 SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
-
-
-@dataclass(eq=False)
-class Step:
-    """One round of the search: the fit it started from, its tests, and how the candidates came out."""
-
-    fit: PlantFit
-    p_noise: float
-    p_score: float | None  # None: too few periods to draw what chance does
-    ranking: list[Group]
-
-    @property
-    def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
-        if self.p_score is None:
-            return self.p_noise
-        return min(1.0, 2 * min(self.p_noise, self.p_score))
 
 
 @dataclass(eq=False, repr=False)
@@ -79,7 +55,10 @@ class Diagnosis:
     explained : float
         Share of the misfit above noise that the effects found explain.
     found : list of Group
-        The effects found, in the order of the search; each the first group of its round.
+        The effects found, in the order of the search; each the first group of its ranking.
+    ranking : list of Group
+        The first effect found and its rivals, most probable first, beside whatever else was found; when
+        nothing was found, what was tried in the first round.
     steps : list of Step
     model : PlantModel
         With the best effect of each group found added, and fitted.
@@ -92,6 +71,7 @@ class Diagnosis:
     cost_per_dof_after: float
     explained: float
     found: list[Group]
+    ranking: Ranking
     steps: list[Step]
     model: PlantModel
     next_experiment: str = ""
@@ -100,11 +80,6 @@ class Diagnosis:
     @property
     def adequate(self) -> bool:
         return self.verdict == "adequate"
-
-    @property
-    def ranking(self) -> list[Group]:
-        """Groups of the first round, most probable first."""
-        return self.steps[0].ranking if self.steps else []
 
     @property
     def named(self) -> bool:
@@ -202,18 +177,10 @@ def diagnose(
         raise ValueError("no record was given")
     measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
     on_step("fitting the model as it is")
-    first = fit = fit_plant(linear_start(model, measured), measured, band=band)
-    steps: list[Step] = []
-    found: list[Group] = []
-    while True:
-        step, best = _round(fit, measured, band, alpha, seed, on_step, explore=len(found) < EFFECTS_MAX)
-        steps.append(step)
-        if step.p_value >= alpha or best is None:
-            break
-        found.append(best)
-        fit = best.candidates[0].fit
-    found, fit = _without_the_needless(found, fit, measured, band, on_step)
-    found, fit = _exchanged(found, fit, steps, measured, band, on_step)
+    first = fit_plant(linear_start(model, measured), measured, band=band)
+    search = Search(measured, band, alpha, seed, on_step)
+    rankings, fit = search.run(first)
+    steps, found = search.steps, [ranking[0] for ranking in rankings]
     return Diagnosis(
         verdict=_verdict(steps, found, first, fit, alpha),
         p_value=steps[0].p_value,
@@ -222,6 +189,7 @@ def diagnose(
         cost_per_dof_after=fit.cost_per_dof,
         explained=_explained(first, fit),
         found=found,
+        ranking=rankings[0] if rankings else steps[0].ranking,
         steps=steps,
         model=fit.model,
         next_experiment=_advice(found, measured),
@@ -262,118 +230,6 @@ def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: Plant
     at_a_loss = len(found) == EFFECTS_MAX and end.p_value < alpha
     unknown = not found or too_little or too_much_left or at_a_loss
     return "unknown_effect" if unknown else "missing_effect"
-
-
-# ---- one round ---------------------------------------------------------------------------------------
-
-
-def _round(
-    fit: PlantFit,
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-    alpha: float,
-    seed: int,
-    on_step: Callable[[str], None],
-    *,
-    explore: bool,
-) -> tuple[Step, Group | None]:
-    """Test a fit, score the catalogue, fit the best few; the best group when it earns its price."""
-    scored = scan(fit, measured)
-    p_score = _score_p_value(fit, measured, [item for _, item in scored], seed)
-    step = Step(fit, noise_p_value(fit, measured), p_score, [])
-    if not explore or step.p_value >= alpha:
-        return step, None
-    n_shapes = Counter(probe.effect for probe, _ in scored)
-    rates, n_shapes[SAMPLER] = scan_rates(fit, measured)
-    scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
-    step.ranking = ranked(fit, tried(fit, scored, n_shapes, measured, band, alpha, on_step))
-    worth = step.ranking and step.ranking[0].candidates[0]
-    if not worth or evidence(fit, worth) > 0:
-        return step, None
-    return step, step.ranking[0]
-
-
-def _score_p_value(fit: PlantFit, measured: list[Spectra], scores: list[Score], seed: int) -> float | None:
-    """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
-    if sum(one.n_periods - 1 for one in measured) < SCATTER_LEAST:
-        return None
-    residual = stacked(fit, "residual")[:, 0]
-    if not scores:
-        return 1.0
-    deviations = [
-        (one.Y - one.y)[:, record.line] * record.weight
-        for record, one in zip(fit.records, measured, strict=True)
-    ]
-    drawn = random_phases(residual, DRAWS, seed), random_periods(deviations, DRAWS, seed)
-    return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
-
-
-# ---- afterwards --------------------------------------------------------------------------------------
-
-
-def _without_the_needless(
-    found: list[Group],
-    fit: PlantFit,
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-    on_step: Callable[[str], None],
-) -> tuple[list[Group], PlantFit]:
-    """Leave out again what later effects have made needless: a forward search can be led astray."""
-    for group in list(found[:-1]):
-        effect = group.effects[0]
-        on_step(f"trying without {effect}")
-        without = _fit_or_none(_without(fit.model, effect), measured, band)
-        price = len(group.candidates[0].params) * np.log(fit.n_dof)
-        if without is not None and without.cost - fit.cost < price:
-            found, fit = [g for g in found if g is not group], without
-    return found, fit
-
-
-def _exchanged(
-    found: list[Group],
-    fit: PlantFit,
-    steps: list[Step],
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-    on_step: Callable[[str], None],
-) -> tuple[list[Group], PlantFit]:
-    """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
-    for i, group in enumerate(found if len(found) > 1 else []):
-        now = [replace(group.candidates[0], fit=fit)]
-        for rival in _rivals(group, found, steps):
-            on_step(f"trying {rival.effect} in place of {group.effects[0]}")
-            model = _without(fit.model, group.effects[0])
-            model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
-            exchanged = _fit_or_none(model, measured, band)
-            if exchanged is not None:
-                now.append(replace(rival, fit=exchanged))
-        best = ranked(steps[0].fit, now)[0].candidates
-        found = [*found[:i], Group(best, group.probability), *found[i + 1 :]]
-        fit = best[0].fit
-    return found, fit
-
-
-def _rivals(group: Group, found: list[Group], steps: list[Step]) -> list[Candidate]:
-    """The next best of a group's round that were not found themselves."""
-    ranking = next(step.ranking for step in steps if step.ranking and step.ranking[0] is group)
-    taken = {g.effects[0] for g in found}
-    return [c for g in ranking for c in g.candidates if c.effect not in taken][:RIVALS]
-
-
-def _without(model: PlantModel, effect: str) -> PlantModel:
-    smaller = copy.deepcopy(model)
-    smaller.cov, smaller.fit = None, None
-    smaller.effects = [e for e in smaller.effects if e.id != effect]
-    return smaller
-
-
-def _fit_or_none(
-    model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
-) -> PlantFit | None:
-    try:
-        return fit_plant(model, measured, band=band)
-    except (GsidError, InputError):
-        return None
 
 
 callable_as(diagnose)

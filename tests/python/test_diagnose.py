@@ -75,7 +75,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
 
 def test_the_false_alarm_rate_asked_for_is_the_one_that_decides(monkeypatch):
     """A bug: rounds compared with the default rate, so a search at 50 % ended without candidates."""
-    monkeypatch.setattr("gsid.diagnose.noise_p_value", lambda fit, measured: 0.1)
+    monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, measured: 0.1)
     assert diagnose(null(), measured(0.0)).verdict == "adequate"
     searched = diagnose(null(), measured(0.0), alpha=0.5)
     assert searched.verdict != "adequate"

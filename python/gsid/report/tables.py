@@ -14,8 +14,9 @@ from gsid.piecewise import PiecewiseModel
 from gsid.plant import Param, PlantModel
 
 if TYPE_CHECKING:
+    from gsid.candidates import Group
     from gsid.compare import Comparison
-    from gsid.diagnose import Diagnosis, Group
+    from gsid.diagnose import Diagnosis
     from gsid.model import RationalModel
     from gsid.verdict import DistortedBand
 

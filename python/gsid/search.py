@@ -1,0 +1,162 @@
+"""Search for the effects that a model lacks: one after the other, then each again beside the others."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gsid.candidates import Candidate, Group, evidence, ranked, tried
+from gsid.errors import GsidError, InputError
+from gsid.greybox import PlantFit, fit_plant
+from gsid.plant import PlantModel
+from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
+from gsid.scores import Score, family_wise_p, random_periods, random_phases
+from gsid.spectra import Spectra
+
+EFFECTS_MAX = 3  # effects looked for, one after the other
+SEARCHES = 2  # the second when leaving out or exchanging has changed the model
+RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
+DRAWS = 999  # of the bootstrap
+SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
+
+Ranking = list[Group]  # most probable first
+
+
+@dataclass(eq=False)
+class Step:
+    """One round of the search: the fit it started from, its tests, and how the candidates came out."""
+
+    fit: PlantFit
+    p_noise: float
+    p_score: float | None  # None: too few periods to draw what chance does
+    ranking: Ranking
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together (Bonferroni)."""
+        if self.p_score is None:
+            return self.p_noise
+        return min(1.0, 2 * min(self.p_noise, self.p_score))
+
+
+@dataclass(eq=False)
+class Search:
+    """What a search looks at, and the rounds it has made; see `gsid.diagnose.diagnose` for the arguments."""
+
+    measured: list[Spectra]
+    band: tuple[float, float] | None
+    alpha: float
+    seed: int
+    on_step: Callable[[str], None]
+    steps: list[Step] = field(default_factory=list)
+
+    def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Rankings of the effects found, and the fit with the first of each; the last step tests that fit."""
+        rankings: list[Ranking] = []
+        for _ in range(SEARCHES):
+            grown, fit = self._forward(rankings, fit)
+            if len(grown) == len(rankings):
+                return rankings, fit
+            rankings, tidied = self._exchanged(*self._without_the_needless(grown, fit))
+            if tidied is fit:
+                return rankings, fit
+            fit = tidied
+        self._round(fit, explore=False)
+        return rankings, fit
+
+    def _forward(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """The best effect added, round after round, until what is left is noise or none earns its price."""
+        grown = list(rankings)
+        while self._round(fit, explore=len(grown) < EFFECTS_MAX):
+            grown.append(self.steps[-1].ranking)
+            fit = grown[-1][0].candidates[0].fit
+        return grown, fit
+
+    def _round(self, fit: PlantFit, *, explore: bool) -> bool:
+        """Test a fit, score the catalogue, fit the best few; whether the best earns its price."""
+        scored = scan(fit, self.measured)
+        p_score = self._score_p_value(fit, [item for _, item in scored])
+        step = Step(fit, noise_p_value(fit, self.measured), p_score, [])
+        self.steps.append(step)
+        if not explore or step.p_value >= self.alpha:
+            return False
+        n_shapes = Counter(probe.effect for probe, _ in scored)
+        rates, n_shapes[SAMPLER] = scan_rates(fit, self.measured)
+        scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
+        candidates = tried(fit, scored, n_shapes, self.measured, self.band, self.alpha, self.on_step)
+        step.ranking = ranked(fit, candidates)
+        return bool(step.ranking) and evidence(fit, step.ranking[0].candidates[0]) <= 0
+
+    def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
+        """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
+        if sum(one.n_periods - 1 for one in self.measured) < SCATTER_LEAST:
+            return None
+        if not scores:
+            return 1.0
+        residual = stacked(fit, "residual")[:, 0]
+        deviations = [
+            (one.Y - one.y)[:, record.line] * record.weight
+            for record, one in zip(fit.records, self.measured, strict=True)
+        ]
+        drawn = (
+            random_phases(residual, DRAWS, self.seed),
+            random_periods(deviations, DRAWS, self.seed),
+        )
+        return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
+
+    def _without_the_needless(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Leave out again what later effects have made needless: a forward search can be led astray."""
+        for ranking in rankings[:-1]:
+            needless = ranking[0].candidates[0]
+            self.on_step(f"trying without {needless.effect}")
+            without = self._fit_or_none(_without(fit.model, needless.effect))
+            price = len(needless.params) * np.log(fit.n_dof)
+            if without is not None and without.cost - fit.cost < price:
+                rankings, fit = [r for r in rankings if r is not ranking], without
+        return rankings, fit
+
+    def _exchanged(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
+        if len(rankings) < 2:
+            return rankings, fit
+        again: list[Ranking] = []
+        for i, ranking in enumerate(rankings):
+            own = ranking[0].candidates[0]
+            now = [replace(own, fit=fit)]
+            others = {r[0].candidates[0].effect for r in [*again, *rankings[i:]]}
+            for rival in self._rivals(own, others):
+                self.on_step(f"trying {rival.effect} in place of {own.effect}")
+                model = _without(fit.model, own.effect)
+                model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
+                exchanged = self._fit_or_none(model)
+                if exchanged is not None:
+                    now.append(replace(rival, fit=exchanged))
+            again.append(ranked(self.steps[0].fit, now))
+            fit = again[-1][0].candidates[0].fit
+        for ranking in again:
+            best = ranking[0].candidates
+            best[0] = replace(best[0], fit=fit)
+        return again, fit
+
+    def _rivals(self, own: Candidate, taken: set[str]) -> list[Candidate]:
+        """The next best of the last round that tried an effect, but for those that were found."""
+        rounds = [[c for group in step.ranking for c in group.candidates] for step in self.steps]
+        beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
+        return [c for c in beside if c.effect not in taken][:RIVALS]
+
+    def _fit_or_none(self, model: PlantModel) -> PlantFit | None:
+        try:
+            return fit_plant(model, self.measured, band=self.band)
+        except (GsidError, InputError):
+            return None
+
+
+def _without(model: PlantModel, effect: str) -> PlantModel:
+    smaller = copy.deepcopy(model)
+    smaller.cov, smaller.fit = None, None
+    smaller.effects = [e for e in smaller.effects if e.id != effect]
+    return smaller

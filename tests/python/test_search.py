@@ -1,0 +1,84 @@
+"""Search for effects, in a world of known costs: each set of effects has its cost, and fits are looked up."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from gsid.candidates import Candidate
+from gsid.search import Search
+
+N_DOF = 100
+NOISE = 110.0  # a cost that is noise only
+
+
+def model(effects):
+    return SimpleNamespace(
+        effects=[SimpleNamespace(id=e, params={"p": 0}) for e in effects], cov=None, fit=None
+    )
+
+
+@pytest.fixture
+def search_in(monkeypatch):
+    def begin(costs: dict[str, float], catalogue: str) -> tuple[Search, SimpleNamespace]:
+        """`costs` of models by the letters of their effects, in the order of the alphabet."""
+
+        def fitted(model, *_, **__):
+            cost = costs["".join(sorted(e.id for e in model.effects))]
+            model.free_names = [e.id for e in model.effects]
+            return SimpleNamespace(cost=cost, model=model, n_dof=N_DOF)
+
+        def tried(fit, *_):
+            has = [e.id for e in fit.model.effects]
+            fits = {e: fitted(model([*has, e])) for e in catalogue if e not in has}
+            return [Candidate(e, one, fit.cost - one.cost) for e, one in fits.items()]
+
+        monkeypatch.setattr("gsid.search.fit_plant", fitted)
+        monkeypatch.setattr("gsid.search.tried", tried)
+        monkeypatch.setattr("gsid.search.scan", lambda *_: [])
+        monkeypatch.setattr("gsid.search.scan_rates", lambda *_: ([], 0))
+        monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, _: 1.0 if fit.cost <= NOISE else 0.0)
+        return Search([], None, 0.05, 0, lambda text: None), fitted(model(""))
+
+    return begin
+
+
+def test_what_is_named_first_is_what_was_found_in_the_end(search_in):
+    """A bug: friction named first for sure, and left out again in the end, stayed first in the ranking."""
+    # c looks best alone, but a and b together need no c.
+    costs = {"": 5000, "a": 2100, "b": 2200, "c": 2000, "ac": 900, "bc": 1000, "ab": 100, "abc": 99}
+    search, fit = search_in(costs, "abc")
+    rankings, fit = search.run(fit)
+    assert search.steps[0].ranking[0].effects == ["c"]
+    assert sorted(ranking[0].effects[0] for ranking in rankings) == ["a", "b"]
+    assert all(ranking[0].candidates[0].fit is fit for ranking in rankings)
+
+
+def test_the_last_test_is_of_the_model_that_comes_out(search_in):
+    """A bug: an exchange that left only noise was judged by what had been left before it."""
+    # After c, b looks better than a; beside b, a is far better than c, but not found from beside both.
+    costs = {"": 5000, "a": 2100, "b": 4000, "c": 2000, "ac": 1000, "bc": 900, "ab": 100, "abc": 899}
+    search, fit = search_in(costs, "abc")
+    rankings, fit = search.run(fit)
+    assert [ranking[0].effects for ranking in rankings] == [["a"], ["b"]]
+    assert search.steps[-1].fit is fit
+    assert search.steps[-1].p_value == 1.0
+
+
+def test_probability_is_of_the_ranking_beside_the_others(search_in):
+    """A bug: an effect exchanged for its rival kept the probability of the round before."""
+    costs = {"": 5000, "a": 2001, "b": 4000, "c": 2000, "ac": 1999, "bc": 112, "ab": 100, "abc": 111}
+    search, fit = search_in(costs, "abc")
+    rankings, fit = search.run(fit)
+    first = rankings[0]
+    assert first[0].effects == ["a"]
+    assert first[0].probability == pytest.approx(1 / (1 + 2.718281828**-6), rel=1e-3)  # half of 12
+
+
+def test_what_an_exchange_leaves_is_searched_again(search_in):
+    # a and b bring little alone; in the place of c, a lets d be seen.
+    costs = {"": 9000, "a": 5000, "b": 8000, "c": 4000, "d": 8500, "ab": 2500, "ac": 3990, "bc": 3000}
+    costs |= {"cd": 3999, "ad": 4999, "bd": 8400, "abc": 2499, "abd": 100, "bcd": 2999, "acd": 3989}
+    search, fit = search_in(costs, "abcd")
+    rankings, fit = search.run(fit)
+    assert fit.cost == 100
+    assert sorted(ranking[0].effects[0] for ranking in rankings) == ["a", "b", "d"]
