@@ -10,8 +10,8 @@
 4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
    effect found is tried to be left out again, and exchanged for its best rivals. What that changes is
    tested and searched again: the verdict is on the model that comes out. The search is `gsid.search`'s.
-5. When the best leaves too much of the misfit, or clearly more than noise, something is missing that is not
-   in the catalogue.
+5. When the best leaves too much of the misfit, or clearly more than noise, or each record asks for other
+   values of the parameters (DIA-9), something is missing that is not in the catalogue.
 """
 
 from __future__ import annotations
@@ -54,6 +54,10 @@ class Diagnosis:
         Of the model as it was given (its free parameters fitted), and with what was found.
     explained : float
         Share of the misfit above noise that the effects found explain.
+    p_constant : float or None
+        Probability that noise alone makes the records ask for other values of the final model's parameters
+        than those that they share; a law of another form than the true one asks for others at each level of
+        the excitation. None with one record or too few periods.
     found : list of Group
         The effects found, in the order of the search; each the first group of its ranking.
     ranking : list of Group
@@ -70,6 +74,7 @@ class Diagnosis:
     cost_per_dof: float
     cost_per_dof_after: float
     explained: float
+    p_constant: float | None
     found: list[Group]
     ranking: Ranking
     steps: list[Step]
@@ -104,7 +109,13 @@ class Diagnosis:
         said = f"Missing: {names} ({after}, {self.explained:.0%} of the misfit explained, {self._p_words})."
         if self.verdict == "missing_effect":
             return said
-        return f"{said} What is left is more than noise: the catalogue does not have all that is missing."
+        return f"{said} {self._why_not_all}: the catalogue does not have all that is missing."
+
+    @property
+    def _why_not_all(self) -> str:
+        if self.steps[-1].p_value < self.alpha:
+            return "What is left is more than noise"
+        return f"Each record asks for other values of the parameters (p = {self.p_constant:.2g})"
 
     def plot(self) -> matplotlib.figure.Figure:
         """How far each effect that was tried brings the cost down; needs one that was."""
@@ -114,8 +125,8 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid diagnose --json`."""
-        keys = ("verdict", "adequate", "p_value", "alpha", "cost_per_dof", "cost_per_dof_after", "explained")
-        return {key: getattr(self, key) for key in keys} | {
+        keys = ("verdict", "adequate", "p_value", "alpha", "cost_per_dof", "cost_per_dof_after")
+        return {key: getattr(self, key) for key in (*keys, "explained", "p_constant")} | {
             "ranking": [group.to_dict() for group in self.ranking],
             "found": [group.to_dict() for group in self.found],
             "next_experiment": self.next_experiment,
@@ -181,13 +192,15 @@ def diagnose(
     search = Search(measured, band, alpha, seed, on_step)
     rankings, fit = search.run(first)
     steps, found = search.steps, [ranking[0] for ranking in rankings]
+    p_constant = search.p_constant(fit)
     return Diagnosis(
-        verdict=_verdict(steps, found, first, fit, alpha),
+        verdict=_verdict(steps, found, first, fit, p_constant, alpha),
         p_value=steps[0].p_value,
         alpha=alpha,
         cost_per_dof=first.cost_per_dof,
         cost_per_dof_after=fit.cost_per_dof,
         explained=_explained(first, fit),
+        p_constant=p_constant,
         found=found,
         ranking=rankings[0] if rankings else steps[0].ranking,
         steps=steps,
@@ -217,7 +230,14 @@ def _explained(before: PlantFit, after: PlantFit) -> float:
     return float(np.clip((before.cost - after.cost) / excess, 0, 1)) if excess > 0 else 0.0
 
 
-def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: PlantFit, alpha: float) -> str:
+def _verdict(
+    steps: list[Step],
+    found: list[Group],
+    first: PlantFit,
+    last: PlantFit,
+    p_constant: float | None,
+    alpha: float,
+) -> str:
     if steps[0].p_value >= alpha:
         return "adequate"
     # What is left counts against the catalogue only as far as it is more than the scatter of noise.
@@ -228,7 +248,8 @@ def _verdict(steps: list[Step], found: list[Group], first: PlantFit, last: Plant
     end = steps[-1]
     too_much_left = end.p_noise < SURE * alpha or (end.p_noise < alpha / 2 and left > LEFT * last.n_dof)
     at_a_loss = len(found) == EFFECTS_MAX and end.p_value < alpha
-    unknown = not found or too_little or too_much_left or at_a_loss
+    another_form = p_constant is not None and p_constant < SURE * alpha
+    unknown = not found or too_little or too_much_left or at_a_loss or another_form
     return "unknown_effect" if unknown else "missing_effect"
 
 

@@ -104,6 +104,24 @@ def score(
     return Score(0.0, size, survival, np.empty((len(residual), 0)))
 
 
+def apart(columns: np.ndarray, n_lines: list[int]) -> np.ndarray:
+    """Columns of all records as columns of each: what would be free if no record shared them with another.
+
+    Parameters
+    ----------
+    columns : (2 m, q) ndarray
+        Real parts of all records first, then imaginary parts.
+    n_lines : list of int
+        Lines of each record; m is their sum.
+
+    Returns
+    -------
+    (2 m, q times the number of records) ndarray
+    """
+    owner = np.tile(np.repeat(np.arange(len(n_lines)), n_lines), 2)
+    return np.hstack([np.where((owner == i)[:, None], columns, 0.0) for i in range(len(n_lines))])
+
+
 def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) -> np.ndarray:
     """Probability that the best of all candidates scores so high by chance (DIA-2).
 

@@ -14,7 +14,15 @@ from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit, fit_plant
 from gsid.plant import PlantModel
 from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
-from gsid.scores import Score, family_wise_p, random_periods, random_phases
+from gsid.scores import (
+    Score,
+    apart,
+    family_wise_p,
+    orthonormal,
+    random_periods,
+    random_phases,
+    score,
+)
 from gsid.spectra import Spectra
 
 EFFECTS_MAX = 3  # effects looked for, one after the other
@@ -91,22 +99,45 @@ class Search:
         step.ranking = ranked(fit, candidates)
         return bool(step.ranking) and evidence(fit, step.ranking[0].candidates[0]) <= 0
 
+    @property
+    def _few_periods(self) -> bool:
+        return sum(one.n_periods - 1 for one in self.measured) < SCATTER_LEAST
+
     def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
         """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
-        if sum(one.n_periods - 1 for one in self.measured) < SCATTER_LEAST:
+        if self._few_periods:
             return None
         if not scores:
             return 1.0
         residual = stacked(fit, "residual")[:, 0]
+        drawn = random_phases(residual, DRAWS, self.seed), self._scatter(fit)
+        return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
+
+    def _scatter(self, fit: PlantFit) -> np.ndarray:
         deviations = [
             (one.Y - one.y)[:, record.line] * record.weight
             for record, one in zip(fit.records, self.measured, strict=True)
         ]
-        drawn = (
-            random_phases(residual, DRAWS, self.seed),
-            random_periods(deviations, DRAWS, self.seed),
-        )
-        return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
+        return random_periods(deviations, DRAWS, self.seed)
+
+    def p_constant(self, fit: PlantFit) -> float | None:
+        """That noise alone makes the records ask for other values than those that they share (DIA-9).
+
+        Parameters
+        ----------
+        fit : PlantFit
+
+        Returns
+        -------
+        float or None
+            None with one record, or too few periods to draw what chance does.
+        """
+        if len(self.measured) < 2 or self._few_periods:
+            return None
+        residual, jacobian = stacked(fit, "residual")[:, 0], stacked(fit, "jacobian")
+        own = apart(jacobian, [len(record.line) for record in fit.records])
+        item = score(residual, orthonormal(jacobian), own)
+        return float(family_wise_p(residual, self._scatter(fit), [item])[0])
 
     def _without_the_needless(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
         """Leave out again what later effects have made needless: a forward search can be led astray."""

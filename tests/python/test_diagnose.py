@@ -19,6 +19,7 @@ from gsid.plant import PlantModel
 from gsid.probes import GRIDS, Trajectory, dahl_state
 from gsid.record import Record
 from gsid.scan import with_effect
+from gsid.search import Search
 from gsid.simulate import SimulatedAxis
 from gsid.spectra import Spectra, lines_of, spectra
 
@@ -104,6 +105,14 @@ def test_an_effect_that_the_catalogue_cannot_explain_is_called_unknown(monkeypat
     found = diagnose(null(), measured(2.0))
     assert found.verdict == "unknown_effect"
     assert found.explained < 0.9
+
+
+def test_a_law_of_another_form_asks_for_other_values_at_each_level():
+    """Coulomb friction fitted by viscous friction: 3 times the level asks for less of it (DIA-9)."""
+    for coulomb, constant in ((0.0, True), (2.0, False)):
+        records = list(measured(coulomb))
+        p = Search(records, None, 0.05, 0, lambda text: None).p_constant(fit_plant(null(), records))
+        assert (p > 0.05) == constant, p
 
 
 def test_values_five_per_cent_off_are_no_hindrance():

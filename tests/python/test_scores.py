@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.scores import family_wise_p, orthonormal, project_out, random_periods, random_phases, score
+from gsid.scores import (
+    apart,
+    family_wise_p,
+    orthonormal,
+    project_out,
+    random_periods,
+    random_phases,
+    score,
+)
 
 SEED = 20260304
 
@@ -28,6 +36,23 @@ def test_the_drop_is_that_of_a_refit(q):
     got = score(residual, orthonormal(nuisance), columns)
     assert got.drop == pytest.approx(drop, rel=1e-8)
     np.testing.assert_allclose(got.size, refit[-q:], rtol=1e-6)
+
+
+def test_columns_apart_are_a_fit_of_each_record():
+    rng = np.random.default_rng(SEED)
+    n_lines = [60, 100, 40]
+    columns, data = rng.standard_normal((400, 3)), rng.standard_normal(400)
+    fit = np.linalg.lstsq(columns, data, rcond=None)[0]
+    residual = data - columns @ fit
+    after, first = 0.0, 0
+    for m in n_lines:
+        rows = np.r_[first : first + m, 200 + first : 200 + first + m]
+        own = np.linalg.lstsq(columns[rows], data[rows], rcond=None)[0]
+        after += np.sum((data[rows] - columns[rows] @ own) ** 2)
+        first += m
+    got = score(residual, orthonormal(columns), apart(columns, n_lines))
+    assert got.drop == pytest.approx(residual @ residual - after, rel=1e-8)
+    assert got.basis.shape[1] == 6  # three sets of three values, less the one shared
 
 
 def test_one_sided_scores_never_go_the_unphysical_way():

@@ -2,7 +2,9 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from gsid.candidates import Candidate
 from gsid.search import Search
@@ -82,3 +84,47 @@ def test_what_an_exchange_leaves_is_searched_again(search_in):
     rankings, fit = search.run(fit)
     assert fit.cost == 100
     assert sorted(ranking[0].effects[0] for ranking in rankings) == ["a", "b", "d"]
+
+
+# ---- constancy over records (DIA-9) ------------------------------------------------------------------
+
+RECORDS, PERIODS, LINES, PARAMS = 4, 8, 150, 5
+
+
+def linear_fit(rng, differ: float) -> tuple[Search, SimpleNamespace]:
+    """Least squares of records of a linear model, whose first value differs from record to record."""
+    jacobians = [rng.standard_normal((2 * LINES, PARAMS)) for _ in range(RECORDS)]
+    noise = rng.standard_normal((2, RECORDS, PERIODS, LINES)) * np.sqrt(PERIODS)
+    Y = noise[0] + 1j * noise[1]
+    Y += np.stack([differ * i * (j[:LINES, :1] + 1j * j[LINES:, :1]).T for i, j in enumerate(jacobians)])
+    mean = Y.mean(axis=1)
+    data = np.concatenate([np.r_[one.real, one.imag] for one in mean])
+    J = np.vstack(jacobians)
+    left = (data - J @ np.linalg.lstsq(J, data, rcond=None)[0]).reshape(RECORDS, -1)
+    lines = np.arange(LINES)
+    records = [
+        SimpleNamespace(line=lines, weight=np.ones(LINES), residual=r, jacobian=j)
+        for r, j in zip(left, jacobians, strict=True)
+    ]
+    measured = [SimpleNamespace(Y=a, y=b, n_periods=PERIODS) for a, b in zip(Y, mean, strict=True)]
+    return Search(measured, None, 0.05, 0, lambda text: None), SimpleNamespace(records=records)
+
+
+def test_constancy_rejects_at_the_stated_rate():
+    """400 sets of records of one truth, seed 9; the binomial range of 99.9 %."""
+    rng = np.random.default_rng(9)
+    p = np.array([search.p_constant(fit) for search, fit in (linear_fit(rng, 0.0) for _ in range(400))])
+    low, high = stats.binom.ppf([0.0005, 0.9995], 400, 0.05)
+    assert low <= np.sum(p < 0.05) <= high, np.sum(p < 0.05)
+
+
+def test_values_that_differ_from_record_to_record_are_seen():
+    # Each record knows the value to 1 / sqrt(300): the four lie 5 and 10 standard deviations apart.
+    search, fit = linear_fit(np.random.default_rng(10), 0.3)
+    assert search.p_constant(fit) == 0.001  # of 999 draws
+
+
+def test_constancy_needs_two_records_and_enough_periods():
+    search, fit = linear_fit(np.random.default_rng(11), 0.0)
+    search.measured = search.measured[:1]
+    assert search.p_constant(fit) is None
