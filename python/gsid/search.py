@@ -104,7 +104,7 @@ class Search:
         return sum(one.n_periods - 1 for one in self.measured) < SCATTER_LEAST
 
     def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
-        """Of the best score, by the more cautious of two ways to draw what noise alone would do."""
+        """Of the best score, by the more cautious of two ways to draw what noise alone would do (DIA-2)."""
         if self._few_periods:
             return None
         if not scores:
