@@ -17,6 +17,7 @@ from gsid.scan import Scored, noise_p_value, with_effect
 from gsid.spectra import Spectra
 
 REFITTED = 5  # effects fitted for real in each round, at most
+REFITTED_BESIDE_JOINT = 2  # each from one start: a joint makes simulations ten times dearer
 RIVAL = 0.5  # and only those that promise this share of what another brought, or nearly all of a small drop
 RIVAL_THRESHOLD = 0.1  # the same for threshold laws
 STARTS = 2  # of each, the second when the first does not keep its promise
@@ -25,6 +26,10 @@ WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the ne
 KEPT = 0.9  # of the predicted drop: the promise is kept
 BEYOND = 1.2  # the same where the shape is held: each has a promise of its own, and may bring more
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
+STEPS_LOOK = 3  # of the first fit of a joint, which says whether more are worth their time
+STEPS_ALONE = 10  # of the fit of one record with a joint
+WALLS = 3  # times that a fit with a joint is begun again from one record
+FORGIVEN = 0.5  # of the cost without a joint: with more it is not worth that
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 
 
@@ -117,13 +122,14 @@ def tried(
     """
     candidates: list[Candidate] = []
     enough = brought = 0.0
-    for effect, tries in shortlist(scored).items():
+    has_joint = JOINT in [effect.id for effect in fit.model.effects]
+    for effect, tries in list(shortlist(scored).items())[: REFITTED_BESIDE_JOINT if has_joint else None]:
         promise = tries[0][1].drop
         hopeless = promise < min(_share_wanted(effect) * brought, brought - 3 * SAME)
         if hopeless or promise < RIVAL * enough - SAME:
             continue
         on_step(f"trying {effect}")
-        candidate = _refitted(fit, effect, tries, measured, band)
+        candidate = _refitted(fit, effect, tries[:1] if has_joint else tries, measured, band)
         if candidate is None:
             continue
         candidate.n_shapes = n_shapes[effect]
@@ -131,9 +137,9 @@ def tried(
         brought = max(brought, fit.cost - candidate.fit.cost)
         if noise_p_value(candidate.fit, measured) > alpha:
             enough = max(enough, fit.cost - candidate.fit.cost)
-    if enough == 0 and JOINT not in [effect.id for effect in fit.model.effects]:
+    if enough == 0 and not has_joint:
         on_step(f"trying {JOINT}")
-        candidates += _joint(fit, measured, band)
+        candidates += _joint(fit, measured, band, alpha)
     if candidates:
         best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
         candidates[best] = _converged(candidates[best], measured, band)
@@ -166,15 +172,48 @@ def _refitted(
     return best
 
 
-def _joint(fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None) -> list[Candidate]:
+def _joint(
+    fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None, alpha: float
+) -> list[Candidate]:
     """A joint with play, the dearest to simulate: tried when nothing else leaves only noise."""
     found = []
     for start, gain in joint_starts(fit, measured):
         try:
-            found.append(Candidate(JOINT, fit_plant(start, measured, band=band, max_iter=STEPS_MAX), gain))
+            fitted = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK)
+            if fitted.cost < FORGIVEN * fit.cost:
+                fitted = _beyond_the_walls(fitted, measured, band, alpha)
+            else:
+                fitted = fit_plant(fitted.model, measured, band=band, max_iter=STEPS_MAX)
         except (GsidError, InputError):
             continue
-    return sorted(found, key=lambda candidate: candidate.fit.cost)[:1]
+        found.append(Candidate(JOINT, fitted, gain))
+    return found
+
+
+def _beyond_the_walls(
+    fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None, alpha: float
+) -> PlantFit:
+    """Fit one record alone, then with it one more at a time.
+
+    Where a collision more or less begins, a record's cost has a wall, which stops the fit of all. The walls
+    of other records stand elsewhere, and a record alone has the fewest.
+    """
+    for _ in range(WALLS if len(measured) > 1 else 0):
+        if noise_p_value(fit, measured) > alpha:
+            break
+        try:
+            alone = [fit_plant(fit.model, [one], band=band, max_iter=STEPS_ALONE) for one in measured]
+            order = sorted(range(len(alone)), key=lambda i: alone[i].cost_per_dof)
+            further = alone[order[0]]
+            for n in range(2, len(order) + 1):
+                some = [measured[i] for i in sorted(order[:n])]
+                further = fit_plant(further.model, some, band=band, max_iter=STEPS_ALONE)
+        except (GsidError, InputError):
+            break
+        if further.cost > fit.cost - SAME:
+            break
+        fit = further
+    return fit
 
 
 def _converged(candidate: Candidate, measured: list[Spectra], band: tuple[float, float] | None) -> Candidate:

@@ -2,15 +2,20 @@
 
 A joint changes the linear part too: two masses on a spring, softer the more of the time the play is open. So
 that part is fitted first, to the frequency response measured at the highest level, where the play matters
-least; the play is then looked for by simulation.
+least. Its spring is softer than the true one: stiffer ones with more play go as starts into a fit that takes
+the load's motion as measured (`gsid.joint_motion`). In closed loop, and behind a sensor that holds, the play
+is looked for by simulation.
 """
 
 from __future__ import annotations
+
+import copy
 
 import numpy as np
 
 from gsid.errors import GsidError
 from gsid.greybox import PlantFit
+from gsid.joint_motion import JOINT, fit_joint
 from gsid.linear_start import linear_error, linear_start
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
@@ -19,11 +24,11 @@ from gsid.scan import with_effect
 from gsid.spectra import Spectra, lines_of
 from gsid.units import RADIANS
 
-JOINT = "gear_backlash"
 FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # of the joint, over the highest excited line
 LOUD = 0.95  # of the largest input: records of the highest level
 GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # over the twist that the motor's torque makes
 RATIOS = (0.4, 0.15)  # of the inertias: the response does not tell them
+STIFFER = (1.0, 2.5, 6.0, 20.0)  # the spring in contact, over the one that the response shows
 DAMPING = 0.1  # over the critical one
 FALL = 0.9  # of the response's error, for a joint to be worth its simulations
 
@@ -47,16 +52,33 @@ def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantMode
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
     before = linear_error(linear_start(fit.model, loud), loud)
     tried = []
-    for ratio in RATIOS:
-        for share in FREQUENCIES:
-            model = linear_start(_with_joint(fit.model, share * highest, ratio), loud)
-            tried.append((linear_error(model, loud), model))
-        if not min(error for error, _ in tried) < FALL * before:
-            return []
-    least = min(error for error, _ in tried)
-    near = [model for error, model in tried if error < 2 * least]
-    starts = [start for model in near if (start := _best_gap(fit, model, measured)) is not None]
-    return [(min(starts, key=lambda one: one[0])[1], before - least)] if starts else []
+    for share in FREQUENCIES:
+        model = linear_start(_with_joint(fit.model, share * highest, RATIOS[0]), loud)
+        tried.append((linear_error(model, loud), share, model))
+    least, share, soft = min(tried, key=lambda one: one[0])
+    if not least < FALL * before:
+        return []
+    others = [linear_start(_with_joint(fit.model, share * highest, ratio), loud) for ratio in RATIOS[1:]]
+    if not (
+        fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
+    ):
+        starts = [one for model in (soft, *others) for one in _with_play(model, measured)]
+        return [(fit_joint(starts, fit, measured), before - least)]
+    looked = [start for model in (soft, *others) if (start := _best_gap(fit, model, measured)) is not None]
+    return [(min(looked, key=lambda one: one[0])[1], before - least)] if looked else []
+
+
+def _with_play(model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:
+    """Stiffer springs with play, each of which may look like the soft one of the response."""
+    twist = max(_twist(model, one) for one in measured)
+    starts = []
+    for stiffer in STIFFER:
+        for gap in GAPS:
+            start = copy.deepcopy(model)
+            start[f"{JOINT}.stiffness"].value *= stiffer
+            start[f"{JOINT}.gap_deg"].value = float(gap * twist)
+            starts.append(start)
+    return starts
 
 
 def _with_joint(model: PlantModel, f_hz: float, ratio: float) -> PlantModel:
