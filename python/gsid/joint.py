@@ -62,15 +62,15 @@ def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantMode
     if not (
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
-        starts = [one for model in (soft, *others) for one in _with_play(model, measured)]
+        starts = [one for model in (soft, *others) for one in _with_play(fit, model, measured)]
         return [(fit_joint(starts, fit, measured), before - least)]
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model, measured)) is not None]
     return [(min(looked, key=lambda one: one[0])[1], before - least)] if looked else []
 
 
-def _with_play(model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:
+def _with_play(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:
     """Stiffer springs with play, each of which may look like the soft one of the response."""
-    twist = max(_twist(model, one) for one in measured)
+    twist = _largest_twist(fit, model, measured)
     starts = []
     for stiffer in STIFFER:
         for gap in GAPS:
@@ -107,13 +107,8 @@ def _refer_to_load(model: PlantModel, inertia: float) -> None:
 
 def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tuple[float, PlantModel] | None:
     """Cost, and the model with the play that costs least; None when none can be simulated."""
-    commands = [
-        drive_command(fit.model, one, record.prediction)
-        for record, one in zip(fit.records, measured, strict=True)
-    ]
-    twist = max(_twist(model, one, command) for one, command in zip(measured, commands, strict=True))
     least, best = np.inf, None
-    for gap in twist * np.array(GAPS):
+    for gap in _largest_twist(fit, model, measured) * np.array(GAPS):
         model[f"{JOINT}.gap_deg"].value = float(gap)
         try:
             cost = sum(
@@ -128,6 +123,15 @@ def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tupl
         return None
     model[f"{JOINT}.gap_deg"].value = best
     return least, model
+
+
+def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> float:
+    """Of all records."""
+    commands = [
+        drive_command(fit.model, one, record.prediction)
+        for record, one in zip(fit.records, measured, strict=True)
+    ]
+    return max(_twist(model, one, command) for one, command in zip(measured, commands, strict=True))
 
 
 def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
