@@ -227,28 +227,32 @@ FOREIGN: dict[str, Callable[[Rng, Axis], Hidden]] = {
 }
 
 
-def shapes_of_the_catalogue(axis: Axis) -> Iterator[list[Params]]:
-    """What the catalogue's effects can look like, coarsely: each a span of one or two small effects."""
+def shapes_of_the_catalogue(axis: Axis) -> Iterator[tuple[str, list[Params]]]:
+    """What the catalogue's effects can look like, coarsely: id, and a span of one or two small effects."""
     small = 0.01
-    for name in ("quadratic_drag_rate", "cubic_stiffness", "coulomb_level", "motor_lag_s"):
-        yield [{name: 1e-4 if name == "motor_lag_s" else small}]
+    for effect in ("quadratic_drag", "cubic_spring", "coulomb_friction"):
+        (name,) = CATALOGUE[effect].values()
+        yield effect, [{name: small}]
+    yield "motor_lag", [{"motor_lag_s": 1e-4}]
     for velocity in (0.3, 1.0, 3.0):
         only_extra = {"stribeck_extra": small, "stribeck_velocity": velocity}
-        yield [{"coulomb_level": small}, only_extra]
+        yield "stribeck_friction", [{"coulomb_level": small}, only_extra]
     for stiffness in (5.0, 12.0, 30.0, 75.0, 200.0):
-        yield [{"presliding_level": small, "presliding_stiffness": stiffness}]
-    yield [{"unbalance_level": 1.0, "unbalance_angle_deg": angle} for angle in (0.0, 90.0)]
+        yield "presliding_friction", [{"presliding_level": small, "presliding_stiffness": stiffness}]
+    yield "mass_unbalance", [{"unbalance_level": 1.0, "unbalance_angle_deg": a} for a in (0.0, 90.0)]
     for cycles in np.geomspace(5, 250, 18):
-        yield [
+        waves = [
             {"cogging_level": small, "cogging_cycles": cycles, "cogging_phase_rad": phase}
             for phase in (0.0, np.pi / 2)
         ]
+        yield "motor_cogging", waves
     for size in (0.03, 0.2, 1.0):
-        yield [{"dead_zone_half_width": size}]
-        yield [{"saturation_limit": axis.peak_command / (1 + size)}]
-        yield [{"stop_angle_deg": axis.peak_angle / (1 + 0.3 * size), "stop_stiffness": 300.0}]
+        yield "drive_dead_zone", [{"dead_zone_half_width": size}]
+        yield "drive_saturation", [{"saturation_limit": axis.peak_command / (1 + size)}]
+        stop_angle = axis.peak_angle / (1 + 0.3 * size)
+        yield "hard_stop", [{"stop_angle_deg": stop_angle, "stop_stiffness": 300.0}]
     for rate_hz in (300.0, 400.0, 600.0, 1000.0):
-        yield [{"sample_hold_hz": rate_hz}]
+        yield "sensor_sample_hold", [{"sample_hold_hz": rate_hz}]
 
 
 # Locked to the period: unlisted effects of the kind "dirty".

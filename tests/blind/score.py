@@ -178,6 +178,11 @@ class Row:
         return min(self.key["predicted_drop"], default=0.0)
 
     @property
+    def separable(self) -> bool:
+        """Whether no other effect of the catalogue explains it; keys of faint effects do not say."""
+        return (self.key["unexplained"] or 0.0) >= trials.SEPARABLE
+
+    @property
     def broken(self) -> bool:
         return "broken" in self.result
 
@@ -330,6 +335,7 @@ def summary(rows: list[Row]) -> dict:
         "false_alarms": false_alarms(rows),
         "first_group": share(row.right for row in clear),
         "alone": share(row.right and len(row.group) == 1 for row in clear),
+        "alone_if_separable": share(row.right and len(row.group) == 1 for row in clear if row.separable),
         "confidently_wrong": share(row.confidently_wrong for row in kind("single", "two", "form", "dirty")),
         "both_found": share(row.all_found for row in kind("two")),
         "nothing_else_added": share(row.all_found and len(row.result["found"]) == 2 for row in kind("two")),
@@ -368,6 +374,12 @@ def _spread(values: list[float]) -> dict | None:
 REQUIRED = [
     ("worked", "trials that diagnose did not break off", 1.0, True),
     ("first_group", f"effect in the first group, drop >= {CLEAR_DROP:g}", 0.98, True),
+    (
+        "alone_if_separable",
+        f"alone in it, where other effects leave >= {trials.SEPARABLE:g} of it",
+        0.98,
+        True,
+    ),
     ("confidently_wrong", f"wrong with a stated probability >= {CONFIDENT:g}", 0.01, False),
     ("both_found", "both of two effects found", 0.92, True),
     ("foreign_flagged", "foreign effect flagged", 0.92, True),

@@ -62,6 +62,7 @@ TARGETS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 1024.0, 4096.0, 1e4)
 CLEAR_TARGETS = (128.0, 256.0, 1024.0, 4096.0, 1e4)
 FOREIGN_TARGETS = (1024.0, 4096.0, 1e4, 1e5)
 DIRTY_TARGET = 1e6
+SEPARABLE = 64.0  # of a drop, left beside the best other effect: they can be told apart
 KINDS = {"null": 0.30, "single": 0.35, "two": 0.10, "form": 0.03, "foreign": 0.12, "dirty": 0.05, "fan": 0.05}
 
 
@@ -416,8 +417,10 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
     unexplained = None
     if kind in ("two", "foreign"):
         unexplained = _unexplained(nulls, sum(traces), bench, len(fit), axis)
-        if unexplained < 64:
+        if unexplained < SEPARABLE:
             raise TruthError("one effect of the catalogue does the same")
+    elif kind == "single" and drop >= SEPARABLE:
+        unexplained = _unexplained(nulls, traces[0], bench, len(fit), axis, but=effects[0])
     params = base.copy()
     for extra in added:
         params |= extra
@@ -462,13 +465,17 @@ def _drops_beside_each_other(traces: list[np.ndarray], slopes: np.ndarray) -> li
     return drops
 
 
-def _unexplained(nulls: Nulls, trace: np.ndarray, bench: Bench, n_fit: int, axis: Axis) -> float:
-    """What is left of a drop beside the best effect of the catalogue, taken as linear."""
+def _unexplained(
+    nulls: Nulls, trace: np.ndarray, bench: Bench, n_fit: int, axis: Axis, but: str = ""
+) -> float:
+    """What is left of a drop beside the best effect of the catalogue but one, taken as linear."""
     nulls.scale = np.ones(len(nulls.free))
     at = nulls.answer(nulls.scale)
     slopes = nulls.slopes(nulls.scale, at)
     left = []
-    for span in shapes_of_the_catalogue(axis):
+    for effect, span in shapes_of_the_catalogue(axis):
+        if effect == but:
+            continue
         seen = []
         for extra in span:
             answers = bench.answers(nulls.base | extra, truth.COARSE, slice(n_fit))
