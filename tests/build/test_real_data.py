@@ -112,6 +112,11 @@ def test_distortion_is_what_a_linear_model_leaves(page):
 
 
 @needs_time
+def test_what_emps_misses_at_60_hz(page):
+    page("EMPS", "shell-session")
+
+
+@needs_time
 def test_what_the_bench_misses(page):
     page("Motor bench", "shell-session")
 
