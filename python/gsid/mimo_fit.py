@@ -223,8 +223,10 @@ def _run(frf: MimoFrf, sigma: np.ndarray, cfg: Any, delay_s: np.ndarray) -> dict
         channel.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g_row))
     n = n_channels * n_local + cfg.n_poles + cfg.n_delays
     sections, num, cov = np.zeros(cfg.n_poles), np.zeros((n_channels, n_local)), np.zeros((n, n))
+    low, high = np.empty(delay_s.shape), np.empty(delay_s.shape)
     result = ffi.new("gsid_mimo_result *")
-    for name, array in (("section", sections), ("num", num), ("delay_s", delay_s), ("cov", cov)):
+    arrays = {"section": sections, "num": num, "delay_s": delay_s, "cov": cov}
+    for name, array in (arrays | {"delay_low_s": low, "delay_high_s": high}).items():
         setattr(result, name, ffi.from_buffer("double[]", array))
     check(lib.gsid_mimo_run(n_channels, channels, cfg, result), f"fit of {cfg.n_poles} common poles")
     by_section, by_num = _unscaled(result.scale_rad_s, cfg.n_poles, n_local)
@@ -233,6 +235,7 @@ def _run(frf: MimoFrf, sigma: np.ndarray, cfg: Any, delay_s: np.ndarray) -> dict
         "sections": sections * by_section,
         "num": (num * by_num).reshape(frf.n_y, frf.n_u, n_local),
         "cov": cov * scale[:, None] * scale,
+        "delay_range_s": np.stack([low, high], axis=-1),
         "cost": result.cost_ml,
         "converged": bool(result.converged),
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid._lib import lib, version
-from gsid.confidence import root_quantities
+from gsid.confidence import NORMAL_95, root_quantities
 from gsid.errors import InputError
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
@@ -44,6 +44,8 @@ class MimoModel:
         Covariance of (num, row by row of the matrix, sections, free delays).
     delay_of : (n_y, n_u) int array_like or None
         Which free delay each channel has; None: the delays were given.
+    delay_range_s : (n_y, n_u, 2) array_like or None
+        Least and largest delay [s] of the minima that the data do not refuse (MIM-5); None: `delay_s` only.
     method, cost, cost_expected, n_lines, converged, band_hz
         How the model was fitted, as in `RationalModel`; costs are sums over all channels.
     inputs, outputs, u_units, y_units : list of str
@@ -58,6 +60,7 @@ class MimoModel:
     fs_hz: float | None = None
     cov: np.ndarray | None = None
     delay_of: np.ndarray | None = None
+    delay_range_s: np.ndarray | None = None
     method: str | None = None
     cost: float | None = None
     cost_expected: float | None = None
@@ -89,6 +92,11 @@ class MimoModel:
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.delay_of is not None:
             self.delay_of = np.asarray(self.delay_of, dtype=int)
+        if self.delay_range_s is None:
+            self.delay_range_s = np.stack([self.delay_s, self.delay_s], axis=-1)
+        self.delay_range_s = np.asarray(self.delay_range_s, dtype=float)
+        if self.delay_range_s.shape != (*self.delay_s.shape, 2):
+            raise ValueError(f"delay_range_s has shape {self.delay_range_s.shape}")
         if self.cov is not None:
             self.cov = np.asarray(self.cov, dtype=float)
             if self.cov.shape != (self.n_parameters, self.n_parameters):
@@ -307,10 +315,23 @@ class MimoModel:
 
     @property
     def std_delay_s(self) -> np.ndarray:
-        """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov."""
+        """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov.
+
+        It is that of one minimum: see :attr:`ill_determined_delays`.
+        """
         if self.delay_of is None:
             return np.zeros(self.delay_s.shape)
         return self._std()[self.num.size + self.n_poles + self.delay_of]
+
+    @property
+    def ill_determined_delays(self) -> np.ndarray:
+        """(n_y, n_u) bool: several minima over the delay, and the data do not refuse all but one (MIM-5)."""
+        return self.delay_range_s[..., 1] > self.delay_range_s[..., 0]
+
+    @property
+    def delay_interval_s(self) -> np.ndarray:
+        """(n_y, n_u, 2) 95 % intervals of the delays [s], over all minima where they are ill-determined."""
+        return self.delay_range_s + NORMAL_95 * self.std_delay_s[..., None] * [-1, 1]
 
     def _std(self) -> np.ndarray:
         if self.cov is None:
@@ -363,6 +384,7 @@ class MimoModel:
             "sections": self.sections.tolist(),
             "num": self.num.tolist(),
             "delay_s": self.delay_s.tolist(),
+            "delay_range_s": self.delay_range_s.tolist(),
             "delay_of": None if self.delay_of is None else self.delay_of.tolist(),
             "covariance": None if self.cov is None else self.cov.tolist(),
         }
@@ -402,6 +424,7 @@ class MimoModel:
                 fs_hz=data.get("fs_hz"),
                 cov=common.get("covariance"),
                 delay_of=common.get("delay_of"),
+                delay_range_s=common.get("delay_range_s"),
                 band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),
                 inputs=data.get("inputs") or [],
                 outputs=data.get("outputs") or [],

@@ -133,11 +133,15 @@ double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel)
     return f_hz;
 }
 
-static gsid_status estimate(mimo_run *r, mimo_candidate *c) {
-    const gsid_status status = gsid_mimo_start(r, c);
-    if (status != GSID_OK || r->cfg.method == GSID_METHOD_IWLS)
+static gsid_status estimate(mimo_run *r, mimo_candidate *c, double *low_s, double *high_s) {
+    gsid_status status = gsid_mimo_start(r, c);
+    if (status == GSID_OK && r->cfg.method != GSID_METHOD_IWLS)
+        status = gsid_mimo_search(r, c);
+    memcpy(low_s, c->delay_s, sizeof c->delay_s);
+    memcpy(high_s, c->delay_s, sizeof c->delay_s);
+    if (status < 0 || r->cfg.method == GSID_METHOD_IWLS || r->cfg.n_delays == 0)
         return status;
-    return gsid_mimo_search(r, c);
+    return gsid_mimo_settle_delays(r, c, low_s, high_s);
 }
 
 static gsid_status check_channel(const gsid_frd *data) {
@@ -276,6 +280,7 @@ gsid_status gsid_mimo_run(uint32_t n_channels, const gsid_frd *channel, const gs
         return status;
     mimo_run r;
     mimo_candidate best;
+    double low_s[GSID_MIMO_CHANNELS_MAX], high_s[GSID_MIMO_CHANNELS_MAX];
     memset(&r, 0, sizeof r);
     memset(&best, 0, sizeof best);
     r.n_channels = n_channels;
@@ -291,11 +296,16 @@ gsid_status gsid_mimo_run(uint32_t n_channels, const gsid_frd *channel, const gs
         status = run_init(&r, n_channels, weighted, cfg);
     gsid_status how = GSID_OK;
     if (status == GSID_OK)
-        status = how = estimate(&r, &best);
+        status = how = estimate(&r, &best, low_s, high_s);
     if (status >= 0)
         status = answer(&r, channel, &best, result);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         result->converged = how == GSID_OK;
+        if (result->delay_low_s != NULL)
+            memcpy(result->delay_low_s, low_s, n_channels * sizeof *low_s);
+        if (result->delay_high_s != NULL)
+            memcpy(result->delay_high_s, high_s, n_channels * sizeof *high_s);
+    }
     run_free(&r, weighted);
     return status == GSID_OK && how == GSID_MAX_ITER ? GSID_MAX_ITER : status;
 }

@@ -64,6 +64,7 @@ double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel)
 
 /* ---- mimo_start.c */
 #define GSID_MIMO_SCAN_STEPS 8    /* of delays, in a period of the highest frequency */
+#define GSID_MIMO_FINE_STEPS 32   /* the same, where each is looked for by itself */
 #define GSID_MIMO_DELAYS_MAX 4096 /* of a scan */
 
 /* Free delays are searched from 0 to here. */
@@ -71,7 +72,16 @@ double gsid_mimo_delay_limit(const mimo_run *r);
 
 /* The free delay with that number. */
 double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c);
+void gsid_mimo_set_group(const mimo_run *r, uint32_t group, double value, double *of_channel);
+
+/* V of the channels that have it, at this delay. */
+double gsid_mimo_group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s);
 gsid_status gsid_mimo_start(mimo_run *r, mimo_candidate *c);
+
+/* ---- mimo_delays.c */
+
+/* From one minimum to the lowest over each free delay; low .. high of each channel: those that are hardly higher. */
+gsid_status gsid_mimo_settle_delays(mimo_run *r, mimo_candidate *c, double *low_s, double *high_s);
 
 /* ---- mimo_relocate.c: iteratively reweighted linear fits */
 void gsid_mimo_spread_poles(const mimo_run *r, mimo_candidate *c);

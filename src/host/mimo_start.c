@@ -13,7 +13,6 @@
 #define RELOCATIONS 20
 #define SCAN_LINES_PER_POLE 16
 #define SCAN_PERIODS 3 /* of the highest frequency: the default range of delays */
-#define FINE_STEPS 32  /* as GSID_MIMO_SCAN_STEPS, when each is looked for by itself */
 #define DELAY_ROUNDS 3
 #define SWAP_DAMPING 0.03
 #define SWAP_PLACES_PER_PAIR 4
@@ -86,8 +85,7 @@ static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kep
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
 }
 
-/* V of the channels that have free delay number `group`, at this delay. */
-static double group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s) {
+double gsid_mimo_group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s) {
     double cost = 0;
     for (uint32_t channel = 0; channel < r->n_channels; channel++)
         if (r->cfg.delay_of[channel] == group)
@@ -102,6 +100,12 @@ double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candi
     return c->delay_s[channel];
 }
 
+void gsid_mimo_set_group(const mimo_run *r, uint32_t group, double value, double *of_channel) {
+    for (uint32_t channel = 0; channel < r->n_channels; channel++)
+        if (r->cfg.delay_of[channel] == group)
+            of_channel[channel] = value;
+}
+
 /* Each free delay by itself over the whole range, the poles as they are. The numerators of a weak channel can do with
  * a wrong delay for a while: its minima are narrow. */
 static void scan_each_delay(mimo_run *r, double steps_per_period, mimo_candidate *c) {
@@ -110,15 +114,15 @@ static void scan_each_delay(mimo_run *r, double steps_per_period, mimo_candidate
     const uint32_t n_steps = (uint32_t)ceil(steps_per_period * f_max_hz * limit_s);
     gsid_mimo_sections(r, c->x, q);
     for (uint32_t group = 0; group < r->cfg.n_delays; group++) {
-        double best_s = gsid_mimo_group_delay(r, group, c), least = group_cost(r, q, group, best_s);
+        double best_s = gsid_mimo_group_delay(r, group, c);
+        double least = gsid_mimo_group_cost(r, q, group, best_s);
         for (uint32_t step = 0; step <= n_steps; step++) {
-            const double delay_s = limit_s * step / n_steps, cost = group_cost(r, q, group, delay_s);
+            const double delay_s = limit_s * step / n_steps;
+            const double cost = gsid_mimo_group_cost(r, q, group, delay_s);
             best_s = cost < least ? delay_s : best_s;
             least = fmin(least, cost);
         }
-        for (uint32_t channel = 0; channel < r->n_channels; channel++)
-            if (r->cfg.delay_of[channel] == group)
-                c->delay_s[channel] = best_s;
+        gsid_mimo_set_group(r, group, best_s, c->delay_s);
     }
 }
 
@@ -178,7 +182,7 @@ static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
 static gsid_status part_delays(mimo_run *r, mimo_candidate *c) {
     for (int round = 0; round < DELAY_ROUNDS && r->cfg.n_delays > 1; round++) {
         mimo_candidate moved = *c;
-        scan_each_delay(r, FINE_STEPS, &moved);
+        scan_each_delay(r, GSID_MIMO_FINE_STEPS, &moved);
         const gsid_status status = gsid_mimo_search(r, &moved);
         if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
             return status;

@@ -9,6 +9,7 @@ import pytest
 from scipy import signal
 
 import gsid
+from gsid.cli.main import main
 from gsid.errors import InputError
 from gsid.mimo import MimoFrf, MimoRecord, frf_mimo
 from gsid.mimo_fit import fit_mimo
@@ -40,6 +41,7 @@ def test_exact_responses_give_the_exact_model(exact, model):
     where, true = nearest(model.poles, gimbal.true_poles())
     np.testing.assert_allclose(model.poles[where], true, rtol=1e-6)
     np.testing.assert_allclose(model.delay_s, np.tile(gimbal.DELAY_S, (4, 1)), atol=1e-8)
+    assert not model.ill_determined_delays.any()
     np.testing.assert_allclose(model.response(exact.f_hz), exact.g, rtol=0, atol=1e-7 * np.abs(exact.g).max())
 
 
@@ -137,12 +139,47 @@ def test_a_gimbal_of_four_axes_is_recovered_within_its_intervals():
     seeds = [coverage.deviations(seed) for seed in SEEDS]
     held = [coverage.inside(one) for one in seeds]
     for kind in ("poles", "delays", "responses"):
-        counts = np.array([one[kind] for one in held])
+        counts = np.concatenate([one[kind][np.isfinite(one[kind])] for one in held])
         n = counts.size // 2
         low, _ = coverage.bounds(n)
         assert counts.mean() >= low / n, f"{kind}: {counts.mean():.3f} of {counts.size}"
         # No wrong minimum anywhere: of 720 normal numbers the largest is below 5 but once in 2400.
-        assert np.abs([one[kind] for one in seeds]).max() < 5
+        assert np.nanmax(np.abs([one[kind] for one in seeds])) < 5
+
+
+def test_the_lowest_minimum_over_a_delay_is_taken():
+    """Bug: a minimum lower by less than 1e-3 of the cost was left alone, 20 standard deviations away.
+
+    Seed 64 ended at 3.20 ms, where the true 2.1 ms, put in its place, cost less.
+    """
+    frf = frf_mimo(gimbal.experiments(64))
+    model = fit_mimo(frf, "8/7")
+    delay_s = model.delay_s.copy()
+    delay_s[3, 1] = gimbal.DELAY_S[1]
+    assert model.cost <= fit_mimo(frf, "8/7", delay=delay_s).cost
+    assert abs(model.delay_s[3, 1] - gimbal.DELAY_S[1]) < 5 * model.std_delay_s[3, 1]
+
+
+def test_a_delay_that_the_data_do_not_tell_is_called_so(capsys, tmp_path):
+    """Bug: seed 15 has its lowest minimum at 3.27 ms, one near the true 2.1 ms, and nothing said so."""
+    names = ["u1", "u2", "u3", "u4", "y1", "y2", "y3", "y4"]
+    files = [str(tmp_path / f"{e}.npz") for e in range(4)]
+    facts = {"fs_hz": gimbal.FS_HZ, "period_samples": gimbal.N, "settle_samples": 0}
+    for file, record in zip(files, gimbal.experiments(15), strict=True):
+        np.savez(file, **dict(zip(names, np.hstack([record.u, record.y]).T, strict=True)), **facts)
+    channels = ("--u", ",".join(names[:4]), "--y", ",".join(names[4:]))
+    assert main(["fit", *files, *channels, "--order", "8/7", "-o", str(tmp_path / "m.json")]) == 0
+    said = capsys.readouterr()
+    model = gsid.load_model(tmp_path / "m.json")
+    assert np.argwhere(model.ill_determined_delays).tolist() == [[3, 1]]
+    std = model.std_delay_s[3, 1]
+    near, far = model.delay_range_s[3, 1]
+    assert abs(near - gimbal.DELAY_S[1]) < 5 * std < far - near
+    assert (model.delay_s[3, 1], far) == pytest.approx((far, 3.27e-3), abs=0.01e-3)
+    low, high = model.delay_interval_s[3, 1]
+    assert (low, high) == pytest.approx((near - 1.96 * std, far + 1.96 * std), rel=1e-4)
+    assert "note: the delay from u2 to y4 is ill-determined" in said.err
+    assert f"{1e3 * low:.3g} .. {1e3 * high:.3g}" in said.out
 
 
 def modal(f_hz, poles, residues, direct=0.0):

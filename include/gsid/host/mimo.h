@@ -31,6 +31,9 @@ typedef struct {
     double *section; /* [n_poles] q0 and q1 of each section */
     double *num; /* [n_channels][n_local] b0 and b1 of each section, then d */
     double *delay_s; /* [n_channels]; in: the delays, when none is free */
+    double *delay_low_s, *delay_high_s; /* [n_channels] range of the minima of V over the delay that the data do not
+                            refuse (MIM-5); both are delay_s where there is one only, after IWLS, and when none is
+                            free; may be NULL */
     double *cov; /* [n][n] M^-1 / 2 of EST-6, with the weights of the method: the covariance of (num, section, free
                             delays) for ML and errors that are independent from channel to channel;
                             n = n_channels n_local + n_poles + n_delays, at most GSID_LSQ_COLUMNS_MAX (else
@@ -41,7 +44,7 @@ typedef struct {
     int converged;
 } gsid_mimo_result;
 
-/** Fit.  Eq: MIM-1, MIM-2, MIM-3. Delays are scanned with a relocation of poles at each; the best are refined
+/** Fit.  Eq: MIM-1, MIM-2, MIM-3, MIM-5. Delays are scanned with a relocation of poles at each; the best are refined
  *  by Gauss-Newton on poles and delays, the numerators solved for at each step (block-arrow least squares,
  *  gsid_arrow_reduce).
  *  @param[in]     n_channels  1 .. GSID_MIMO_CHANNELS_MAX

@@ -45,6 +45,7 @@ def fit_matrix(
         order = choice.chosen.order
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_mimo(measured, order, method=method, **options)
+    _say_what_is_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
     errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
     if output:
@@ -62,9 +63,9 @@ def fit_matrix(
 
 # fmt: off
 JSON_KEYS = (
-    "method", "inputs", "outputs", "sections", "num", "delay_s", "cost", "cost_expected", "poles",
-    "converged", "stable", "domain", "hold", "fs_hz", "n_lines", "n_poles", "n_zeros", "n_parameters",
-    "band_hz", "u_units", "y_units",
+    "method", "inputs", "outputs", "sections", "num", "delay_s", "delay_range_s", "cost", "cost_expected",
+    "poles", "converged", "stable", "domain", "hold", "fs_hz", "n_lines", "n_poles", "n_zeros",
+    "n_parameters", "band_hz", "u_units", "y_units",
 )
 # fmt: on
 
@@ -74,6 +75,23 @@ def _as_json(model: MimoModel) -> dict:
     names = ("f_hz", "damping", "std_f_hz", "std_damping")
     modes = [dict(zip(names, mode, strict=True)) for mode in model.modes]
     return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
+
+
+def _say_what_is_ill_determined(model: MimoModel) -> None:
+    for i, j in zip(*model.ill_determined_delays.nonzero(), strict=True):
+        low, high = 1e3 * model.delay_range_s[i, j]
+        say(
+            f"note: the delay from {model.inputs[j]} to {model.outputs[i]} is ill-determined: the data go"
+            f" with {low:.4g} as with {high:.4g} ms; give it, or take --delay common where delays are alike"
+        )
+
+
+def _delay_cell(model: MimoModel, i: int, j: int) -> str:
+    if model.ill_determined_delays[i, j]:
+        low, high = 1e3 * model.delay_interval_s[i, j]
+        return f"{low:.3g} .. {high:.3g}"
+    std = model.std_delay_s[i, j]
+    return f"{1e3 * model.delay_s[i, j]:.5g}" + (f" +- {1e3 * std:.2g}" if std > 0 else "")
 
 
 def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
@@ -98,11 +116,7 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, f
     print()
     rows = []
     for i, name in enumerate(model.outputs):
-        cells = [
-            f"{1e3 * delay:.5g}" + (f" +- {1e3 * std:.2g}" if std > 0 else "")
-            for delay, std in zip(model.delay_s[i], model.std_delay_s[i], strict=True)
-        ]
-        rows.append([name, *cells])
+        rows.append([name, *(_delay_cell(model, i, j) for j in range(model.n_u))])
     print_table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"])
     print()
     rows = [
