@@ -1,5 +1,5 @@
-/* The other minima of a MIMO fit: over the delay of a response that stands out of the noise in few lines V has several.
- * Eq: MIM-5 */
+/* The other minima of a MIMO fit: over the delay of a response that stands out of the noise near its resonances only V
+ * has several.  Eq: MIM-5 */
 #include <math.h>
 #include <string.h>
 
