@@ -240,7 +240,7 @@ def shapes_of_the_catalogue(axis: Axis) -> Iterator[tuple[str, list[Params]]]:
     for stiffness in (5.0, 12.0, 30.0, 75.0, 200.0):
         yield "presliding_friction", [{"presliding_level": small, "presliding_stiffness": stiffness}]
     yield "mass_unbalance", [{"unbalance_level": 1.0, "unbalance_angle_deg": a} for a in (0.0, 90.0)]
-    for cycles in np.geomspace(5, 250, 18):
+    for cycles in (1.0, 2.5, *np.geomspace(5, 250, 18)):  # with 1 it is an unbalance
         waves = [
             {"cogging_level": small, "cogging_cycles": cycles, "cogging_phase_rad": phase}
             for phase in (0.0, np.pi / 2)
