@@ -58,6 +58,10 @@ PAIRED = (
     "presliding_friction",
 )
 
+# Another effect can be exactly these: Stribeck's friction with nothing extra, cogging of one cycle per
+# turn; and in an axis that is linear but for what is hidden, lags before and behind it change places.
+CONTAINED = ("coulomb_friction", "mass_unbalance", "motor_lag", "sensor_lag")
+
 Params = dict[str, float]
 Rng = np.random.Generator
 

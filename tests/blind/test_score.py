@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import score
 import trials
+from hidden import CONTAINED
 
 
 def says(verdict, *found, probability=0.99, p_value=0.3):
@@ -68,6 +69,21 @@ def test_single_effects_are_counted_by_group_and_drop():
     power = {tuple(line["drop"]): line for line in figures["power"]}
     assert (power[0, 6]["n"], power[0, 6]["detected"]["hits"]) == (3, 0)
     assert (power[96, 192]["n"], power[96, 192]["in_first_group"]["hits"]) == (10, 8)
+
+
+def test_alone_is_asked_for_where_no_other_effect_explains_it():
+    near, far = single(["stribeck_friction", "coulomb_friction"], 100.0), single(["coulomb_friction"], 200.0)
+    assert (near.separable, far.separable) == (False, True)  # 50 and 100 left by the best other effect
+    figures = score.summary([near, far])
+    assert (figures["alone_if_separable"]["hits"], figures["alone_if_separable"]["n"]) == (1, 1)
+
+
+def test_an_effect_that_another_contains_is_never_separable():
+    """A bug: of large ones the key, which knows the other as linear, said that they were."""
+    key = trials.make_trial(1016, 62, {"single": 1}).key
+    assert key["effects"][0]["id"] in CONTAINED
+    assert key["predicted_drop"][0] > 9000
+    assert key["unexplained"] == 0
 
 
 def test_stated_probabilities_are_set_against_what_came_true():

@@ -37,6 +37,7 @@ import truth
 from hidden import (
     BASE,
     CATALOGUE,
+    CONTAINED,
     FOREIGN,
     FS_HZ,
     LOCKED,
@@ -420,7 +421,10 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         if unexplained < SEPARABLE:
             raise TruthError("one effect of the catalogue does the same")
     elif kind == "single" and drop >= SEPARABLE:
-        unexplained = _unexplained(nulls, traces[0], bench, len(fit), axis, but=effects[0])
+        contained = effects[0] in CONTAINED
+        unexplained = (
+            0.0 if contained else _unexplained(nulls, traces[0], bench, len(fit), axis, but=effects[0])
+        )
     params = base.copy()
     for extra in added:
         params |= extra
