@@ -29,7 +29,7 @@ STEPS_MAX = 15  # of each fit: a start that needs more is not near
 STEPS_LOOK = 3  # of the first fit of a joint, which says whether more are worth their time
 STEPS_ALONE = 10  # of the fit of one record with a joint
 WALLS = 3  # times that a fit with a joint is begun again from one record
-FORGIVEN = 0.5  # of the cost without a joint: with more it is not worth that
+FORGIVEN = 0.5  # of the cost without a joint: a joint that leaves more is not followed past the walls
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
 
 
@@ -182,7 +182,7 @@ def _joint(
             fitted = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK)
             if fitted.cost < FORGIVEN * fit.cost:
                 fitted = _beyond_the_walls(fitted, measured, band, alpha)
-            else:
+            if not fitted.converged:
                 fitted = fit_plant(fitted.model, measured, band=band, max_iter=STEPS_MAX)
         except (GsidError, InputError):
             continue

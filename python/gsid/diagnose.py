@@ -29,7 +29,7 @@ from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
 from gsid.plant import PlantModel
 from gsid.record import Record
-from gsid.search import EFFECTS_MAX, Ranking, Search, Step
+from gsid.search import DRAWS, EFFECTS_MAX, Ranking, Search, Step
 from gsid.spectra import Spectra, spectra
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 ALPHA = 0.05
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
+P_LEAST = 1 / (DRAWS + 1)  # that draws can show
 SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
 
 
@@ -248,7 +249,7 @@ def _verdict(
     end = steps[-1]
     too_much_left = end.p_noise < SURE * alpha or (end.p_noise < alpha / 2 and left > LEFT * last.n_dof)
     at_a_loss = len(found) == EFFECTS_MAX and end.p_value < alpha
-    another_form = p_constant is not None and p_constant < SURE * alpha
+    another_form = p_constant is not None and p_constant <= max(SURE * alpha, P_LEAST)
     unknown = not found or too_little or too_much_left or at_a_loss or another_form
     return "unknown_effect" if unknown else "missing_effect"
 

@@ -14,6 +14,7 @@ import numpy as np
 
 # A column of which less than this share survives the projection says nothing of its own.
 SURVIVAL_LEAST = 1e-3
+ROUNDING = 1e-6  # of one of several columns: what is left of it is no direction
 
 
 @dataclass(eq=False)
@@ -85,14 +86,15 @@ def score(
     """
     size = np.zeros(columns.shape[1])
     kept = np.arange(columns.shape[1])
-    before = float(np.linalg.norm(columns))
+    before = np.linalg.norm(columns, axis=0)
     projected = project_out(nuisance, columns)
-    survival = float(np.linalg.norm(projected)) / before if before > 0 else 0.0
+    survival = float(np.linalg.norm(projected) / np.linalg.norm(before)) if np.any(before > 0) else 0.0
     if survival < SURVIVAL_LEAST:
         return Score(0.0, size, survival, np.empty((len(residual), 0)))
     while len(kept):
         length = np.linalg.norm(projected[:, kept], axis=0)
-        kept, length = kept[length > 0], length[length > 0]
+        own = length > ROUNDING * before[kept]
+        kept, length = kept[own], length[own]
         u, s, vt = np.linalg.svd(projected[:, kept] / length, full_matrices=False)
         good = s > 1e-6 * s[0]
         coefficient = (vt.T[:, good] / s[good]) @ (u.T[good] @ residual) / length

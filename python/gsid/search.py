@@ -152,7 +152,7 @@ class Search:
 
     def _exchanged(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
         """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
-        if len(rankings) < 2:
+        if not rankings or (len(rankings) == 1 and rankings[0][0].candidates[0].fit is fit):
             return rankings, fit
         again: list[Ranking] = []
         for i, ranking in enumerate(rankings):

@@ -115,6 +115,14 @@ def test_a_law_of_another_form_asks_for_other_values_at_each_level():
         assert (p > 0.05) == constant, p
 
 
+def test_a_law_that_no_draw_excuses_is_unknown_at_any_false_alarm_rate(monkeypatch):
+    """A bug: at 1 % the least p that 999 draws can show was not below a tenth of it, and nothing was said."""
+    monkeypatch.setattr(Search, "p_constant", lambda self, fit: 0.001)
+    found = diagnose(null(), measured(2.0), alpha=0.01)
+    assert found.verdict == "unknown_effect"
+    assert "Each record asks for other values of the parameters (p = 0.001)" in found.sentence
+
+
 def test_values_five_per_cent_off_are_no_hindrance():
     """A resonance 9 Hz off its peak does not feel it: the scan over the response finds it."""
     start = linear_start(null(1.05), measured(0.0))

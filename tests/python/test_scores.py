@@ -55,6 +55,16 @@ def test_columns_apart_are_a_fit_of_each_record():
     assert got.basis.shape[1] == 6  # three sets of three values, less the one shared
 
 
+def test_what_one_record_alone_tells_is_no_direction_of_its_own():
+    """A bug: of a value that acts in one record only, rounding was left apart, and counted as a direction."""
+    rng = np.random.default_rng(SEED)
+    columns = rng.standard_normal((400, 3))
+    columns[np.r_[:100, 200:300], 2] = 0.0  # a stop that the first of two records does not reach
+    got = score(rng.standard_normal(400), orthonormal(columns), apart(columns, [100, 100]))
+    assert got.basis.shape[1] == 2
+    assert np.max(np.abs(got.size)) < 10
+
+
 def test_one_sided_scores_never_go_the_unphysical_way():
     rng = np.random.default_rng(SEED)
     nuisance, noise = problem(rng)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import gsid.search
 from gsid.candidates import Candidate
 from gsid.search import Search
 
@@ -84,6 +85,19 @@ def test_what_an_exchange_leaves_is_searched_again(search_in):
     rankings, fit = search.run(fit)
     assert fit.cost == 100
     assert sorted(ranking[0].effects[0] for ranking in rankings) == ["a", "b", "d"]
+
+
+def test_one_effect_that_is_left_is_that_of_the_model(search_in, monkeypatch):
+    """A bug: with the first effect left out again, the only one found was still fitted beside it."""
+    costs = {"": 5000, "c": 2000, "ac": 100, "a": 102}
+    search, fit = search_in(costs, "ac")
+    all_of = gsid.search.tried
+    monkeypatch.setattr(  # a does not stand out alone
+        "gsid.search.tried", lambda fit, *_: [c for c in all_of(fit) if c.effect == "c" or fit.model.effects]
+    )
+    rankings, fit = search.run(fit)
+    assert [[e.id for e in r[0].candidates[0].fit.model.effects] for r in rankings] == [["a"]]
+    assert rankings[0][0].candidates[0].fit is fit
 
 
 # ---- constancy over records (DIA-9) ------------------------------------------------------------------
