@@ -31,7 +31,12 @@ _log = logging.getLogger("gsid.greybox")
 
 INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
 SOLVERS = ("lm", "nlopt")
-METHODS = ("ml", "nls-output")
+# What the cost per degree of freedom says, by method.
+COST_MEANS = {
+    "ml": "1 when only noise is left",
+    "nls-output": "in units of the noise: a right model, too, may have more than 1",
+}
+METHODS = tuple(COST_MEANS)
 
 
 @dataclass(eq=False)
@@ -77,9 +82,9 @@ class PlantFit:
     n_dof : int
         Residuals less unknowns.
     cost_per_dof : float
-        1 on average when only noise is left.
+        1 on average when only noise is left, if that was minimised: see `method`.
     converged : bool
-        No step promises to lower the cost by 0.01.
+        No step promises to lower the cost by 0.01; with "nls-output" in the noise of the quietest line.
     n_iterations : int
     undetermined : list of str
         Parameters that the data do not tell: pinned where they were (their standard deviation is NaN), or
@@ -95,7 +100,9 @@ class PlantFit:
         Degrees of freedom of the variances that weigh.
     solver : {"lm", "nlopt"}
     method : {"ml", "nls-output"}
-        What was minimised; cost, residuals and standard deviations are in units of the noise either way.
+        What was minimised; cost and residuals are in units of the noise either way. With "nls-output" the
+        cost of a right model may be above that of noise by any factor: the quiet lines bear the errors that
+        the loud ones cause.
     """
 
     model: PlantModel

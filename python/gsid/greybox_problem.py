@@ -118,12 +118,14 @@ class Problem:
             part.weight = weight
 
     def equal_weights(self) -> list[np.ndarray]:
-        """Alike for all lines of all records, as the mean square of the output counts them (GBX-4)."""
-        count = [
-            np.where(part.line == 0, 2.0, 1.0) for part in self.parts
-        ]  # a cosine has half its amplitude squared
-        mean = np.mean(np.concatenate(self.weights) ** -2)  # so that the cost is of the same size
-        return [np.sqrt(share / mean) for share in count]
+        """Alike for all lines of all records, as the mean square of the output counts them (GBX-4).
+
+        In the noise of the quietest line, so that no line's residual has a variance below 1: then (J'J)^-1
+        is no more than the covariance, and what the search takes for nothing is far below a deviation.
+        """
+        quietest = np.min(np.concatenate(self.weights) ** -2)
+        # A cosine has half its amplitude squared.
+        return [np.sqrt(np.where(part.line == 0, 2.0, 1.0) / quietest) for part in self.parts]
 
     @property
     def names(self) -> list[str]:

@@ -1,5 +1,7 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
@@ -9,6 +11,7 @@ from scipy.signal import lfilter
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant
+from gsid.greybox_problem import Problem
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
@@ -24,6 +27,7 @@ TRUTH = {
     "transport_delay.delay_s": 0.00437,
 }
 LEVEL = "coulomb_friction.level"
+RESIDUE = "flexible_mode.residue"
 
 
 def multisine(seed, n=N, amplitude=0.05, band=(2, 250), grid="full"):
@@ -418,7 +422,7 @@ def test_standard_errors_of_equal_weights_cover_the_truth():
     truth = {"rigid_body.gain": 900.0, "viscous_friction.rate": 60.0, "cable_spring.stiffness": 9000.0}
     axis = {"gain": 900.0, "viscous_rate": 60.0, "spring_stiffness": 9000.0}
     record = axis_record(multisine(1, n=n, band=(10, 400), amplitude=0.3), 24, 0.0, 0, **axis)
-    clean, model = record.y, start(truth)
+    clean, model = record.y, start(truth, 1.2)  # 5 to 12 deviations off
     z, wider = [], []
     for i in range(n_repeats):
         white = rng.standard_normal(len(clean) + 100)
@@ -433,3 +437,46 @@ def test_standard_errors_of_equal_weights_cover_the_truth():
     print("covered", covered, "of", n_repeats, "rms z", np.sqrt(np.mean(np.square(z), axis=0)))
     assert np.all((covered >= lo) & (covered <= hi))
     assert np.mean(wider) > 1.5  # what the noise's weights are for: the gain shows at quiet lines, too
+
+
+def test_quiet_lines_are_searched_as_closely_as_loud_ones():
+    """A mode at 220 Hz above noise that lies below 60 Hz, 1 % off: five standard deviations.
+
+    The search had counted in the mean noise, called such a start converged, and given it back.
+    """
+    model = plant(
+        {
+            "rigid_body": {"gain": 900.0},
+            "viscous_friction": {"rate": 12.0},
+            "cable_spring": {"stiffness": 400.0},
+            "flexible_mode": {"f_hz": 220.0, "zeta": 0.005, "residue": 0.03},
+        }
+    )
+    fixed = [name for name in model.free_names if name != RESIDUE]
+    rng = np.random.default_rng(20260314)
+    u = np.tile(multisine(1, amplitude=0.5), 8)
+    record = Record(u, np.zeros(len(u)), FS_HZ, N, 0, hold="zoh", y_unit="deg/s")
+    record.y = np.tile(model.predict(spectra(record)).y, 8)
+    white = np.fft.rfft(rng.standard_normal(len(u)))
+    record.y = record.y + np.fft.irfft(np.where(np.fft.rfftfreq(len(u), 1 / FS_HZ) < 60, 30, 1e-2) * white)
+    ends = []
+    for off in (1.01, 1.5):
+        model[RESIDUE].value = 0.03 * off
+        fit = fit_plant(model, record, fixed=fixed, method="nls-output")
+        assert fit.converged
+        std = fit.model[RESIDUE].std
+        assert 0.03 * (off - 1) > 5 * std
+        assert abs(deviations(fit, {RESIDUE: 0.03})[RESIDUE]) < 3
+        ends.append(fit.model[RESIDUE].value)
+    # Each stops where a step would lower the cost by less than 0.01, which is within 0.1 deviation.
+    assert abs(ends[1] - ends[0]) < 0.2 * std
+
+
+def test_equal_weights_leave_no_line_less_than_its_noise():
+    """So a parameter that shows in units of the noise is not taken for silent in those of the search."""
+    measured = spectra(axis_record(multisine(1), P, 0.1, 1, **AXIS))
+    with ThreadPoolExecutor(1) as pool:
+        problem = Problem(start(TRUTH), [measured], (2, 250), (), pool)
+    (noise,), (equal,) = problem.weights, problem.equal_weights()
+    assert np.ptp(equal) == 0
+    assert np.min(equal / noise) == pytest.approx(1, rel=1e-12)

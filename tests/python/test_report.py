@@ -17,6 +17,7 @@ from gsid.ladder import add
 from gsid.model import RationalModel
 from gsid.record import Record
 from gsid.report import Report, Truth
+from gsid.report.tables import plant_table
 from gsid.spectra import spectra
 
 FS_HZ, N = 3000.0, 1500
@@ -258,6 +259,16 @@ def test_plant_with_its_ladder(friction):
     assert page.tags.count("svg") == 7
     bare = Page(Report("t").add_experiment("e", model=plant(STACK)).html())
     assert "A plant of 4 effects; not compared" in bare.text
+
+
+@pytest.mark.parametrize("method", ["ml", "nls-output"])
+def test_cost_of_a_plant_is_1_for_noise_by_maximum_likelihood_only(method):
+    """Least squares of the output had been told so too; its cost has no such mean."""
+    model = plant({"rigid_body": {"gain": 900.0}})
+    model.fit = {"cost_per_dof": 157.0, "method": method}
+    note = plant_table(model).note
+    assert note.startswith("Cost per degree of freedom 157: ")
+    assert ("1 when only noise is left" in note) == (method == "ml")
 
 
 def test_diagnosis(friction):

@@ -273,7 +273,7 @@ def _fit_plant(
     output: str | None,
     as_json: bool,
 ) -> None:
-    from gsid.greybox import fit_plant
+    from gsid.greybox import COST_MEANS, fit_plant
     from gsid.linear_start import linear_start
     from gsid.spectra import spectra
 
@@ -289,7 +289,7 @@ def _fit_plant(
         return
     state = "converged" if found.converged else "NOT converged"
     print(f"{n_free} parameters, {found.n_dof} degrees of freedom, {state}")
-    print(f"cost per degree of freedom {found.cost_per_dof:.4g} (1 when only noise is left)")
+    print(f"cost per degree of freedom {found.cost_per_dof:.4g} ({COST_MEANS[method]})")
     for words, names in (("at a bound", found.at_bound), ("no steady state found", found.unsettled)):
         if names:
             print(f"{words}: {', '.join(names)}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsid import plots
 from gsid.confidence import NORMAL_95, root_quantities
+from gsid.greybox import COST_MEANS
 from gsid.piecewise import PiecewiseModel
 from gsid.plant import Param, PlantModel
 
@@ -190,7 +191,8 @@ def plant_table(model: PlantModel) -> Table:
     fit = model.fit or {}
     note = "No σ: not fitted." if model.fit is None else ""
     if "cost_per_dof" in fit:
-        note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: 1 when only noise is left."
+        means = COST_MEANS[fit.get("method", "ml")]
+        note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: {means}."
     return Table("Plant", ("Effect", "Parameter", "Value", "σ", "Unit"), rows, note)
 
 
