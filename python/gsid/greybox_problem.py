@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.effects import EffectParameter
 from gsid.errors import GsidError, InputError
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant, Prediction
@@ -18,6 +19,11 @@ SETTLED = 1e-2  # what may change in a period, over the mean's noise
 FLOOR = 1e-7  # of the largest line: an output repeats no better than this
 SILENT = 1e-3  # a parameter is pinned when a change by its own size moves the residuals less, all told
 DRIFT = "drift"
+
+
+def least_size(known: EffectParameter) -> float:
+    """Least size of a parameter for a change to be large against: a strength may be zero, a shape may not."""
+    return 0.0 if known.null_value is None else abs(known.typical)
 
 
 class Part:
@@ -146,12 +152,9 @@ class Problem:
         return both[0], both[1]
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """What a change of each unknown is large against: a strength may well be zero, a shape may not."""
-        typical = []
-        for name in self.names:
-            known = None if name == DRIFT else self.model.parameter(name)
-            typical.append(np.inf if known is None else 0 if known.null_value is None else abs(known.typical))
-        return np.maximum(np.abs(x), typical)
+        """What a change of each unknown is large against."""
+        least = [np.inf if name == DRIFT else least_size(self.model.parameter(name)) for name in self.names]
+        return np.maximum(np.abs(x), least)
 
     def own(self, x: np.ndarray, record: int) -> np.ndarray:
         return x[record * self.n_own : (record + 1) * self.n_own]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid.greybox import PlantFit
+from gsid.greybox_problem import least_size
 from gsid.linear_start import LINEAR
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
@@ -52,17 +53,19 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) 
     PlantModel
     """
     problem = _Problem(starts[0], fit, measured)
-    costs = np.sum(problem.errors(np.array([_values(one, problem.names) for one in starts])) ** 2, axis=1)
+    costs = problem.costs(np.array([_values(one, problem.names) for one in starts]))
     model = starts[int(np.argmin(costs))]
     x, damping = _values(model, problem.names), 1e-2
     lower, upper = problem.bounds
     for _ in range(STEPS_MAX):
-        size = np.abs(x)
+        size = np.maximum(np.abs(x), problem.least_sizes)
         errors = problem.errors(np.vstack([x, x + DIFFERENCE * np.diag(size)]))
+        if not np.all(np.isfinite(errors)):
+            break
         e, jacobian = errors[0], (errors[1:] - errors[0]).T / DIFFERENCE
         steps = [_step(e, jacobian, damping * more) * size for more in DAMPINGS]
         tried = np.clip(x + np.array(steps), lower, upper)
-        costs = np.sum(problem.errors(tried) ** 2, axis=1)
+        costs = problem.costs(tried)
         best = int(np.argmin(costs))
         if not costs[best] < e @ e:
             break
@@ -112,9 +115,15 @@ class _Problem:
         chosen = [model.free_names.index(name) for name in self.names]
         lower, upper = model.bounds()
         self.bounds = lower[chosen], upper[chosen]
+        self.least_sizes = [least_size(model.parameter(name)) for name in self.names]
         self.n, self.fs_hz = first.period_samples, first.fs_hz
         self.s = 2j * np.pi * np.where(first.f_hz > 0, first.f_hz, 1.0)
         self.heard = [_heard(one) for one in self.measured]
+
+    def costs(self, many: np.ndarray) -> np.ndarray:
+        """(n_sets,), infinite where a set has no answer."""
+        costs = np.sum(self.errors(many) ** 2, axis=1)
+        return np.where(np.isfinite(costs), costs, np.inf)
 
     def errors(self, many: np.ndarray) -> np.ndarray:
         """(n_sets, rows), one row for each set of values."""
@@ -158,7 +167,8 @@ class _Problem:
         rows = []
         for one, record, x in zip(self.measured, self.records, twist, strict=True):
             rate = (part.drive * one.u - ratio * self.s**2 * x) / (1 / part.load + ratio * self.s)
-            e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * record.weight
+            weight = np.where(record.line > 0, record.weight, 0)  # of line 0 a linear part knows nothing
+            e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * weight
             rows += [e.real, e.imag]
         return np.concatenate(rows)
 

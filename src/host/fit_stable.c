@@ -154,29 +154,34 @@ static void set_bounds(const search *s, double *lower, double *upper) {
     }
 }
 
-/* Numerator and delay for poles that were reflected. A pole beyond the edge leads where its image lags, and a shorter delay makes up
- * for that: without it the search starts many decades above the least V and crawls.  Eq: EST-4 */
-static gsid_status follow_reflection(search *s, double *x) {
+/* Numerator and delay for poles that were reflected, taken where they lower V from v. A pole beyond the edge leads where
+ * its image lags, and a shorter delay makes up for that: without it the search starts many decades above the least V and
+ * crawls. The numerator is of least squares, which need not be V: errors may be logarithmic, or of the input too.
+ * Eq: EST-4 */
+static gsid_status follow_reflection(search *s, double v, double *x) {
     const gsid_fit_bounds *b = s->bounds;
     const double latest_s = s->model.delay_s;
     const double span_s = s->free_delay ? fmax(latest_s - b->delay_min_s, 0) : 0;
-    const double steps = fmin(ceil(span_s / b->delay_step_s), GSID_FIT_DELAYS_MAX);
+    const double steps = b->delay_step_s > 0 ? fmin(ceil(span_s / b->delay_step_s), GSID_FIT_DELAYS_MAX) : 0;
     const size_t mem_size = gsid_lsq_mem_size(s->model.n_zeros + 1);
     void *mem = malloc(mem_size);
     if (mem == NULL)
         return GSID_E_NO_MEMORY;
     gsid_lsq equations;
     gsid_lsq_init(&equations, s->model.n_zeros + 1, mem, mem_size);
-    gsid_rational trial = s->model;
+    gsid_rational trial = s->model, best = s->model;
     double least = HUGE_VAL, cost;
     for (uint32_t i = 0; i <= steps; i++) {
         trial.delay_s = i == 0 ? latest_s : latest_s - i / steps * span_s;
         if (gsid_fit_numerator(s->data, b->stride, &equations, &trial, &cost) >= 0 && cost < least) {
             least = cost;
-            s->model = trial;
+            best = trial;
         }
     }
     free(mem);
+    if (gsid_estimate_cost(s->data, &best, &cost) != GSID_OK || !(cost < v))
+        return GSID_OK;
+    s->model = best;
     for (uint32_t i = 0; i <= s->model.n_zeros; i++)
         x[s->model.n_poles + i] = s->model.num[i];
     if (s->free_delay)
@@ -211,8 +216,10 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
     for (uint32_t k = 0; k < data->n_lines; k++)
         s.variable[k] = gsid_rational_variable(model, GSID_TWO_PI * data->f_hz[k]);
     unpack(&s, x, &s.model);
-    if (gsid_estimate_cost(data, &s.model, &least) != GSID_OK || least > FAR * *cost)
-        status = follow_reflection(&s, x);
+    if (gsid_estimate_cost(data, &s.model, &least) != GSID_OK)
+        least = HUGE_VAL;
+    if (least > FAR * *cost)
+        status = follow_reflection(&s, least, x);
     if (status == GSID_OK)
         status = minimise(&s, TOLERANCE * fmin(1, *cost / data->n_lines), x, &least);
     free(s.variable);

@@ -1,11 +1,13 @@
 """gsid fit with several inputs and outputs: its keys, its words, its files."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import gsid as package
+from gsid.cli import fit_matrix
 from gsid.cli.fit_matrix import JSON_KEYS
 
 FS_HZ, N, LINES = 1000.0, 1000, np.arange(1, 201)
@@ -180,3 +182,21 @@ def test_verbs_of_one_response_refuse_a_matrix(gsid, experiments, verb):
     assert result.code == 3
     assert "2 x 2 responses" in result.err
     assert "hint:" in result.err
+
+
+@pytest.mark.parametrize("common", [True, False])
+def test_an_ill_determined_delay_is_said_once(common, monkeypatch):
+    """Bug: a common delay was said for each response, each time with the advice to take a common one."""
+    said = []
+    monkeypatch.setattr(fit_matrix, "say", said.append)
+    model = SimpleNamespace(
+        inputs=["u1", "u2"],
+        outputs=["y1", "y2"],
+        delay_of=np.zeros((2, 2), int) if common else np.arange(4).reshape(2, 2),
+        delay_range_s=np.tile([1e-3, 2e-3], (2, 2, 1)),
+        ill_determined_delays=np.full((2, 2), common) | np.array([[False, True], [False, False]]),
+    )
+    fit_matrix._say_what_is_ill_determined(model)
+    (note,) = said
+    assert ("common delay is" if common else "delay from u2 to y1 is") in note
+    assert ("--delay common" in note) != common

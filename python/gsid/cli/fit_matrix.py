@@ -78,12 +78,20 @@ def _as_json(model: MimoModel) -> dict:
 
 
 def _say_what_is_ill_determined(model: MimoModel) -> None:
-    for i, j in zip(*model.ill_determined_delays.nonzero(), strict=True):
+    import numpy as np
+
+    if not model.ill_determined_delays.any():
+        return
+    _, first = np.unique(model.delay_of, return_index=True)
+    for i, j in zip(*np.unravel_index(first, model.delay_of.shape), strict=True):
+        if not model.ill_determined_delays[i, j]:
+            continue
         low, high = 1e3 * model.delay_range_s[i, j]
-        say(
-            f"note: the delay from {model.inputs[j]} to {model.outputs[i]} is ill-determined: the data go"
-            f" with {low:.4g} as with {high:.4g} ms; give it, or take --delay common where delays are alike"
-        )
+        which, hint = "common delay", "give it"
+        if len(first) > 1:
+            which = f"delay from {model.inputs[j]} to {model.outputs[i]}"
+            hint += ", or take --delay common where delays are alike"
+        say(f"note: the {which} is ill-determined: the data go with {low:.4g} as with {high:.4g} ms; {hint}")
 
 
 def _delay_cell(model: MimoModel, i: int, j: int) -> str:
