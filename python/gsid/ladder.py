@@ -22,10 +22,9 @@ from gsid.errors import GsidError, InputError, close
 from gsid.greybox import PlantFit, fit_plant
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel
-from gsid.probes import Probe, probes
+from gsid.probes import Probe
 from gsid.record import Record
-from gsid.scan import stacked, trajectory, whitened, with_effect
-from gsid.scores import orthonormal, score
+from gsid.scan import SAMPLER, scan, scan_rates, with_effect
 from gsid.spectra import Spectra, spectra_of
 from gsid.weights import same_level
 
@@ -438,12 +437,7 @@ def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:
 
 def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tuple[Probe, np.ndarray]]:
     """Points of the effect's grid with the largest predicted drops of the cost, and their coefficients."""
-    paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
-    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
-    scored = [
-        (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
-        for probe in probes(paths, [effect])
-    ]
+    scored = scan_rates(fit, measured)[0] if effect == SAMPLER else scan(fit, measured, [effect])
     scored.sort(key=lambda pair: -pair[1].drop)
     return [(probe, item.size) for probe, item in scored[:STARTS]]
 

@@ -170,11 +170,15 @@ def _spare_delay(model: PlantModel) -> float:
     return model[name].value if name in model.free_names else 0.0
 
 
-def scan(fit: PlantFit, measured: list[Spectra]) -> Scored:
-    """Every probe of every effect that the model does not have."""
-    present = {effect.id for effect in fit.model.effects}
-    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if fit.model.angle_unit == "m" else ())
-    absent = [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
+def _absent(model: PlantModel) -> list[str]:
+    present = {effect.id for effect in model.effects}
+    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if model.angle_unit == "m" else ())
+    return [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
+
+
+def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None = None) -> Scored:
+    """Every probe of some effects; default: of all that the model does not have."""
+    absent = _absent(fit.model) if effects is None else effects
     trajectories = [
         trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
     ]

@@ -2,6 +2,7 @@
 
 import json
 import logging
+from functools import partial
 
 import numpy as np
 import pytest
@@ -90,6 +91,18 @@ def test_an_effect_that_the_mean_does_not_show(added, records):
     assert set(second.undetermined) >= {"periodic_disturbance.amplitude"}
     assert second.rung.params["amplitude"]["std"] is None
     assert second.rung.held_out["after"] == pytest.approx(added.rung.held_out["after"], rel=1e-6)
+
+
+def test_a_refresh_is_added_at_the_rate_that_the_data_say():
+    """A bug: the diagnosis found 600 Hz; adding it fitted 819 Hz, and the error grew."""
+    multisine = partial(Multisine.design, FS_HZ, N, (2.0, 190.0), phases="random", amplitude=3.0)
+    records = [
+        spectra(axis_record(multisine(seed=s).table(), 6, NOISE, s, gyro_refresh_hz=600.0, **AXIS))
+        for s in (SEED, SEED + 1, SEED + 2)
+    ]
+    rung = add("sensor_sample_hold", start(), records).rung
+    assert rung.params["rate_hz"]["value"] == 600.0
+    assert rung.held_out["after"] < 1.1 * rung.noise_floor_rms
 
 
 def test_undo_goes_back_step_by_step(added, records, tmp_path):
