@@ -83,6 +83,18 @@ def main(n: int) -> None:
             often = counted.sum(axis=0) >= n / 4
             share = 100 * np.nanmean(held[:, often], axis=0)
             print(f"    lowest {share.min():.1f}, highest {share.max():.1f}, each of n / 4 seeds or more")
+    print_ill_determined(seeds)
+
+
+def print_ill_determined(seeds: list[dict[str, np.ndarray]]) -> None:
+    """Which delays they are, how often, and how often each is held, ill-determined or not."""
+    ill = np.array([np.isfinite(one[ILL_DELAYS]) for one in seeds])
+    held = [np.nansum([inside(one)["delays"], inside(one)[ILL_DELAYS]], axis=0) for one in seeds]
+    share = 100 * np.mean(held, axis=0)
+    for i in np.flatnonzero(ill.any(axis=0)):
+        output, source = divmod(i, len(gimbal.DELAY_S))
+        print(f"delay of output {output + 1}, input {source + 1}: ", end="")
+        print(f"ill-determined with {ill[:, i].sum()} seeds of {len(seeds)}, held in {share[i]:.1f} % of all")
 
 
 if __name__ == "__main__":
