@@ -11,7 +11,8 @@ import numpy as np
 from gsid.effects import find
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit, fit_plant
-from gsid.joint import JOINT, joint_starts
+from gsid.joint import joint_starts
+from gsid.linear_view import JOINT
 from gsid.plant import Param
 from gsid.scan import Scored, noise_p_value, with_effect
 from gsid.spectra import Spectra

@@ -10,6 +10,7 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.effects import EffectParameter
 from gsid.errors import GsidError, InputError
+from gsid.linear_view import JOINT
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant, Prediction
 from gsid.spectra import Spectra, lines_of
@@ -101,7 +102,7 @@ class Problem:
         variances = pooled_variance(measured, drift=has_drift)
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With play, what does not settle soon rattles: waiting is dear and in vain.
-        self.has_joint = any(effect.id == "gear_backlash" for effect in model.effects)
+        self.has_joint = any(effect.id == JOINT for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)

@@ -15,9 +15,9 @@ import numpy as np
 
 from gsid.errors import GsidError
 from gsid.greybox import PlantFit
-from gsid.joint_motion import JOINT, fit_joint
+from gsid.joint_motion import fit_joint
 from gsid.linear_start import linear_error, linear_start
-from gsid.linear_view import linear_view
+from gsid.linear_view import JOINT, linear_view
 from gsid.plant import PlantModel
 from gsid.plant_periodic import drive_command
 from gsid.scan import with_effect

@@ -16,21 +16,19 @@ import numpy as np
 from gsid.greybox import PlantFit
 from gsid.greybox_problem import least_size
 from gsid.linear_start import LINEAR
-from gsid.linear_view import linear_view
+from gsid.linear_view import JOINT, linear_view
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra, lines_of, period_of
 from gsid.units import RADIANS
 
-JOINT = "gear_backlash"
 GEAR = ("gap_deg", "stiffness", "damping")
 SHAPES = (f"{JOINT}.gap_deg", f"{JOINT}.inertia_ratio")
 WIDE = 2.3  # times the highest excited line: as far as the torque's harmonics are worth their noise
 OVERSAMPLING = 2  # of the twist, per sample
 WARM = 8  # this part of a period comes first: the twist forgets its start in one contact
 STEPS_MAX = 12
-DAMPINGS = 10.0 ** np.arange(
-    -2, 4
-)  # tried at once, over the last one: together they cost little more than one
+# Over the last one, and tried at once: together they cost little more than one.
+DAMPINGS = 10.0 ** np.arange(-2, 4)
 STIFFEST = 1e-3  # of the stiffness: with less damping / step the twist follows the torque at once
 DIFFERENCE = 1e-4  # of a parameter's size, for its slope
 LARGEST_STEP = (-0.5, 1.0)  # of a parameter's size

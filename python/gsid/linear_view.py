@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+JOINT = "gear_backlash"  # the effect that puts motor and load apart
+
 Stack = Mapping[str, Mapping[str, float]]
 
 
@@ -117,9 +119,9 @@ def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
 
 def _joint(stack: Stack, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
     """Share of the motor's torque that reaches the load, and what the load feels of the motor (DIA-8)."""
-    if "gear_backlash" not in stack:
+    if JOINT not in stack:
         return 1.0, 0.0
-    gear = stack["gear_backlash"]
+    gear = stack[JOINT]
     spring, motor = gear["stiffness"] / s + gear["damping"], gear["inertia_ratio"] * s
     return spring / (motor + spring), spring * motor / (motor + spring)
 
