@@ -174,6 +174,12 @@ def find(effect: str, where: str = "") -> EffectType:
 _loaded: dict[str, EffectType] = {}
 
 
+def entry_keys(effect: str) -> tuple[str, ...]:
+    """Keys that an entry of a model file may have, by the id of its effect."""
+    own = {EXPRESSION: ("torque", "bounds"), TABLE: ("variable", "unit", "at", "torque")}
+    return ("effect", "params", *own.get(effect, ("library",)))
+
+
 def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
     """The effect of one's own that an entry of a model file describes; None for one of the catalogue.
 

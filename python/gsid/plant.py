@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import version
-from gsid.effects import EffectParameter, EffectType, find, of_entry
+from gsid.effects import EffectParameter, EffectType, entry_keys, find, of_entry
 from gsid.errors import InputError, close
 from gsid.model import FORMAT, read_model_file, write_model_file
 from gsid.plant_periodic import PeriodicPlant, Prediction
@@ -303,6 +303,7 @@ class PlantModel:
         entries = data.get("effects")
         if not isinstance(entries, list):
             raise InputError("the model file has no list of effects", where, ", ".join(data), EXAMPLE)
+        _check_keys(data, KEYS, where)
         model = cls.__new__(cls)
         model.fs_hz, model.effects = (
             data.get("fs_hz"),
@@ -365,6 +366,13 @@ class PlantModel:
         return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
 
 
+# A model file has no other keys: what is mistyped would count as left out.
+KEYS = (
+    *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),
+    *("effects", "covariance", "fit", "history"),
+)
+PARAM_KEYS = ("value", "free", "std", "limits")
+
 EXAMPLE = 'write "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}, ...]'
 
 
@@ -372,10 +380,18 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _check_keys(entry: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+    for key in entry:
+        if key not in known:
+            hint = close(key, known) or f"there are {', '.join(known)}"
+            raise InputError("unknown key in a model file", where, key, hint)
+
+
 def _read_effect(entry: Any, index: int, where: str) -> Effect:
     where = f"{where} effects[{index}]".strip()
     if not isinstance(entry, dict) or not isinstance(entry.get("effect"), str):
         raise InputError("an effect is not an object with its id", where, entry, EXAMPLE)
+    _check_keys(entry, entry_keys(entry["effect"]), where)
     params = entry.get("params", {})
     if not isinstance(params, dict):
         raise InputError("params is not an object of numbers", f"{where} {entry['effect']}", params, EXAMPLE)
@@ -413,6 +429,7 @@ def _read_covariance(covariance: Any, free_names: list[str], where: str) -> np.n
 def _read_param(value: Any, free: bool, where: str) -> Param:
     std = limits = None
     if isinstance(value, Mapping):
+        _check_keys(value, PARAM_KEYS, where)
         if "std" in value:
             std = math.nan if value["std"] is None else value["std"]
         limits = _read_limits(value.get("limits"), where)
