@@ -42,7 +42,8 @@ class Record:
     period_samples, settle_samples : int or None
         As the file or the user states them; None: found from the data.
     valid : (n,) bool
-        False where the sample was lost: u and y hold a filler there, not data. Default: all True.
+        False where the sample was lost: u and y hold a filler there, not data (0 for what is not finite).
+        Default: all True.
     u_unit, y_unit : str
     hold : {"zoh", "none"}
         "zoh": u is a command that was held over each sample.
@@ -73,9 +74,10 @@ class Record:
     meta: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        n = np.size(self.u)
+        self.valid = np.ones(n, bool) if self.valid is None else np.asarray(self.valid).astype(bool)
         self.u = self._samples("u", self.u)
         self.y = self._samples("y", self.y)
-        self.valid = np.ones(len(self.u), bool) if self.valid is None else np.asarray(self.valid).astype(bool)
         for label, array in {"y": self.y, "valid": self.valid, **self.columns}.items():
             if np.shape(array) != self.u.shape:
                 raise InputError(
@@ -101,15 +103,19 @@ class Record:
                 f"shape {array.shape}",
                 "pick one channel and one realisation first",
             )
-        bad = np.flatnonzero(~np.isfinite(array))
+        finite = np.isfinite(array)
+        if finite.all():
+            return array
+        lost = ~self.valid if self.valid.shape == array.shape else np.zeros(array.shape, bool)
+        bad = np.flatnonzero(~finite & ~lost)
         if bad.size:
             raise InputError(
                 f"{label} is not finite",
                 f"{self.name} sample {bad[0]}".strip(),
                 array[bad[0]],
-                "repair the sample, or mark it as lost with valid = 0 and a finite filler",
+                "repair the sample, or mark it as lost with valid = 0",
             )
-        return array
+        return np.where(finite, array, 0.0)
 
     def __len__(self) -> int:
         return len(self.u)
@@ -231,7 +237,10 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
         _log.info("%s: period of %d samples found from u", record.name, period)
     if settle is None:
         settle = find_settling(record, period)
-        _log.info("%s: settling of %d samples found from the data", record.name, settle)
+        if len(record) < 3 * period:
+            _log.info("%s: two periods do not show whether the start has settled: all is used", record.name)
+        else:
+            _log.info("%s: settling of %d samples found from the data", record.name, settle)
     if period < MIN_PERIOD or settle < 0:
         raise InputError(
             "period or settling is out of range",
@@ -261,6 +270,8 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             f"{max(share, 0):.0%} of its power does",
             _other_period(record),
         )
+    if not np.any(y - y[0, 0]):
+        _log.warning("%s: y is constant: nothing was measured", record.name)
     return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
 
 

@@ -60,6 +60,20 @@ def test_round_trip_of_a_bare_record(tmp_path, suffix):
     assert back.valid.all()
 
 
+@pytest.mark.parametrize("gap", ["nan,0", ",0", " , 0 "])
+def test_a_lost_sample_needs_no_filler(tmp_path, gap):
+    """A bug: a blank in a row with valid = 0 was refused, with the hint to write valid = 0."""
+    path = tmp_path / "rec.csv"
+    path.write_text(f"t_s,u,y,valid\n0.0,1,2,1\n0.1,3,{gap}\n0.2,4,5,1\n")
+    back = read_record(path)
+    np.testing.assert_array_equal(back.y[back.valid], [2, 5])
+    np.testing.assert_array_equal(back.valid, [True, False, True])
+    assert np.isfinite(back.y).all()
+    path.write_text(path.read_text().replace("5,1", ",1"))
+    with pytest.raises(InputError, match="line 4, column y"):
+        read_record(path)
+
+
 def test_nothing_half_written(tmp_path, record):
     path = tmp_path / "rec.csv"
     write_record(path, record)

@@ -287,3 +287,19 @@ def test_a_frame_without_the_column_or_with_unequal_times_is_refused():
         Record.from_pandas(frame, y="gyro")
     with pytest.raises(InputError, match="equally spaced"):
         Record.from_pandas(frame.set_index(np.array([0, 1, 2, 3, 9.0])))
+
+
+def test_two_periods_are_not_said_to_have_settled(caplog):
+    """A bug: of a record with a transient, "settling of 0 samples found from the data"."""
+    u = repeated(multisine(500, np.arange(1, 80), np.random.default_rng(8)), 1000)
+    with caplog.at_level("INFO", "gsid"):
+        split_periods(Record(u, u + np.exp(-np.arange(1000) / 100), 100.0, 500))
+    assert "two periods do not show whether the start has settled" in caplog.text
+    assert "found" not in caplog.text
+
+
+def test_an_output_that_stands_still_is_said(caplog):
+    """A bug: a gyro that was not connected had a response of -inf dB, and nothing was said."""
+    u = repeated(multisine(500, np.arange(1, 80), np.random.default_rng(8)), 2000)
+    split_periods(Record(u, np.full(2000, 0.1), 100.0, 500, 0))
+    assert "y is constant: nothing was measured" in caplog.text

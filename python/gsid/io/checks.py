@@ -40,10 +40,12 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
     same_length = {
         name: np.ravel(c) for name, c in raw.columns.items() if np.size(c) == n and np.ndim(c) <= 2
     }
-    for name in {u, y, time_name, "valid"} & same_length.keys():
+    for name in {time_name, "valid"} & same_length.keys():
         _check_finite(raw, name, same_length[name])
     t = same_length.pop(time_name, None)
     valid = same_length.pop("valid", np.ones(n)).astype(bool)
+    for name in {u, y}:
+        _check_finite(raw, name, np.where(valid, same_length[name], 0))
     text = {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
     return Record(
         u=same_length[u],
@@ -91,7 +93,7 @@ def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:
             "a number is not finite",
             raw.where(name, int(bad[0])),
             column[bad[0]],
-            "repair it, or mark the sample as lost: valid = 0 and any finite number",
+            "repair it, or mark the sample as lost: valid = 0",
         )
 
 

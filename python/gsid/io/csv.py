@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsid.errors import InputError, choose
-from gsid.io.raw import DAMAGED, DAMAGED_HINT, TIME_NAMES, Raw, keys_of
+from gsid.io.raw import TIME_NAMES, Raw, keys_of
 from gsid.record import Record
 
 _log = logging.getLogger(__name__)
@@ -89,8 +89,17 @@ def _read_rows(
     except UnicodeDecodeError:
         raise
     except ValueError as error:
-        raise _fault_in_rows(path, names, columns) from error
+        fault = _fault_in_rows(path, names, columns)
+        if fault is not None:
+            raise fault from error
+        table = _read_blanks(path, columns)
     return table, [names[i] for i in columns]
+
+
+def _read_blanks(path: Path, columns: list[int]) -> np.ndarray:
+    """The slow way: a blank, as in the row of a lost sample, is not a number."""
+    rows = (line.split(",") for _, line in _data_lines(path))
+    return np.array([[float(row[i].strip() or "nan") for i in columns] for row in rows])
 
 
 def _data_lines(path: Path) -> Iterable[tuple[int, str]]:
@@ -106,8 +115,8 @@ def _line_of_sample(path: Path, sample: int) -> int:
     return next(itertools.islice(_data_lines(path), sample, None))[0]
 
 
-def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputError:
-    """Find what the fast reader stumbled over."""
+def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputError | None:
+    """Find what the fast reader stumbled over; a blank is no fault where lost samples are marked."""
     for number, line in _data_lines(path):
         place, fields = f"{path} line {number}", line.rstrip("\r\n").split(",")
         if len(fields) != len(names):
@@ -116,14 +125,14 @@ def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputErr
                 f"the row has {len(fields)} columns, the header {len(names)}", place, line.strip(), hint
             )
         for i in columns:
-            if not _is_number(fields[i]):
+            if not _is_number(fields[i].strip() or ("nan" if "valid" in names else "")):
                 return InputError(
                     "not a number",
                     f"{place}, column {names[i]}",
                     fields[i].strip() or "nothing",
                     "write numbers with a point; mark a lost sample with valid = 0",
                 )
-    return InputError(DAMAGED, str(path), None, DAMAGED_HINT)
+    return None
 
 
 def _is_number(text: str) -> bool:
