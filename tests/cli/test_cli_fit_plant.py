@@ -41,12 +41,17 @@ def test_it_fits_the_stack_and_writes_it(gsid, files, method):
     for effect, name, truth in (("rigid_body", "gain", GAIN), ("viscous_friction", "rate", RATE)):
         value = next(e for e in found["effects"] if e["effect"] == effect)["params"][name]
         assert abs(value["value"] - truth) < 5 * value["std"]
-    words = gsid("fit", "rec.csv", "--model", "axis.json", "--method", method).out
+    words = gsid("fit", "rec.csv", "--model", "axis.json", "--method", method, "-o", "fitted.json").out
     assert words.startswith("2 parameters, ")
     assert "converged" in words
     # Least squares of the output had been told to leave a cost of 1, which only maximum likelihood does.
     assert ("1 when only noise is left" in words) == (method == "ml")
     assert ("a right model, too, may have more than 1" in words) == (method == "nls-output")
+    # And so had its comparison, of which this is the second line.
+    assert (
+        words.splitlines()[1].partition(" (")[2][:-1]
+        in gsid("compare", "rec.csv", "--model", "fitted.json").out
+    )
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,14 @@ def test_bode_of_a_model_alone():
     assert "95 %" not in labels(plots.bode(axis(cov=None)))
 
 
+def test_bode_of_a_model_that_is_zero_in_its_band():
+    """A bug: the phase's band beside an undamped zero was 1e13 degrees high, which no axis was."""
+    model = RationalModel([1.0, 1e-12, 1e4], [1.0, 20.0, 2e4], cov=np.diag([1.0, 1e3, 1e-3, 1e-3, 1e3]))
+    figure = plots.bode(model)
+    low, high = figure.axes[1].get_ylim()
+    assert high - low < 2.2 * 180.0 + 180.0 + 90.0  # unknown to each side, the zero's step, and margins
+
+
 def test_gain_and_phase_deviations_are_those_of_drawn_parameters():
     seed, f_hz = 4, np.array([0.5, 2.0, 30.0, 200.0])
     rng = np.random.default_rng(seed)

@@ -21,6 +21,8 @@ from gsid.cli.common import (
 
 if TYPE_CHECKING:
     from gsid.compare import Comparison
+    from gsid.model import RationalModel
+    from gsid.plant import PlantModel
     from gsid.record import Record
 
 
@@ -61,15 +63,26 @@ def compare(
     if as_json:
         print_json(result.to_dict())
     else:
-        _print(result, records[0].y_unit)
+        _print(result, records[0].y_unit, _cost_means(model))
     if check and not result.adequate:
         ctx.exit(EXIT_CRITERION)
 
 
-def _print(result: Comparison, unit: str) -> None:
+def _cost_means(model: RationalModel | PlantModel) -> str:
+    """What a cost says of a model, by what its fit made small."""
+    from gsid.greybox import COST_MEANS
+    from gsid.plant import PlantModel
+
+    method = (
+        (model.fit or {}).get("method") if isinstance(model, PlantModel) else getattr(model, "method", None)
+    )
+    return COST_MEANS.get(method, COST_MEANS["ml"])
+
+
+def _print(result: Comparison, unit: str, cost_means: str) -> None:
     verdict = "adequate" if result.adequate else "not adequate"
     print(f"The model is {verdict}: p = {result.p_value:.3g} at a level of {result.alpha:g}.")
-    print(f"Cost per degree of freedom {result.cost_per_dof:.4g} (1 when only noise is left).")
+    print(f"Cost per degree of freedom {result.cost_per_dof:.4g} ({cost_means}).")
     rms = f"{unit} rms".strip()
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
     print_table(

@@ -223,7 +223,7 @@ def fit(
     with working(f"fitting {order} to {name}"), options_as_arguments():
         model = fit_model(measured, order, method=method, **options)
         judged = validate(model, new) if new else None
-    _say_what_is_ill_determined(model)
+    _say_what_is_ill_determined(model, "" if choice else ": try --order auto")
     if output:
         _save(model, output)
         say(f"wrote {output}")
@@ -245,15 +245,18 @@ OF_PLANTS = ("ml", "nls-output")
 OF_RATIONAL_MODELS = ("delay", "domain", "reference", "piecewise", "held_out", "picture")
 
 
-def _say_what_is_ill_determined(model: RationalModel) -> None:
+def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:
     import numpy as np
 
     from gsid.order import near_cancelled
 
-    for pole, _ in near_cancelled(model):
-        f_hz = abs(np.log(pole) * model.fs_hz if model.domain == "z" else pole) / (2 * np.pi)
-        trade = "; the delay may trade against them" if model.free_delay else ""
-        say(f"note: a pole and a zero near {f_hz:.4g} Hz cannot be told apart{trade}: try --order auto")
+    trade = "; the delay may trade against them" if model.free_delay else ""
+    f_hz = (
+        abs(np.log(pole) * model.fs_hz if model.domain == "z" else pole) / (2 * np.pi)
+        for pole, _ in near_cancelled(model)
+    )
+    for f in dict.fromkeys(f"{f:.4g}" for f in f_hz):  # of a pair once
+        say(f"note: a pole and a zero near {f} Hz cannot be told apart{trade}{advice}")
 
 
 def _save(model: RationalModel, output: str) -> None:

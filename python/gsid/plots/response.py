@@ -243,7 +243,9 @@ def _draw_model(gain_ax: Axes, phase_ax: Axes, f, g, phase, model: RationalModel
     if model.cov is not None:
         std_gain, std_phase = gain_phase_std(model, f)
         half_db = NORMAL_95 * 20.0 / np.log(10.0) * std_gain
-        half_deg = NORMAL_95 * np.degrees(std_phase)
+        half_deg = np.minimum(
+            NORMAL_95 * np.degrees(std_phase), 180.0
+        )  # beyond, it is unknown: at a deep zero
         band = {"color": MODEL, "alpha": 0.25, "linewidth": 0.0}
         gain_ax.fill_between(f, db(g) - half_db, db(g) + half_db, label="95 % band, model", **band)
         phase_ax.fill_between(f, phase - half_deg, phase + half_deg, **band)
