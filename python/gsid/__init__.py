@@ -10,7 +10,7 @@
     better = gsid.add("coulomb_friction", plant, [record]).model
 
 Names are loaded when they are first used. compare, diagnose, fit, frf, noise and spectra are modules, too:
-`from gsid.compare import Comparison`.
+`from gsid.compare import Comparison`. effects is one that has them all: `gsid.effects.expression(...)`.
 """
 
 import importlib
@@ -28,6 +28,7 @@ _HOME = {
     "add": "ladder",
     "compare": None,
     "diagnose": None,
+    "effects": None,
     "fit": None,
     "fit_mimo": "mimo_fit",
     "fit_plant": "greybox",

@@ -25,6 +25,7 @@ from gsid.spectra import (
     SHARE_OF_LARGEST,
     Spectra,
     covariance,
+    listed,
     require_same,
     sample_variance,
     spectra,
@@ -68,9 +69,7 @@ def closed_loop_frf(
     ValueError
         No record, or Spectra, which have no reference.
     """
-    records = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not records:
-        raise ValueError("no record to estimate a frequency response from")
+    records = listed(records)
     if any(isinstance(record, Spectra) for record in records):
         raise ValueError("a closed loop needs the samples of its reference: give records, not their spectra")
     each = [_spectra(record, reference, period, settle) for record in records]

@@ -227,6 +227,8 @@ def compare(
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     measured = spectra_of(records, period=period, settle=settle)
+    if not isinstance(model, PlantModel) and not hasattr(model, "response"):
+        raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
     parts = [_lines(model, s, band) for s in measured]
 
     n = sum(len(part.line) for part in parts)

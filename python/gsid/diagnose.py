@@ -24,13 +24,13 @@ import numpy as np
 
 from gsid._callable import callable_as
 from gsid.candidates import Group
-from gsid.greybox import PlantFit, fit_plant
+from gsid.greybox import PlantFit, fit_plant, require_motion
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
-from gsid.plant import PlantModel
+from gsid.plant import PlantModel, check_plant
 from gsid.record import Record
 from gsid.search import DRAWS, EFFECTS_MAX, Ranking, Search, Step
-from gsid.spectra import Spectra, spectra
+from gsid.spectra import Spectra, spectra_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -184,12 +184,11 @@ def diagnose(
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
-    several = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not several:
-        raise ValueError("no record was given")
-    measured = [r if isinstance(r, Spectra) else spectra(r) for r in several]
+    measured = spectra_of(records)
+    check_plant(model)
     on_step("fitting the model as it is")
     first = fit_plant(linear_start(model, measured), measured, band=band)
+    require_motion(first)
     search = Search(measured, band, alpha, seed, on_step)
     rankings, fit = search.run(first)
     steps, found = search.steps, [ranking[0] for ranking in rankings]

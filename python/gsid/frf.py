@@ -26,6 +26,7 @@ from gsid.spectra import (
     Spectra,
     common_lines,
     covariance,
+    listed,
     realisations,
     rejected_lines,
     require_same,
@@ -354,7 +355,7 @@ def frf(
         return result
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
-    records = [records] if isinstance(records, Record | Spectra) else list(records)
+    records = listed(records)
     has_samples = not any(isinstance(record, Spectra) for record in records)
     if not has_samples and (remove_periodic or lpm or window):
         raise ValueError(f"{asked[0]} needs the samples: give records, not their spectra")

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from gsid.errors import InputError
 from gsid.greybox_problem import Point, Problem
 from gsid.greybox_search import SINGULAR, Minimum, Steps, lengths, minimise
-from gsid.plant import Param, PlantModel
+from gsid.plant import Param, PlantModel, check_plant
 from gsid.plant_periodic import Prediction
 from gsid.record import Record
 from gsid.spectra import Spectra, spectra_of
@@ -147,6 +148,13 @@ class PlantFit:
         return "\n".join(lines)
 
 
+def require_motion(fit: PlantFit) -> None:
+    """Refuse (InputError) a model that stands still: what it lacks acts on a motion that it does not have."""
+    if not any(np.any(record.prediction.rate) for record in fit.records):
+        hint = "look at the gains of the rigid body and of a controller, and at a friction that holds it"
+        raise InputError("the model does not move", fit.records[0].name, None, hint)
+
+
 def fit_plant(
     model: PlantModel,
     records: Record | Spectra | Sequence[Record | Spectra],
@@ -204,6 +212,7 @@ def fit_plant(
     if max_iter < 1:
         raise ValueError(f"max_iter must be at least 1, got {max_iter}")
     measured = spectra_of(records)
+    check_plant(model)
     start = copy.deepcopy(model)
     for name in fixed:
         start[name].free = False

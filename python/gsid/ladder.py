@@ -19,9 +19,9 @@ import numpy as np
 from gsid.compare import Comparison, compare
 from gsid.effects import EffectType, find
 from gsid.errors import GsidError, InputError, close
-from gsid.greybox import PlantFit, fit_plant
+from gsid.greybox import PlantFit, fit_plant, require_motion
 from gsid.linear_start import linear_start
-from gsid.plant import Param, PlantModel
+from gsid.plant import Param, PlantModel, check_plant
 from gsid.probes import Probe
 from gsid.record import Record
 from gsid.scan import SAMPLER, scan, scan_rates, with_effect
@@ -38,6 +38,7 @@ STEPS_TRIED = 15  # of each of these fits: a start that needs more is not near
 WORTH = 10.0  # drop of the cost (-2 log likelihood) from which on an unfinished fit is worth more steps
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects that have no grid
 HELD_OUT_SHARE = 3  # one realisation in three
+SAME_DATA = 0.02  # relative, between the end of a rung and the begin of the next
 PERIODS_LEAST = 2  # for a variance, on either side
 
 OUTSIDE_SEEN = {"w": "rate", "theta": "angle"}  # variables of tables, in a prediction
@@ -94,6 +95,12 @@ class Rung:
             f"{floor}; cost per degree of freedom on the data fitted {cost}."
         )
 
+    def leads_to(self, other: Rung) -> bool:
+        """Whether a rung begins where this one ends: on the same data, within what another fit may change."""
+        ends = (self.after["cost_per_dof"], self.held_out["after"], self.noise_floor_rms)
+        begins = (other.before["cost_per_dof"], other.held_out["before"], other.noise_floor_rms)
+        return self.kept_out == other.kept_out and np.allclose(begins, ends, rtol=SAME_DATA)
+
 
 @dataclass(eq=False, repr=False)
 class Ladder:
@@ -109,15 +116,24 @@ class Ladder:
 
     def rows(self) -> list[tuple[str, str, str, str, str]]:
         """Step; cost per degree of freedom; rms error fitted, kept out, and of noise alone (unit of y)."""
-        if not self.rungs:
-            return []
-        first = self.rungs[0]
-        levels = [("as it was", first.before, first.held_out["before"], first.noise_floor_rms)]
-        levels += [(f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms) for r in self.rungs]
         return [
             (step, f"{fitted['cost_per_dof']:.4g}", *(f"{x:.4g}" for x in (fitted["rms_error"], held, floor)))
-            for step, fitted, held, floor in levels
+            for step, fitted, held, floor in self.levels()
         ]
+
+    def levels(self) -> list[tuple[str, dict[str, float], float, float]]:
+        """Step; `before` or `after` of its rung; rms error kept out, and of noise alone (unit of y).
+
+        A step fitted to or judged on other data than the one before it begins at a level of its own.
+        """
+        levels, last = [], None
+        for r in self.rungs:
+            if last is None or not last.leads_to(r):
+                title = "as it was" if last is None else f"same, on {r.kept_out}"
+                levels.append((title, r.before, r.held_out["before"], r.noise_floor_rms))
+            levels.append((f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms))
+            last = r
+        return levels
 
     def __repr__(self) -> str:
         unit = f" [{self.rungs[0].y_unit}]" if self.rungs and self.rungs[0].y_unit else ""
@@ -213,6 +229,7 @@ def add(
         No such effect or parameter, a value out of its bounds, or an effect that no plant is without; too
         few periods to keep any out; the effect can be fitted from no start; as `gsid.greybox.fit_plant`.
     """
+    check_plant(model)
     known = effect if isinstance(effect, EffectType) else find(effect)
     if known.null_kind == "never":
         hint = "write it into the model file, with its values"
@@ -223,6 +240,7 @@ def add(
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
+    require_motion(before)
     after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
     _note_places_outside(after)
     on_step(f"judging on {words}")
@@ -337,6 +355,10 @@ def _split(
 ) -> tuple[list[Spectra], list[Spectra], str]:
     """Data to fit, data to judge on, and the latter in words."""
     if held_out is not None:
+        both = next((k.name for k in held_out for m in measured if np.array_equal(k.Y, m.Y)), None)
+        if both is not None:
+            hint = "leave it out of the records to fit, or judge on another"
+            raise InputError("a record is fitted and kept out", both, None, hint)
         return measured, held_out, _names(held_out)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:

@@ -366,6 +366,12 @@ class PlantModel:
         return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
 
 
+def check_plant(model: object) -> None:
+    """Refuse what is no stack of effects (TypeError)."""
+    if not isinstance(model, PlantModel):
+        raise TypeError(f"a stack of effects is needed, a PlantModel, got {type(model).__name__}")
+
+
 # A model file has no other keys: what is mistyped would count as left out.
 KEYS = (
     *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),

@@ -114,8 +114,12 @@ def _controlled(effect: Effect, reference: np.ndarray, answer: Prediction, fs_hz
 def _check(status: int) -> None:
     """Raise for a plant that cannot be simulated."""
     if status == lib.GSID_E_NONFINITE:
-        what = "the plant cannot be simulated: it runs away, or a law divides by zero"
-        hint = "look for a friction or a spring of the wrong sign, and for a law without bound"
+        what = "the plant cannot be simulated: it runs away, or a law has no value, as 1/0 and sqrt(-1)"
+        hint = "look for friction or springs of the wrong sign, unstable gains of a loop, laws without bound"
+        raise SimulationError(status, what, hint)
+    if status == lib.GSID_E_CONFIG:
+        what = "the plant cannot be simulated: a delay is too long, or a lag or law too fast for the rate"
+        hint = f"a delay is shorter than {lib.GSID_PLANT_DELAY_MAX} samples: look at the units of the values"
         raise SimulationError(status, what, hint)
     if status == lib.GSID_E_NO_MEMORY:
         check(status, "simulating the plant")

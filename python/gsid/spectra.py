@@ -9,6 +9,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -180,10 +181,37 @@ def spectra_of(
     InputError
         As `spectra`.
     """
-    several = [records] if isinstance(records, Record | Spectra) else list(records)
+    return [
+        r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in listed(records)
+    ]
+
+
+def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Record | Spectra]:
+    """One record or several as a list.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+
+    Returns
+    -------
+    list of Record or Spectra
+
+    Raises
+    ------
+    ValueError
+        No record.
+    TypeError
+        Something else, as the name of a file.
+    """
+    several = [records] if isinstance(records, Record | Spectra | str | Path) else list(records)
     if not several:
         raise ValueError("no record was given")
-    return [r if isinstance(r, Spectra) else spectra(r, period=period, settle=settle) for r in several]
+    for one in several:
+        if not isinstance(one, Record | Spectra):
+            hint = "; read_record reads a file" if isinstance(one, str | Path) else ""
+            raise TypeError(f"a record must be a Record or Spectra, got {type(one).__name__}{hint}")
+    return several
 
 
 @dataclass(repr=False)
@@ -262,10 +290,7 @@ def realisations(
     ValueError
         No record.
     """
-    records = [records] if isinstance(records, Record | Spectra) else list(records)
-    if not records:
-        raise ValueError("no record of any realisation")
-    parts = [_realisation(record, period, settle) for record in records]
+    parts = [_realisation(record, period, settle) for record in listed(records)]
     for part in parts[1:]:
         require_same(parts[0], part)
     return parts

@@ -81,13 +81,17 @@ def test_the_story(gsid):
 
 
 def test_in_words(gsid):
-    result = gsid("diagnose", "--model", "null.json", *RECORDS)
+    result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "--y", "y", "--band", "2:100")
     lines = result.out.splitlines()
     assert lines[0].startswith("Missing: ")
     assert lines[1].startswith("Not adequate: ")
     assert "round  probability  effects" in result.out
     assert "deg/s^2 per command" in result.out
-    assert "hint: gsid add " in result.err
+    # A bug: the options by which the records were read were left out, and the command failed as it stood.
+    assert (
+        "hint: gsid add coulomb_friction --model null.json r0.npz r1.npz r2.npz --y y --band 2:100 -o"
+        in result.err
+    )
 
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], "-o", "one.json")
     assert result.out.startswith("With coulomb_friction the rms error on the later periods falls: ")

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsid.files import write_atomically
+
 COMMAND = Path(sys.executable).parent / "gsid"
 
 
@@ -106,7 +108,18 @@ def test_bad_model(gsid, rec_csv):
 def test_output_that_cannot_be_written(gsid, rec_csv):
     result = gsid("frf", rec_csv, "-o", "nofolder/frf.csv")
     assert result.code == 3
-    assert "nofolder" in result.err
+    assert "where: nofolder/frf.csv" in result.err
+    # Bugs: it was said after minutes of work, and of a file .frf.4711.part.csv.
+    assert "found from" not in result.err
+
+
+def test_a_write_that_fails_names_the_file_that_was_asked_for(tmp_path):
+    def fail(part):
+        raise OSError(28, "No space left on device", str(part))
+
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_atomically(tmp_path / "m.json", fail)
+    assert caught.value.filename == str(tmp_path / "m.json")
 
 
 DESIGN = ["design", "multisine", "--fs", "100", "--period", "50"]

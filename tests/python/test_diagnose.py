@@ -9,13 +9,14 @@ import pytest
 from plants import plant
 
 from gsid.diagnose import diagnose
+from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant
 from gsid.linear_start import linear_start
 from gsid.linear_view import linear_view
 from gsid.model import RationalModel
 from gsid.next_experiment import next_experiment
-from gsid.plant import PlantModel
+from gsid.plant import Effect, Param, PlantModel
 from gsid.probes import GRIDS, Trajectory, dahl_state
 from gsid.record import Record
 from gsid.scan import with_effect
@@ -243,3 +244,15 @@ def test_misuse():
         diagnose(null(), measured(0.0), alpha=2.0)
     with pytest.raises(ValueError, match="no record"):
         diagnose(null(), [])
+    with pytest.raises(TypeError, match="PlantModel, got RationalModel"):
+        diagnose(RationalModel([1.0], [1.0, 1.0]), measured(0.0))
+    with pytest.raises(TypeError, match="got str; read_record"):
+        diagnose(null(), "rec.csv")
+
+
+def test_a_model_that_stands_still_is_refused():
+    """A bug: it ended in a division by zero, while the sizes of the motion were looked for."""
+    held = null()
+    held.effects.append(Effect("coulomb_friction", {"level": Param(1e4, free=False)}))
+    with pytest.raises(InputError, match="does not move"):
+        diagnose(held, measured(0.0))

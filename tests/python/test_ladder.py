@@ -13,7 +13,7 @@ from gsid.compare import compare
 from gsid.diagnose import diagnose
 from gsid.errors import InputError
 from gsid.excitation import Multisine
-from gsid.ladder import add, ladder, undo, with_history
+from gsid.ladder import Ladder, Rung, add, ladder, undo, with_history
 from gsid.model import load_model
 from gsid.spectra import spectra
 
@@ -147,6 +147,28 @@ def test_which_data_are_kept_out(caplog):
 def test_misuse(records, effect, params, what):
     with pytest.raises(InputError, match=what):
         add(effect, start(), records, params=params)
+
+
+def test_a_record_is_not_fitted_and_kept_out(records):
+    """A bug: the error on a record that was fitted went out as that on data kept out."""
+    with pytest.raises(InputError, match="fitted and kept out"):
+        add("coulomb_friction", start(), records, held_out=records[1])
+
+
+def test_steps_judged_on_other_data_do_not_follow_one_another():
+    """A bug: 0.8 stood after 1.0 as if the second step had lowered it, which raised 0.7 to 0.8."""
+
+    def rung(effect, before, after, kept_out):
+        sizes = [{"cost_per_dof": x, "rms_error": x, "noise_floor_rms": 0.1} for x in (before, after)]
+        return Rung(effect, {}, *sizes, {"before": before, "after": after}, 0.1, kept_out)
+
+    same = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 1.001, 0.9, "r1")])
+    assert [row[0] for row in same.rows()] == ["as it was", "+ a", "+ b"]
+    other = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 0.7, 0.8, "r2")])
+    assert [row[0] for row in other.rows()] == ["as it was", "+ a", "same, on r2", "+ b"]
+    assert [row[3] for row in other.rows()] == ["2", "1", "0.7", "0.8"]
+    titles = [text.get_text() for text in other.plot().axes[0].get_xticklabels()]
+    assert titles[2].startswith("same, on r2")
 
 
 def test_picture(added):

@@ -67,6 +67,12 @@ def test_nothing_is_loaded_before_it_is_used():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_effects_of_ones_own_need_no_import_of_their_own():
+    """A bug: gsid.effects.expression, as the documents have it, was there only once gsid.plant was loaded."""
+    code = "import gsid; gsid.effects.expression('c*w', {'c': 1.0})"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 def test_every_public_name_is_there():
     for name in gsid.__all__:
         assert getattr(gsid, name) is not None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     band_option,
     json_option,
     library_option,
@@ -103,7 +104,7 @@ class Start(Value):
 )
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Take the last step back instead.")
-@click.option("-o", "--output", metavar="M2.json", type=click.Path(), required=True, help="Model to write.")
+@click.option("-o", "--output", metavar="M2.json", type=OUTPUT, required=True, help="Model to write.")
 @json_option
 @click.pass_context
 def add(

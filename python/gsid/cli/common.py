@@ -69,7 +69,25 @@ READING_OPTIONS = (
         help="Samples thrown away first. [default: what the data show is needed]",
     ),
 )
+HOW_READ = ("u_name", "y_name", "fs_hz", "period", "settle", "band")  # what another verb has to be told again
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+class OutputPath(click.Path):
+    """A file to write, in a folder that is there: said before the work, not after it."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from gsid.errors import InputError
+
+        folder = Path(value).parent
+        if not folder.is_dir():
+            raise InputError("there is no such folder", str(value), None, "make it first, or name another")
+        if not os.access(folder, os.W_OK):
+            raise InputError("nothing can be written there", str(value), None, "name another folder")
+        return super().convert(value, param, ctx)
+
+
+OUTPUT = OutputPath(dir_okay=False)
 
 
 reference_option = click.option(
@@ -217,7 +235,7 @@ def record_options(command: Callable) -> Callable:
 
 PICTURES = (".png", ".svg", ".pdf")
 picture_option = click.option(
-    "--plot", "picture", metavar="FILE", type=click.Path(), help="Draw to .png, .svg or .pdf."
+    "--plot", "picture", metavar="FILE", type=OUTPUT, help="Draw to .png, .svg or .pdf."
 )
 
 
@@ -411,5 +429,12 @@ def suggest(text: str) -> None:
 
 
 def record_words(paths: Sequence[str]) -> str:
-    """Records as one types them, or REC... when they are many."""
-    return shlex.join(paths) if len(paths) <= 3 else "REC..."
+    """Records as one types them, or REC... when they are many, with the options by which they were read."""
+    context = click.get_current_context()
+    words = [shlex.join(paths) if len(paths) <= 3 else "REC..."]
+    for option in context.command.params:
+        value = context.params.get(option.name)
+        if option.name in HOW_READ and value is not None:
+            text = ":".join(f"{end:g}" for end in value) if option.name == "band" else str(value)
+            words.append(shlex.join([option.opts[0], text]))
+    return " ".join(words)

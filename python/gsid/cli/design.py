@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     Band,
     band_option,
     json_option,
@@ -54,7 +55,7 @@ LIMITS = (
         "--model", "model_path", metavar="M.json", type=click.Path(), help="Model that predicts the travel."
     ),
     click.option(
-        "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz, .mat or .h (C table)."
+        "-o", "--output", metavar="FILE", type=OUTPUT, help="Write .csv, .npz, .mat or .h (C table)."
     ),
 )
 

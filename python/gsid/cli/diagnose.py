@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     alpha_option,
     band_option,
     json_option,
@@ -44,13 +45,11 @@ SHOWN = 4  # groups of each round
 @click.option(
     "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of the bootstrap. [default: 0]"
 )
-@click.option(
-    "-o", "--output", metavar="M2.json", type=click.Path(), help="Write the model with what is found."
-)
+@click.option("-o", "--output", metavar="M2.json", type=OUTPUT, help="Write the model with what is found.")
 @click.option(
     "--curve",
     metavar="CURVE.csv",
-    type=click.Path(),
+    type=OUTPUT,
     help="Write the torque that the given model lacks as a law, for `gsid add --table`.",
 )
 @json_option

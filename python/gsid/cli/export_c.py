@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.common import json_option, load_single, options_as_arguments, print_json, say
+from gsid.cli.common import OUTPUT, json_option, load_single, options_as_arguments, print_json, say
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
 @click.argument("model_path", metavar="MODEL.json", type=click.Path())
 @click.option("--fs", "fs_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
               help="Rate at which the step is called. [default: the model's]")  # fmt: skip
-@click.option("-o", "--output", metavar="NAME.c", type=click.Path(dir_okay=False),
+@click.option("-o", "--output", metavar="NAME.c", type=OUTPUT,
               help="Source to write, with NAME.h beside it. [default: MODEL.c]")  # fmt: skip
 @json_option
 def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: bool) -> None:

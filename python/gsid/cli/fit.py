@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     band_option,
     check_picture,
     describe,
@@ -136,7 +137,7 @@ class Delay(click.ParamType):
     "-o",
     "--output",
     metavar="M.json|M.mat",
-    type=click.Path(),
+    type=OUTPUT,
     help="Write the model, with its covariance; .mat is for MATLAB.",
 )
 @picture_option
@@ -185,7 +186,8 @@ def fit(
         given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
         if given:
             option = {"reference": "r", "picture": "plot"}.get(given[0], given[0].replace("_", "-"))
-            raise click.UsageError(f"--{option} belongs to a rational model: leave it out", ctx)
+            instead = "name the reference with --u" if option == "r" else "leave it out"
+            raise click.UsageError(f"--{option} belongs to a rational model: {instead}", ctx)
         _fit_plant(load_plant(model_path), read(records), band, method, output, as_json)
         return
     from gsid.fit import fit as fit_model

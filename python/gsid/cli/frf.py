@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     band_option,
     json_option,
     options_as_arguments,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 @reference_option
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option(
-    "-o", "--output", metavar="FILE", type=click.Path(), help="Write .csv, .npz or .mat instead of a table."
+    "-o", "--output", metavar="FILE", type=OUTPUT, help="Write .csv, .npz or .mat instead of a table."
 )
 @click.option(
     "--remove-periodic", is_flag=True, help="Take periodic disturbances (`gsid noise`) off the output first."

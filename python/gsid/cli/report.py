@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     band_option,
     describe,
     json_option,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     metavar="FILE.html",
-    type=click.Path(dir_okay=False),
+    type=OUTPUT,
     default="report.html",
     show_default=True,
     help="Page to write.",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    OUTPUT,
     Band,
     is_given,
     json_option,
@@ -77,7 +78,7 @@ class Settle(click.ParamType):
     help="Samples, or periods as in 2p, left out at the start and after a lost command. [default: 2p]",
 )
 @click.option(
-    "-o", "--output", metavar="REC", type=click.Path(), help="Record to write. [default: run_DATE_TIME.csv]"
+    "-o", "--output", metavar="REC", type=OUTPUT, help="Record to write. [default: run_DATE_TIME.csv]"
 )
 @json_option
 def run(

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from gsid.cli.add import Value
-from gsid.cli.common import json_option, options_as_arguments, print_json, say
+from gsid.cli.common import OUTPUT, json_option, options_as_arguments, print_json, say
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -41,7 +41,7 @@ from gsid.cli.common import json_option, options_as_arguments, print_json, say
     help="Share of the frames, either way, that are damaged. [default: 0]",
 )
 @click.option("--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Any parameter of the axis.")
-@click.option("--truth", metavar="FILE", type=click.Path(), help="Write the true parameters as JSON.")
+@click.option("--truth", metavar="FILE", type=OUTPUT, help="Write the true parameters as JSON.")
 @json_option
 def simulate(
     paced: bool,

@@ -117,10 +117,8 @@ def ladder(ladder: Ladder) -> Figure:
     rungs = ladder.rungs
     if not rungs:
         raise ValueError("the ladder has no step")
-    levels = [rungs[0].before, *(rung.after for rung in rungs)]
-    fitted = np.array([level["rms_error"] for level in levels])
-    kept = np.array([rungs[0].held_out["before"], *(rung.held_out["after"] for rung in rungs)])
-    floor = np.array([rungs[0].noise_floor_rms, *(rung.noise_floor_rms for rung in rungs)])
+    names, levels, kept, floor = zip(*ladder.levels(), strict=True)
+    fitted, kept, floor = np.array([level["rms_error"] for level in levels]), np.array(kept), np.array(floor)
     figure = new_figure(4.2)
     ax = figure.subplots()
     edges = np.arange(len(levels) + 1) - 0.5
@@ -144,14 +142,13 @@ def ladder(ladder: Ladder) -> Figure:
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=50))
     ax.yaxis.set_major_formatter(FuncFormatter(plain_number))
     ax.yaxis.set_minor_formatter(NullFormatter())
-    names = ["as it was", *(f"+ {rung.effect}" for rung in rungs)]
-    if len(names) > 4:
-        names = [name.replace("_", "_\n", 1) for name in names]
+    names = [plain_text(name.replace("_", "_\n", 1) if len(names) > 4 else name) for name in names]
     costs = [f"cost per d.o.f. {level['cost_per_dof']:.4g}" for level in levels]
     ax.set_xticks(range(len(levels)), [f"{name}\n{cost}" for name, cost in zip(names, costs, strict=True)])
     ax.set_xlim(-0.55, len(levels) - 0.45)
     ax.grid(False, axis="x")
     ax.set_ylabel(with_unit("rms error", plain_text(rungs[0].y_unit)))
-    ax.set_title(f"Error after each step, judged on {plain_text(rungs[-1].kept_out)}")
+    judged = rungs[0].kept_out if len(levels) == len(rungs) + 1 else "data kept out"
+    ax.set_title(f"Error after each step, judged on {plain_text(judged)}")
     legend_below(figure, [ax])
     return figure

@@ -217,7 +217,7 @@ def periods(record: Record, spectra: Spectra) -> Figure:
     diff_ax.set_ylabel(with_unit("y − mean", unit))
     diff_ax.set_title(
         "Difference of each period from the mean"
-        + (f": {noise:.3g} {unit} rms" if np.isfinite(noise) else " (one period: none)")
+        + (f": {f'{noise:.3g} {unit}'.rstrip()} rms" if np.isfinite(noise) else " (one period: none)")
     )
     _draw_decay(decay_ax, difference, settle, n, noise, unit)
     return figure
