@@ -39,6 +39,7 @@ ALPHA = 0.05
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
 LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
 P_LEAST = 1 / (DRAWS + 1)  # that draws can show
+SHOWN = 4  # groups of each round, for people
 SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
 
 
@@ -118,6 +119,18 @@ class Diagnosis:
             return "What is left is more than noise"
         return f"Each record asks for other values of the parameters (p = {self.p_constant:.2g})"
 
+    @property
+    def rounds(self) -> list[tuple[str, float | None, Ranking]]:
+        """Each round that tried effects: its number, the cost per degree of freedom before it, its ranking.
+
+        Last, without a cost before, the effects found that have other rivals once all are there:
+        `sentence` has these.
+        """
+        tried = [(str(i), s.fit.cost_per_dof, s.ranking) for i, s in enumerate(self.steps, 1) if s.ranking]
+        at_first = [ranking[0].effects for *_, ranking in tried]
+        in_the_end = [group for group in self.found if group.effects not in at_first]
+        return [*tried, ("end", None, in_the_end)] if in_the_end else tried
+
     def plot(self) -> matplotlib.figure.Figure:
         """How far each effect that was tried brings the cost down; needs one that was."""
         from gsid import plots
@@ -135,11 +148,10 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         lines = [self.sentence]
-        for number, step in enumerate(self.steps, 1):
-            if not step.ranking:
-                continue
-            lines.append(f"  round {number}: cost per degree of freedom {step.fit.cost_per_dof:.4g}")
-            for group in step.ranking[:4]:
+        for number, before, ranking in self.rounds:
+            cost = f"cost per degree of freedom {before:.4g}" if before else "beside the others found"
+            lines.append(f"  round {number}: {cost}")
+            for group in ranking[:SHOWN]:
                 after = group.candidates[0].fit.cost_per_dof
                 lines.append(f"    {group.probability:6.1%}  {' or '.join(group.effects):40} -> {after:.4g}")
         if self.next_experiment:

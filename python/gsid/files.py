@@ -22,7 +22,8 @@ def write_atomically(path: str | os.PathLike, write: Callable[[Path], None]) -> 
         write(part)
         os.replace(part, path)
     except OSError as error:
-        error.filename = str(path)  # nobody has heard of the other
+        if error.errno is not None:
+            error.filename = str(path)  # nobody has heard of the other
         raise
     finally:
         part.unlink(missing_ok=True)

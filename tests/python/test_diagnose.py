@@ -3,12 +3,14 @@ nothing is named where nothing is hidden. tests/blind has the large trials; this
 
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from plants import plant
 
-from gsid.diagnose import diagnose
+from gsid.candidates import Group
+from gsid.diagnose import Diagnosis, diagnose
 from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant
@@ -248,6 +250,36 @@ def test_misuse():
         diagnose(RationalModel([1.0], [1.0, 1.0]), measured(0.0))
     with pytest.raises(TypeError, match="got str; read_record"):
         diagnose(null(), "rec.csv")
+
+
+def test_rivals_that_came_when_all_effects_were_there_are_shown():
+    """A bug: the sentence called effects alike that stood in the tables with 97.7 and 0 %."""
+
+    def group(*effects):
+        fit = SimpleNamespace(cost_per_dof=2.0)
+        return Group([SimpleNamespace(effect=effect, fit=fit) for effect in effects], 1.0)
+
+    steps = [
+        SimpleNamespace(fit=group("").candidates[0].fit, p_value=0.0, ranking=[group(effect)])
+        for effect in "ab"
+    ]
+    numbers = {
+        "p_value": 0.0,
+        "alpha": 0.05,
+        "cost_per_dof": 9.0,
+        "cost_per_dof_after": 2.0,
+        "explained": 0.9,
+    }
+
+    def told(*found):
+        rest = {"p_constant": None, "ranking": [], "steps": steps, "model": None}
+        return Diagnosis(verdict="missing_effect", **numbers, found=list(found), **rest)
+
+    assert [number for number, *_ in told(group("a"), group("b")).rounds] == ["1", "2"]
+    regrouped = told(group("a"), group("b", "c"))
+    assert regrouped.rounds[2][0] == "end"
+    assert [one.effects for one in regrouped.rounds[2][2]] == [["b", "c"]]
+    assert "round end: beside the others found\n    100.0%  b or c" in repr(regrouped)
 
 
 def test_a_model_that_stands_still_is_refused():

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from gsid.record import Record
     from gsid.torque import TorqueResidual
 
-SHOWN = 4  # groups of each round
-
 
 @click.command(short_help="Find the physical effect that a model misses.")
 @records_argument
@@ -124,19 +122,21 @@ def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
 
 
 def _print(result: Diagnosis, before: Comparison) -> None:
+    from gsid.diagnose import SHOWN
+
     print(result.sentence)
     if before.where:
         print(before.verdict)
     rows = [
         [
-            str(number),
+            number,
             f"{group.probability:.1%}",
             " or ".join(group.effects),
-            f"{step.fit.cost_per_dof:.4g}",
+            "" if cost is None else f"{cost:.4g}",
             f"{group.candidates[0].fit.cost_per_dof:.4g}",
         ]
-        for number, step in enumerate(result.steps, 1)
-        for group in step.ranking[:SHOWN]
+        for number, cost, ranking in result.rounds
+        for group in ranking[:SHOWN]
     ]
     if rows:
         print()

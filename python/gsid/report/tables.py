@@ -205,9 +205,10 @@ def _sigma(param: Param) -> str:
 
 
 def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
-    """One table for each round of the search that tried effects."""
+    """One table for each round of the search that tried effects, and for what became of those found."""
     tables = []
-    for number, step in enumerate(diagnosis.steps, 1):
+    head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
+    for number, before, ranking in diagnosis.rounds:
         rows = [
             (
                 " or ".join(group.effects),
@@ -215,12 +216,14 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
                 f"{group.candidates[0].fit.cost_per_dof:.4g}",
                 _strength(group),
             )
-            for group in step.ranking[:RANKED]
+            for group in ranking[:RANKED]
         ]
-        if rows:
-            title = "Which effect" if number == 1 else f"Which effect, round {number}"
-            head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
-            tables.append(Table(title, head, rows, f"Without it: {step.fit.cost_per_dof:.4g}."))
+        if before is None:
+            note = "Ranked again when all were there."
+            tables.append(Table("Which effect, beside the others found", head, rows, note))
+        else:
+            title = "Which effect" if number == "1" else f"Which effect, round {number}"
+            tables.append(Table(title, head, rows, f"Without it: {before:.4g}."))
     if tables and diagnosis.next_experiment:
         note = f"{tables[-1].note} {diagnosis.next_experiment}"
         tables[-1] = Table(tables[-1].title, tables[-1].head, tables[-1].rows, note)
@@ -229,7 +232,7 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
 
 def _strength(group: Group) -> str:
     best = group.candidates[0]
-    effect = best.fit.model.effects[-1]
+    effect = next(effect for effect in reversed(best.fit.model.effects) if effect.id == best.effect)
     return "; ".join(
         f"{name} {plots.with_interval(p.value, p.std)} {best.fit.model.unit_of(effect, name)}"
         for name, p in best.params.items()
