@@ -14,7 +14,7 @@ from gsid.greybox import PlantFit, fit_plant
 from gsid.joint import joint_starts
 from gsid.linear_view import JOINT
 from gsid.plant import Param
-from gsid.scan import Scored, noise_p_value, with_effect
+from gsid.scan import Scored, noise_p_value, with_probe
 from gsid.spectra import Spectra
 
 REFITTED = 5  # effects fitted for real in each round, at most
@@ -27,7 +27,7 @@ WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the ne
 KEPT = 0.9  # of the predicted drop: the promise is kept
 BEYOND = 1.2  # the same where the shape is held: each has a promise of its own, and may bring more
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
-STEPS_LOOK = 3  # of the first fit of a joint, which says whether more are worth their time
+STEPS_LOOK = 3  # of the first fit of a joint or a held shape, which says whether more are worth their time
 STEPS_ALONE = 10  # of the fit of one record with a joint
 WALLS = 3  # times that a fit with a joint is begun again from one record
 FORGIVEN = 0.5  # of the cost without a joint: a joint that leaves more is not followed past the walls
@@ -154,22 +154,26 @@ def _refitted(
     measured: list[Spectra],
     band: tuple[float, float] | None,
 ) -> Candidate | None:
-    """The effect fitted from each start; None when no start can be fitted."""
+    """The effect fitted from each start; None when no start can be fitted.
+
+    Where the shape is held, a few steps tell the shapes apart, and only the best goes on.
+    """
     best: Candidate | None = None
     for probe, item in tries:
         enough = (BEYOND if probe.fixed else KEPT) * item.drop
-        if best is not None and best.fit.converged and fit.cost - best.fit.cost > enough:
+        # Of a held shape an unfinished fit will do: the cost only falls further.
+        settled = best is not None and (probe.fixed or best.fit.converged)
+        if settled and fit.cost - best.fit.cost > enough:
             break
         try:
-            start = with_effect(fit.model, effect, probe.start(item.size), probe.limits, probe.fixed)
-            less_delay_s = probe.less_delay_s(item.size)
-            if less_delay_s > 0:
-                start["transport_delay.delay_s"].value -= less_delay_s
-            larger = fit_plant(start, measured, band=band, max_iter=STEPS_MAX)
+            start = with_probe(fit.model, probe, item.size)
+            larger = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK if probe.fixed else STEPS_MAX)
         except (GsidError, InputError):
             continue  # a start that cannot be simulated is no candidate
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
+    if best is not None and tries[0][0].fixed and not best.fit.converged:
+        best = replace(best, fit=fit_plant(best.fit.model, measured, band=band, max_iter=STEPS_MAX))
     return best
 
 

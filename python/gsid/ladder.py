@@ -24,7 +24,7 @@ from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel, check_plant
 from gsid.probes import Probe
 from gsid.record import Record
-from gsid.scan import SAMPLER, scan, scan_rates, with_effect
+from gsid.scan import SAMPLER, scan, scan_rates, with_effect, with_probe
 from gsid.spectra import Spectra, spectra_of
 from gsid.weights import same_level
 
@@ -423,7 +423,7 @@ def _starts(
     if params is not None:
         return [with_effect(fit.model, effect, dict(params), fixed=fixed)]
     if tries:
-        return [with_effect(fit.model, effect, p.start(size), p.limits, p.fixed) for p, size in tries]
+        return [with_probe(fit.model, probe, size) for probe, size in tries]
     strengths = {p.name: p.typical for p in effect.parameters if p.null_value is not None}
     sizes = [
         with_effect(fit.model, effect, {name: size * value for name, value in strengths.items()})

@@ -94,6 +94,23 @@ def with_effect(
     return larger
 
 
+def with_probe(model: PlantModel, probe: Probe, size: np.ndarray) -> PlantModel:
+    """A copy of a model with a probe's effect, and as much less delay as the effect brings itself.
+
+    Parameters
+    ----------
+    model : PlantModel
+    probe : Probe
+    size : ndarray
+        Coefficients of its columns.
+    """
+    larger = with_effect(model, probe.effect, probe.start(size), probe.limits, probe.fixed)
+    less_delay_s = probe.less_delay_s(size)
+    if less_delay_s > 0:
+        larger["transport_delay.delay_s"].value -= less_delay_s
+    return larger
+
+
 def stacked(fit: PlantFit, what: str) -> np.ndarray:
     """Residual or Jacobian of all records: all real parts, then all imaginary parts.
 

@@ -43,28 +43,40 @@ def test_the_next_shape_is_tried_though_the_first_brought_nearly_its_promise(mon
     """A bug: a sensor of 750 Hz, tried at 1000 Hz, brought 95; 750 Hz promised 99 and would bring 117."""
     brings = {1000.0: 95.0, 750.0: 117.0}
 
-    def start(model, effect, params, limits, fixed):
-        return SimpleNamespace(rate=params["rate_hz"])
+    def start(model, probe, size):
+        return SimpleNamespace(rate=probe.rate)
 
     def fit(model, measured, **options):
         return SimpleNamespace(cost=3251.0 - brings[model.rate], converged=True)
 
-    monkeypatch.setattr("gsid.candidates.with_effect", start)
+    monkeypatch.setattr("gsid.candidates.with_probe", start)
     monkeypatch.setattr("gsid.candidates.fit_plant", fit)
     tries = [
-        (
-            SimpleNamespace(
-                start=lambda size, rate=rate: {"rate_hz": rate},
-                limits={},
-                fixed=("rate_hz",),
-                less_delay_s=lambda size: 0.0,
-            ),
-            SimpleNamespace(drop=drop, size=None),
-        )
+        (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=drop, size=None))
         for rate, drop in ((1000.0, 113.0), (750.0, 99.0))
     ]
     found = _refitted(fitted(3251.0), "sensor_sample_hold", tries, [], None)
     assert found.fit.cost == 3251.0 - 117.0
+
+
+def test_of_held_shapes_only_the_best_is_fitted_to_its_end(monkeypatch):
+    """A bug: five rates of a refresh, none of which converged, had 15 steps each before anything else."""
+    steps = []
+
+    def fit(model, measured, band, max_iter):
+        steps.append((model.rate, max_iter))
+        return SimpleNamespace(cost=900.0 - model.rate, converged=False, model=model)
+
+    monkeypatch.setattr(
+        "gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace(rate=probe.rate)
+    )
+    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
+    tries = [
+        (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=900.0, size=None))
+        for rate in (300.0, 500.0, 400.0)
+    ]
+    _refitted(fitted(1000.0), "sensor_sample_hold", tries, [], None)
+    assert steps == [(300.0, 3), (500.0, 3), (400.0, 3), (500.0, 15)]
 
 
 def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():
