@@ -13,7 +13,7 @@ from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit, fit_plant
 from gsid.joint import joint_starts
 from gsid.linear_view import JOINT
-from gsid.plant import Param
+from gsid.plant import Param, PlantModel
 from gsid.scan import Scored, noise_p_value, with_probe
 from gsid.spectra import Spectra
 
@@ -98,6 +98,7 @@ def tried(
     band: tuple[float, float] | None,
     alpha: float,
     on_step: Callable[[str], None],
+    given: PlantModel | None = None,
 ) -> list[Candidate]:
     """The shortlist fitted, best promise first; once one leaves only noise, no small promise is tried.
 
@@ -116,6 +117,8 @@ def tried(
         Level of the test for noise only.
     on_step : callable
         Told in words what comes next.
+    given : PlantModel, optional
+        The model before it was fitted, see `gsid.joint.joint_starts`.
 
     Returns
     -------
@@ -140,7 +143,7 @@ def tried(
             enough = max(enough, fit.cost - candidate.fit.cost)
     if enough == 0 and not has_joint:
         on_step(f"trying {JOINT}")
-        candidates += _joint(fit, measured, band, alpha)
+        candidates += _joint(fit, measured, band, alpha, given)
     if candidates:
         best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
         candidates[best] = _converged(candidates[best], measured, band)
@@ -178,11 +181,15 @@ def _refitted(
 
 
 def _joint(
-    fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None, alpha: float
+    fit: PlantFit,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    alpha: float,
+    given: PlantModel | None,
 ) -> list[Candidate]:
     """A joint with play, the dearest to simulate: tried when nothing else leaves only noise."""
     found = []
-    for start, gain in joint_starts(fit, measured):
+    for start, gain in joint_starts(fit, measured, given):
         try:
             fitted = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK)
             if fitted.cost < FORGIVEN * fit.cost:
@@ -222,8 +229,8 @@ def _beyond_the_walls(
 
 
 def _converged(candidate: Candidate, measured: list[Spectra], band: tuple[float, float] | None) -> Candidate:
-    """The candidate with its fit carried on until it has converged."""
-    if candidate.fit.converged:
+    """The candidate with its fit carried on until it has converged; one with a joint seldom gets further."""
+    if candidate.fit.converged or candidate.effect == JOINT:
         return candidate
     return replace(candidate, fit=fit_plant(candidate.fit.model, measured, band=band))
 

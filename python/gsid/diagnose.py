@@ -201,7 +201,7 @@ def diagnose(
     on_step("fitting the model as it is")
     first = fit_plant(linear_start(model, measured), measured, band=band)
     require_motion(first)
-    search = Search(measured, band, alpha, seed, on_step)
+    search = Search(measured, band, alpha, seed, on_step, model)
     rankings, fit = search.run(first)
     steps, found = search.steps, [ranking[0] for ranking in rankings]
     p_constant = search.p_constant(fit)

@@ -26,7 +26,6 @@ from gsid.plant import Param, PlantModel, check_plant
 from gsid.plant_periodic import Prediction
 from gsid.record import Record
 from gsid.spectra import Spectra, spectra_of
-from gsid.weights import UNSETTLED
 
 _log = logging.getLogger("gsid.greybox")
 
@@ -275,7 +274,7 @@ def _fitted(
         unsettled=[
             part.name or f"record {i}"
             for i, (part, answer) in enumerate(zip(problem.parts, point.predictions, strict=True))
-            if answer.residual > UNSETTLED * part.noise_rms
+            if part.is_unsettled(answer)
         ],
         records=[_record_fit(problem, point, std, i) for i in range(problem.n_records)],
         band_hz=problem.band_hz,

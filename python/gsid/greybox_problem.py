@@ -14,7 +14,7 @@ from gsid.linear_view import JOINT
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant, Prediction
 from gsid.spectra import Spectra, lines_of
-from gsid.weights import lines_used, pooled_variance
+from gsid.weights import UNSETTLED, lines_used, pooled_variance
 
 SETTLED = 1e-2  # what may change in a period, over the mean's noise
 FLOOR = 1e-7  # of the largest line: an output repeats no better than this
@@ -57,6 +57,10 @@ class Part:
         ramps = np.tile(np.arange(n) / n - (n - 1) / (2 * n), (int(has_drift), 1))
         self.drift = lines_of(ramps)[:, self.line]  # no row without drift
 
+    def is_unsettled(self, answer: Prediction) -> bool:
+        """Whether the answer is no steady state, as far as noise lets one see."""
+        return answer.residual > UNSETTLED * self.noise_rms
+
     def whiten(self, lines: np.ndarray) -> np.ndarray:
         """[Re; Im] of (..., k) lines times the weight."""
         weighted = lines * self.weight
@@ -72,6 +76,7 @@ class Point:
     residuals: list[np.ndarray]
     jacobians: list[np.ndarray]
     predictions: list[Prediction]
+    settled: bool  # in all records, to what is reported
     r: np.ndarray = field(repr=False)  # (n, n): the columns' triangle
     q: np.ndarray = field(repr=False)  # (n,): the residual along it
 
@@ -182,7 +187,10 @@ class Problem:
             raise GsidError(lib.GSID_E_NONFINITE, "the plant's answer is out of the range of numbers")
         r, q = self._reduce(rows)
         r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SILENT] = 0
-        return Point(x, cost, residuals, jacobians, predictions, r, q)
+        settled = not any(
+            part.is_unsettled(answer) for part, answer in zip(self.parts, predictions, strict=True)
+        )
+        return Point(x, cost, residuals, jacobians, predictions, settled, r, q)
 
     def keep(self) -> None:
         """The point simulated last is where the search goes on from."""

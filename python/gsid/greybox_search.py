@@ -93,7 +93,9 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
         while True:
             x, promised = steps.step(damping)
             trial = _try(problem, x) if promised > 0 else None
-            if trial is not None and trial.cost < point.cost:
+            # Where no steady state was found the cost means nothing.
+            sound = trial is not None and (trial.settled or not point.settled)
+            if sound and trial.cost < point.cost:
                 break
             damping, growth = damping * growth, growth * 2
             if damping > DAMPING_MOST:

@@ -16,7 +16,7 @@ import numpy as np
 from gsid.errors import GsidError
 from gsid.greybox import PlantFit
 from gsid.joint_motion import fit_joint
-from gsid.linear_start import linear_error, linear_start
+from gsid.linear_start import LINEAR, linear_error, linear_start
 from gsid.linear_view import JOINT, linear_view
 from gsid.plant import PlantModel
 from gsid.plant_periodic import drive_command
@@ -33,7 +33,9 @@ DAMPING = 0.1  # over the critical one
 FALL = 0.9  # of the response's error, for a joint to be worth its simulations
 
 
-def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantModel, float]]:
+def joint_starts(
+    fit: PlantFit, measured: list[Spectra], given: PlantModel | None = None
+) -> list[tuple[PlantModel, float]]:
     """Models with a joint added, and by how much each lowers the response's error.
 
     Parameters
@@ -41,6 +43,9 @@ def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantMode
     fit : PlantFit
         Of the model without it.
     measured : list of Spectra
+    given : PlantModel, optional
+        The model before it was fitted. Without a joint a fit may bend a mode far away to stand for it, and
+        the way back leads past other minima.
 
     Returns
     -------
@@ -52,13 +57,14 @@ def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantMode
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
     before = linear_error(linear_start(fit.model, loud), loud)
     tried = []
-    for share in FREQUENCIES:
-        model = linear_start(_with_joint(fit.model, share * highest, RATIOS[0]), loud)
-        tried.append((linear_error(model, loud), share, model))
-    least, share, soft = min(tried, key=lambda one: one[0])
+    for origin in [fit.model] + ([] if given is None else [_as_given(fit.model, given)]):
+        for share in FREQUENCIES:
+            model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
+            tried.append((linear_error(model, loud), origin, share, model))
+    least, origin, share, soft = min(tried, key=lambda one: one[0])
     if not least < FALL * before:
         return []
-    others = [linear_start(_with_joint(fit.model, share * highest, ratio), loud) for ratio in RATIOS[1:]]
+    others = [linear_start(_with_joint(origin, share * highest, ratio), loud) for ratio in RATIOS[1:]]
     if not (
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
@@ -66,6 +72,12 @@ def joint_starts(fit: PlantFit, measured: list[Spectra]) -> list[tuple[PlantMode
         return [(fit_joint(starts, fit, measured), before - least)]
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model, measured)) is not None]
     return [(min(looked, key=lambda one: one[0])[1], before - least)] if looked else []
+
+
+def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:
+    """The linear part's free parameters at the values that were given, as far as there are any."""
+    known = set(given.free_names) & LINEAR
+    return model.with_values([(given if name in known else model)[name].value for name in model.free_names])
 
 
 def _with_play(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:

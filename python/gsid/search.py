@@ -60,6 +60,7 @@ class Search:
     alpha: float
     seed: int
     on_step: Callable[[str], None]
+    given: PlantModel | None = None
     steps: list[Step] = field(default_factory=list)
 
     def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
@@ -95,7 +96,9 @@ class Search:
         n_shapes = Counter(probe.effect for probe, _ in scored)
         rates, n_shapes[SAMPLER] = scan_rates(fit, self.measured)
         scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
-        candidates = tried(fit, scored, n_shapes, self.measured, self.band, self.alpha, self.on_step)
+        candidates = tried(
+            fit, scored, n_shapes, self.measured, self.band, self.alpha, self.on_step, self.given
+        )
         step.ranking = ranked(fit, candidates)
         return bool(step.ranking) and evidence(fit, step.ranking[0].candidates[0]) <= 0
 

@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant
-from gsid.greybox_problem import Problem
+from gsid.greybox_problem import Point, Problem
+from gsid.greybox_search import minimise
 from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
@@ -480,3 +481,29 @@ def test_equal_weights_leave_no_line_less_than_its_noise():
     (noise,), (equal,) = problem.weights, problem.equal_weights()
     assert np.ptp(equal) == 0
     assert np.min(equal / noise) == pytest.approx(1, rel=1e-12)
+
+
+def test_a_step_into_what_does_not_settle_has_failed():
+    """A bug: the fit of a gear went on at values where one record rattled without end, and a cost that
+    depends on when one stops to wait was taken for the least."""
+
+    class Rattling:
+        """Cost (x - 1)^2; from 0.5 on nothing settles."""
+
+        def start(self):
+            return np.zeros(1)
+
+        def bounds(self):
+            return np.full(1, -np.inf), np.full(1, np.inf)
+
+        def at(self, x):
+            slope, error = np.array([[10.0]]), 10 * (1 - x)
+            return Point(x, float(error @ error), [], [], [], bool(x[0] < 0.5), slope, error)
+
+        def keep(self):
+            pass
+
+    found = minimise(Rattling(), "lm", 50)
+    assert found.point.settled
+    assert 0 < found.point.x[0] < 0.5
+    assert not found.converged
