@@ -60,6 +60,17 @@ def test_round_trip_of_a_bare_record(tmp_path, suffix):
     assert back.valid.all()
 
 
+def test_a_unit_in_a_name_is_taken(tmp_path):
+    """A bug: a column `gyro [rad/s]` was fitted with a model in degrees, and nothing was said."""
+    path = tmp_path / "rec.csv"
+    rows = "cmd [V],gyro [rad/s]\n1,2\n3,4\n"
+    path.write_text("# fs_hz: 10\n" + rows)
+    record = read_record(path, u="cmd [V]", y="gyro [rad/s]")
+    assert (record.u_unit, record.y_unit) == ("V", "rad/s")
+    path.write_text("# fs_hz: 10\n# y_unit: deg/s\n" + rows)
+    assert read_record(path, u="cmd [V]", y="gyro [rad/s]").y_unit == "deg/s"
+
+
 @pytest.mark.parametrize("gap", ["nan,0", ",0", " , 0 "])
 def test_a_lost_sample_needs_no_filler(tmp_path, gap):
     """A bug: a blank in a row with valid = 0 was refused, with the hint to write valid = 0."""

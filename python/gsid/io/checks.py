@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,8 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
     valid = same_length.pop("valid", np.ones(n)).astype(bool)
     for name in {u, y}:
         _check_finite(raw, name, np.where(valid, same_length[name], 0))
-    text = {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
+    text = {"u_unit": _unit_in(u), "y_unit": _unit_in(y)}
+    text |= {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
     return Record(
         u=same_length[u],
         y=same_length[y],
@@ -59,6 +61,12 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
         meta={key: str(value) for key, value in raw.keys.items() if key not in KEYS},
         **text,
     )
+
+
+def _unit_in(name: str) -> str:
+    """The unit that a column's name ends with, as in "gyro [deg/s]"; "" where it has none."""
+    found = re.search(r"\[([^][]+)\]$", name)
+    return found[1].strip() if found else ""
 
 
 def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
