@@ -110,6 +110,9 @@ def test_a_compiled_effect(gsid, monkeypatch):
         (["--torque", "c*w", "--param", "c=1,2:3"], 3, "out of its bounds"),
         (["--torque", "c*w", "--param", "c=1,2"], 2, "is not NAME=VALUE,LO:HI"),
         (["--torque", "c*w", "--table", "curve.csv"], 2, "give one of them"),
+        # Bugs: the last value counted; the effect was looked for as a file.
+        (["--torque", "c*w", "--param", "c=1", "--param", "c=2"], 2, "--param c is given twice"),
+        (["coulomb_friction", "--torque", "c*w", "--param", "c=1"], 2, "one after the other"),
         (["--table", "nowhere.csv"], 3, "cannot read the table"),
         (["--library", "harness.so"], 2, "is not FILE.so:NAME"),
         (["--library", "./nowhere.so:own"], 3, "no such shared object"),

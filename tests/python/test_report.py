@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from plants import axis_record, plant
 
+from gsid import plots
 from gsid.compare import compare
 from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
@@ -198,6 +199,17 @@ def test_realisations_are_all_named(multisine):
     text = Page(page.html()).text
     assert "one.csv, two.csv" in text
     assert "Realisations 2" in text
+
+
+def test_the_strongest_excitation_stands_beside_the_limits(multisine, monkeypatch):
+    """A bug: of records of several levels the first was drawn beside the limits of command and travel."""
+    drawn = []
+    excitation = plots.excitation
+    monkeypatch.setattr(plots, "excitation", lambda s, *a, **k: drawn.append(s) or excitation(s, *a, **k))
+    records = [simulate(multisine, name="one.csv"), simulate(multisine, name="two.csv")]
+    records[1].u *= 2
+    Report("t").add_experiment("e", records, [spectra(r) for r in records])
+    assert [one.name for one in drawn] == ["two.csv"]
 
 
 def test_a_page_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):

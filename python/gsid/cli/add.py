@@ -137,12 +137,9 @@ def add(
             raise click.UsageError("--undo takes a step back: leave out effect, records and options", ctx)
         _undo(model_path, output, as_json)
         return
-    if len(own) > 1:
-        raise click.UsageError("--torque, --table and --library name one effect each: give one of them", ctx)
+    _check(ctx, effect, own, params)
     if own and effect:  # the first name is a record
         effect, records = None, (effect, *records)
-    if not own and not effect:
-        raise click.UsageError("the name of an effect is missing", ctx)
     if not records:
         raise click.UsageError("a record is missing", ctx)
     from gsid.ladder import add as add_effect
@@ -168,6 +165,24 @@ def add(
     else:
         _print(result)
         suggest(f"gsid diagnose --model {output} {record_words(records)} tells whether more is missing")
+
+
+def _check(
+    ctx: click.Context, effect: str | None, own: Sequence[object], params: Sequence[tuple[str, float, Bounds]]
+) -> None:
+    """Refuse what does not name one effect, or a value twice."""
+    from gsid.effects import catalogue
+
+    if len(own) > 1:
+        raise click.UsageError("--torque, --table and --library name one effect each: give one of them", ctx)
+    if not own and not effect:
+        raise click.UsageError("the name of an effect is missing", ctx)
+    if own and effect in catalogue():
+        raise click.UsageError(f"{effect} and a law of your own: add them one after the other", ctx)
+    names = [name for name, *_ in params]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise click.UsageError(f"--param {twice} is given twice: give it once", ctx)
 
 
 def _own(

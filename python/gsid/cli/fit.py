@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from gsid.frf import Frf
     from gsid.mimo import MimoRecord
     from gsid.model import RationalModel
+    from gsid.order import OrderChoice
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.validation import Validation
@@ -181,13 +182,7 @@ def fit(
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)
     if model_path is not None:
-        if method not in OF_PLANTS:
-            raise click.UsageError(f"methods of a stack of effects are {' and '.join(OF_PLANTS)}", ctx)
-        given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
-        if given:
-            option = {"reference": "r", "picture": "plot"}.get(given[0], given[0].replace("_", "-"))
-            instead = "name the reference with --u" if option == "r" else "leave it out"
-            raise click.UsageError(f"--{option} belongs to a rational model: {instead}", ctx)
+        _check_options_of_plants(ctx, method)
         _fit_plant(load_plant(model_path), read(records), band, method, output, as_json)
         return
     from gsid.fit import fit as fit_model
@@ -226,6 +221,19 @@ def fit(
         model = fit_model(measured, order, method=method, **options)
         judged = validate(model, new) if new else None
     _say_what_is_ill_determined(model, "" if choice else ": try --order auto")
+    _tell(model, measured, choice, judged, output, picture, as_json)
+
+
+def _tell(
+    model: RationalModel,
+    measured: Frf,
+    choice: OrderChoice | None,
+    judged: Validation | None,
+    output: str | None,
+    picture: str | None,
+    as_json: bool,
+) -> None:
+    """Write and print a fitted transfer function, how its order was chosen, and how it does on new data."""
     if output:
         _save(model, output)
         say(f"wrote {output}")
@@ -245,6 +253,16 @@ def fit(
 
 OF_PLANTS = ("ml", "nls-output")
 OF_RATIONAL_MODELS = ("delay", "domain", "reference", "piecewise", "held_out", "picture")
+
+
+def _check_options_of_plants(ctx: click.Context, method: str) -> None:
+    if method not in OF_PLANTS:
+        raise click.UsageError(f"methods of a stack of effects are {' and '.join(OF_PLANTS)}", ctx)
+    given = [name for name in OF_RATIONAL_MODELS if is_given(ctx, name)]
+    if given:
+        option = {"reference": "r", "picture": "plot"}.get(given[0], given[0].replace("_", "-"))
+        instead = "name the reference with --u" if option == "r" else "leave it out"
+        raise click.UsageError(f"--{option} belongs to a rational model: {instead}", ctx)
 
 
 def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:

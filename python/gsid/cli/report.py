@@ -23,6 +23,7 @@ from gsid.cli.common import (
 from gsid.cli.fit import Order
 
 if TYPE_CHECKING:
+    from gsid.distortion import Distortion
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.report import Report
@@ -74,8 +75,6 @@ def report(
     Without --model and --order the page shows the measurement only. The name of the page is printed.
     """
     from gsid.compare import compare
-    from gsid.distortion import distortion
-    from gsid.errors import InputError
     from gsid.fit import fit
     from gsid.frf import frf
     from gsid.limits import Limits
@@ -100,13 +99,6 @@ def report(
             model = fit(response, order)
         comparison = compare(model, measured, band=band) if model else None
         page = Report(title or f"Report on {describe(records)}")
-        try:
-            found = distortion(measured, band=band)
-        except (
-            InputError
-        ) as error:  # records of several levels are compared with a plant, but have no one BLA
-            say(f"note: distortion left out: {error.what}")
-            found = None
         page.add_experiment(
             describe(records),
             records,
@@ -114,7 +106,7 @@ def report(
             response,
             model,
             comparison,
-            distortion=found,
+            distortion=_distortion_or_none(measured, band),
             noise=noise(records[0]),
             limits=Limits(limit_command, limit_travel_deg),
         )
@@ -129,6 +121,18 @@ def report(
         print_json({"report": str(path), "adequate": comparison.adequate if comparison else None})
     else:
         print(path)
+
+
+def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | None) -> Distortion | None:
+    """Records of several levels are compared with a plant, but have no one best linear approximation."""
+    from gsid.distortion import distortion
+    from gsid.errors import InputError
+
+    try:
+        return distortion(measured, band=band)
+    except InputError as error:
+        say(f"note: distortion left out: {error.what}")
+        return None
 
 
 def _add_diagnosis(

@@ -27,8 +27,7 @@ def torque_residual(residual: TorqueResidual) -> Figure:
     Figure
     """
     figure = new_figure(5.8)
-    best = max(residual.curves[:3], key=lambda curve: curve.explained)
-    best = best if best.explained > 0.1 else None  # noise gives every curve a little
+    best = residual.best if residual.best.explained > 0.1 else None  # noise gives every curve a little
     for ax, curve in zip(figure.subplots(2, 2).ravel(), residual.curves, strict=True):
         colour = EXCESS if curve is best else MODEL
         low, high = curve.torque - 2 * curve.std, curve.torque + 2 * curve.std

@@ -102,7 +102,7 @@ class Report:
         name : str
             Heading on the page.
         record, spectra : one or one per realisation, optional
-            Of several, the pictures show the first.
+            Of several, the pictures show the first, that of the excitation the largest.
         frf : Frf, optional
         model : RationalModel, PiecewiseModel or PlantModel, optional
             A plant is shown beside the measured response where there are spectra, and with its ladder.

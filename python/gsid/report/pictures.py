@@ -38,7 +38,7 @@ CAPTIONS = {
     "Estimators": "Where only noise is left, errors stay below the bound; linear least squares is weak at "
     "low frequencies, and maximum likelihood spends its errors where the noise is.",
     "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
-    "limited command. With a model, the travel that it predicts.",
+    "limited command. With a model, the travel that it predicts. Of several records, the strongest.",
     "Noise": "What does not repeat with the period: its density, and periodic disturbances such as a fan.",
     "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "
     "at its level before the first period that is used.",
@@ -76,12 +76,14 @@ def pictures_of(
     of_plant = _plant_pictures(model, all_spectra, frf) if isinstance(model, PlantModel) else []
     has_roots = isinstance(model, RationalModel) and len(model.poles) + len(model.zeros) > 0
 
+    strongest = max(all_spectra, key=lambda s: np.linalg.norm(s.u)) if all_spectra else None
+
     def excite() -> Figure:
         turns = isinstance(model, RationalModel | PlantModel) and travel_unit(model) in ("deg", "m")
-        return plots.excitation(multisine or spectra, u_unit, model=model if turns else None, limits=limits)
+        return plots.excitation(multisine or strongest, u_unit, model=model if turns else None, limits=limits)
 
     pictures = [
-        ("Excitation", multisine or spectra, excite),
+        ("Excitation", multisine or strongest, excite),
         ("Periods", record and spectra, lambda: plots.periods(record, spectra)),
         ("Noise", noise, lambda: plots.noise(noise)),
         ("Frequency response", frf, lambda: plots.frf(frf)),
