@@ -8,7 +8,6 @@ step can be taken back.
 from __future__ import annotations
 
 import copy
-import itertools
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -84,12 +83,17 @@ class Rung:
         return dict(vars(self))
 
     @property
+    def falls(self) -> bool:
+        """Whether the error on the data kept out does."""
+        return self.held_out["after"] < self.held_out["before"]
+
+    @property
     def sentence(self) -> str:
         """How much the error fell, for people."""
         floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
         held = f"{self.held_out['before']:.3g} -> {self.held_out['after']:.3g}"
         cost = f"{self.before['cost_per_dof']:.4g} -> {self.after['cost_per_dof']:.4g}"
-        falls = "falls" if self.held_out["after"] < self.held_out["before"] else "DOES NOT FALL"
+        falls = "falls" if self.falls else "DOES NOT FALL"
         return (
             f"With {self.effect} the rms error on {self.kept_out} {falls}: {held}, where noise alone leaves "
             f"{floor}; cost per degree of freedom on the data fitted {cost}."
@@ -244,7 +248,7 @@ def add(
     after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
     _note_places_outside(after)
     on_step(f"judging on {words}")
-    rung = _rung(_title(after.model), before, after, fitted, kept, words, band)
+    rung = _rung(-1, before, after, fitted, kept, words, band)
     step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
@@ -261,7 +265,12 @@ def _check(known: EffectType, name: str, value: float) -> None:
 
 
 def with_history(
-    given: PlantModel, found: PlantModel, records: Records, *, band: tuple[float, float] | None = None
+    given: PlantModel,
+    found: PlantModel,
+    records: Records,
+    *,
+    order: Sequence[str] = (),
+    band: tuple[float, float] | None = None,
 ) -> PlantModel:
     """Give a model that a diagnosis found the ladder of its steps, each judged on data kept out of its fit.
 
@@ -272,6 +281,8 @@ def with_history(
     found : PlantModel
         The same with more effects at its end, fitted to all records. Its values stay as they are.
     records : Record or Spectra, or a sequence of them
+    order : sequence of str, optional
+        Ids of the effects found in the order of the steps; default: as they stand in the model.
     band : (lo, hi), optional
         Hz; default as in `gsid.greybox.fit_plant`.
 
@@ -285,18 +296,28 @@ def with_history(
         As :func:`add`.
     """
     fitted, kept, words = _split(spectra_of(records), None)
-    fits = []
-    for n_effects in range(len(given.effects), len(found.effects) + 1):
-        part = copy.deepcopy(found)
-        part.effects, part.cov, part.fit = part.effects[:n_effects], None, None
-        fits.append(fit_plant(part, fitted, band=band))
-    told = copy.deepcopy(found)
+    steps = list(range(len(given.effects), len(found.effects)))  # places in the stack: there they stay
+    if order:
+        steps.sort(key=lambda place: order.index(found.effects[place].id))
+    told, before = copy.deepcopy(found), _fit_of_part(found, set(steps), fitted, band)
     told.history, previous = copy.deepcopy(given.history), _previous(given)
-    for before, after in itertools.pairwise(fits):
-        rung = _rung(_title(after.model), before, after, fitted, kept, words, band)
-        told.history.append({"add": after.model.effects[-1].id, "rung": rung.to_dict(), "previous": previous})
-        previous = _previous(after.model)
+    for i, place in enumerate(steps):
+        after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
+        at = place - sum(later < place for later in steps[i + 1 :])
+        rung = _rung(at, before, after, fitted, kept, words, band)
+        told.history.append({"add": found.effects[place].id, "rung": rung.to_dict(), "previous": previous})
+        previous, before = _previous(after.model), after
     return told
+
+
+def _fit_of_part(
+    found: PlantModel, without: set[int], fitted: list[Spectra], band: tuple[float, float] | None
+) -> PlantFit:
+    """The model fitted without the effects at some places."""
+    part = copy.deepcopy(found)
+    part.effects = [effect for place, effect in enumerate(part.effects) if place not in without]
+    part.cov, part.fit = None, None
+    return fit_plant(part, fitted, band=band)
 
 
 def undo(model: PlantModel) -> PlantModel:
@@ -405,9 +426,9 @@ def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
 # ---- the fit -----------------------------------------------------------------------------------------------
 
 
-def _title(model: PlantModel) -> str:
-    """The last effect's label; with the law, where the label does not say it."""
-    label, effect = model.labels()[-1]
+def _title(model: PlantModel, at: int) -> str:
+    """An effect's label by its place; with the law, where the label does not say it."""
+    label, effect = model.labels()[at]
     law = effect.type.definition.get("torque")
     return f"{label} {law}" if isinstance(law, str) else label
 
@@ -491,7 +512,7 @@ def _best_fit(
 
 
 def _rung(
-    effect: str,
+    at: int,
     before: PlantFit,
     after: PlantFit,
     fitted: list[Spectra],
@@ -499,14 +520,16 @@ def _rung(
     words: str,
     band: tuple[float, float] | None,
 ) -> Rung:
+    """The step that brought the effect at this place of the stack."""
+
     def level(fit: PlantFit) -> dict[str, float]:
         seen = compare(fit.model, fitted, band=band)
         return {"cost_per_dof": fit.cost_per_dof} | _sizes(seen)
 
     without, with_it = (compare(fit.model, kept, band=band) for fit in (before, after))
     return Rung(
-        effect=effect,
-        params={name: _plain(p) for name, p in after.model.effects[-1].params.items()},
+        effect=_title(after.model, at),
+        params={name: _plain(p) for name, p in after.model.effects[at].params.items()},
         before=level(before),
         after=level(after),
         held_out={"before": without.rms_error, "after": with_it.rms_error},

@@ -100,6 +100,13 @@ def test_in_words(gsid):
     assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
 
 
+def test_a_step_that_does_not_pay_on_new_data_is_named(gsid, monkeypatch):
+    """A bug: the error on the data kept out rose with an effect found, and one had to see that oneself."""
+    monkeypatch.setattr("gsid.ladder.Rung.falls", False)
+    result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "-o", "found.json")
+    assert "On data kept out the error DOES NOT FALL with coulomb_friction: " in result.out
+
+
 def test_start_and_records_to_judge_on(gsid):
     arguments = ["--param", "level=1.5", "--held-out", "r2.npz", "--held-out", "r3.npz", "-o", "one.json"]
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], *arguments, "--json")

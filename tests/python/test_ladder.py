@@ -1,5 +1,6 @@
 """The ladder: an effect of the simulated axis added, judged on data not fitted, and taken back."""
 
+import copy
 import json
 import logging
 from functools import partial
@@ -11,10 +12,12 @@ from plants import FS_HZ, axis_record, plant
 from gsid import plots
 from gsid.compare import compare
 from gsid.diagnose import diagnose
+from gsid.effects import find
 from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.ladder import Ladder, Rung, add, ladder, undo, with_history
 from gsid.model import load_model
+from gsid.scan import with_effect
 from gsid.spectra import spectra
 
 SEED = 20260305
@@ -192,3 +195,18 @@ def test_a_diagnosis_with_its_ladder(records):
     words = " ".join(text.get_text() for text in found.plot().findobj(lambda a: hasattr(a, "get_text")))
     for part in ("1: coulomb_friction", "probability", "noise alone", "Missing: "):
         assert part in words
+
+
+def test_the_ladder_has_the_order_of_the_search(added, records):
+    """A bug: an effect that was exchanged stood last in the ladder, which gave its credit to a later find."""
+    found = with_effect(start(), find("quadratic_drag"), {"rate": 0.01})
+    found.effects.append(copy.deepcopy(added.model.effects[-1]))
+    told = with_history(start(), found, records, order=["coulomb_friction", "quadratic_drag"])
+    first, second = ladder(told).rungs
+    assert (first.effect, second.effect) == ("coulomb_friction", "quadratic_drag")
+    assert first.after["cost_per_dof"] < 1.3 < 5 < first.before["cost_per_dof"]
+    assert first.params.keys() == {"level"}
+    assert second.before["cost_per_dof"] == first.after["cost_per_dof"]
+    assert [effect.id for effect in told.effects] == [effect.id for effect in found.effects]
+    assert [effect.id for effect in undo(told).effects][-1] == "coulomb_friction"
+    assert undo(undo(told)).to_dict() == start().to_dict()

@@ -410,7 +410,8 @@ def with_ladder(
         return found.model
     say("-- judging each step on data kept out of its fit")
     try:
-        return with_history(given, found.model, measured, band=band)
+        order = [group.effects[0] for group in found.found]
+        return with_history(given, found.model, measured, order=order, band=band)
     except (InputError, GsidError) as error:
         say(f"note: no ladder in the model: {error}")
         return found.model

@@ -30,6 +30,7 @@ from gsid.cli.common import (
 if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.diagnose import Diagnosis
+    from gsid.ladder import Ladder
     from gsid.record import Record
     from gsid.torque import TorqueResidual
 
@@ -98,7 +99,7 @@ def diagnose(
     _print(result, before)
     if told and told.history:
         print()
-        print_ladder(ladder(told))
+        _print_ladder(ladder(told))
     if missing:
         print(f"\n{missing.sentence}")
     data = f"--model {model_path} {record_words(records)}"
@@ -110,6 +111,13 @@ def diagnose(
             suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
         else:
             suggest("--curve CURVE.csv saves it as a law")
+
+
+def _print_ladder(steps: Ladder) -> None:
+    print_ladder(steps)
+    idle = [rung.effect for rung in steps.rungs if not rung.falls]
+    if idle:
+        print(f"On data kept out the error DOES NOT FALL with {' and '.join(idle)}: not to be believed yet.")
 
 
 def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
