@@ -25,6 +25,8 @@ from gsid.units import RADIANS
 SPREAD = 0.15  # a resonance is looked for within this share of its value
 STEP = 0.1  # of its half-power width: finer than the peak
 RELATIVE_FLOOR = 1e-3  # of the response: friction bends it by more than noise, and no line may rule
+ENOUGH = 1e-5  # of the cost, or of the values: it is a start
+STEPS_MAX = 60
 LINEAR = {
     "rigid_body.gain",
     "viscous_friction.rate",
@@ -81,7 +83,10 @@ def _fitted(problem: _Problem, start: np.ndarray, free: np.ndarray) -> np.ndarra
 
     if np.any(free):
         first = np.clip(start[free], lower, upper) / scale
-        fitted = least_squares(error, first, bounds=(lower / scale, upper / scale), x_scale="jac")
+        bounds = lower / scale, upper / scale
+        fitted = least_squares(
+            error, first, bounds=bounds, x_scale="jac", ftol=ENOUGH, xtol=ENOUGH, max_nfev=STEPS_MAX
+        )
         values[free] = fitted.x * scale
     return values
 

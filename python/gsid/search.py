@@ -27,6 +27,7 @@ from gsid.spectra import Spectra
 
 EFFECTS_MAX = 3  # effects looked for, one after the other
 SEARCHES = 2  # the second when leaving out or exchanging has changed the model
+SHARE_LEAST = 0.03  # of the misfit that the effects found before have left
 RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
 DRAWS = 999  # of the bootstrap
 SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
@@ -100,7 +101,13 @@ class Search:
             fit, scored, n_shapes, self.measured, self.band, self.alpha, self.on_step, self.given
         )
         step.ranking = ranked(fit, candidates)
-        return bool(step.ranking) and evidence(fit, step.ranking[0].candidates[0]) <= 0
+        return bool(step.ranking) and self._earns_its_place(fit, step.ranking[0].candidates[0])
+
+    def _earns_its_place(self, fit: PlantFit, best: Candidate) -> bool:
+        """By its evidence; and beside others by what it takes off the misfit, for a law of another form than
+        what is missing always takes a little."""
+        share = (fit.cost - best.fit.cost) / max(fit.cost - fit.n_dof, np.finfo(float).tiny)
+        return evidence(fit, best) <= 0 and (len(self.steps) == 1 or share > SHARE_LEAST)
 
     @property
     def _few_periods(self) -> bool:

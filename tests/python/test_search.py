@@ -100,6 +100,17 @@ def test_one_effect_that_is_left_is_that_of_the_model(search_in, monkeypatch):
     assert rankings[0][0].candidates[0].fit is fit
 
 
+def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing(search_in):
+    """A bug: beside an effect that the catalogue does not have, three others were found that did nearly
+    nothing, in four minutes."""
+    costs = {"": 50_000, "a": 40_000, "b": 49_000, "ab": 39_600}
+    search, fit = search_in(costs, "ab")
+    rankings, fit = search.run(fit)
+    assert [ranking[0].effects for ranking in rankings] == [["a"]]
+    assert len(search.steps) == 2
+    assert search.steps[-1].p_value == 0.0
+
+
 # ---- constancy over records (DIA-9) ------------------------------------------------------------------
 
 RECORDS, PERIODS, LINES, PARAMS = 4, 8, 150, 5
