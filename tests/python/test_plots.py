@@ -1,6 +1,7 @@
 """Pictures: axes, units and legends say what is shown, bands lie where the numbers are, odd input too."""
 
 import dataclasses
+import warnings
 
 import matplotlib
 import numpy as np
@@ -260,6 +261,17 @@ def test_pole_zero_map_of_odd_models(model):
     labels(plots.bode(model))
 
 
+def test_pole_zero_map_leaves_out_what_may_be_anywhere():
+    """A bug: the mark of a zero at 300 kHz +- 1e11 Hz, far off its axes, pushed these together to nothing."""
+    den = np.poly([-6 + 12j, -6 - 12j, -100.0]).real
+    model = RationalModel([1e-6, 2.0, 6.0], den, cov=np.diag([1.0, 10.0, 1e3, 1.0, 1e-4, 1e-2]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = plots.pole_zero(model)
+        assert "left out: 1 not determined" in labels(figure)
+    assert "2e+06" not in labels(figure).replace("−", "-")
+
+
 def test_two_periods_and_one_line():
     record = simulate(n_periods=2, line=np.array([20]))
     measured = frf(record)
@@ -284,6 +296,8 @@ def test_units_from_a_file_are_text_not_mathematics():
     [
         (5.4, 0.0081, "5.400 ± 0.016"),
         (-1234.5, 60.0, "−1230 ± 120"),
+        (4.75, 85.0, "5 ± 170"),  # a bug: "0 ± 170"
+        (-0.3, 1.0, "−0.30 ± 2.0"),
         (1.0, None, "1"),
         (1.0, np.nan, "1"),
         (2.5, 0.0, "2.5"),

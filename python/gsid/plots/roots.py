@@ -52,6 +52,9 @@ def pole_zero(model: RationalModel) -> Figure:
         for root, cov in sorted(zip(found, covs, strict=True), key=lambda pair: abs(pair[0]))
         if root.imag >= -1e-9 * abs(root)
     ]
+    known = [abs(root) for _, root, cov in roots if not _may_be_zero(root, cov)]
+    lost = [r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)]  # anywhere far out
+    roots = [r for r in roots if not any(r is one for one in lost)]
     close_ups = [r for r in roots if np.all(np.isfinite(r[2])) and np.any(r[2] > 0.0)][:6]
     n_columns = -(-len(close_ups) // 2) if len(close_ups) > 2 else min(len(close_ups), 1)
     figure = new_figure(4.6)
@@ -78,7 +81,8 @@ def pole_zero(model: RationalModel) -> Figure:
         at = place(np.array([r for m, r, _ in roots if m == mark], dtype=complex))
         if len(at):
             _root_marks(ax, at, symbol, f"{mark}s")
-    ax.set_title("Poles and zeros, upper half-plane")
+    left_out = f"; left out: {len(lost)} not determined" if lost else ""
+    ax.set_title(f"Poles and zeros, upper half-plane{left_out}")
     legend_below(left, [ax])
     return figure
 

@@ -191,8 +191,9 @@ def with_interval(value: float, std: float | None) -> str:
     decimals = 1 - int(np.floor(np.log10(half)))
     if not -4 <= decimals <= 9:
         return f"{value:.6g} ± {half:.2g}".replace("-", "−")
-    value, half, decimals = round(value, decimals), round(half, decimals), max(decimals, 0)
-    return f"{value:.{decimals}f} ± {half:.{decimals}f}".replace("-", "−")
+    digits = decimals + (abs(value) < half)  # else 4.8 ± 170 is 0 ± 170
+    value, half = round(value, digits), round(half, decimals)
+    return f"{value:.{max(digits, 0)}f} ± {half:.{max(decimals, 0)}f}".replace("-", "−")
 
 
 def order_text(model: RationalModel) -> str:
