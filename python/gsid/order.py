@@ -298,6 +298,30 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
     return pairs
 
 
+def far_out(model: RationalModel) -> list[tuple[str, float]]:
+    """Real roots above the band that may lie anywhere, as far as the data tell.
+
+    Parameters
+    ----------
+    model : RationalModel
+        In s, with covariance and band.
+
+    Returns
+    -------
+    list of ("pole" or "zero", Hz)
+        Their 95 % interval holds 0: a model without them follows the data as well, a free delay apart.
+    """
+    if model.cov is None or model.band_hz is None or model.domain != "s":
+        return []
+    roots = [("pole", *root) for root in zip(model.poles, model.pole_cov, strict=True)]
+    roots += [("zero", *root) for root in zip(model.zeros, model.zero_cov, strict=True)]
+    return [
+        (kind, abs(root) / (2 * np.pi))
+        for kind, root, cov in roots
+        if root.imag == 0 and NORMAL_95 * np.sqrt(np.trace(cov)) > abs(root) > 2 * np.pi * model.band_hz[1]
+    ]
+
+
 def _root_slope(model: RationalModel, root: complex, is_pole: bool) -> np.ndarray:
     """Derivative of a root by (den[1:], num, delay if free)."""
     coef = model.den if is_pole else model.num

@@ -10,7 +10,7 @@ from gsid.fit import fit
 from gsid.frf import Frf
 from gsid.mimo import MimoFrf
 from gsid.model import RationalModel
-from gsid.order import near_cancelled, select_order
+from gsid.order import far_out, near_cancelled, select_order
 from gsid.validation import whiteness
 
 SEED = 20260304
@@ -72,6 +72,15 @@ def test_a_pair_that_nearly_cancels_is_found():
     found = near_cancelled(surplus)
     assert len(found) == 1
     assert found[0][0] == pytest.approx(pole[0], rel=1e-6)
+
+
+def test_a_zero_that_may_be_anywhere_is_found():
+    """A bug: a zero at 300 kHz +- 1e11 Hz and a delay of 4.8 +- 170 ms went out without a word."""
+    response = measured(0)
+    assert far_out(fit(response, "2/1")) == []
+    ((kind, f_hz),) = far_out(fit(response, "2/2"))
+    assert kind == "zero"
+    assert f_hz > F[-1]
 
 
 def test_pairs_of_a_surplus_order_are_found_and_left_out():

@@ -268,15 +268,18 @@ def _check_options_of_plants(ctx: click.Context, method: str) -> None:
 def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:
     import numpy as np
 
-    from gsid.order import near_cancelled
+    from gsid.order import far_out, near_cancelled
 
-    trade = "; the delay may trade against them" if model.free_delay else ""
+    trade = "; the delay may trade against {}" if model.free_delay else ""
     f_hz = (
         abs(np.log(pole) * model.fs_hz if model.domain == "z" else pole) / (2 * np.pi)
         for pole, _ in near_cancelled(model)
     )
     for f in dict.fromkeys(f"{f:.4g}" for f in f_hz):  # of a pair once
-        say(f"note: a pole and a zero near {f} Hz cannot be told apart{trade}{advice}")
+        say(f"note: a pole and a zero near {f} Hz cannot be told apart{trade.format('them')}{advice}")
+    for kind, f in far_out(model):
+        where = f"the {kind} at {f:.4g} Hz, above the band,"
+        say(f"note: {where} may be anywhere{trade.format('it')}: try one {kind} fewer")
 
 
 def _save(model: RationalModel, output: str) -> None:
