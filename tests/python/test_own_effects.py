@@ -115,7 +115,7 @@ def test_sensitivities_of_own_laws_are_those_of_the_answer(records):
         ("3000*c*w/abs(w)", "jumps, runs away"),
         ("3000*c*w/(abs(w) + 1e-30)", "jumps, runs away"),
         ("0*c - 1e4*w*abs(w)", "runs away"),
-        ("c*log(w)", "divides by zero"),
+        ("c*log(w)", "has no value"),
     ],
 )
 def test_a_law_that_cannot_be_simulated_is_refused(records, law, what):
