@@ -238,7 +238,9 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     if settle is None:
         settle = find_settling(record, period)
         if len(record) < 3 * period:
-            _log.info("%s: two periods do not show whether the start has settled: all is used", record.name)
+            _log.info(
+                "%s: fewer than three periods do not show whether it has settled: all is used", record.name
+            )
         else:
             _log.info("%s: settling of %d samples found from the data", record.name, settle)
     if period < MIN_PERIOD or settle < 0:

@@ -128,7 +128,7 @@ def ladder(ladder: Ladder) -> Figure:
     for i, (error, noise) in enumerate(zip(kept, floor, strict=True)):
         ax.annotate(
             f"{error:.3g}, {error / noise:.3g} × noise",
-            (i, error),
+            (i, max(error, fitted[i])),  # above both lines
             (0, 5),
             textcoords="offset points",
             ha="center",
