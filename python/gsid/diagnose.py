@@ -60,11 +60,9 @@ class Diagnosis:
         Probability that noise alone makes the records ask for other values of the final model's parameters
         than those that they share; a law of another form than the true one asks for others at each level of
         the excitation. None with one record or too few periods.
-    found : list of Group
-        The effects found, in the order of the search; each the first group of its ranking.
-    ranking : list of Group
-        The first effect found and its rivals, most probable first, beside whatever else was found; when
-        nothing was found, what was tried in the first round.
+    rankings : list of lists of Group
+        Of each effect found, in the order of the search: it and its rivals, most probable first, beside
+        whatever else was found.
     steps : list of Step
     model : PlantModel
         With the best effect of each group found added, and fitted.
@@ -77,12 +75,21 @@ class Diagnosis:
     cost_per_dof_after: float
     explained: float
     p_constant: float | None
-    found: list[Group]
-    ranking: Ranking
+    rankings: list[Ranking]
     steps: list[Step]
     model: PlantModel
     next_experiment: str = ""
     names: list[str] = field(default_factory=list)
+
+    @property
+    def found(self) -> list[Group]:
+        """The effects found, in the order of the search; each the first group of its ranking."""
+        return [ranking[0] for ranking in self.rankings]
+
+    @property
+    def ranking(self) -> Ranking:
+        """Of the first effect found; when nothing was found, what was tried in the first round."""
+        return self.rankings[0] if self.rankings else self.steps[0].ranking
 
     @property
     def adequate(self) -> bool:
@@ -123,12 +130,12 @@ class Diagnosis:
     def rounds(self) -> list[tuple[str, float | None, Ranking]]:
         """Each round that tried effects: its number, the cost per degree of freedom before it, its ranking.
 
-        Last, without a cost before, the effects found that have other rivals once all are there:
-        `sentence` has these.
+        Last, without a cost before, the effects found that have other rivals once all are there, and those
+        rivals: `sentence` has these.
         """
         tried = [(str(i), s.fit.cost_per_dof, s.ranking) for i, s in enumerate(self.steps, 1) if s.ranking]
         at_first = [ranking[0].effects for *_, ranking in tried]
-        in_the_end = [group for group in self.found if group.effects not in at_first]
+        in_the_end = [g for ranking in self.rankings if ranking[0].effects not in at_first for g in ranking]
         return [*tried, ("end", None, in_the_end)] if in_the_end else tried
 
     def plot(self) -> matplotlib.figure.Figure:
@@ -213,8 +220,7 @@ def diagnose(
         cost_per_dof_after=fit.cost_per_dof,
         explained=_explained(first, fit),
         p_constant=p_constant,
-        found=found,
-        ranking=rankings[0] if rankings else steps[0].ranking,
+        rankings=rankings,
         steps=steps,
         model=fit.model,
         next_experiment=_advice(found, measured),

@@ -272,13 +272,15 @@ def test_rivals_that_came_when_all_effects_were_there_are_shown():
     }
 
     def told(*found):
-        rest = {"p_constant": None, "ranking": [], "steps": steps, "model": None}
-        return Diagnosis(verdict="missing_effect", **numbers, found=list(found), **rest)
+        rest = {"p_constant": None, "steps": steps, "model": None}
+        return Diagnosis(
+            verdict="missing_effect", **numbers, rankings=[[one, group("d")] for one in found], **rest
+        )
 
     assert [number for number, *_ in told(group("a"), group("b")).rounds] == ["1", "2"]
     regrouped = told(group("a"), group("b", "c"))
     assert regrouped.rounds[2][0] == "end"
-    assert [one.effects for one in regrouped.rounds[2][2]] == [["b", "c"]]
+    assert [one.effects for one in regrouped.rounds[2][2]] == [["b", "c"], ["d"]]
     assert "round end: beside the others found\n    100.0%  b or c" in repr(regrouped)
 
 
