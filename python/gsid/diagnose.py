@@ -128,12 +128,14 @@ class Diagnosis:
 
     @property
     def rounds(self) -> list[tuple[str, float | None, Ranking]]:
-        """Each round that tried effects: its number, the cost per degree of freedom before it, its ranking.
+        """Each round that tried effects: number, cost per degree of freedom before it, its best groups.
 
         Last, without a cost before, the effects found that have other rivals once all are there, and those
         rivals: `sentence` has these.
         """
-        tried = [(str(i), s.fit.cost_per_dof, s.ranking) for i, s in enumerate(self.steps, 1) if s.ranking]
+        tried = [
+            (str(i), s.fit.cost_per_dof, s.ranking[:SHOWN]) for i, s in enumerate(self.steps, 1) if s.ranking
+        ]
         at_first = [ranking[0].effects for *_, ranking in tried]
         in_the_end = [g for ranking in self.rankings if ranking[0].effects not in at_first for g in ranking]
         return [*tried, ("end", None, in_the_end)] if in_the_end else tried
@@ -158,7 +160,7 @@ class Diagnosis:
         for number, before, ranking in self.rounds:
             cost = f"cost per degree of freedom {before:.4g}" if before else "beside the others found"
             lines.append(f"  round {number}: {cost}")
-            for group in ranking[:SHOWN]:
+            for group in ranking:
                 after = group.candidates[0].fit.cost_per_dof
                 lines.append(f"    {group.probability:6.1%}  {' or '.join(group.effects):40} -> {after:.4g}")
         if self.next_experiment:

@@ -130,8 +130,6 @@ def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
 
 
 def _print(result: Diagnosis, before: Comparison) -> None:
-    from gsid.diagnose import SHOWN
-
     print(result.sentence)
     if before.where:
         print(before.verdict)
@@ -144,7 +142,7 @@ def _print(result: Diagnosis, before: Comparison) -> None:
             f"{group.candidates[0].fit.cost_per_dof:.4g}",
         ]
         for number, cost, ranking in result.rounds
-        for group in ranking[:SHOWN]
+        for group in ranking
     ]
     if rows:
         print()

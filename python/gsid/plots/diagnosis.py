@@ -11,8 +11,6 @@ from gsid.plots.style import EXCESS, NOISE, SIGNAL, legend_below, new_figure, st
 if TYPE_CHECKING:
     from gsid.diagnose import Diagnosis
 
-SHOWN = 4  # groups of each round
-
 
 @styled
 def diagnosis(diagnosis: Diagnosis) -> Figure:
@@ -32,15 +30,15 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     ValueError
         Nothing was tried, since nothing is missing.
     """
-    rounds = [step for step in diagnosis.steps if step.ranking]
+    rounds = [(before, ranking) for _, before, ranking in diagnosis.rounds if before is not None]
     if not rounds:
         raise ValueError("no effect was tried: there is nothing to draw")
-    rows = [(step, group) for step in rounds for group in step.ranking[:SHOWN]]
+    rows = [(i, before, ranking, group) for i, (before, ranking) in enumerate(rounds, 1) for group in ranking]
     figure = new_figure(1.6 + 0.42 * len(rows))
     ax = figure.subplots()
-    for at, (step, group) in enumerate(rows):
-        before, after = step.fit.cost_per_dof, group.candidates[0].fit.cost_per_dof
-        colour = EXCESS if group is step.ranking[0] else SIGNAL
+    for at, (_, before, ranking, group) in enumerate(rows):
+        after = group.candidates[0].fit.cost_per_dof
+        colour = EXCESS if group is ranking[0] else SIGNAL
         ax.barh(at, before - after, left=after, height=0.6, color=colour, alpha=0.85)
         ax.annotate(
             f"{before:.3g} → {after:.3g}, probability {group.probability:.1%}",
@@ -51,11 +49,11 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
             fontsize=8.5,
         )
     ax.axvline(1.0, color=NOISE, linestyle="--", linewidth=1.2, label="noise alone")
-    names = [f"{rounds.index(step) + 1}: " + " or\n".join(group.effects) for step, group in rows]
+    names = [f"{number}: " + " or\n".join(group.effects) for number, *_, group in rows]
     ax.set_yticks(range(len(rows)), names)
     ax.invert_yaxis()
     ax.set_xscale("log")
-    most = max(max(step.fit.cost_per_dof, group.candidates[0].fit.cost_per_dof) for step, group in rows)
+    most = max(max(before, group.candidates[0].fit.cost_per_dof) for _, before, _, group in rows)
     ax.set_xlim(0.7, most * (most / 0.7) ** 0.8)  # room for the words
     ax.set_xlabel("cost per degree of freedom, without the effect → with it")
     ax.set_title(diagnosis.sentence.partition(" (")[0])  # the numbers stand in the picture

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from gsid.model import RationalModel
     from gsid.verdict import DistortedBand
 
-RANKED = 5  # groups of effects shown of each round
 ESTIMATORS_NOTE = (
     "Errors are root mean squares over the lines, from the measured response; the cost is that of maximum "
     "likelihood (eq. 7.28), whatever the method minimised."
@@ -216,7 +215,7 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
                 f"{group.candidates[0].fit.cost_per_dof:.4g}",
                 _strength(group),
             )
-            for group in ranking[:RANKED]
+            for group in ranking
         ]
         if before is None:
             note = "Ranked again when all were there."
