@@ -30,10 +30,10 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     ValueError
         Nothing was tried, since nothing is missing.
     """
-    rounds = [(before, ranking) for _, before, ranking in diagnosis.rounds if before is not None]
+    rounds = [one for one in diagnosis.rounds if one[0] != "end"]
     if not rounds:
         raise ValueError("no effect was tried: there is nothing to draw")
-    rows = [(i, before, ranking, group) for i, (before, ranking) in enumerate(rounds, 1) for group in ranking]
+    rows = [(*one, group) for one in rounds for group in one[2]]
     figure = new_figure(1.6 + 0.42 * len(rows))
     ax = figure.subplots()
     for at, (_, before, ranking, group) in enumerate(rows):
