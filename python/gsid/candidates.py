@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,26 @@ STEPS_ALONE = 10  # of the fit of one record with a joint
 WALLS = 3  # times that a fit with a joint is begun again from one record
 FORGIVEN = 0.5  # of the cost without a joint: a joint that leaves more is not followed past the walls
 SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a search is given, and whom it tells in words what comes next."""
+
+    model: PlantModel  # before it was fitted
+    measured: list[Spectra]
+    band: tuple[float, float] | None  # Hz
+    alpha: float  # level of the tests
+    on_step: Callable[[str], None]
+
+    def fit(self, model: PlantModel, max_iter: int = 50, only: Sequence[int] | None = None) -> PlantFit:
+        """Fit to all records, or to some."""
+        records = self.measured if only is None else [self.measured[i] for i in only]
+        return fit_plant(model, records, band=self.band, max_iter=max_iter)
+
+    def is_noise(self, fit: PlantFit) -> bool:
+        """Whether what a fit of all records leaves may be noise."""
+        return noise_p_value(fit, self.measured) > self.alpha
 
 
 @dataclass(eq=False)
@@ -94,11 +114,7 @@ def tried(
     fit: PlantFit,
     scored: Scored,
     n_shapes: Mapping[str, int],
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-    alpha: float,
-    on_step: Callable[[str], None],
-    given: PlantModel | None = None,
+    given: Given,
 ) -> list[Candidate]:
     """The shortlist fitted, best promise first; once one leaves only noise, no small promise is tried.
 
@@ -110,15 +126,7 @@ def tried(
         See `gsid.scan.scan`.
     n_shapes : mapping
         Of each effect, how many shapes were looked at.
-    measured : list of Spectra
-    band : (lo, hi) or None
-        Hz.
-    alpha : float
-        Level of the test for noise only.
-    on_step : callable
-        Told in words what comes next.
-    given : PlantModel, optional
-        The model before it was fitted, see `gsid.joint.joint_starts`.
+    given : Given
 
     Returns
     -------
@@ -132,31 +140,25 @@ def tried(
         hopeless = promise < min(_share_wanted(effect) * brought, brought - 3 * SAME)
         if hopeless or promise < RIVAL * enough - SAME:
             continue
-        on_step(f"trying {effect}")
-        candidate = _refitted(fit, effect, tries[:1] if has_joint else tries, measured, band)
+        given.on_step(f"trying {effect}")
+        candidate = _refitted(fit, effect, tries[:1] if has_joint else tries, given)
         if candidate is None:
             continue
         candidate.n_shapes = n_shapes[effect]
         candidates.append(candidate)
         brought = max(brought, fit.cost - candidate.fit.cost)
-        if noise_p_value(candidate.fit, measured) > alpha:
+        if given.is_noise(candidate.fit):
             enough = max(enough, fit.cost - candidate.fit.cost)
     if enough == 0 and not has_joint:
-        on_step(f"trying {JOINT}")
-        candidates += _joint(fit, measured, band, alpha, given)
+        given.on_step(f"trying {JOINT}")
+        candidates += _joint(fit, given)
     if candidates:
         best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
-        candidates[best] = _converged(candidates[best], measured, band)
+        candidates[best] = _converged(candidates[best], given)
     return candidates
 
 
-def _refitted(
-    fit: PlantFit,
-    effect: str,
-    tries: Scored,
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-) -> Candidate | None:
+def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candidate | None:
     """The effect fitted from each start; None when no start can be fitted.
 
     Where the shape is held, a few steps tell the shapes apart, and only the best goes on.
@@ -170,56 +172,48 @@ def _refitted(
             break
         try:
             start = with_probe(fit.model, probe, item.size)
-            larger = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK if probe.fixed else STEPS_MAX)
+            larger = given.fit(start, STEPS_LOOK if probe.fixed else STEPS_MAX)
         except (GsidError, InputError):
             continue  # a start that cannot be simulated is no candidate
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
     if best is not None and tries[0][0].fixed and not best.fit.converged:
-        best = replace(best, fit=fit_plant(best.fit.model, measured, band=band, max_iter=STEPS_MAX))
+        best = replace(best, fit=given.fit(best.fit.model, STEPS_MAX))
     return best
 
 
-def _joint(
-    fit: PlantFit,
-    measured: list[Spectra],
-    band: tuple[float, float] | None,
-    alpha: float,
-    given: PlantModel | None,
-) -> list[Candidate]:
+def _joint(fit: PlantFit, given: Given) -> list[Candidate]:
     """A joint with play, the dearest to simulate: tried when nothing else leaves only noise."""
     found = []
-    for start, gain in joint_starts(fit, measured, given):
+    for start, gain in joint_starts(fit, given.measured, given.model):
         try:
-            fitted = fit_plant(start, measured, band=band, max_iter=STEPS_LOOK)
+            fitted = given.fit(start, STEPS_LOOK)
             if fitted.cost < FORGIVEN * fit.cost:
-                fitted = _beyond_the_walls(fitted, measured, band, alpha)
+                fitted = _beyond_the_walls(fitted, given)
             if not fitted.converged:
-                fitted = fit_plant(fitted.model, measured, band=band, max_iter=STEPS_MAX)
+                fitted = given.fit(fitted.model, STEPS_MAX)
         except (GsidError, InputError):
             continue
         found.append(Candidate(JOINT, fitted, gain))
     return found
 
 
-def _beyond_the_walls(
-    fit: PlantFit, measured: list[Spectra], band: tuple[float, float] | None, alpha: float
-) -> PlantFit:
+def _beyond_the_walls(fit: PlantFit, given: Given) -> PlantFit:
     """Fit one record alone, then with it one more at a time.
 
     Where a collision more or less begins, a record's cost has a wall, which stops the fit of all. The walls
     of other records stand elsewhere, and a record alone has the fewest.
     """
-    for _ in range(WALLS if len(measured) > 1 else 0):
-        if noise_p_value(fit, measured) > alpha:
+    n_records = len(given.measured)
+    for _ in range(WALLS if n_records > 1 else 0):
+        if given.is_noise(fit):
             break
         try:
-            alone = [fit_plant(fit.model, [one], band=band, max_iter=STEPS_ALONE) for one in measured]
-            order = sorted(range(len(alone)), key=lambda i: alone[i].cost_per_dof)
+            alone = [given.fit(fit.model, STEPS_ALONE, only=[i]) for i in range(n_records)]
+            order = sorted(range(n_records), key=lambda i: alone[i].cost_per_dof)
             further = alone[order[0]]
-            for n in range(2, len(order) + 1):
-                some = [measured[i] for i in sorted(order[:n])]
-                further = fit_plant(further.model, some, band=band, max_iter=STEPS_ALONE)
+            for n in range(2, n_records + 1):
+                further = given.fit(further.model, STEPS_ALONE, only=sorted(order[:n]))
         except (GsidError, InputError):
             break
         if further.cost > fit.cost - SAME:
@@ -228,11 +222,11 @@ def _beyond_the_walls(
     return fit
 
 
-def _converged(candidate: Candidate, measured: list[Spectra], band: tuple[float, float] | None) -> Candidate:
+def _converged(candidate: Candidate, given: Given) -> Candidate:
     """The candidate with its fit carried on until it has converged; one with a joint seldom gets further."""
     if candidate.fit.converged or candidate.effect == JOINT:
         return candidate
-    return replace(candidate, fit=fit_plant(candidate.fit.model, measured, band=band))
+    return replace(candidate, fit=given.fit(candidate.fit.model))
 
 
 def evidence(fit: PlantFit, candidate: Candidate) -> float:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid._callable import callable_as
-from gsid.candidates import Group
+from gsid.candidates import Given, Group
 from gsid.greybox import PlantFit, fit_plant, require_motion
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
@@ -210,7 +210,7 @@ def diagnose(
     on_step("fitting the model as it is")
     first = fit_plant(linear_start(model, measured), measured, band=band)
     require_motion(first)
-    search = Search(measured, band, alpha, seed, on_step, model)
+    search = Search(Given(model, measured, band, alpha, on_step), seed)
     rankings, fit = search.run(first)
     steps, found = search.steps, [ranking[0] for ranking in rankings]
     p_constant = search.p_constant(fit)

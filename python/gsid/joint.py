@@ -33,9 +33,7 @@ DAMPING = 0.1  # over the critical one
 FALL = 0.9  # of the response's error, for a joint to be worth its simulations
 
 
-def joint_starts(
-    fit: PlantFit, measured: list[Spectra], given: PlantModel | None = None
-) -> list[tuple[PlantModel, float]]:
+def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> list[tuple[PlantModel, float]]:
     """Models with a joint added, and by how much each lowers the response's error.
 
     Parameters
@@ -43,7 +41,7 @@ def joint_starts(
     fit : PlantFit
         Of the model without it.
     measured : list of Spectra
-    given : PlantModel, optional
+    given : PlantModel
         The model before it was fitted. Without a joint a fit may bend a mode far away to stand for it, and
         the way back leads past other minima.
 
@@ -57,7 +55,7 @@ def joint_starts(
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
     before = linear_error(linear_start(fit.model, loud), loud)
     tried = []
-    for origin in [fit.model] + ([] if given is None else [_as_given(fit.model, given)]):
+    for origin in (fit.model, _as_given(fit.model, given)):
         for share in FREQUENCIES:
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
             tried.append((linear_error(model, loud), origin, share, model))

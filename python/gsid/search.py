@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gsid.candidates import Candidate, Group, evidence, ranked, tried
+from gsid.candidates import Candidate, Given, Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
-from gsid.greybox import PlantFit, fit_plant
+from gsid.greybox import PlantFit
 from gsid.plant import PlantModel
 from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
 from gsid.scores import (
@@ -23,7 +22,6 @@ from gsid.scores import (
     random_phases,
     score,
 )
-from gsid.spectra import Spectra
 
 EFFECTS_MAX = 3  # effects looked for, one after the other
 SEARCHES = 2  # the second when leaving out or exchanging has changed the model
@@ -56,12 +54,8 @@ class Step:
 class Search:
     """What a search looks at, and the rounds it has made; see `gsid.diagnose.diagnose` for the arguments."""
 
-    measured: list[Spectra]
-    band: tuple[float, float] | None
-    alpha: float
-    seed: int
-    on_step: Callable[[str], None]
-    given: PlantModel | None = None
+    given: Given
+    seed: int  # of the bootstrap
     steps: list[Step] = field(default_factory=list)
 
     def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
@@ -88,18 +82,16 @@ class Search:
 
     def _round(self, fit: PlantFit, *, explore: bool) -> bool:
         """Test a fit, score the catalogue, fit the best few; whether the best earns its price."""
-        scored = scan(fit, self.measured)
+        scored = scan(fit, self.given.measured)
         p_score = self._score_p_value(fit, [item for _, item in scored])
-        step = Step(fit, noise_p_value(fit, self.measured), p_score, [])
+        step = Step(fit, noise_p_value(fit, self.given.measured), p_score, [])
         self.steps.append(step)
-        if not explore or step.p_value >= self.alpha:
+        if not explore or step.p_value >= self.given.alpha:
             return False
         n_shapes = Counter(probe.effect for probe, _ in scored)
-        rates, n_shapes[SAMPLER] = scan_rates(fit, self.measured)
+        rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
         scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
-        candidates = tried(
-            fit, scored, n_shapes, self.measured, self.band, self.alpha, self.on_step, self.given
-        )
+        candidates = tried(fit, scored, n_shapes, self.given)
         step.ranking = ranked(fit, candidates)
         return bool(step.ranking) and self._earns_its_place(fit, step.ranking[0].candidates[0])
 
@@ -111,7 +103,7 @@ class Search:
 
     @property
     def _few_periods(self) -> bool:
-        return sum(one.n_periods - 1 for one in self.measured) < SCATTER_LEAST
+        return sum(one.n_periods - 1 for one in self.given.measured) < SCATTER_LEAST
 
     def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
         """Of the best score, by the more cautious of two ways to draw what noise alone would do (DIA-2)."""
@@ -126,7 +118,7 @@ class Search:
     def _scatter(self, fit: PlantFit) -> np.ndarray:
         deviations = [
             (one.Y - one.y)[:, record.line] * record.weight
-            for record, one in zip(fit.records, self.measured, strict=True)
+            for record, one in zip(fit.records, self.given.measured, strict=True)
         ]
         return random_periods(deviations, DRAWS, self.seed)
 
@@ -142,7 +134,7 @@ class Search:
         float or None
             None with one record, or too few periods to draw what chance does.
         """
-        if len(self.measured) < 2 or self._few_periods:
+        if len(self.given.measured) < 2 or self._few_periods:
             return None
         residual, jacobian = stacked(fit, "residual")[:, 0], stacked(fit, "jacobian")
         own = apart(jacobian, [len(record.line) for record in fit.records])
@@ -153,7 +145,7 @@ class Search:
         """Leave out again what later effects have made needless: a forward search can be led astray."""
         for ranking in rankings[:-1]:
             needless = ranking[0].candidates[0]
-            self.on_step(f"trying without {needless.effect}")
+            self.given.on_step(f"trying without {needless.effect}")
             without = self._fit_or_none(_without(fit.model, needless.effect))
             price = len(needless.params) * np.log(fit.n_dof)
             if without is not None and without.cost - fit.cost < price:
@@ -170,7 +162,7 @@ class Search:
             now = [replace(own, fit=fit)]
             others = {r[0].candidates[0].effect for r in [*again, *rankings[i:]]}
             for rival in self._rivals(own, others):
-                self.on_step(f"trying {rival.effect} in place of {own.effect}")
+                self.given.on_step(f"trying {rival.effect} in place of {own.effect}")
                 model = _without(fit.model, own.effect)
                 model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
                 exchanged = self._fit_or_none(model)
@@ -191,7 +183,7 @@ class Search:
 
     def _fit_or_none(self, model: PlantModel) -> PlantFit | None:
         try:
-            return fit_plant(model, self.measured, band=self.band)
+            return self.given.fit(model)
         except (GsidError, InputError):
             return None
 

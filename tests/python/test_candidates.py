@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.candidates import SAME, Candidate, _refitted, evidence, ranked
+from gsid.candidates import SAME, Candidate, Given, _refitted, evidence, ranked
 from gsid.linear_view import linear_view
 from gsid.plant_periodic import PeriodicPlant
 
 N = 3000
 AXIS = {"rigid_body": {"gain": 10.0}, "viscous_friction": {"rate": 3.0}, "cable_spring": {"stiffness": 150.0}}
 GEAR = {"gap_deg": 0.0, "stiffness": 4e5, "inertia_ratio": 0.3, "damping": 100.0}
+GIVEN = Given(None, [], None, 0.05, print)
 
 
 def fitted(cost, n_dof=1000, n_free=5):
@@ -55,7 +56,7 @@ def test_the_next_shape_is_tried_though_the_first_brought_nearly_its_promise(mon
         (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=drop, size=None))
         for rate, drop in ((1000.0, 113.0), (750.0, 99.0))
     ]
-    found = _refitted(fitted(3251.0), "sensor_sample_hold", tries, [], None)
+    found = _refitted(fitted(3251.0), "sensor_sample_hold", tries, GIVEN)
     assert found.fit.cost == 3251.0 - 117.0
 
 
@@ -63,7 +64,7 @@ def test_of_held_shapes_only_the_best_is_fitted_to_its_end(monkeypatch):
     """A bug: five rates of a refresh, none of which converged, had 15 steps each before anything else."""
     steps = []
 
-    def fit(model, measured, band, max_iter):
+    def fit(model, measured, *, band, max_iter):
         steps.append((model.rate, max_iter))
         return SimpleNamespace(cost=900.0 - model.rate, converged=False, model=model)
 
@@ -75,7 +76,7 @@ def test_of_held_shapes_only_the_best_is_fitted_to_its_end(monkeypatch):
         (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=900.0, size=None))
         for rate in (300.0, 500.0, 400.0)
     ]
-    _refitted(fitted(1000.0), "sensor_sample_hold", tries, [], None)
+    _refitted(fitted(1000.0), "sensor_sample_hold", tries, GIVEN)
     assert steps == [(300.0, 3), (500.0, 3), (400.0, 3), (500.0, 15)]
 
 

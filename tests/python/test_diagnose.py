@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants import plant
 
-from gsid.candidates import Group
+from gsid.candidates import Given, Group
 from gsid.diagnose import Diagnosis, diagnose
 from gsid.errors import InputError
 from gsid.excitation import Multisine
@@ -114,7 +114,7 @@ def test_a_law_of_another_form_asks_for_other_values_at_each_level():
     """Coulomb friction fitted by viscous friction: 3 times the level asks for less of it (DIA-9)."""
     for coulomb, constant in ((0.0, True), (2.0, False)):
         records = list(measured(coulomb))
-        p = Search(records, None, 0.05, 0, lambda text: None).p_constant(fit_plant(null(), records))
+        p = Search(Given(null(), records, None, 0.05, print), 0).p_constant(fit_plant(null(), records))
         assert (p > 0.05) == constant, p
 
 

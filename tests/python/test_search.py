@@ -1,5 +1,6 @@
 """Search for effects, in a world of known costs: each set of effects has its cost, and fits are looked up."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy import stats
 
 import gsid.search
-from gsid.candidates import Candidate
+from gsid.candidates import Candidate, Given
 from gsid.search import Search
 
 N_DOF = 100
@@ -18,6 +19,10 @@ def model(effects):
     return SimpleNamespace(
         effects=[SimpleNamespace(id=e, params={"p": 0}) for e in effects], cov=None, fit=None
     )
+
+
+def given(measured):
+    return Given(None, measured, None, 0.05, lambda text: None)
 
 
 @pytest.fixture
@@ -35,12 +40,12 @@ def search_in(monkeypatch):
             fits = {e: fitted(model([*has, e])) for e in catalogue if e not in has}
             return [Candidate(e, one, fit.cost - one.cost) for e, one in fits.items()]
 
-        monkeypatch.setattr("gsid.search.fit_plant", fitted)
+        monkeypatch.setattr("gsid.candidates.fit_plant", fitted)
         monkeypatch.setattr("gsid.search.tried", tried)
         monkeypatch.setattr("gsid.search.scan", lambda *_: [])
         monkeypatch.setattr("gsid.search.scan_rates", lambda *_: ([], 0))
         monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, _: 1.0 if fit.cost <= NOISE else 0.0)
-        return Search([], None, 0.05, 0, lambda text: None), fitted(model(""))
+        return Search(given([]), 0), fitted(model(""))
 
     return begin
 
@@ -132,7 +137,7 @@ def linear_fit(rng, differ: float) -> tuple[Search, SimpleNamespace]:
         for r, j in zip(left, jacobians, strict=True)
     ]
     measured = [SimpleNamespace(Y=a, y=b, n_periods=PERIODS) for a, b in zip(Y, mean, strict=True)]
-    return Search(measured, None, 0.05, 0, lambda text: None), SimpleNamespace(records=records)
+    return Search(given(measured), 0), SimpleNamespace(records=records)
 
 
 def test_constancy_rejects_at_the_stated_rate():
@@ -151,5 +156,5 @@ def test_values_that_differ_from_record_to_record_are_seen():
 
 def test_constancy_needs_two_records_and_enough_periods():
     search, fit = linear_fit(np.random.default_rng(11), 0.0)
-    search.measured = search.measured[:1]
+    search.given = replace(search.given, measured=search.given.measured[:1])
     assert search.p_constant(fit) is None
