@@ -80,7 +80,7 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
  *  period's first sample: rate_hz n_period / fs_hz should be whole.
  *  @param[in]  u         [n_period] one period
  *  @param[in]  n_settle_periods  simulated first
- *  @param[in]  n_newton  at most so many corrections
+ *  @param[in]  n_newton  at most so many corrections of the values, and again of values and sensitivities
  *  @param[out] y         [n_period]
  *  @param[out] dy        [n_free][n_period] sensitivities of the periodic answer, the moving initial state included; or NULL
  *  @param[out] angle     [n_period] of the axis; or NULL
@@ -89,8 +89,9 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
  *  @return GSID_OK; GSID_MAX_ITER the residual is above rounding: judge it; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period
  *          is 0; GSID_E_NONFINITE u is not finite, or the plant left the range of numbers, or GSID_E_STEEP a law is too
  *          steep to follow: it is at rest now, the outputs hold what was found until then.
- *  Cost: n_settle_periods + n_newton + 2 periods at most, the first without, the others with columns for the free parameters
- *  and for each state.  Context: background. */
+ *  Cost: n_settle_periods with one column; with dy, where a law is not constant between events and no loop is closed, n_newton
+ *  + 2 periods at most, mostly 1 to 3, with columns for each state; then n_newton + 2 at most, mostly 2, with columns for the
+ *  free parameters too. A drift that no start mends is given up after two of each.  Context: background. */
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
                                 uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
                                 gsid_real *residual);

@@ -108,6 +108,7 @@ class Problem:
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With play, what does not settle soon rattles: waiting is dear and in vain.
         self.has_joint = any(effect.id == JOINT for effect in model.effects)
+        self.patient = not self.has_joint
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
@@ -192,14 +193,16 @@ class Problem:
         )
         return Point(x, cost, residuals, jacobians, predictions, settled, r, q)
 
-    def keep(self) -> None:
-        """The point simulated last is where the search goes on from."""
+    def keep(self, point: Point) -> None:
+        """The point simulated last is where the search goes on from: near a steady state, the next is found
+        without waiting or not at all."""
+        self.patient = not self.has_joint and not point.settled
         for part in self.parts:
             part.plant.keep()
 
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
         part, n_local = self.parts[i], len(self.local)
-        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_joint)
+        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=self.patient)
         error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
         residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
         columns = [

@@ -84,7 +84,7 @@ class Steps:
 def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minimum:
     """Marquardt's scaling, Nielsen's rule for the damping; a step that cannot be simulated has failed."""
     bounds, scale, damping, growth = problem.bounds(), lengths(point.r), DAMPING_START, 2.0
-    problem.keep()
+    problem.keep(point)
     for i in range(max_iter):
         scale = np.maximum(scale, lengths(point.r))
         steps = Steps(point, scale, bounds)
@@ -105,7 +105,7 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
         gain = (point.cost - trial.cost) / promised
         damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         point = trial
-        problem.keep()
+        problem.keep(point)
     return Minimum(point, Steps(point, scale, bounds).decrease < DECREASE, max_iter)
 
 

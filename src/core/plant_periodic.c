@@ -10,10 +10,12 @@
 #define SETTLED 1e-5f
 #define SETTLED_SLOPE 1e-3f
 #define RANK_TOL 1e-5f
+#define CLOSE 1e-3f
 #else
 #define SETTLED 1e-11
 #define SETTLED_SLOPE 1e-8
 #define RANK_TOL 1e-10
+#define CLOSE 1e-5 /* from here Newton's next step ends at rounding */
 #endif
 
 typedef struct {
@@ -25,6 +27,7 @@ typedef struct {
     uint32_t first_shoot; /* column */
     int closed_loop;
     gsid_real angle_start; /* where the angle stays when nothing determines it */
+    gsid_real drift; /* change of the last period that no correction was promised to mend */
 } shooting;
 
 static int has_controller(const gsid_plant_cfg *cfg) {
@@ -103,9 +106,19 @@ static void enter_start(shooting *s) {
         gsid_plant_clear_ring(l, s->first_shoot);
 }
 
-static void keep(const shooting *s, gsid_real *kept) {
+/* Where the last good period ended, in the columns that are searched in. */
+static gsid_real *fallback(const shooting *s, uint32_t j) {
+    return s->l->fallback + (size_t)j * s->l->n_columns;
+}
+
+static void keep(const shooting *s) {
     for (uint32_t j = 0; j < s->l->n_shoot; j++)
-        memcpy(kept + (size_t)j * s->l->n_columns, state(s, j), s->first_shoot * sizeof *kept);
+        memcpy(fallback(s, j), state(s, j), s->first_shoot * sizeof(gsid_real));
+}
+
+static void go_back(const shooting *s) {
+    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+        memcpy(start(s, j), fallback(s, j), s->first_shoot * sizeof(gsid_real));
 }
 
 /* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
@@ -124,8 +137,12 @@ static gsid_real reach_of(const shooting *s, uint32_t column) {
     return sum;
 }
 
+static int is_at_rounding(const shooting *s, gsid_real change) {
+    return change <= SETTLED * s->l->largest_dy[VALUE];
+}
+
 static int is_settled(const shooting *s, gsid_real change) {
-    if (!(change <= SETTLED * s->l->largest_dy[VALUE]))
+    if (!is_at_rounding(s, change))
         return 0;
     for (uint32_t c = FIRST_FREE; c < s->first_shoot; c++)
         if (!(change_of(s, c) <= SETTLED_SLOPE * reach_of(s, c)))
@@ -134,25 +151,53 @@ static int is_settled(const shooting *s, gsid_real change) {
 }
 
 /* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
- * direction with eigenvalue 1 is determined by nothing: it stays. After a failure only a part of the columns is corrected. */
+ * direction with eigenvalue 1 is determined by nothing: it stays. After a failure only a part of the columns is corrected.
+ * What the last one was stays in l->correction. */
 static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     const uint32_t n = l->n_shoot;
     gsid_lsq q;
     gsid_status status = gsid_lsq_init(&q, n, l->lsq_mem, GSID_LSQ_MEM_SIZE(l->n_shoot_max));
-    for (uint32_t c = 0; c < s->first_shoot && status >= 0; c++) {
+    for (uint32_t c = s->first_shoot; c > 0 && status >= 0; c--) {
         status = gsid_lsq_reset(&q);
         for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
             for (uint32_t j = 0; j < n; j++)
                 l->correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
-            status = gsid_lsq_add(&q, l->correction, state(s, i)[c] - start(s, i)[c]);
+            status = gsid_lsq_add(&q, l->correction, state(s, i)[c - 1] - start(s, i)[c - 1]);
         }
         if (status == GSID_OK)
             status = gsid_lsq_solve(&q, RANK_TOL, l->correction, NULL);
         for (uint32_t j = 0; j < n && status >= 0; j++)
-            start(s, j)[c] += l->correction[j];
+            start(s, j)[c - 1] += l->correction[j];
     }
     return status < 0 ? status : GSID_OK;
+}
+
+/* What the correction just made leaves of the change, to first order. */
+static gsid_real left_of_change(const shooting *s) {
+    const gsid_plant_layout *l = s->l;
+    gsid_real sum = 0;
+    for (uint32_t i = 0; i < l->n_shoot; i++) {
+        gsid_real left = state(s, i)[VALUE] - start(s, i)[VALUE]; /* the start is corrected already */
+        for (uint32_t j = 0; j < l->n_shoot; j++)
+            left += state(s, i)[s->first_shoot + j] * l->correction[j];
+        sum += l->largest_dy[s->first_shoot + i] * gsid_fabs(left);
+    }
+    return sum;
+}
+
+/* After a good period: correct the start.
+ * @param[out] before  the change, which the next period has to halve; INFINITY where no start stops the drift and only time may
+ * @return 1 when time has not */
+static int correct_or_drift(shooting *s, gsid_real change, gsid_real *before) {
+    keep(s);
+    *before = correct_start(s) == GSID_OK ? change : INFINITY;
+    if (*before == INFINITY || is_at_rounding(s, change) || left_of_change(s) <= change / 2)
+        return 0;
+    const int goes_on = change > s->drift / 2;
+    s->drift = change;
+    *before = INFINITY;
+    return goes_on;
 }
 
 /* ---- the search ---- */
@@ -165,30 +210,49 @@ static gsid_status pass(shooting *s, gsid_real *change) {
 }
 
 /* Where Newton's method does not help (an orbit that sticks can be one of many, one with impacts can be unstable), time may:
- * the search goes on from where the last good period ended. */
-static gsid_status shoot(shooting *s, uint32_t n_newton, gsid_real *change) {
-    gsid_plant_layout *l = s->l;
-    const size_t size = (size_t)l->n_shoot * l->n_columns * sizeof *l->start;
+ * the search goes on from where the last good period ended. It ends when all columns repeat, or with `approach` when the next
+ * step will end at rounding. */
+static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real *change) {
     gsid_real before = INFINITY;
+    s->drift = INFINITY;
     for (uint32_t i = 0; i <= n_newton; i++) {
         const gsid_status status = pass(s, change);
-        const int helped = status == GSID_OK && *change <= GSID_R(0.5) * before;
-        if (helped && is_settled(s, *change))
+        const int helped = status == GSID_OK && (*change <= GSID_R(0.5) * before || is_at_rounding(s, *change));
+        if (helped && approach && *change <= CLOSE * s->l->largest_dy[VALUE])
+            return correct_start(s);
+        if (helped && !approach && is_settled(s, *change))
             return GSID_OK;
         if (!helped && i == 0)
             return status;
         if (helped && i == n_newton)
             return GSID_MAX_ITER;
         before = INFINITY;
-        if (helped) {
-            keep(s, l->fallback);
-            before = correct_start(s) == GSID_OK ? *change : INFINITY;
-        }
+        const int goes_on = helped && correct_or_drift(s, *change, &before);
         if (before == INFINITY)
-            memcpy(l->start, l->fallback, size);
+            go_back(s);
+        if (goes_on)
+            return GSID_MAX_ITER;
     }
     const gsid_status status = pass(s, change);
     return status == GSID_OK ? GSID_MAX_ITER : status;
+}
+
+/* First the values alone, without the columns of the free parameters, which are most. In closed loop what is under way has to
+ * settle too, sensitivities and all; and a plant that is linear between events takes but one step. */
+static gsid_status find_orbit(shooting *s, uint32_t n_newton, gsid_real *change) {
+    gsid_plant_layout *l = s->l;
+    const uint32_t n_free = l->n_free;
+    gsid_status status = GSID_OK;
+    if (n_free > 0 && !l->is_constant && !s->closed_loop) {
+        l->n_free = 0;
+        l->n_active = 1 + l->n_shoot;
+        s->first_shoot = FIRST_FREE;
+        status = shoot(s, n_newton, 1, change);
+        l->n_free = n_free;
+        l->n_active = 1 + n_free + l->n_shoot;
+        s->first_shoot = FIRST_FREE + n_free;
+    }
+    return status < 0 ? status : shoot(s, status == GSID_OK ? n_newton : 1, 0, change);
 }
 
 /* One step of Newton's method from rest: exact where no law acts and no loop is closed behind a delay. A controller's
@@ -271,7 +335,8 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
         return status;
     gsid_plant_layout *l = plant->layout;
     shooting s = {
-        plant, l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg), l->z[GSID_Z_ANGLE * l->n_columns]};
+        plant,   l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg), l->z[GSID_Z_ANGLE * l->n_columns],
+        INFINITY};
     gsid_real change = INFINITY;
     status = settle(&s, n_settle_periods);
     if (status == GSID_OK) {
@@ -283,7 +348,7 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
             start(&s, j)[VALUE] = state(&s, j)[VALUE];
         if (s.closed_loop)
             gsid_plant_clear_ring(l, FIRST_FREE);
-        status = shoot(&s, n_newton, &change);
+        status = find_orbit(&s, n_newton, &change);
     }
     l->n_free = 0;
     l->n_active = 1;

@@ -161,6 +161,34 @@ static void no_periodic_state_is_said(void **state) {
     assert_near((double)residual, 100.0 * N / FS, 1e-3);
 }
 
+/* The search does not follow a drift: after the periods to settle it takes two, with sensitivities two more, and gives the last
+ * one. It used to take all that its corrections allowed. */
+static void a_drift_is_given_up(void **state) {
+    (void)state;
+    static gsid_real dy[N];
+    const double drift = 100.0 / 5.0 * N / FS;
+    for (int with = 0; with < 2; with++) {
+        gsid_real residual = 0;
+        bench_clear(&b);
+        b.cfg.output_angle = 1;
+        bench_add_with(&b, "rigid_body", 7.4, 0, 0);
+        bench_add_with(&b, "viscous_friction", 5, 0, 0);
+        bench_add_with(&b, "torque_bias", 100, 0, 0);
+        bench_add_with(&b, "quadratic_drag", 1e-6, 0, 0);
+        b.free_parameter[0] = (gsid_plant_free){2, 0};
+        b.cfg.n_free = (uint32_t)with;
+        bench_init(&b);
+        fill_command(1);
+        assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_OK);
+        assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 5, 8, y, with ? dy : NULL, NULL, NULL, &residual),
+                         GSID_MAX_ITER);
+        assert_near((double)residual, drift,
+                    0.02 * drift); /* exp(-5 per s over the periods run) is left of the run-up */
+        const double periods_before_last = (double)-y[0] / drift; /* the bias pulls down */
+        assert_near(periods_before_last, 5 + (with ? 3 : 1), 0.5 /* the run-up to the drift lasts 0.2 s, a period */);
+    }
+}
+
 static void the_disturbance_is_left_out_of_the_periodic_answer(void **state) {
     (void)state;
     fill_command(50);
@@ -430,6 +458,7 @@ int main(void) {
         cmocka_unit_test(periodic_sensitivities_are_those_reached_by_stepping),
         cmocka_unit_test(an_angle_that_nothing_determines_stays),
         cmocka_unit_test(no_periodic_state_is_said),
+        cmocka_unit_test(a_drift_is_given_up),
         cmocka_unit_test(the_disturbance_is_left_out_of_the_periodic_answer),
         cmocka_unit_test(stiff_laws_stay_finite),
         cmocka_unit_test(bad_configurations_are_refused),

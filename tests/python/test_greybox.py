@@ -1,6 +1,7 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from gsid.greybox import fit_plant
 from gsid.greybox_problem import Point, Problem
 from gsid.greybox_search import minimise
 from gsid.plant import PlantModel
-from gsid.plant_periodic import PeriodicPlant
+from gsid.plant_periodic import SETTLE_LONGER, PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
 from gsid.weights import DOF_WANTED, pooled_variance
@@ -286,6 +287,21 @@ def test_a_step_that_cannot_be_simulated_is_a_step_that_failed(with_friction, mo
     assert all(abs(z) < 3 for z in deviations(fit, FRICTION_TRUTH).values())
 
 
+def test_only_the_start_waits_for_a_plant_to_settle(with_friction, monkeypatch):
+    """A step from a settled point that finds no steady state has failed: waiting took most of some fits."""
+    waits, run = [], PeriodicPlant._run
+
+    def never_settled_later(self, settle, sensitivities):
+        waits.append(settle)
+        answer = run(self, settle, sensitivities)
+        return answer if self._kept is None else replace(answer, settled=False)
+
+    monkeypatch.setattr(PeriodicPlant, "_run", never_settled_later)
+    fit_plant(start(TRUTH | {LEVEL: 80.0}), with_friction, max_iter=1)
+    assert len(waits) == 2 * len(with_friction)
+    assert SETTLE_LONGER not in waits
+
+
 def test_a_start_that_cannot_be_simulated_is_said():
     """A spring that pushes away: the angle grows by exp(30 t)."""
     model = start(TRUTH)
@@ -500,7 +516,7 @@ def test_a_step_into_what_does_not_settle_has_failed():
             slope, error = np.array([[10.0]]), 10 * (1 - x)
             return Point(x, float(error @ error), [], [], [], bool(x[0] < 0.5), slope, error)
 
-        def keep(self):
+        def keep(self, point):
             pass
 
     found = minimise(Rattling(), "lm", 50)
