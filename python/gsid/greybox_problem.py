@@ -108,7 +108,6 @@ class Problem:
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With play, what does not settle soon rattles: waiting is dear and in vain.
         self.has_joint = any(effect.id == JOINT for effect in model.effects)
-        self.patient = not self.has_joint
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
@@ -193,16 +192,18 @@ class Problem:
         )
         return Point(x, cost, residuals, jacobians, predictions, settled, r, q)
 
-    def keep(self, point: Point) -> None:
-        """The point simulated last is where the search goes on from: near a steady state, the next is found
-        without waiting or not at all."""
-        self.patient = not self.has_joint and not point.settled
+    def may_follow(self, point: Point, trial: Point) -> bool:
+        """Whether a search may go from one to the other: of what rattles with play the cost means little."""
+        return trial.settled or not point.settled or not self.has_joint
+
+    def keep(self) -> None:
+        """The point simulated last is where the search goes on from."""
         for part in self.parts:
             part.plant.keep()
 
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
         part, n_local = self.parts[i], len(self.local)
-        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=self.patient)
+        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_joint)
         error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
         residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
         columns = [

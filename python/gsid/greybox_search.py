@@ -84,7 +84,7 @@ class Steps:
 def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minimum:
     """Marquardt's scaling, Nielsen's rule for the damping; a step that cannot be simulated has failed."""
     bounds, scale, damping, growth = problem.bounds(), lengths(point.r), DAMPING_START, 2.0
-    problem.keep(point)
+    problem.keep()
     for i in range(max_iter):
         scale = np.maximum(scale, lengths(point.r))
         steps = Steps(point, scale, bounds)
@@ -92,10 +92,8 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
             return Minimum(point, True, i)
         while True:
             x, promised = steps.step(damping)
-            trial = _try(problem, x) if promised > 0 else None
-            # Where no steady state was found the cost means nothing.
-            sound = trial is not None and (trial.settled or not point.settled)
-            if sound and trial.cost < point.cost:
+            trial = _try(problem, point, x) if promised > 0 else None
+            if trial is not None and trial.cost < point.cost:
                 break
             damping, growth = damping * growth, growth * 2
             if damping > DAMPING_MOST:
@@ -105,13 +103,15 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
         gain = (point.cost - trial.cost) / promised
         damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         point = trial
-        problem.keep(point)
+        problem.keep()
     return Minimum(point, Steps(point, scale, bounds).decrease < DECREASE, max_iter)
 
 
-def _try(problem: Problem, x: np.ndarray) -> Point | None:
+def _try(problem: Problem, point: Point, x: np.ndarray) -> Point | None:
+    """A point to go on to from the one at hand, if it is one."""
     try:
-        return problem.at(x)
+        trial = problem.at(x)
+        return trial if problem.may_follow(point, trial) else None
     except GsidError as error:
         if error.code == lib.GSID_E_NO_MEMORY:
             raise
@@ -127,7 +127,8 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
         nonlocal best, n_calls
         n_calls += 1
         try:
-            point = _try(problem, np.clip(np.frombuffer(ffi.buffer(z, 8 * n)).copy() / scale, lower, upper))
+            x = np.frombuffer(ffi.buffer(z, 8 * n)).copy() / scale
+            point = _try(problem, best, np.clip(x, lower, upper))
         except BaseException as error:  # it must not cross the C library
             failure.append(error)
             point = None

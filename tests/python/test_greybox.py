@@ -1,7 +1,6 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from gsid.greybox import fit_plant
 from gsid.greybox_problem import Point, Problem
 from gsid.greybox_search import minimise
 from gsid.plant import PlantModel
-from gsid.plant_periodic import SETTLE_LONGER, PeriodicPlant
+from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
 from gsid.weights import DOF_WANTED, pooled_variance
@@ -287,21 +286,6 @@ def test_a_step_that_cannot_be_simulated_is_a_step_that_failed(with_friction, mo
     assert all(abs(z) < 3 for z in deviations(fit, FRICTION_TRUTH).values())
 
 
-def test_only_the_start_waits_for_a_plant_to_settle(with_friction, monkeypatch):
-    """A step from a settled point that finds no steady state has failed: waiting took most of some fits."""
-    waits, run = [], PeriodicPlant._run
-
-    def never_settled_later(self, settle, sensitivities):
-        waits.append(settle)
-        answer = run(self, settle, sensitivities)
-        return answer if self._kept is None else replace(answer, settled=False)
-
-    monkeypatch.setattr(PeriodicPlant, "_run", never_settled_later)
-    fit_plant(start(TRUTH | {LEVEL: 80.0}), with_friction, max_iter=1)
-    assert len(waits) == 2 * len(with_friction)
-    assert SETTLE_LONGER not in waits
-
-
 def test_a_start_that_cannot_be_simulated_is_said():
     """A spring that pushes away: the angle grows by exp(30 t)."""
     model = start(TRUTH)
@@ -499,12 +483,15 @@ def test_equal_weights_leave_no_line_less_than_its_noise():
     assert np.min(equal / noise) == pytest.approx(1, rel=1e-12)
 
 
-def test_a_step_into_what_does_not_settle_has_failed():
+@pytest.mark.parametrize("solver", ["lm", "nlopt"])
+def test_a_step_into_what_does_not_settle_has_failed(solver):
     """A bug: the fit of a gear went on at values where one record rattled without end, and a cost that
     depends on when one stops to wait was taken for the least."""
 
     class Rattling:
         """Cost (x - 1)^2; from 0.5 on nothing settles."""
+
+        has_joint, n, parts, may_follow = True, 1, [], Problem.may_follow
 
         def start(self):
             return np.zeros(1)
@@ -516,10 +503,10 @@ def test_a_step_into_what_does_not_settle_has_failed():
             slope, error = np.array([[10.0]]), 10 * (1 - x)
             return Point(x, float(error @ error), [], [], [], bool(x[0] < 0.5), slope, error)
 
-        def keep(self, point):
+        def keep(self):
             pass
 
-    found = minimise(Rattling(), "lm", 50)
+    found = minimise(Rattling(), solver, 50)
     assert found.point.settled
     assert 0 < found.point.x[0] < 0.5
     assert not found.converged
