@@ -7,6 +7,7 @@ step can be taken back.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -292,14 +293,20 @@ def with_history(
 
     Raises
     ------
+    ValueError
+        An effect found is not in `order`; as :func:`add`.
     InputError
         As :func:`add`.
     """
     fitted, kept, words = _split(spectra_of(records), None)
     steps = list(range(len(given.effects), len(found.effects)))  # places in the stack: there they stay
     if order:
+        missing = [found.effects[place].id for place in steps if found.effects[place].id not in order]
+        if missing:
+            raise ValueError(f"order has {', '.join(order)}, but not {missing[0]}, which was found")
         steps.sort(key=lambda place: order.index(found.effects[place].id))
-    told, before = copy.deepcopy(found), _fit_of_part(found, set(steps), fitted, band)
+    # What diagnose began with: the values found are bent by the effects that are not in it yet.
+    told, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
     told.history, previous = copy.deepcopy(given.history), _previous(given)
     for i, place in enumerate(steps):
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
@@ -313,11 +320,20 @@ def with_history(
 def _fit_of_part(
     found: PlantModel, without: set[int], fitted: list[Spectra], band: tuple[float, float] | None
 ) -> PlantFit:
-    """The model fitted without the effects at some places."""
+    """The model fitted without the effects at some places.
+
+    These have bent the values found: a refresh has taken half its period from the delay. Where the linear
+    part fits the measured response, the fit may end in a lower minimum, and the lower one counts.
+    """
     part = copy.deepcopy(found)
     part.effects = [effect for place, effect in enumerate(part.effects) if place not in without]
     part.cov, part.fit = None, None
-    return fit_plant(part, fitted, band=band)
+    fits = [fit_plant(part, fitted, band=band)]
+    moved = linear_start(part, fitted) if without else part
+    if moved is not part:
+        with contextlib.suppress(GsidError, InputError):  # a start that cannot be simulated is none
+            fits.append(fit_plant(moved, fitted, band=band))
+    return min(fits, key=lambda fit: fit.cost)
 
 
 def undo(model: PlantModel) -> PlantModel:

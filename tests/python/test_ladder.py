@@ -15,7 +15,9 @@ from gsid.diagnose import diagnose
 from gsid.effects import find
 from gsid.errors import InputError
 from gsid.excitation import Multisine
+from gsid.greybox import fit_plant
 from gsid.ladder import Ladder, Rung, add, ladder, undo, with_history
+from gsid.linear_start import linear_start
 from gsid.model import load_model
 from gsid.scan import with_effect
 from gsid.spectra import spectra
@@ -210,3 +212,37 @@ def test_the_ladder_has_the_order_of_the_search(added, records):
     assert [effect.id for effect in told.effects] == [effect.id for effect in found.effects]
     assert [effect.id for effect in undo(told).effects][-1] == "coulomb_friction"
     assert undo(undo(told)).to_dict() == start().to_dict()
+
+
+def test_an_id_that_the_order_lacks(added, records):
+    """A bug: "is not in list", and no word of which list."""
+    with pytest.raises(ValueError, match="not coulomb_friction, which was found"):
+        with_history(start(), added.model, records, order=["quadratic_drag"])
+
+
+def test_levels_without_a_refresh_are_no_worse_minima():
+    """A bug: a gyro of 250 Hz taken out again left the delay 2 ms short; the mode went astray, the ladder
+    began 3 % above what the diagnosis had said, and undo handed that mode back."""
+    mode = {"f_hz": 179.0, "zeta": 0.015, "residue": 0.15}
+    stack = {"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11.0}, "flexible_mode": mode}
+    stack |= {"cable_spring": {"stiffness": 170.0}, "transport_delay": {"delay_s": 0.0054}}
+    stack |= {"sensor_lag": {"time_constant_s": 1e-3}}
+    hidden = {f"mode_{name}": value for name, value in mode.items()}
+    hidden |= {"gyro_lag_s": 1e-3, "gyro_refresh_hz": 250.0}
+    multisine = partial(Multisine.design, FS_HZ, 2 * N, (2.0, 195.0), phases="random", amplitude=3.0)
+    records = [
+        spectra(axis_record(multisine(seed=s).table(), 6, NOISE, s, **AXIS | hidden, coulomb_level=LEVEL))
+        for s in (SEED, SEED + 1, SEED + 2)
+    ]
+    found = with_effect(plant(stack), find("sensor_sample_hold"), {"rate_hz": 250.0}, fixed=["rate_hz"])
+    found = with_effect(found, find("coulomb_friction"), {"level": LEVEL})
+    told = with_history(plant(stack), found, records, order=["coulomb_friction", "sensor_sample_hold"])
+    first, second = ladder(told).rungs
+    print("seeds", SEED, "on; costs", first.before, first.after, second.after)
+    assert second.after["cost_per_dof"] < 1.3
+    # As diagnose and add begin, and then as add goes on.
+    before = fit_plant(linear_start(plant(stack), records[:2]), records[:2])
+    assert first.before["cost_per_dof"] == pytest.approx(before.cost_per_dof, rel=1e-4)
+    further = fit_plant(with_effect(before.model, find("coulomb_friction"), {"level": LEVEL}), records[:2])
+    assert first.after["cost_per_dof"] < 1.001 * further.cost_per_dof
+    assert undo(told)["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.01)
