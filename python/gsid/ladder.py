@@ -38,7 +38,7 @@ STEPS_TRIED = 15  # of each of these fits: a start that needs more is not near
 WORTH = 10.0  # drop of the cost (-2 log likelihood) from which on an unfinished fit is worth more steps
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects that have no grid
 HELD_OUT_SHARE = 3  # one realisation in three
-SAME_DATA = 0.02  # relative, between the end of a rung and the begin of the next
+SAME_FIT = 0.02  # relative, between the end of a rung and the begin of the next
 PERIODS_LEAST = 2  # for a variance, on either side
 
 OUTSIDE_SEEN = {"w": "rate", "theta": "angle"}  # variables of tables, in a prediction
@@ -68,6 +68,8 @@ class Rung:
     kept_out : str
         Which data these are, in words.
     y_unit : str
+    data : dict or None
+        Names of the records "fitted" and "kept_out", and "band_hz"; None in old files.
     """
 
     effect: str
@@ -78,6 +80,7 @@ class Rung:
     noise_floor_rms: float
     kept_out: str
     y_unit: str = ""
+    data: dict[str, list[str] | list[float]] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid add --json`."""
@@ -100,11 +103,16 @@ class Rung:
             f"{floor}; cost per degree of freedom on the data fitted {cost}."
         )
 
+    def same_data(self, other: Rung) -> bool:
+        """Whether both are fitted to and judged on the same, as far as files tell."""
+        told = self.data is not None and other.data is not None
+        return self.kept_out == other.kept_out and (not told or self.data == other.data)
+
     def leads_to(self, other: Rung) -> bool:
         """Whether a rung begins where this one ends: on the same data, within what another fit may change."""
         ends = (self.after["cost_per_dof"], self.held_out["after"], self.noise_floor_rms)
         begins = (other.before["cost_per_dof"], other.held_out["before"], other.noise_floor_rms)
-        return self.kept_out == other.kept_out and np.allclose(begins, ends, rtol=SAME_DATA)
+        return self.same_data(other) and np.allclose(begins, ends, rtol=SAME_FIT, atol=0)
 
 
 @dataclass(eq=False, repr=False)
@@ -129,12 +137,12 @@ class Ladder:
     def levels(self) -> list[tuple[str, dict[str, float], float, float]]:
         """Step; `before` or `after` of its rung; rms error kept out, and of noise alone (unit of y).
 
-        A step fitted to or judged on other data than the one before it begins at a level of its own.
+        A step on other data than the one before it, or of another fit, begins at a level of its own.
         """
         levels, last = [], None
         for r in self.rungs:
             if last is None or not last.leads_to(r):
-                title = "as it was" if last is None else f"same, on {r.kept_out}"
+                title = "as it was" if last is None else _again(last, r)
                 levels.append((title, r.before, r.held_out["before"], r.noise_floor_rms))
             levels.append((f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms))
             last = r
@@ -379,6 +387,13 @@ def ladder(model: PlantModel) -> Ladder:
         raise InputError(f"the model's history cannot be read: {error}") from error
 
 
+def _again(last: Rung, new: Rung) -> str:
+    """What a level is called at which a step begins that does not begin where the last one ended."""
+    if last.same_data(new):
+        return "same, fitted again"
+    return f"same, on {new.kept_out if new.kept_out != last.kept_out else 'other data'}"
+
+
 def _previous(model: PlantModel) -> dict[str, Any]:
     """What `undo` needs."""
     return {key: value for key, value in model.to_dict().items() if key in STATE}
@@ -552,6 +567,11 @@ def _rung(
         noise_floor_rms=with_it.noise_floor_rms,
         kept_out=words,
         y_unit=kept[0].y_unit,
+        data={
+            "fitted": [one.name for one in fitted],
+            "kept_out": [one.name for one in kept],
+            "band_hz": list(after.band_hz),
+        },
     )
 
 

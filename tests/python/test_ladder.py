@@ -160,13 +160,16 @@ def test_a_record_is_not_fitted_and_kept_out(records):
         add("coulomb_friction", start(), records, held_out=records[1])
 
 
+def rung(effect, before, after, kept_out, data=None, unit=1.0):
+    held_out = {"before": before * unit, "after": after * unit}
+    fitted = [
+        {"cost_per_dof": x, "rms_error": x * unit, "noise_floor_rms": 0.1 * unit} for x in (before, after)
+    ]
+    return Rung(effect, {}, *fitted, held_out, 0.1 * unit, kept_out, data=data)
+
+
 def test_steps_judged_on_other_data_do_not_follow_one_another():
     """A bug: 0.8 stood after 1.0 as if the second step had lowered it, which raised 0.7 to 0.8."""
-
-    def rung(effect, before, after, kept_out):
-        sizes = [{"cost_per_dof": x, "rms_error": x, "noise_floor_rms": 0.1} for x in (before, after)]
-        return Rung(effect, {}, *sizes, {"before": before, "after": after}, 0.1, kept_out)
-
     same = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 1.001, 0.9, "r1")])
     assert [row[0] for row in same.rows()] == ["as it was", "+ a", "+ b"]
     other = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 0.7, 0.8, "r2")])
@@ -174,6 +177,27 @@ def test_steps_judged_on_other_data_do_not_follow_one_another():
     assert [row[3] for row in other.rows()] == ["2", "1", "0.7", "0.8"]
     titles = [text.get_text() for text in other.plot().axes[0].get_xticklabels()]
     assert titles[2].startswith("same, on r2")
+
+
+def test_steps_on_the_same_data_are_told_by_the_names_of_the_records(added, records):
+    """Bugs: other records whose costs agree within 2 % passed for the same, and so did any error of less than
+    1e-8 of its unit."""
+    data = {"fitted": ["r1", "r2"], "kept_out": ["r3"], "band_hz": [2.0, 100.0]}
+    names = [record.name for record in records]
+    assert added.rung.data == {"fitted": names[:2], "kept_out": names[2:], "band_hz": list(BAND)}
+
+    def steps(first, second):
+        return [row[0] for row in Ladder([first, second]).rows()]
+
+    first = rung("a", 2.0, 1.0, "r3", data)
+    assert steps(first, rung("b", 1.001, 0.9, "r3", data)) == ["as it was", "+ a", "+ b"]
+    for other in ({"fitted": ["r1"]}, {"kept_out": ["r4"]}, {"band_hz": [2.0, 50.0]}):
+        again = steps(first, rung("b", 1.001, 0.9, "r3", data | other))
+        assert again == ["as it was", "+ a", "same, on other data", "+ b"]
+    worse = rung("b", 1.5, 0.9, "r3", data)
+    assert steps(first, worse) == ["as it was", "+ a", "same, fitted again", "+ b"]
+    small = [rung("a", 2.0, 1.0, "r3", unit=1e-9), rung("b", 1.0, 0.9, "r3", unit=3e-9)]
+    assert steps(*small) == ["as it was", "+ a", "same, fitted again", "+ b"]
 
 
 def test_picture(added):
