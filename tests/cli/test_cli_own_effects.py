@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -86,9 +87,16 @@ def test_a_compiled_effect(gsid, monkeypatch):
     flags = ["-std=c99", "-O2", "-fPIC", "-shared", f"-I{ROOT / 'include'}"]
     subprocess.run([shutil.which("cc") or "gcc", *flags, "harness.c", "-o", "harness.so"], check=True)
     own = ["--library", "./harness.so:harness_spring"]
-    result = gsid("add", *own, "--model", "null.json", *RECORDS, "-o", "one.json")
+    edge = 50 * FS_HZ / N + 1e-7
+    how = ["--band", f"3:{edge}"]
+    result = gsid("add", *own, "--model", "null.json", *RECORDS, *how, "-o", "with spring.json")
     assert result.code == 0, result.err
     assert "+ harness_spring" in result.out
+    # Bugs: the command said without the library, the blank not quoted, the band cut to 6 digits.
+    command = ["gsid", *own, "diagnose", "--model", "with spring.json", *RECORDS, *how]
+    assert f"hint: {shlex.join(command)} tells whether more is missing" in result.err
+    assert "--model 'with spring.json'" in result.err
+    Path("with spring.json").rename("one.json")
     monkeypatch.setattr(effects, "_loaded", {})
     result = gsid("compare", "--model", "one.json", "r2.npz")
     assert result.code == 3

@@ -9,6 +9,7 @@ import click
 
 from gsid.cli.common import (
     OUTPUT,
+    as_typed,
     band_option,
     json_option,
     library_option,
@@ -19,7 +20,6 @@ from gsid.cli.common import (
     print_ladder,
     print_parameters,
     reading_options,
-    record_words,
     say,
     suggest,
 )
@@ -164,7 +164,7 @@ def add(
         print_json(result.to_dict())
     else:
         _print(result)
-        suggest(f"gsid diagnose --model {output} {record_words(records)} tells whether more is missing")
+        suggest(f"{as_typed('diagnose', '--model', output, records=records)} tells whether more is missing")
 
 
 def _check(

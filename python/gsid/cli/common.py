@@ -429,13 +429,24 @@ def suggest(text: str) -> None:
     say(f"{click.style('hint:', fg='cyan')} {text}")
 
 
-def record_words(paths: Sequence[str]) -> str:
-    """Records as one types them, or REC... when they are many, with the options by which they were read."""
+def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:
+    """A command for the same records, or REC... when they are many, that does what it says as it stands.
+
+    It has the libraries loaded here, and the options by which the records were read.
+    """
     context = click.get_current_context()
-    words = [shlex.join(paths) if len(paths) <= 3 else "REC..."]
+    own = context.params.get("library")
+    typed = ["gsid"]
+    for library in dict.fromkeys([*context.find_root().params.get("libraries", ()), *([own] if own else [])]):
+        typed += ["--library", ":".join(library)]
+    typed += [*words, *(records if len(records) <= 3 else ["REC..."])]
     for option in context.command.params:
         value = context.params.get(option.name)
         if option.name in HOW_READ and value is not None:
-            text = ":".join(f"{end:g}" for end in value) if option.name == "band" else str(value)
-            words.append(shlex.join([option.opts[0], text]))
-    return " ".join(words)
+            typed += [option.opts[0], _band_words(value) if option.name == "band" else str(value)]
+    return shlex.join([*typed, *(["-o", output] if output else [])])
+
+
+def _band_words(band: tuple[float, float]) -> str:
+    """With all digits: an edge that is rounded may leave its line out."""
+    return ":".join(repr(end).removesuffix(".0") for end in band)

@@ -10,6 +10,7 @@ import click
 from gsid.cli.common import (
     OUTPUT,
     alpha_option,
+    as_typed,
     band_option,
     json_option,
     load_plant,
@@ -20,7 +21,6 @@ from gsid.cli.common import (
     print_parameters,
     print_table,
     reading_options,
-    record_words,
     records_argument,
     say,
     suggest,
@@ -102,13 +102,15 @@ def diagnose(
         _print_ladder(ladder(told))
     if missing:
         print(f"\n{missing.sentence}")
-    data = f"--model {model_path} {record_words(records)}"
+    given = ["--model", model_path]
     if result.named:
-        suggest(f"gsid add {result.found[0].effects[0]} {data} -o M2.json")
+        suggest(as_typed("add", result.found[0].effects[0], *given, records=records, output="M2.json"))
     if result.verdict == "unknown_effect":
-        suggest(f"gsid report --diagnose {data} draws the torque that is missing")
+        report = as_typed("report", "--diagnose", *given, records=records)
+        suggest(f"{report} draws the torque that is missing")
         if curve:
-            suggest(f"gsid add --table {curve} {data} -o M2.json takes it as a law")
+            as_law = as_typed("add", "--table", curve, *given, records=records, output="M2.json")
+            suggest(f"{as_law} takes it as a law")
         else:
             suggest("--curve CURVE.csv saves it as a law")
 
