@@ -37,10 +37,9 @@ def test_a_large_play_is_fitted_past_its_walls(tmp_path):
     trial = trials.make_trial(1013, 18, {"single": 1.0})
     place = trials.write_trial(trial, tmp_path)
     measured = [spectra(read_record(path)) for path in sorted(place.glob("fit_*.npz"))]
-    without = fit_plant(linear_start(load_model(place / "null.json"), measured), measured, max_iter=1)
-    (found,) = tried(
-        without, [], {}, Given(without.model, measured, None, score.ALPHA, print)
-    )  # the joint only
+    null = load_model(place / "null.json")
+    without = fit_plant(linear_start(null, measured), measured, max_iter=1)
+    (found,) = tried(without, [], {}, Given(null, measured, None, score.ALPHA, print))  # the joint only
     truth_ratio = trial.key["effects"][0]["params"]["inertia_ratio"]
     assert found.fit.cost_per_dof < 1.1  # 0.94 at the truth
     assert abs(found.params["inertia_ratio"].value / truth_ratio - 1) < 0.01  # its deviation is 0.06 %
