@@ -26,6 +26,7 @@ STARTS_FIXED = 5  # of those whose shape the fit cannot move
 WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the nearest of a grid shows half
 KEPT = 0.9  # of the predicted drop: the promise is kept
 BEYOND = 1.2  # the same where the shape is held: each has a promise of its own, and may bring more
+CONVERGED_BY = 50  # steps, of the best candidate
 STEPS_MAX = 15  # of each fit: a start that needs more is not near
 STEPS_LOOK = 3  # of the first fit of a joint or a held shape, which says whether more are worth their time
 STEPS_ALONE = 10  # of the fit of one record with a joint
@@ -44,7 +45,9 @@ class Given:
     alpha: float  # level of the tests
     on_step: Callable[[str], None]
 
-    def fit(self, model: PlantModel, max_iter: int = 50, only: Sequence[int] | None = None) -> PlantFit:
+    def fit(
+        self, model: PlantModel, max_iter: int = CONVERGED_BY, only: Sequence[int] | None = None
+    ) -> PlantFit:
         """Fit to all records, or to some."""
         records = self.measured if only is None else [self.measured[i] for i in only]
         return fit_plant(model, records, band=self.band, max_iter=max_iter)
@@ -178,8 +181,17 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
     if best is not None and tries[0][0].fixed and not best.fit.converged:
-        best = replace(best, fit=given.fit(best.fit.model, STEPS_MAX))
+        best = _further(best, given, STEPS_MAX)
     return best
+
+
+def _further(candidate: Candidate, given: Given, max_iter: int) -> Candidate:
+    """The candidate with its fit carried on."""
+    try:
+        fit = given.fit(candidate.fit.model, max_iter)
+    except (GsidError, InputError):
+        return candidate  # begun again, it may not find the steady state that the first fit followed
+    return replace(candidate, fit=fit) if fit.cost < candidate.fit.cost else candidate
 
 
 def _joint(fit: PlantFit, given: Given) -> list[Candidate]:
@@ -226,7 +238,7 @@ def _converged(candidate: Candidate, given: Given) -> Candidate:
     """The candidate with its fit carried on until it has converged; one with a joint seldom gets further."""
     if candidate.fit.converged or candidate.effect == JOINT:
         return candidate
-    return replace(candidate, fit=given.fit(candidate.fit.model))
+    return _further(candidate, given, CONVERGED_BY)
 
 
 def evidence(fit: PlantFit, candidate: Candidate) -> float:

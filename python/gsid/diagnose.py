@@ -43,6 +43,16 @@ SHOWN = 4  # groups of each round, for people
 SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
 
 
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the search, as it is shown."""
+
+    name: str  # 1, 2, .. or "end"
+    before: float | None  # cost per degree of freedom; None in the end
+    ranking: Ranking
+    taken: bool  # whether the search went on with the first
+
+
 @dataclass(eq=False, repr=False)
 class Diagnosis:
     """What :func:`diagnose` found.
@@ -66,6 +76,8 @@ class Diagnosis:
     steps : list of Step
     model : PlantModel
         With the best effect of each group found added, and fitted.
+    converged : bool
+        Whether that fit has.
     """
 
     verdict: str
@@ -78,6 +90,7 @@ class Diagnosis:
     rankings: list[Ranking]
     steps: list[Step]
     model: PlantModel
+    converged: bool
     next_experiment: str = ""
     names: list[str] = field(default_factory=list)
 
@@ -127,18 +140,31 @@ class Diagnosis:
         return f"Each record asks for other values of the parameters (p = {self.p_constant:.2g})"
 
     @property
-    def rounds(self) -> list[tuple[str, float | None, Ranking]]:
-        """Each round that tried effects: number, cost per degree of freedom before it, its best groups.
+    def rounds(self) -> list[Round]:
+        """Each round that tried effects, with its best groups.
 
-        Last, without a cost before, the effects found that have other rivals once all are there, and those
+        Last, without a cost before, each effect found that has other rivals once all are there, and those
         rivals: `sentence` has these.
         """
         tried = [
-            (str(i), s.fit.cost_per_dof, s.ranking[:SHOWN]) for i, s in enumerate(self.steps, 1) if s.ranking
+            Round(str(i), s.fit.cost_per_dof, s.ranking[:SHOWN], s.taken)
+            for i, s in enumerate(self.steps, 1)
+            if s.ranking
         ]
-        at_first = [ranking[0].effects for *_, ranking in tried]
-        in_the_end = [g for ranking in self.rankings if ranking[0].effects not in at_first for g in ranking]
-        return [*tried, ("end", None, in_the_end)] if in_the_end else tried
+        at_first = [one.ranking[0].effects for one in tried if one.taken]
+        in_the_end = [ranking for ranking in self.rankings if ranking[0].effects not in at_first]
+        return [*tried, *(Round("end", None, ranking, True) for ranking in in_the_end)]
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know about the answer besides."""
+        notes = [
+            f"{' or '.join(step.ranking[0].effects)} would take {step.too_small:.1%} off what is left: "
+            "too little to be what is missing."
+            for step in self.steps
+            if step.too_small is not None
+        ]
+        return notes if self.converged else [*notes, "The last fit has NOT converged."]
 
     def plot(self) -> matplotlib.figure.Figure:
         """How far each effect that was tried brings the cost down; needs one that was."""
@@ -152,17 +178,20 @@ class Diagnosis:
         return {key: getattr(self, key) for key in (*keys, "explained", "p_constant")} | {
             "ranking": [group.to_dict() for group in self.ranking],
             "found": [group.to_dict() for group in self.found],
+            "converged": self.converged,
+            "notes": self.notes,
             "next_experiment": self.next_experiment,
         }
 
     def __repr__(self) -> str:
         lines = [self.sentence]
-        for number, before, ranking in self.rounds:
-            cost = f"cost per degree of freedom {before:.4g}" if before else "beside the others found"
-            lines.append(f"  round {number}: {cost}")
-            for group in ranking:
+        for one in self.rounds:
+            cost = f"cost per degree of freedom {one.before:.4g}" if one.before else "beside the others found"
+            lines.append(f"  round {one.name}: {cost}")
+            for group in one.ranking:
                 after = group.candidates[0].fit.cost_per_dof
                 lines.append(f"    {group.probability:6.1%}  {' or '.join(group.effects):40} -> {after:.4g}")
+        lines += [f"  {note}" for note in self.notes]
         if self.next_experiment:
             lines.append(f"  {self.next_experiment}")
         return "\n".join(lines)
@@ -225,6 +254,7 @@ def diagnose(
         rankings=rankings,
         steps=steps,
         model=fit.model,
+        converged=fit.converged,
         next_experiment=_advice(found, measured),
         names=[s.name for s in measured],
     )
@@ -260,13 +290,12 @@ def _verdict(
 ) -> str:
     if steps[0].p_value >= alpha:
         return "adequate"
-    # What is left counts against the catalogue only as far as it is more than the scatter of noise.
-    scatter = 3 * np.sqrt(2 * last.n_dof * (1 + 2 / last.variance_dof))
-    left = max(last.cost - last.n_dof - scatter, 0.0)
     gained = first.cost - last.cost
-    too_little = gained < EXPLAINED * (gained + left)
+    too_little = gained < EXPLAINED * (gained + last.misfit)
     end = steps[-1]
-    too_much_left = end.p_noise < SURE * alpha or (end.p_noise < alpha / 2 and left > LEFT * last.n_dof)
+    too_much_left = end.p_noise < SURE * alpha or (
+        end.p_noise < alpha / 2 and last.misfit > LEFT * last.n_dof
+    )
     at_a_loss = len(found) == EFFECTS_MAX and end.p_value < alpha
     another_form = p_constant is not None and p_constant <= max(SURE * alpha, P_LEAST)
     unknown = not found or too_little or too_much_left or at_a_loss or another_form

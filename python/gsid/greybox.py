@@ -120,6 +120,12 @@ class PlantFit:
     solver: str
     method: str
 
+    @property
+    def misfit(self) -> float:
+        """Cost beyond that of noise and three standard deviations of it; 0 when there is none."""
+        scatter = 3 * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
+        return float(max(self.cost - self.n_dof - scatter, 0.0))
+
     def summary(self) -> dict[str, Any]:
         """What a model file keeps of the fit."""
         keys = ("cost", "n_dof", "cost_per_dof", "converged", "n_iterations", "undetermined", "at_bound")

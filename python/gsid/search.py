@@ -11,6 +11,7 @@ import numpy as np
 from gsid.candidates import Candidate, Given, Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
+from gsid.linear_start import linear_start
 from gsid.plant import PlantModel
 from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
 from gsid.scores import (
@@ -41,6 +42,10 @@ class Step:
     p_noise: float
     p_score: float | None  # None: too few periods to draw what chance does
     ranking: Ranking
+    taken: bool = False  # whether the search went on with the first of the ranking
+    too_small: float | None = (
+        None  # share that this would have taken off the misfit, where that was the reason
+    )
 
     @property
     def p_value(self) -> float:
@@ -73,7 +78,7 @@ class Search:
         return rankings, fit
 
     def _forward(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
-        """The best effect added, round after round, until what is left is noise or none earns its price."""
+        """The best effect added, round after round, until what is left is noise or none earns its place."""
         grown = list(rankings)
         while self._round(fit, explore=len(grown) < EFFECTS_MAX):
             grown.append(self.steps[-1].ranking)
@@ -81,7 +86,7 @@ class Search:
         return grown, fit
 
     def _round(self, fit: PlantFit, *, explore: bool) -> bool:
-        """Test a fit, score the catalogue, fit the best few; whether the best earns its price."""
+        """Test a fit, score the catalogue, fit the best few; whether the best earns its place."""
         scored = scan(fit, self.given.measured)
         p_score = self._score_p_value(fit, [item for _, item in scored])
         step = Step(fit, noise_p_value(fit, self.given.measured), p_score, [])
@@ -93,13 +98,19 @@ class Search:
         scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
         candidates = tried(fit, scored, n_shapes, self.given)
         step.ranking = ranked(fit, candidates)
-        return bool(step.ranking) and self._earns_its_place(fit, step.ranking[0].candidates[0])
+        if step.ranking:
+            self._judge(step)
+        return step.taken
 
-    def _earns_its_place(self, fit: PlantFit, best: Candidate) -> bool:
-        """By its evidence; and beside others by what it takes off the misfit, for a law of another form than
-        what is missing always takes a little."""
-        share = (fit.cost - best.fit.cost) / max(fit.cost - fit.n_dof, np.finfo(float).tiny)
-        return evidence(fit, best) <= 0 and (len(self.steps) == 1 or share > SHARE_LEAST)
+    def _judge(self, step: Step) -> None:
+        """By evidence; and beside others by what is taken off the misfit, for a law of another form than what
+        is missing always takes a little."""
+        best = step.ranking[0].candidates[0]
+        if evidence(step.fit, best) > 0:
+            return
+        drop = step.fit.cost - best.fit.cost
+        step.taken = len(self.steps) == 1 or drop > SHARE_LEAST * step.fit.misfit
+        step.too_small = None if step.taken else drop / step.fit.misfit
 
     @property
     def _few_periods(self) -> bool:
@@ -146,7 +157,7 @@ class Search:
         for ranking in rankings[:-1]:
             needless = ranking[0].candidates[0]
             self.given.on_step(f"trying without {needless.effect}")
-            without = self._fit_or_none(_without(fit.model, needless.effect))
+            without = self._fit_or_none(_without(fit.model, needless.effect), anew=needless.effect == SAMPLER)
             price = len(needless.params) * np.log(fit.n_dof)
             if without is not None and without.cost - fit.cost < price:
                 rankings, fit = [r for r in rankings if r is not ranking], without
@@ -165,7 +176,7 @@ class Search:
                 self.given.on_step(f"trying {rival.effect} in place of {own.effect}")
                 model = _without(fit.model, own.effect)
                 model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
-                exchanged = self._fit_or_none(model)
+                exchanged = self._fit_or_none(model, anew=SAMPLER in (own.effect, rival.effect))
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
             again.append(ranked(self.steps[0].fit, now))
@@ -181,9 +192,11 @@ class Search:
         beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
 
-    def _fit_or_none(self, model: PlantModel) -> PlantFit | None:
+    def _fit_or_none(self, model: PlantModel, *, anew: bool) -> PlantFit | None:
+        """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
+        which the values at hand lack without it."""
         try:
-            return self.given.fit(model)
+            return self.given.fit(linear_start(model, self.given.measured) if anew else model)
         except (GsidError, InputError):
             return None
 

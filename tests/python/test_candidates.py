@@ -7,6 +7,7 @@ import pytest
 from plants import FS_HZ, plant
 
 from gsid.candidates import SAME, Candidate, Given, _refitted, evidence, ranked
+from gsid.errors import InputError
 from gsid.linear_view import linear_view
 from gsid.plant_periodic import PeriodicPlant
 
@@ -78,6 +79,22 @@ def test_of_held_shapes_only_the_best_is_fitted_to_its_end(monkeypatch):
     ]
     _refitted(fitted(1000.0), "sensor_sample_hold", tries, GIVEN)
     assert steps == [(300.0, 3), (500.0, 3), (400.0, 3), (500.0, 15)]
+
+
+def test_a_fit_that_cannot_be_carried_on_is_kept(monkeypatch):
+    """A bug: begun again, a plant that had just been fitted could not be simulated, and the diagnosis broke
+    off."""
+
+    def fit(model, measured, *, band, max_iter):
+        if max_iter > 3:
+            raise InputError("the model cannot be simulated as it starts", "", "", "")
+        return SimpleNamespace(cost=900.0, converged=False, model=model)
+
+    monkeypatch.setattr("gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace())
+    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
+    tries = [(SimpleNamespace(fixed=("rate_hz",)), SimpleNamespace(drop=900.0, size=None))]
+    found = _refitted(fitted(1000.0), "sensor_sample_hold", tries, GIVEN)
+    assert found.fit.cost == 900.0
 
 
 def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():

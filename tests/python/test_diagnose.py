@@ -22,7 +22,7 @@ from gsid.plant import Effect, Param, PlantModel
 from gsid.probes import GRIDS, Trajectory, dahl_state
 from gsid.record import Record
 from gsid.scan import with_effect
-from gsid.search import Search
+from gsid.search import Search, Step
 from gsid.simulate import SimulatedAxis
 from gsid.spectra import Spectra, lines_of, spectra
 
@@ -260,8 +260,8 @@ def test_rivals_that_came_when_all_effects_were_there_are_shown():
         return Group([SimpleNamespace(effect=effect, fit=fit) for effect in effects], 1.0)
 
     steps = [
-        SimpleNamespace(fit=group("").candidates[0].fit, p_value=0.0, ranking=[group(effect)])
-        for effect in "ab"
+        Step(group("").candidates[0].fit, 0.0, None, [group(effect)], taken, None if taken else 0.012)
+        for effect, taken in (("a", True), ("b", True), ("e", False))
     ]
     numbers = {
         "p_value": 0.0,
@@ -272,15 +272,21 @@ def test_rivals_that_came_when_all_effects_were_there_are_shown():
     }
 
     def told(*found):
-        rest = {"p_constant": None, "steps": steps, "model": None}
+        rest = {"p_constant": None, "steps": steps, "model": None, "converged": False}
         return Diagnosis(
             verdict="missing_effect", **numbers, rankings=[[one, group("d")] for one in found], **rest
         )
 
-    assert [number for number, *_ in told(group("a"), group("b")).rounds] == ["1", "2"]
+    assert [one.name for one in told(group("a"), group("b")).rounds] == ["1", "2", "3"]
     regrouped = told(group("a"), group("b", "c"))
-    assert regrouped.rounds[2][0] == "end"
-    assert [one.effects for one in regrouped.rounds[2][2]] == [["b", "c"], ["d"]]
+    assert regrouped.rounds[3].name == "end"
+    assert [one.effects for one in regrouped.rounds[3].ranking] == [["b", "c"], ["d"]]
+    assert [one.name for one in told(group("a"), group("e")).rounds][3:] == ["end"]  # it was not taken before
+    # Bugs: what was refused stood there as found; a last fit that stopped half-way said nothing.
+    assert regrouped.notes == [
+        "e would take 1.2% off what is left: too little to be what is missing.",
+        "The last fit has NOT converged.",
+    ]
     assert "round end: beside the others found\n    100.0%  b or c" in repr(regrouped)
 
 

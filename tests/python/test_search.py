@@ -33,7 +33,7 @@ def search_in(monkeypatch):
         def fitted(model, *_, **__):
             cost = costs["".join(sorted(e.id for e in model.effects))]
             model.free_names = [e.id for e in model.effects]
-            return SimpleNamespace(cost=cost, model=model, n_dof=N_DOF)
+            return SimpleNamespace(cost=cost, model=model, n_dof=N_DOF, misfit=max(cost - NOISE, 0.0))
 
         def tried(fit, *_):
             has = [e.id for e in fit.model.effects]
@@ -114,6 +114,16 @@ def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing(sear
     assert [ranking[0].effects for ranking in rankings] == [["a"]]
     assert len(search.steps) == 2
     assert search.steps[-1].p_value == 0.0
+    assert not search.steps[-1].taken
+    assert search.steps[-1].too_small == pytest.approx(0.01, rel=0.01)
+
+
+def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for(search_in, monkeypatch):
+    """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
+    search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab")
+    monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, _: 1.0 if fit.cost < 100 else 0.0)
+    rankings, _ = search.run(fit)
+    assert [ranking[0].effects for ranking in rankings] == [["a"], ["b"]]
 
 
 # ---- constancy over records (DIA-9) ------------------------------------------------------------------

@@ -137,15 +137,17 @@ def _print(result: Diagnosis, before: Comparison) -> None:
         print(before.verdict)
     rows = [
         [
-            number,
+            one.name,
             f"{group.probability:.1%}",
             " or ".join(group.effects),
-            "" if cost is None else f"{cost:.4g}",
+            "" if one.before is None else f"{one.before:.4g}",
             f"{group.candidates[0].fit.cost_per_dof:.4g}",
         ]
-        for number, cost, ranking in result.rounds
-        for group in ranking
+        for one in result.rounds
+        for group in one.ranking
     ]
+    for note in result.notes:
+        print(note)
     if rows:
         print()
         header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]

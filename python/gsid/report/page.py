@@ -199,7 +199,7 @@ class Report:
             _Experiment(
                 name=name,
                 story=story,
-                verdict=diagnosis.sentence,
+                verdict=" ".join([diagnosis.sentence, *diagnosis.notes]),
                 grade="good" if diagnosis.adequate else "bad",
                 run=[
                     ("Records", ", ".join(s.name or "a record" for s in measured)),

@@ -207,7 +207,7 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
     """One table for each round of the search that tried effects, and for what became of those found."""
     tables = []
     head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
-    for number, before, ranking in diagnosis.rounds:
+    for one in diagnosis.rounds:
         rows = [
             (
                 " or ".join(group.effects),
@@ -215,14 +215,14 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
                 f"{group.candidates[0].fit.cost_per_dof:.4g}",
                 _strength(group),
             )
-            for group in ranking
+            for group in one.ranking
         ]
-        if before is None:
+        if one.before is None:
             note = "Ranked again when all were there."
             tables.append(Table("Which effect, beside the others found", head, rows, note))
         else:
-            title = "Which effect" if number == "1" else f"Which effect, round {number}"
-            tables.append(Table(title, head, rows, f"Without it: {before:.4g}."))
+            title = "Which effect" if one.name == "1" else f"Which effect, round {one.name}"
+            tables.append(Table(title, head, rows, f"Without it: {one.before:.4g}."))
     if tables and diagnosis.next_experiment:
         note = f"{tables[-1].note} {diagnosis.next_experiment}"
         tables[-1] = Table(tables[-1].title, tables[-1].head, tables[-1].rows, note)
