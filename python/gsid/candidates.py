@@ -154,7 +154,7 @@ def tried(
             enough = max(enough, fit.cost - candidate.fit.cost)
     if enough == 0 and not has_joint:
         given.on_step(f"trying {JOINT}")
-        candidates += _joint(fit, given)
+        candidates += _joint(fit, given, fit.cost - brought)
     if candidates:
         best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
         candidates[best] = _converged(candidates[best], given)
@@ -194,15 +194,18 @@ def _further(candidate: Candidate, given: Given, max_iter: int) -> Candidate:
     return replace(candidate, fit=fit) if fit.cost < candidate.fit.cost else candidate
 
 
-def _joint(fit: PlantFit, given: Given) -> list[Candidate]:
-    """A joint with play, the dearest to simulate: tried when nothing else leaves only noise."""
+def _joint(fit: PlantFit, given: Given, beaten: float) -> list[Candidate]:
+    """A joint with play, the dearest to simulate: tried when nothing else leaves only noise.
+
+    Followed to its end only where the first steps lead below the least cost of the others.
+    """
     found = []
     for start, gain in joint_starts(fit, given.measured, given.model):
         try:
             fitted = given.fit(start, STEPS_LOOK)
             if fitted.cost < FORGIVEN * fit.cost:
                 fitted = _beyond_the_walls(fitted, given)
-            if not fitted.converged:
+            if fitted.cost < beaten and not fitted.converged:
                 fitted = given.fit(fitted.model, STEPS_MAX)
         except (GsidError, InputError):
             continue

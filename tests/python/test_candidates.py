@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.candidates import SAME, Candidate, Given, _refitted, evidence, ranked
+from gsid.candidates import SAME, Candidate, Given, _joint, _refitted, evidence, ranked
 from gsid.errors import InputError
 from gsid.linear_view import linear_view
 from gsid.plant_periodic import PeriodicPlant
@@ -153,3 +153,19 @@ def test_a_step_that_is_taken_back_leaves_no_trace():
     again = stopped.run(values)
     # Newton's method ends at rounding: 1e-9 of the answer is far above that.
     np.testing.assert_allclose(again.y, first.y, atol=1e-9 * np.max(np.abs(first.y)))
+
+
+def test_a_joint_that_others_beat_is_not_followed(monkeypatch):
+    """A bug: on a record with hysteresis half an hour went into a gear that was worse than a spring."""
+    steps = []
+
+    def fit(model, measured, *, band, max_iter):
+        steps.append(max_iter)
+        return SimpleNamespace(cost=900.0, converged=False, model=model)
+
+    monkeypatch.setattr("gsid.candidates.joint_starts", lambda *_: [(SimpleNamespace(), 1.0)])
+    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
+    _joint(fitted(1000.0), GIVEN, beaten=800.0)
+    assert steps == [3]
+    _joint(fitted(1000.0), GIVEN, beaten=950.0)
+    assert steps == [3, 3, 15]
