@@ -9,8 +9,9 @@ from period to period than its mean; where the input repeats, s^2 is taken from 
 exponential with mean 1 for any P >= 2, and twice the sum of q over n lines is chi-square with 2 n degrees of
 freedom (CMP-1). The line at 0, which counts for plants when the band begins there, is real: T follows
 F(1, nu), and q = -ln P(T > t). The test therefore keeps its false-alarm rate with few periods, where one that
-takes s^2 for the true variance would not. The model's own uncertainty is left out: a model fitted to the
-records it is compared with is judged a little mildly, one fitted elsewhere a little severely.
+takes s^2 for the true variance would not. Each parameter fitted to these very records takes a degree of
+freedom, which only the caller can know (`fitted`). The uncertainty of a model fitted elsewhere is left out:
+it is judged a little severely.
 """
 
 from __future__ import annotations
@@ -196,6 +197,7 @@ def compare(
     settle: int | None = None,
     band: tuple[float, float] | None = None,
     alpha: float = 0.05,
+    fitted: bool = False,
 ) -> Comparison:
     """Test a model against measurements and show where it fails (CMP-1, CMP-2).
 
@@ -210,6 +212,9 @@ def compare(
         Hz; default from the first to the last excited line, for a plant as in `gsid.greybox.fit_plant`.
     alpha : float
         False-alarm rate of the test.
+    fitted : bool
+        Whether the free parameters were fitted to these very records in this band. The test of the whole band
+        allows for them; where the misfit is, is still told mildly.
 
     Returns
     -------
@@ -233,13 +238,14 @@ def compare(
 
     n = sum(len(part.line) for part in parts)
     q_sum = sum(float(np.sum(part.q)) for part in parts)
-    p_value = float(stats.chi2.sf(2 * q_sum, 2 * n))
+    n_dof = max(2 * n - (_n_parameters(model) if fitted else 0), 1)
+    p_value = float(stats.chi2.sf(2 * q_sum, n_dof))
     shown = max(parts, key=lambda part: float(np.sum(np.abs(part.y) ** 2)))
     return Comparison(
         adequate=p_value >= alpha,
         p_value=p_value,
         alpha=alpha,
-        cost_per_dof=_cost_per_dof(parts),
+        cost_per_dof=_cost_per_dof(parts) * 2 * n / n_dof,
         rms_error=float(np.sqrt(np.mean([np.sum(part.power * np.abs(part.error) ** 2) for part in parts]))),
         noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.power * part.var_mean) for part in parts]))),
         where=_where(parts, alpha),
@@ -255,6 +261,10 @@ def compare(
         y_unit=measured[0].y_unit,
         names=[s.name for s in measured],
     )
+
+
+def _n_parameters(model: RationalModel | PiecewiseModel | PlantModel) -> int:
+    return len(model.free_names) if isinstance(model, PlantModel) else model.n_parameters
 
 
 def _same_lines(parts: list[_Lines]) -> bool:

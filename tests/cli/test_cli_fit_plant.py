@@ -52,6 +52,14 @@ def test_it_fits_the_stack_and_writes_it(gsid, files, method):
     assert COST_MEANS[method] in gsid("compare", "rec.csv", "--model", "fitted.json").out
 
 
+def test_a_comparison_allows_for_what_was_fitted_to_the_record(gsid, files):
+    assert gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json").code == 0
+    how = ("compare", "rec.csv", "--model", "fitted.json", "--json")
+    mild, just = (json.loads(gsid(*how, *more).out) for more in ((), ("--fitted",)))
+    assert just["p_value"] < mild["p_value"]
+    assert just["cost_per_dof"] == pytest.approx(mild["cost_per_dof"] * 400 / 398)  # 200 lines, 2 parameters
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 )
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option
+@click.option(
+    "--fitted", is_flag=True, help="The model was fitted to these records: allow for its parameters."
+)
 @click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
 @json_option
 @click.pass_context
@@ -47,6 +50,7 @@ def compare(
     model_path: str,
     band: tuple[float, float] | None,
     alpha: float,
+    fitted: bool,
     check: bool,
     as_json: bool,
 ) -> None:
@@ -59,7 +63,7 @@ def compare(
 
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
-        result = compare_model(model, records, band=band, alpha=alpha)
+        result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
     if as_json:
         print_json(result.to_dict())
     else:

@@ -97,7 +97,7 @@ def report(
             model = load_plant(model_path) if diagnose else load_single(model_path)
         elif order:
             model = fit(response, order)
-        comparison = compare(model, measured, band=band) if model else None
+        comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         page = Report(title or f"Report on {describe(records)}")
         page.add_experiment(
             describe(records),

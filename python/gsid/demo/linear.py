@@ -27,6 +27,7 @@ COULOMB_LEVEL = 2.0  # deg/s^2, about 1 % of the torque that the excitation peak
 DELAY_TOLERANCE_S = 5e-5
 MODE_TOLERANCE_HZ = 0.5
 SIGMAS = 3.0
+ALPHA = 0.01  # of the comparison: at 5 % one seed in twenty would fail by chance
 
 
 @dataclass
@@ -63,7 +64,7 @@ def experiment(
     response = frf(record)
     model = fit(response, ORDER)
     model.save(bench.folder / f"{name}_model.json")
-    comparison = compare(model, measured)
+    comparison = compare(model, measured, alpha=ALPHA, fitted=True)
     truth = beside_truth(model, json.loads(truth_file.read_text(encoding="utf-8")))
     return Experiment(name, story, record, measured, response, model, comparison, truth)
 

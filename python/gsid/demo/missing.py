@@ -200,7 +200,7 @@ def search(
 ) -> tuple[Comparison, Diagnosis, PlantModel]:
     """Compare, diagnose, and add what is found; the records kept out only judge."""
     diagnosis = diagnose(model, fitted, on_step=lambda text: on_step(f"hidden: {text}"))
-    comparison = compare(diagnosis.steps[0].fit.model, fitted)
+    comparison = compare(diagnosis.steps[0].fit.model, fitted, fitted=True)
     for group in diagnosis.found:
         on_step(f"hidden: adding {group.effects[0]}")
         model = add(group.effects[0], model, fitted, held_out=kept_out).model

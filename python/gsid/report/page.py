@@ -185,13 +185,13 @@ class Report:
         """
         measured = as_list(spectra)
         fitted = diagnosis.steps[0].fit.model
-        before = compare(fitted, measured, band=band, alpha=diagnosis.alpha)
+        before = compare(fitted, measured, band=band, alpha=diagnosis.alpha, fitted=True)
         drawn = [("Where it fails", lambda: plots.comparison(before))]
         if not diagnosis.adequate:
             torque = torque_residual(fitted, measured, band=band)
             drawn.append(("Torque that is missing", lambda: plots.torque_residual(torque)))
         if diagnosis.found:
-            after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha)
+            after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha, fitted=True)
             drawn.append(("With what was found", lambda: plots.comparison(after)))
         if ladder is not None and ladder.rungs:
             drawn.append(("Ladder", lambda: plots.ladder(ladder)))
