@@ -12,6 +12,7 @@ import dataclasses
 import functools
 import html
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -207,9 +208,8 @@ def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
     except InputError as error:
         raise InputError(error.what, f"{where} {error.where}".strip(), error.value, error.hint) from error
     if "library" in entry and effect not in _loaded:
-        hint = (
-            f"its code runs only when you say so: gsid --library {entry['library']} ..., or gsid.effects.load"
-        )
+        typed = shlex.join(["gsid", "--library", str(entry["library"])])
+        hint = f"its code runs only when you say so: {typed} ..., or gsid.effects.load"
         raise InputError("the effect is of a library that was not loaded", where, effect, hint)
     return _loaded.get(effect)
 

@@ -175,6 +175,19 @@ def test_an_unknown_effect_in_a_model(gsid, verb):
     assert "hint: " in result.err
 
 
+def test_the_library_that_a_model_needs_is_named_as_one_types_it(gsid):
+    """A bug: the blank was not quoted."""
+    own = {"effect": "spring", "params": {"k": 1}, "library": "./my own/spring.so:spring"}
+    model = {
+        "gsid_model": 1,
+        "fs_hz": FS_HZ,
+        "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}, own],
+    }
+    Path("m.json").write_text(json.dumps(model))
+    result = gsid("compare", "--model", "m.json", "r0.npz")
+    assert "gsid --library './my own/spring.so:spring' ..." in result.err
+
+
 @pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 def test_a_model_that_runs_away(gsid, verb):
     """A spring that pushes: nothing holds the axis."""
