@@ -187,8 +187,11 @@ class Search:
         return again, fit
 
     def _rivals(self, own: Candidate, taken: set[str]) -> list[Candidate]:
-        """The next best of the last round that tried an effect, but for those that were found."""
-        rounds = [[c for group in step.ranking for c in group.candidates] for step in self.steps]
+        """The next best of the last round that tried an effect, if they helped there and were not found."""
+        rounds = [
+            [c for group in step.ranking for c in group.candidates if c.fit.cost < step.fit.cost]
+            for step in self.steps
+        ]
         beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
 

@@ -118,6 +118,16 @@ def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing(sear
     assert search.steps[-1].too_small == pytest.approx(0.01, rel=0.01)
 
 
+def test_what_made_it_worse_is_no_rival(search_in):
+    """A bug: beside hysteresis a gear, dear to simulate and worse than nothing, was tried for each."""
+    costs = {"": 5000, "a": 2000, "b": 2500, "c": 6000, "ab": 100, "ac": 7000, "bc": 7000, "abc": 99}
+    search, fit = search_in(costs, "abc")
+    told = []
+    search.given = replace(search.given, on_step=told.append)
+    search.run(fit)
+    assert not [words for words in told if "trying c" in words]
+
+
 def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for(search_in, monkeypatch):
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
     search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab")
