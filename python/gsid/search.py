@@ -44,7 +44,7 @@ class Step:
     ranking: Ranking
     taken: bool = False  # whether the search went on with the first of the ranking
     too_small: float | None = (
-        None  # share that this would have taken off the misfit, where that was the reason
+        None  # share of the misfit that it takes off, where that is why it was not taken
     )
 
     @property

@@ -128,6 +128,22 @@ def test_what_made_it_worse_is_no_rival(search_in):
     assert not [words for words in told if "trying c" in words]
 
 
+def test_what_stands_in_a_samplers_place_starts_with_its_delay(search_in, monkeypatch):
+    """A bug: a sampler's rival was fitted without the delay that had gone with it, and lost for that."""
+    # b looks best beside c; in the end a is as good, and b is the sampler.
+    search, fit = search_in(
+        {"": 5000, "b": 2000, "a": 2100, "c": 3000, "ab": 1990, "bc": 100, "ac": 104, "abc": 99}, "abc"
+    )
+    anew = []
+    monkeypatch.setattr("gsid.search.SAMPLER", "b")
+    monkeypatch.setattr(
+        "gsid.search.linear_start",
+        lambda model, _: anew.append("".join(e.id for e in model.effects)) or model,
+    )
+    search.run(fit)
+    assert set(anew) == {"c", "ca"}  # left out, and exchanged; what keeps the sampler goes on as it is
+
+
 def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for(search_in, monkeypatch):
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
     search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab")

@@ -80,7 +80,7 @@ def diagnose(
         result = find_missing(
             model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
         )
-        before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha)
+        before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha, fitted=True)
     told = with_ladder(model, result, measured, band) if output else None
     if output:
         told.save(output)
