@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gsid.candidates import Candidate, Given, Group, evidence, ranked, tried
+from gsid.candidates import CONVERGED_BY, STEPS_LOOK, Candidate, Given, Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
 from gsid.linear_start import linear_start
@@ -174,9 +174,7 @@ class Search:
             others = {r[0].candidates[0].effect for r in [*again, *rankings[i:]]}
             for rival in self._rivals(own, others):
                 self.given.on_step(f"trying {rival.effect} in place of {own.effect}")
-                model = _without(fit.model, own.effect)
-                model.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
-                exchanged = self._fit_or_none(model, anew=SAMPLER in (own.effect, rival.effect))
+                exchanged = self._with_rival(fit.model, own.effect, rival)
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
             again.append(ranked(self.steps[0].fit, now))
@@ -195,11 +193,28 @@ class Search:
         beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
 
-    def _fit_or_none(self, model: PlantModel, *, anew: bool) -> PlantFit | None:
+    def _with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
+        """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
+        model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
+        """
+        here, there = _without(model, effect), _without(rival.fit.model, effect)
+        here.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
+        as_fitted = {e.id: e for e in there.effects}
+        there.effects = [copy.deepcopy(as_fitted.get(e.id, e)) for e in here.effects]
+        looks = [
+            self._fit_or_none(here, STEPS_LOOK, anew=SAMPLER in (effect, rival.effect)),
+            self._fit_or_none(there, STEPS_LOOK),
+        ]
+        near = min((fit for fit in looks if fit), key=lambda fit: fit.cost, default=None)
+        return near and (near if near.converged else self._fit_or_none(near.model) or near)
+
+    def _fit_or_none(
+        self, model: PlantModel, max_iter: int = CONVERGED_BY, *, anew: bool = False
+    ) -> PlantFit | None:
         """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
         which the values at hand lack without it."""
         try:
-            return self.given.fit(linear_start(model, self.given.measured) if anew else model)
+            return self.given.fit(linear_start(model, self.given.measured) if anew else model, max_iter)
         except (GsidError, InputError):
             return None
 
