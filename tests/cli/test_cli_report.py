@@ -16,6 +16,16 @@ def test_page_with_a_fit(gsid, rec_csv):
     assert "Adequate: " in text
 
 
+def test_the_order_is_chosen_when_asked(gsid, rec_csv):
+    """A bug: what `gsid fit` takes as an order, the report refused."""
+    orders = json.loads(gsid("fit", rec_csv, "--order", "auto", "--json").out)["orders"]
+    (chosen,) = (row["order"] for row in orders if row["chosen"])
+    result = gsid("report", rec_csv, "--order", "auto", "-o", "page.html")
+    assert result.code == 0
+    assert f"order {chosen} chosen" in result.err
+    assert f"{chosen} in s" in Path("page.html").read_text(encoding="utf-8")
+
+
 def test_page_with_a_model_from_a_file(gsid, rec_csv):
     RationalModel([80.0], [1.0, 50.0]).save("model.json")
     result = gsid("report", rec_csv, "--model", "model.json", "--title", "A <lag>", "--json")

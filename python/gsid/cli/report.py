@@ -36,7 +36,11 @@ if TYPE_CHECKING:
 @click.option(
     "--diagnose", is_flag=True, help="Find what the model misses, and show how the error falls with it."
 )
-@click.option("--order", type=Order(), help="Fit a model of this order, with free delay, instead.")
+@click.option(
+    "--order",
+    type=Order(may_be_auto=True),
+    help="Fit a model of this order, with free delay, instead; auto: the order of least MDL.",
+)
 @click.option("--estimators", is_flag=True, help="With --order: show what every estimator makes of it.")
 @band_option("Measure, fit and compare from LO to HI [Hz] only.")
 @click.option("--limit-command", metavar="C", type=float, help="Largest |u|, drawn beside the excitation.")
@@ -79,6 +83,7 @@ def report(
     from gsid.frf import frf
     from gsid.limits import Limits
     from gsid.noise import noise
+    from gsid.order import select_order
     from gsid.report import Report
     from gsid.spectra import spectra
 
@@ -96,6 +101,9 @@ def report(
         if model_path:
             model = load_plant(model_path) if diagnose else load_single(model_path)
         elif order:
+            if order == "auto":
+                order = select_order(response).chosen.order
+                say(f"-- order {order} chosen")
             model = fit(response, order)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         page = Report(title or f"Report on {describe(records)}")
