@@ -4,6 +4,10 @@
 
 #include "gsid/frf.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
@@ -91,5 +95,9 @@ gsid_status gsid_distortion_finish(gsid_distortion *d);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_distortion_result(const gsid_distortion *d, const gsid_distortion_out *out);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

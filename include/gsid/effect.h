@@ -5,6 +5,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_EFFECT_PARAMETERS_MAX 4
 /* Most samples that a controller takes the change of the angle over. */
 #define GSID_RATE_SAMPLES_MAX 16
@@ -159,5 +163,9 @@ typedef struct {
     const gsid_effect *effect;
 } gsid_shared_effect;
 #define GSID_SHARE_EFFECT(effect) const gsid_shared_effect GSID_NAME(effect##_shared) = {sizeof(gsid_effect), &effect}
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

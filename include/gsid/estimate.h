@@ -5,6 +5,10 @@
 #include "gsid/lsq.h"
 #include "gsid/rational.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Frequency response data. Pointers stay the caller's. */
 typedef struct {
     uint32_t n_lines;
@@ -77,5 +81,9 @@ gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_
  *          GSID_E_NONFINITE; GSID_E_MEMORY */
 gsid_status gsid_estimate_covariance(const gsid_frd *data, const gsid_rational *model, int free_delay, gsid_real *cov,
                                      void *mem, size_t mem_size);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

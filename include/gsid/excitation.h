@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef enum { GSID_GRID_FULL = 0, GSID_GRID_ODD = 1 } gsid_grid;
 
 /** Fill the table of exp(+j 2 pi i / N) that excitation and spectrum share.
@@ -111,5 +115,9 @@ gsid_status gsid_sine_init(gsid_sine *sine, uint32_t n_period, uint32_t line, gs
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE
  *  Cost: two multiplications and an index.  Context: ISR-safe. */
 gsid_status gsid_sine_step(gsid_sine *sine, gsid_real *u);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -5,6 +5,10 @@
 
 #include "gsid/effect.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_EXPRESSION_STEPS_MAX 128
 #define GSID_EXPRESSION_DEPTH_MAX 16 /* numbers on the stack */
 
@@ -54,5 +58,9 @@ typedef struct {
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE a number is not finite; GSID_E_CONFIG unknown step or parameter, too many
  *          steps, or a list that does not leave one number.  Context: background. */
 gsid_status gsid_expression_effect(const gsid_expression *expression, gsid_effect *effect);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

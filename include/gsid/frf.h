@@ -16,6 +16,10 @@
 #include "gsid/spectrum.h"
 #include "gsid/spread.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
@@ -129,5 +133,9 @@ gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other);
  *  n_period - 1 ticks (direct) or spread.n_ticks ticks (spread) after a GSID_DONE; the next period begins to enter the
  *  mean after that. */
 gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

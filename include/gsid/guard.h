@@ -15,6 +15,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef enum {
     GSID_GUARD_OFF = 0,
     GSID_GUARD_RAMP_IN = 1,
@@ -105,5 +109,9 @@ gsid_status gsid_guard_reset(gsid_guard *guard);
  *  Cost: some 40 multiplications, additions and comparisons, whatever happens.  Context: ISR-safe, one writer. */
 gsid_status gsid_guard_step(gsid_guard *guard, const gsid_guard_sample *sample, gsid_real command, gsid_real excitation,
                             gsid_real *allowed);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* At 921600 baud 8N1 the line carries 30.72 bytes per tick of 3 kHz each way; a frame is at most 30. */
 #define GSID_LINK_FRAME_MAX 30
 
@@ -56,5 +60,9 @@ void gsid_link_reset(gsid_link *link);
  *  Cost: per byte at most one check of a frame.  Context: ISR-safe, one writer. */
 size_t gsid_link_decode(gsid_link *link, size_t n_bytes, const uint8_t *bytes, size_t capacity, gsid_frame *frames,
                         size_t *n_frames);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_LSQ_COLUMNS_MAX 1024
 
 typedef struct {
@@ -66,5 +70,9 @@ gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_re
  *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
  *  Cost: n_columns^3 / 2 flops. */
 gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

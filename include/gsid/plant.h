@@ -8,6 +8,10 @@
 
 #include "gsid/effect.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_PLANT_DELAY_MAX 256 /* samples */
 
 /* A parameter whose sensitivity is wanted. */
@@ -95,5 +99,9 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
                                 uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
                                 gsid_real *residual);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

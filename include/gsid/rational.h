@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_ORDER_MAX 16
 
 typedef enum { GSID_DOMAIN_S = 0, GSID_DOMAIN_Z = 1 } gsid_domain;
@@ -56,5 +60,9 @@ gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, g
  *  @param[out] is_stable  1 or 0
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/excitation.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* ---- pseudorandom binary sequence ---- */
 
 typedef enum { GSID_PRBS_QUADRATIC_RESIDUE = 0, GSID_PRBS_MAXIMUM_LENGTH = 1 } gsid_prbs_kind;
@@ -121,5 +125,9 @@ gsid_status gsid_lines_odd_random(uint32_t line_lo, uint32_t line_hi, uint32_t n
  *  @return as gsid_lines_odd_random; further arguments, too */
 gsid_status gsid_lines_quasi_log(uint32_t line_lo, uint32_t line_hi, uint32_t n_per_decade, uint32_t capacity,
                                  uint32_t *line, uint32_t *n_lines);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

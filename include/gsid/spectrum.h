@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
@@ -58,5 +62,9 @@ gsid_status gsid_spectrum_skip(gsid_spectrum *s, uint32_t n_samples);
  *  @param[out] lines  [n_lines][n_channels]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE the period is not complete */
 gsid_status gsid_spectrum_result(const gsid_spectrum *s, gsid_cplx *lines);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -9,6 +9,10 @@
 
 #include "gsid/spectrum.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_SPREAD_STAGES_MAX 20 /* of a period of 2^30 samples */
 
 typedef struct gsid_spread {
@@ -83,5 +87,9 @@ gsid_status gsid_spread_finish(gsid_spread *s);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG no such line; GSID_E_STATE not ready
  *  Cost: as a butterfly of radix 3.  Context: ISR-safe. */
 gsid_status gsid_spread_line(const gsid_spread *s, uint32_t i, uint32_t channel, gsid_cplx *line);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

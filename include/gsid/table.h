@@ -4,6 +4,10 @@
 
 #include "gsid/effect.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_TABLE_POINTS_MIN 3
 #define GSID_TABLE_POINTS_MAX 1024
 
@@ -29,5 +33,9 @@ gsid_status gsid_table_slopes(uint32_t n_points, const gsid_real *at, const gsid
  *  @param[out] effect  id and sentence stay the caller's
  *  @return GSID_OK; as gsid_table_slopes.  Context: background. */
 gsid_status gsid_table_effect(const gsid_table *table, gsid_effect *effect);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -7,6 +7,10 @@
 
 #include "gsid/precision.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_VERSION "0.1.0"
 
 #ifdef GSID_SINGLE
@@ -58,5 +62,9 @@ const char *gsid_status_str(gsid_status status);
  *  @param[in] status  any value
  *  @return the hint, "" where there is none, never NULL */
 const char *gsid_status_hint(gsid_status status);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -6,6 +6,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* No decay or oscillation of the axis may be faster than this many times the ticks [rad/s over ticks per second]. */
 #define GSID_AXIS_RATE_MAX 1000.0
 
@@ -62,5 +66,9 @@ gsid_status gsid_axis_reset(gsid_axis *axis);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE nothing was advanced */
 gsid_status gsid_axis_step(gsid_axis *axis, uint32_t n, const double *u, double *u_applied, double *y,
                            double *angle_deg);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/frf.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** Lines of each period of a record, as gsid_spectrum_result gives them.  Eq: FRF-1.
  *  @param[in]  n_periods, n_period, x  [n_periods * n_period] samples, finite
  *  @param[in]  n_lines, line           [n_lines] 0 <= line <= n_period / 2
@@ -19,5 +23,9 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
  *  @param[in] valid    [n] 0: this sample was lost; NULL: all are valid
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE the whole block is refused */
 gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/estimate.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef enum {
     GSID_METHOD_LS = 0,              /* linear least squares, eq. 7.9 */
     GSID_METHOD_IWLS = 1,            /* iteratively reweighted, eqs. 7.14 to 7.16 */
@@ -81,5 +85,9 @@ gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint
  *  @param[out] n_roots fewer than degree when leading coefficients are zero
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_poly_roots(uint32_t degree, const double *coef, gsid_cplx *roots, uint32_t *n_roots);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Every record has n_local unknowns of its own; n_shared unknowns are common to all: the matrix is a block arrow. */
 typedef struct {
     uint32_t n_records;          /* >= 1 */
@@ -38,5 +42,9 @@ typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, 
  *          without NLopt. After a failure x and least are as they were. */
 gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, const double *lower, const double *upper,
                           double tolerance, uint32_t n_max, double *x, double *least);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -5,6 +5,10 @@
 
 #include "gsid/host/fit.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define GSID_MIMO_POLES_MAX 64
 #define GSID_MIMO_CHANNELS_MAX 64
 
@@ -55,5 +59,9 @@ typedef struct {
  *  Cost: each of some dozen iterations 2 n_lines rows a channel, n_local + n_poles + n_delays columns. */
 gsid_status gsid_mimo_run(uint32_t n_channels, const gsid_frd *channel, const gsid_mimo_cfg *cfg,
                           gsid_mimo_result *result);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

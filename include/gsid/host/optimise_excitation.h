@@ -4,6 +4,10 @@
 
 #include "gsid/types.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct {
     uint32_t n_lines; /* F >= 1 */
     const uint32_t *line; /* [n_lines] >= 1, ascending */
@@ -25,5 +29,9 @@ typedef struct {
  *  Cost: 7 n_per_stage evaluations of two transforms each (twice that with travel).
  *  Context: one caller at a time (FFTW's planner is not reentrant). */
 gsid_status gsid_optimise_phases(const gsid_optimise_cfg *cfg, double *phase_rad, double *peak);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
