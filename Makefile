@@ -145,6 +145,14 @@ $(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
 demo: all ## measure, fit and compare a simulated axis, find what is hidden in it, and write a report
 	$(VENV)/bin/gsid demo
 
+.PHONY: pictures
+HIDDEN := $(foreach i,1 2 3 4 5 6,demo/hidden$(i).csv)
+pictures: demo ## draw the pictures of README.md from what the demo measured
+	$(VENV)/bin/gsid fit --model demo/believed.json $(HIDDEN) -o demo/fitted.json
+	$(VENV)/bin/gsid compare --model demo/fitted.json demo/hidden7.csv --plot docs/pictures/where.png
+	$(VENV)/bin/gsid add quadratic_drag --model demo/believed.json $(HIDDEN) --held-out demo/hidden7.csv \
+	    --held-out demo/hidden8.csv -o demo/added.json --plot docs/pictures/ladder.png
+
 # ---- tests -------------------------------------------------------------------------------------------------------
 # tests/c/test_host_*.c link the host library, the others core and effects, once in each precision.
 

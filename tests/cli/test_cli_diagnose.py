@@ -42,13 +42,21 @@ def files(plain_words):
     PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS_HZ, "effects": effects}).save("null.json")
 
 
+def is_png(name: str) -> bool:
+    return Path(name).read_bytes().startswith(b"\x89PNG")
+
+
 def test_the_story(gsid):
     """Rejected, named, added, adequate; taken back."""
-    compared = json.loads(gsid("compare", "--model", "null.json", *RECORDS, "--json").out)
+    compared = json.loads(gsid("compare", "--model", "null.json", *RECORDS, "--json", "--plot", "c.png").out)
     assert compared["adequate"] is False
+    assert is_png("c.png")
 
-    result = gsid("diagnose", "--model", "null.json", *RECORDS, "-o", "found.json", "--json")
+    result = gsid(
+        "diagnose", "--model", "null.json", *RECORDS, "-o", "found.json", "--json", "--plot", "d.png"
+    )
     assert result.code == 0
+    assert is_png("d.png")
     told = json.loads(result.out)
     assert compared.keys() <= told.keys()
     assert told["verdict"] == "missing_effect"
@@ -93,7 +101,9 @@ def test_in_words(gsid):
         in result.err
     )
 
-    result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], "-o", "one.json")
+    asked = ["-o", "one.json", "--plot", "ladder.png"]
+    result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], *asked)
+    assert is_png("ladder.png")
     assert result.out.startswith("With coulomb_friction the rms error on the later periods falls: ")
     assert "kept out [deg/s]" in result.out
     assert "note: fitted to the first half of the periods, judged on the second\n" in result.err
@@ -127,6 +137,11 @@ def test_start_and_records_to_judge_on(gsid):
         (["add"], 2, "name of an effect is missing"),
         (["add", "--undo"], 3, "the model has no step to take back"),
         (["add", "--undo", "coulomb_friction"], 2, "leave out effect"),
+        (
+            ["add", "coulomb_friction", "r0.npz", "--plot", "ladder.txt"],
+            2,
+            "--plot draws .png, .svg, .pdf only",
+        ),
     ],
 )
 def test_misuse_of_add(gsid, arguments, code, words):

@@ -11,10 +11,13 @@ from gsid.cli.common import (
     OUTPUT,
     as_typed,
     band_option,
+    check_picture,
+    draw,
     json_option,
     library_option,
     load_plant,
     options_as_arguments,
+    picture_option,
     plant_option,
     print_json,
     print_ladder,
@@ -105,6 +108,7 @@ class Start(Value):
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Take the last step back instead.")
 @click.option("-o", "--output", metavar="M2.json", type=OUTPUT, required=True, help="Model to write.")
+@picture_option
 @json_option
 @click.pass_context
 def add(
@@ -121,6 +125,7 @@ def add(
     band: tuple[float, float] | None,
     undo: bool,
     output: str,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Add an effect to a model, fit it, and judge it on records that were not fitted.
@@ -131,9 +136,10 @@ def add(
 
     The model keeps every step in its history: this is the ladder, printed with the error after each step.
     """
+    check_picture(picture)
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
-        if effect or held_out or params or own:
+        if effect or held_out or params or own or picture:
             raise click.UsageError("--undo takes a step back: leave out effect, records and options", ctx)
         _undo(model_path, output, as_json)
         return
@@ -160,6 +166,7 @@ def add(
         )
     result.model.save(output)
     say(f"wrote {output}")
+    draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())
     else:

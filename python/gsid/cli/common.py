@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gsid.diagnose import Diagnosis
     from gsid.ladder import Ladder
     from gsid.mimo import MimoRecord
@@ -243,6 +245,13 @@ def check_picture(picture: str | None) -> None:
     """Refuse other kinds of files (usage error) before work begins."""
     if picture and Path(picture).suffix.lower() not in PICTURES:
         raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+
+
+def draw(figure: Callable[[], Figure], picture: str | None) -> None:
+    """Write a figure where a picture was asked for; only then is it made."""
+    if picture:
+        figure().savefig(picture)
+        say(f"wrote {picture}")
 
 
 def records_argument(command: Callable) -> Callable:

@@ -10,9 +10,12 @@ from gsid.cli.common import (
     EXIT_CRITERION,
     alpha_option,
     band_option,
+    check_picture,
+    draw,
     json_option,
     load_single,
     options_as_arguments,
+    picture_option,
     print_json,
     print_table,
     record_options,
@@ -42,6 +45,7 @@ if TYPE_CHECKING:
     "--fitted", is_flag=True, help="The model was fitted to these records: allow for its parameters."
 )
 @click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
+@picture_option
 @json_option
 @click.pass_context
 def compare(
@@ -52,6 +56,7 @@ def compare(
     alpha: float,
     fitted: bool,
     check: bool,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Compare the model's output with the measured mean, line by line, in units of its noise.
@@ -61,9 +66,11 @@ def compare(
     """
     from gsid.compare import compare as compare_model
 
+    check_picture(picture)
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
+    draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())
     else:

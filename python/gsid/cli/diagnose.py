@@ -12,9 +12,12 @@ from gsid.cli.common import (
     alpha_option,
     as_typed,
     band_option,
+    check_picture,
+    draw,
     json_option,
     load_plant,
     options_as_arguments,
+    picture_option,
     plant_option,
     print_json,
     print_ladder,
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
     type=OUTPUT,
     help="Write the torque that the given model lacks as a law, for `gsid add --table`.",
 )
+@picture_option
 @json_option
 def diagnose(
     records: Sequence[str],
@@ -61,6 +65,7 @@ def diagnose(
     seed: int,
     output: str | None,
     curve: str | None,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Find out whether a physical effect is missing from a model, and which.
@@ -74,6 +79,7 @@ def diagnose(
     from gsid.ladder import ladder
     from gsid.spectra import spectra
 
+    check_picture(picture)
     model = load_plant(model_path)
     measured = [spectra(record) for record in read(records)]
     with options_as_arguments():
@@ -93,6 +99,7 @@ def diagnose(
     if curve:
         missing.best.save(curve)
         say(f"wrote {curve}: torque against {missing.best.name}")
+    draw((result if result.rounds else before).plot, picture)
     if as_json:
         print_json(before.to_dict() | result.to_dict() | _curve(missing))
         return

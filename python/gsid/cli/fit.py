@@ -13,6 +13,7 @@ from gsid.cli.common import (
     band_option,
     check_picture,
     describe,
+    draw,
     is_given,
     json_option,
     load_plant,
@@ -237,9 +238,7 @@ def _tell(
     if output:
         _save(model, output)
         say(f"wrote {output}")
-    if picture:
-        model.plot(measured).savefig(picture)
-        say(f"wrote {picture}")
+    draw(lambda: model.plot(measured), picture)
     if as_json:
         print_json(
             _as_json(model) | orders_as_json(choice) | ({} if judged is None else {"held_out": vars(judged)})

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import describe, options_as_arguments, print_json, print_table, say, working
+from gsid.cli.common import describe, draw, options_as_arguments, print_json, print_table, say, working
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 
 if TYPE_CHECKING:
@@ -51,9 +51,7 @@ def fit_matrix(
     if output:
         model.save(output)
         say(f"wrote {output}")
-    if picture:
-        model.plot(measured).savefig(picture)
-        say(f"wrote {picture}")
+    draw(lambda: model.plot(measured), picture)
     if as_json:
         print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
     else:

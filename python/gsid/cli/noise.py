@@ -8,6 +8,7 @@ import click
 
 from gsid.cli.common import (
     check_picture,
+    draw,
     json_option,
     picture_option,
     print_json,
@@ -56,9 +57,7 @@ def noise(
     if picture and len(records) > 1:
         raise click.UsageError("--plot draws one record at a time", click.get_current_context())
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
-    if picture:
-        found[0].plot().savefig(picture)
-        say(f"wrote {picture}")
+    draw(found[0].plot, picture)
     if as_json:
         print_json({"records": [_values(one) for one in found]})
     else:
