@@ -86,7 +86,7 @@ def export_c(
     """Write a model as C, in single precision.
 
     The command is held over each sample. A model that was fitted to an input that was not held (hold "none")
-    has the hold's half sample in its delay: that is taken off.
+    has the hold's half sample, at the rate it was measured at, in its delay: that is taken off.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def export_c(
     name : str
         What the C functions begin with: a C identifier.
     fs_hz : float, optional
-        Rate of the loop [Hz], when the model does not say it.
+        Rate of the loop [Hz]; default the model's.
     where : str
         File of the model, for messages.
 
@@ -107,11 +107,12 @@ def export_c(
     ValueError
         `name` is not a C identifier.
     InputError
-        The model is not stable, answers before it is asked, has no rate, or an effect that is not exported.
+        The model is not stable, answers before it is asked, has no rate, is in z and has another, or an
+        effect that is not exported.
     """
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise ValueError(f"name must be a C identifier, not {name!r}")
-    fs_hz = model.fs_hz or fs_hz
+    fs_hz = fs_hz or model.fs_hz
     if not fs_hz:
         raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
     if isinstance(model, PiecewiseModel):
@@ -129,6 +130,9 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
     from scipy import signal
 
     if model.domain == "z":
+        if abs(fs_hz / model.fs_hz - 1) > 1e-6:
+            hint = "leave --fs out, or fit with --domain s"
+            raise InputError("a model in z has one rate", where, f"{fs_hz:g} and {model.fs_hz:g} Hz", hint)
         delay = model.delay_s * fs_hz
         if delay < 0 or abs(delay - round(delay)) > 1e-6:
             hint = "fit with --domain s, or with --delay of whole samples"
@@ -141,7 +145,7 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
     if model.n_zeros > model.n_poles:
         hint = "lower the number of zeros"
         raise InputError("more zeros than poles: a derivative of the command", where, model.n_zeros, hint)
-    delay_s = model.delay_s - (0.5 / fs_hz if model.hold == "none" else 0.0)
+    delay_s = model.delay_s - (0.5 / (model.fs_hz or fs_hz) if model.hold == "none" else 0.0)
     return _held(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
 
 
@@ -149,30 +153,31 @@ def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
     """The linear effects in series, as states: command, actuator, axis beside flexible mode, sensor."""
     import control
 
-    stack = {effect.id: {n: p.value for n, p in effect.params.items()} for effect in model.effects}
-    body = stack["rigid_body"]["gain"]
-
-    def of(effect: str, parameter: str) -> float:
-        return stack[effect][parameter] if effect in stack else 0.0
+    body = _all(model, "rigid_body", "gain")[0]
 
     def filter_of(num: list[float], den: list[float]) -> control.StateSpace:
         return control.tf2ss(control.tf(num, den))
 
-    rate, spring = of("viscous_friction", "rate"), of("cable_spring", "stiffness")
+    rate, spring = sum(_all(model, "viscous_friction", "rate")), sum(_all(model, "cable_spring", "stiffness"))
     if model.output == "angle":
         axis = filter_of([body], [1, rate, spring])
     else:
         axis = filter_of([body, 0], [1, rate, spring]) if spring else filter_of([body], [1, rate])
-    if "flexible_mode" in stack:
-        w = 2 * math.pi * of("flexible_mode", "f_hz")
-        bend = [of("flexible_mode", "residue") * body]
-        mode = [1, 2 * of("flexible_mode", "zeta") * w, w**2]
-        axis = axis + filter_of(bend if model.output == "angle" else [*bend, 0], mode)
-    for lag in ("motor_lag", "sensor_lag"):
-        if of(lag, "time_constant_s") > 0:
-            axis = axis * filter_of([1], [of(lag, "time_constant_s"), 1])
+    modes = (_all(model, "flexible_mode", name) for name in ("f_hz", "zeta", "residue"))
+    for f_hz, zeta, residue in zip(*modes, strict=True):
+        w, bend = 2 * math.pi * f_hz, residue * body
+        num = [bend] if model.output == "angle" else [bend, 0]
+        axis = axis + filter_of(num, [1, 2 * zeta * w, w**2])
+    for lag_s in _all(model, "motor_lag", "time_constant_s") + _all(model, "sensor_lag", "time_constant_s"):
+        if lag_s > 0:
+            axis = axis * filter_of([1], [lag_s, 1])
     system = _schur((axis.A, axis.B, axis.C, axis.D))
-    return _held(system, of("transport_delay", "delay_s"), fs_hz, where)
+    return _held(system, sum(_all(model, "transport_delay", "delay_s")), fs_hz, where)
+
+
+def _all(model: PlantModel, effect_id: str, parameter: str) -> list[float]:
+    """Values of a parameter in every effect of an id: there may be none, one or more."""
+    return [effect.params[parameter].value for effect in model.effects if effect.id == effect_id]
 
 
 def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

@@ -49,13 +49,13 @@ def compiled(tmp_path):
     return compiled
 
 
-def lines_of(step, n_periods):
+def lines_of(step, n_periods, fs_hz=FS_HZ):
     """Response at lines 1 .. 50 by a multisine, in the period after n_periods."""
     phase = np.random.default_rng(5).uniform(0, 2 * np.pi, 50)
     k = np.arange(1, 51)
     u = np.cos(2 * np.pi * np.outer(np.arange(N), k) / N + phase).sum(axis=1).astype(np.float32)
     y = step(np.tile(u, n_periods + 1))[-N:]
-    return k * FS_HZ / N, (np.fft.rfft(y) / np.fft.rfft(u.astype(float)))[k]
+    return k * fs_hz / N, (np.fft.rfft(y) / np.fft.rfft(u.astype(float)))[k]
 
 
 @pytest.mark.parametrize("delay_s", [0, 0.0051, 3 / FS_HZ])
@@ -83,13 +83,41 @@ def test_the_half_sample_of_a_hold_is_taken_off(compiled):
     np.testing.assert_allclose(np.angle(ratio), 0, atol=2e-2)
 
 
+@pytest.mark.parametrize(("fs_hz", "hold"), [(1000, "none"), (1000, "zoh"), (7500, "none")])
+def test_the_rate_asked_for_is_that_of_the_step(compiled, fs_hz, hold):
+    """Bug: --fs was taken and ignored, for every model has a rate; the code was for that one, in silence."""
+    model = RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ, hold=hold)
+    assert export_c(model, "rig", fs_hz=fs_hz).fs_hz == fs_hz
+    f, g = lines_of(compiled(model, fs_hz=fs_hz)[0], 60, fs_hz)
+    behind = 0.5 / FS_HZ if hold == "none" else 0  # the half sample is that of the rate it was measured at
+    want = RationalModel(**RIG, delay_s=model.delay_s - behind, fs_hz=fs_hz, hold="zoh").response(f)
+    np.testing.assert_allclose(g, want, rtol=0, atol=2e-5 * np.abs(want).max())
+
+
+def test_a_plant_is_exported_at_the_rate_asked_for(compiled):
+    model = plant(*LINEAR)
+    u = (5 * np.sin(2 * np.pi * 3 * np.arange(N) / N)).astype(np.float32)
+    y = compiled(model, fs_hz=1000)[0](np.tile(u, 20))[-N:]
+    model.fs_hz = 1000
+    want = model.simulate(u.astype(float)).y
+    np.testing.assert_allclose(y, want, rtol=0, atol=3e-5 * np.abs(want).max())
+
+
+def test_a_model_in_z_has_no_other_rate():
+    model = RationalModel([0.2, 0.1], [1, -1.6, 0.7], domain="z", fs_hz=FS_HZ)
+    assert export_c(model, fs_hz=FS_HZ).fs_hz == FS_HZ
+    with pytest.raises(InputError, match="z has one rate") as refused:
+        export_c(model, fs_hz=1000)
+    assert "--domain s" in refused.value.hint
+
+
 def plant(*more):
-    effects = {"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11}} | dict(more)
+    effects = [("rigid_body", {"gain": 7.4}), ("viscous_friction", {"rate": 11}), *more]
     return PlantModel.from_dict(
         {
             "gsid_model": 1,
             "fs_hz": FS_HZ,
-            "effects": [{"effect": effect, "params": params} for effect, params in effects.items()],
+            "effects": [{"effect": effect, "params": params} for effect, params in effects],
         }
     )
 
@@ -113,6 +141,27 @@ def test_a_linear_plant_answers_as_on_the_desktop(compiled, output, maps):
     step, _ = compiled(model)
     u = (5 * np.sin(2 * np.pi * 3 * np.arange(N) / N)).astype(np.float32)
     y = step(np.tile(u, 20))[-N:]
+    want = model.simulate(u.astype(float)).y
+    np.testing.assert_allclose(y, want, rtol=0, atol=3e-5 * np.abs(want).max())
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        ("flexible_mode", {"f_hz": 25, "zeta": 0.05, "residue": -0.2}),
+        ("motor_lag", {"time_constant_s": 0.01}),
+        ("sensor_lag", {"time_constant_s": 0.01}),
+        ("transport_delay", {"delay_s": 0.02}),
+        ("viscous_friction", {"rate": 20}),
+        ("cable_spring", {"stiffness": 500}),
+    ],
+    ids=lambda second: second[0],
+)
+def test_two_effects_of_one_id_are_both_exported(compiled, second):
+    """Bug: of two effects of one id the last alone was in the step."""
+    model = plant(*LINEAR, second)
+    u = (5 * np.sin(2 * np.pi * 3 * np.arange(N) / N)).astype(np.float32)
+    y = compiled(model)[0](np.tile(u, 20))[-N:]
     want = model.simulate(u.astype(float)).y
     np.testing.assert_allclose(y, want, rtol=0, atol=3e-5 * np.abs(want).max())
 
