@@ -7,12 +7,12 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.files import write_atomically
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -122,14 +122,12 @@ class Periodic(ABC):
         Parameters
         ----------
         path : path
-            Written under a temporary name, then renamed.
 
         Raises
         ------
         OSError
             The file cannot be written.
         """
-        path = Path(path)
         head = {
             "fs_hz": repr(self.fs_hz),
             "period_samples": self.period_samples,
@@ -137,9 +135,7 @@ class Periodic(ABC):
         } | self._head()
         rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
         text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
-        temporary = path.with_name(path.name + ".part")
-        temporary.write_text("\n".join(text) + "\n")
-        temporary.replace(path)
+        write_atomically(path, lambda part: part.write_text("\n".join(text) + "\n", encoding="utf-8"))
 
 
 @dataclass(repr=False)

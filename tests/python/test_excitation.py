@@ -153,6 +153,15 @@ def test_table_file_reads_back(tmp_path):
     assert list(tmp_path.iterdir()) == [path]  # nothing half-written is left
 
 
+def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
+    """Bug: the table was written under one fixed name, which stayed behind when the renaming failed."""
+    path = tmp_path / "u.csv"
+    path.mkdir()
+    with pytest.raises(OSError, match=r"u\.csv"):
+        Multisine.design(3000, 600, (5, 250)).write_table(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_repr_says_what_it_is(schroeder):
     assert repr(schroeder).startswith("Multisine(500 full lines 0.5 .. 250 Hz, period 6000 at 3000 Hz")
     assert "Schroeder phases" in repr(schroeder)

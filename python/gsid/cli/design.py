@@ -331,16 +331,19 @@ def _write(path: Path, signal: Periodic) -> None:
         savemat(part, arrays, oned_as="column")
 
     writers = {
-        ".csv": signal.write_table,
         ".npz": lambda part: np.savez(part, **arrays),
         ".mat": write_mat,
         ".h": lambda part: part.write_text(_c_table(path.stem, signal), encoding="utf-8"),
     }
-    if path.suffix.lower() not in writers:
+    kind = path.suffix.lower()
+    if kind == ".csv":
+        signal.write_table(path)
+    elif kind in writers:
+        write_atomically(path, writers[kind])
+    else:
         raise click.UsageError(
             f"cannot write {path.name}: .csv, .npz, .mat or .h", click.get_current_context()
         )
-    write_atomically(path, writers[path.suffix.lower()])
 
 
 def _c_table(stem: str, signal: Periodic) -> str:
