@@ -26,9 +26,10 @@ import numpy as np
 from bench_fit import AMPLITUDE, F_HZ, FS_HZ, PERIODS, SNR_DB, N, measurement
 from page import put, table
 
+from gsid.bands import in_band
 from gsid.errors import GsidError
 from gsid.estimators import fit_all
-from gsid.fit import METHODS, fit, in_band
+from gsid.fit import METHODS, fit
 from gsid.frf import Frf
 from gsid.model import RationalModel
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gsid.bands import within
 from gsid.errors import InputError, choose
 from gsid.frf import Frf
 from gsid.record import Record
@@ -78,8 +79,7 @@ def closed_loop_frf(
         require_same(first, to_u)
         require_same(first_y, to_y)
     chosen = np.logical_and.reduce([_lines(to_u.U, to_u.period_samples) for to_u, _ in each])
-    if band is not None:
-        chosen &= (first.f_hz >= band[0]) & (first.f_hz <= band[1])
+    chosen &= within(first.f_hz, band)
     found = _over_realisations(each, chosen)
     found.name = ", ".join(record.name for record in records if record.name)
     level = np.abs(found.u)

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import stats
 
 from gsid._callable import callable_as
-from gsid.fit import in_band
+from gsid.bands import in_band
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra, spectra_of
 from gsid.units import check_units

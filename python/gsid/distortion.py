@@ -18,6 +18,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
+from gsid.bands import within
 from gsid.errors import InputError
 from gsid.record import Record
 from gsid.spectra import Realisation, Spectra, common_lines, realisations
@@ -546,9 +547,7 @@ def _lines_of(parts: list[Realisation], band: tuple[float, float] | None) -> tup
     excited = np.flatnonzero(some)
     top = N_HARMONICS * excited[-1] if len(excited) == 1 else excited[-1]
     candidate = np.arange(1, min(top, (first.period_samples - 1) // 2) + 1)
-    free = ~some[candidate]
-    if band is not None:
-        free &= (first.f_hz[candidate] >= band[0]) & (first.f_hz[candidate] <= band[1])
+    free = ~some[candidate] & within(first.f_hz, band)[candidate]
     return line, candidate[free]
 
 

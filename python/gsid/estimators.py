@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.bands import in_band
 from gsid.errors import GsidError
-from gsid.fit import METHODS, fit, in_band, initial_delay
+from gsid.fit import METHODS, fit, initial_delay
 from gsid.frf import Frf
 from gsid.validation import HELD_OUT, Validation, held_out_text, validate, without_empty
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.bands import ON_A_LINE
 from gsid.files import write_atomically
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ GROUP = 4  # odd lines of which one is left out on the grid odd-random, at rando
 LINES_PER_DECADE = 20  # of the grid quasi-log
 PHASES = ("schroeder", "random")
 FINE = 8  # points per sample on which the crest factor between the samples is looked for
-ON_A_LINE = 1e-9  # band edges this near to a line, in lines, are meant to be on it
 
 
 class Periodic(ABC):

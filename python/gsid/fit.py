@@ -8,6 +8,7 @@ import numpy as np
 
 from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
+from gsid.bands import in_band
 from gsid.confidence import unwrapped_phase_deg
 from gsid.model import RationalModel
 
@@ -150,35 +151,6 @@ def fit(
         u_unit=frf.u_unit,
         y_unit=frf.y_unit,
     )
-
-
-def in_band(f_hz: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
-    """Mark the frequencies in a band, ends included.
-
-    Parameters
-    ----------
-    f_hz : (k,) ndarray
-        Hz.
-    band : (lo, hi) or None
-        Hz; None: all.
-
-    Returns
-    -------
-    (k,) bool ndarray
-
-    Raises
-    ------
-    ValueError
-        No frequency lies in the band.
-    """
-    if band is None:
-        return np.ones(len(f_hz), dtype=bool)
-    use = (f_hz >= band[0] - 1e-9) & (f_hz <= band[1] + 1e-9)
-    if not np.any(use):
-        raise ValueError(
-            f"no line lies in {band[0]:g}:{band[1]:g} Hz; there are lines in {f_hz[0]:g}:{f_hz[-1]:g} Hz"
-        )
-    return use
 
 
 def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.bands import in_band
 from gsid.errors import InputError
-from gsid.fit import in_band
 from gsid.io import read_record
 from gsid.record import Periods, Record, find_period, find_settling, split_periods
 from gsid.spectra import excited_lines, period_lines

@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsid._lib import lib, version
+from gsid.bands import in_band
 from gsid.errors import GsidError, InputError
 from gsid.files import write_atomically
-from gsid.fit import fit, in_band, parse_order
+from gsid.fit import fit, parse_order
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from gsid._lib import check, ffi, lib
+from gsid.bands import ON_A_LINE
 from gsid.excitation import (
-    ON_A_LINE,
     Multisine,
     Periodic,
     lines_of_band,

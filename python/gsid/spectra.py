@@ -16,6 +16,7 @@ import numpy as np
 
 from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
+from gsid.bands import within
 from gsid.errors import InputError
 from gsid.record import Record, split_periods
 
@@ -299,9 +300,7 @@ def realisations(
 def common_lines(parts: list[Realisation], band: tuple[float, float] | None) -> np.ndarray:
     """Lines within the band [Hz] that every realisation excites, (F,) int; InputError where there is none."""
     first = parts[0]
-    chosen = np.logical_and.reduce([part.excited for part in parts])
-    if band is not None:
-        chosen &= (first.f_hz >= band[0]) & (first.f_hz <= band[1])
+    chosen = np.logical_and.reduce([part.excited for part in parts]) & within(first.f_hz, band)
     if not chosen.any():
         where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
         f_hz = first.f_hz[first.excited]
@@ -318,10 +317,7 @@ def rejected_lines(
     parts: Sequence[Realisation], used: np.ndarray, band: tuple[float, float] | None
 ) -> np.ndarray:
     """Lines within the band that are large enough in some realisation, but not used, (R,) int."""
-    f_hz = parts[0].f_hz
-    rejected = np.logical_or.reduce([part.large for part in parts])
-    if band is not None:
-        rejected &= (f_hz >= band[0]) & (f_hz <= band[1])
+    rejected = np.logical_or.reduce([part.large for part in parts]) & within(parts[0].f_hz, band)
     rejected[used] = False
     return np.flatnonzero(rejected)
 

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from gsid.bands import in_band
 from gsid.confidence import NORMAL_95
-from gsid.fit import in_band, inflation, weights
+from gsid.fit import inflation, weights
 
 if TYPE_CHECKING:
     from gsid.frf import Frf

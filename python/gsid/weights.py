@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
+from gsid.bands import in_band
 from gsid.errors import InputError
-from gsid.fit import in_band
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsid.bands import within
 from gsid.errors import InputError
 from gsid.frf import Frf
 from gsid.noise import CORRELATION, hann_windows
@@ -76,9 +77,7 @@ def windowed_frf(
     uu, yy, yu = (sum(getattr(part, name) for part in parts) / n_windows for name in ("uu", "yy", "yu"))
     line = np.arange(len(uu))
     f_hz = line * (first.fs_hz / window)
-    looked_at = (line >= FIRST_LINE) & (2 * line < window)
-    if band is not None:
-        looked_at &= (f_hz >= band[0]) & (f_hz <= band[1])
+    looked_at = (line >= FIRST_LINE) & (2 * line < window) & within(f_hz, band)
     amplitude = np.sqrt(uu)
     use = looked_at & (amplitude > SHARE_OF_LARGEST * amplitude[FIRST_LINE:].max()) & (amplitude >= min_input)
     if not use.any():

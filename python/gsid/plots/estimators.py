@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.bands import within
 from gsid.confidence import complex_bound
 from gsid.plots.style import (
     MEASURED,
@@ -62,7 +63,7 @@ def estimators(found: Estimators, frf: Frf) -> Figure:
     bands = [row.model.band_hz for row in found.rows if row.model is not None and row.model.band_hz]
     use = line_mask(frf)
     if bands:
-        use = use & (frf.f_hz >= bands[0][0] - 1e-9) & (frf.f_hz <= bands[0][1] + 1e-9)
+        use = use & within(frf.f_hz, bands[0])
     f, g = frf.f_hz[use], frf.g[use]
     figure = new_figure(8.2)
     top, amplitude, phase = figure.subplots(3, 1, sharex=True, height_ratios=[2, 1, 1])
