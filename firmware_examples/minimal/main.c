@@ -13,13 +13,15 @@ static uint32_t line[N_LINES], n_lines;
 static gsid_real amplitude[N_LINES], phase_rad[N_LINES], excitation[N_PERIOD];
 static gsid_cplx memory[GSID_FRF_MEM_SIZE(N_LINES, 0) / sizeof(gsid_cplx) + 1];
 static gsid_frf frf;
+static uint32_t n; /* sample of the excitation */
 
-/* Once, in the background: a multisine of 1 unit per line, and the measurement of its answer. */
+/* In the background, at the start and to begin anew: a multisine of 1 unit per line, and the measurement of its answer. */
 static gsid_status measure_init(void) {
     gsid_multisine multisine;
     const gsid_multisine_cfg sines = {N_PERIOD, N_LINES, line, amplitude, phase_rad, twiddle};
     const gsid_frf_cfg cfg = {N_PERIOD, N_LINES, N_SETTLE, line, twiddle, input};
     gsid_status status = gsid_twiddle_fill(N_PERIOD, twiddle);
+    n = 0;
     status = status ? status : gsid_lines_fill(GSID_GRID_FULL, 1, N_LINES, N_LINES, line, &n_lines);
     status = status ? status : gsid_amplitude_shape(N_LINES, line, 0, amplitude);
     status = status ? status : gsid_phase_schroeder(N_LINES, amplitude, phase_rad);
@@ -30,9 +32,12 @@ static gsid_status measure_init(void) {
 }
 
 /* Every tick, where the sensor is read: gives what to add to the command. */
-static gsid_real measure_tick(uint32_t tick, gsid_real y) {
-    gsid_frf_step(&frf, 0, y);
-    return excitation[tick % N_PERIOD];
+static gsid_real measure_tick(gsid_real y) {
+    if (gsid_frf_step(&frf, 0, y) == GSID_E_NONFINITE)
+        gsid_frf_skip(&frf, 1); /* refused is lost: time goes on, its period is left out */
+    const gsid_real u = excitation[n];
+    n = n + 1 < N_PERIOD ? n + 1 : 0; /* not a count of ticks, which would jump where it wraps around */
+    return u;
 }
 /* ---- to here ---- */
 
@@ -45,8 +50,8 @@ static void axis_apply(gsid_real u) {
 int main(void) {
     if (measure_init() != GSID_OK)
         return 1;
-    for (uint32_t tick = 0; frf.n_periods < N_GOOD; tick++)
-        axis_apply(measure_tick(tick, axis_rate));
+    while (frf.n_periods < N_GOOD)
+        axis_apply(measure_tick(axis_rate));
 
     static gsid_cplx g[N_LINES];
     const gsid_frf_out out = {.g = g};

@@ -55,6 +55,43 @@ def test_minimal_measures_its_lag(printed):
     np.testing.assert_allclose(table["g_re"] + 1j * table["g_im"], lag, rtol=0, atol=4e-6)
 
 
+LOSES_A_SAMPLE = """
+#include <math.h>
+int main(void) {
+    for (int run = 0; run < 2; run++) {
+        float y = 0;
+        if (measure_init() != GSID_OK)
+            return 1;
+        for (uint32_t tick = 0; frf.n_periods < N_GOOD; tick++)
+            y = measure_tick(tick == 2 * N_SETTLE + 7 ? NAN : y); /* the answer: u, one sample late */
+    }
+    gsid_cplx g[N_LINES];
+    const gsid_frf_out out = {.g = g};
+    if (gsid_frf_result(&frf, &out) != GSID_OK || frf.n_spoiled != 1)
+        return 1;
+    for (uint32_t i = 0; i < N_LINES; i++)
+        printf("%.9g %.9g\\n", g[i].re, g[i].im);
+}
+"""
+
+
+def test_the_lines_to_copy_stand_a_sample_that_is_no_number(run, root, tmp_path):
+    """Bug: refused and not skipped, it left every later period one sample late; and begun anew, all were."""
+    copied = (root / "firmware_examples/minimal/main.c").read_text()
+    copied = copied[copied.index("#include") : copied.index("/* ---- to here")]
+    (tmp_path / "user.c").write_text(copied + LOSES_A_SAMPLE)
+    library = root / "build/float/libgsid_core.a"
+    flags = ["-std=c99", "-Wall", "-Wextra", "-DGSID_SINGLE", f"-I{root / 'include'}"]
+    compiled = run("cc", *flags, "-o", tmp_path / "user", tmp_path / "user.c", library, "-lm")
+    assert compiled.returncode == 0, compiled.stderr
+    result = run(tmp_path / "user")
+    assert result.returncode == 0
+    re_im = np.array([line.split() for line in result.stdout.splitlines()], float)
+    late = np.exp(-2j * np.pi * np.arange(1, 51) / 600)
+    # Single precision: 2e-6 of the largest line (include/gsid/frf.h).
+    np.testing.assert_allclose(re_im @ [1, 1j], late, rtol=0, atol=4e-6)
+
+
 def test_posix_measures_and_fits_its_axis(printed):
     keys, table = printed("posix")
     f, g, std = table["f_hz"], table["g_re"] + 1j * table["g_im"], table["std_g"]
