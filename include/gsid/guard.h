@@ -87,7 +87,8 @@ gsid_status gsid_guard_init(gsid_guard *guard, const gsid_guard_cfg *cfg);
 
 /** Begin to let the excitation through.
  *  @param[in] angle  where the axis is now, finite; not looked at when the angle is measured
- *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE not OFF: after a trip call gsid_guard_reset first; GSID_E_NONFINITE
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE not initialised, or not OFF: after a trip call gsid_guard_reset
+ *          first; GSID_E_NONFINITE
  *  Context: that of gsid_guard_step, or while it cannot interrupt; so are stop and reset. */
 gsid_status gsid_guard_start(gsid_guard *guard, gsid_real angle);
 

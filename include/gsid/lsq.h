@@ -28,13 +28,14 @@ size_t gsid_lsq_mem_size(uint32_t n_columns);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY */
 gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size);
 
-/** Forget all rows. */
+/** Forget all rows.
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
 gsid_status gsid_lsq_reset(gsid_lsq *q);
 
 /** Append one row of A and its right-hand side, by Givens rotations.
  *  @param[in] row  [n_columns] finite
  *  @param[in] rhs  finite
- *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE refused, nothing changed
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused, nothing changed
  *  Cost: n_columns rotations, 3 (n_columns + 2)^2 flops. */
 gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
 
@@ -44,7 +45,7 @@ gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
  *  @param[in]     n_rows  0 .. GSID_LSQ_BLOCK
  *  @param[in,out] block   [n_columns + 1][GSID_LSQ_BLOCK] the rows of A, and of the right-hand side last, column by column;
  *                         finite; used as work space
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE refused, nothing changed
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG; GSID_E_NONFINITE refused, nothing changed
  *  Cost: n_columns + 1 reflections, 2 GSID_LSQ_BLOCK (n_columns + 2)^2 flops. */
 gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block);
 
@@ -53,21 +54,21 @@ gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block);
  *  @param[in]  rank_tol  >= 0; 0: 8 (n_columns + 1) times the rounding unit
  *  @param[out] x         [n_columns]
  *  @param[out] cost      sum of squared residuals; may be NULL
- *  @return GSID_OK; GSID_RANK unknowns are pinned; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW fewer rows than
- *          columns; GSID_E_NONFINITE the solution overflows: outputs untouched
+ *  @return GSID_OK; GSID_RANK unknowns are pinned; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG; GSID_E_TOO_FEW fewer rows
+ *          than columns; GSID_E_NONFINITE the solution overflows: outputs untouched
  *  Cost: n_columns^2 flops, and one gsid_lsq_add for each pin. */
 gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost);
 
 /** Solve A'A x = c.
  *  @param[in]  c  [n_columns] finite
  *  @param[out] x  [n_columns]; may be c
- *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
  *  Cost: 3 n_columns^2 flops. */
 gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_real *x);
 
 /** Inverse of A'A: the covariance of x when the rows have unit variance.
  *  @param[out] cov  [n_columns][n_columns]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
  *  Cost: n_columns^3 / 2 flops. */
 gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov);
 

@@ -37,7 +37,8 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
 /** Evaluate the frequency response.  Eq: MOD-1 (source, eqs. 6.4 and 6.5).
  *  @param[in]  n_freq, f_hz  [n_freq] Hz
  *  @param[out] g             [n_freq]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE a frequency is not finite or falls on a pole: outputs untouched
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG an order; GSID_E_NONFINITE a frequency is not finite or falls on a pole:
+ *          outputs untouched
  *  Cost: 2 (n_poles + n_zeros) complex multiply-adds and two sines and cosines per frequency; domain z: four. */
 gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g);
 
@@ -51,7 +52,8 @@ uint32_t gsid_rational_held(const gsid_rational *model);
  *  @param[in]  f_hz      Hz
  *  @param[out] g         response
  *  @param[out] gradient  [n_poles + n_zeros + 2] dG by den (ascending, without the held one), num (ascending), delay_s
- *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE the frequency is not finite or falls on a pole: outputs untouched */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG an order; GSID_E_NONFINITE the frequency is not finite or falls on a pole:
+ *          outputs untouched */
 gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient);
 
 /** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Schur and Cohn's

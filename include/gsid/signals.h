@@ -122,7 +122,8 @@ gsid_status gsid_lines_odd_random(uint32_t line_lo, uint32_t line_hi, uint32_t n
 
 /** List odd lines that are spread evenly over the logarithm of frequency, as nearly as odd lines can be.
  *  @param[in]  n_per_decade  lines in a decade asked for, >= 1; fewer where there are no more odd ones
- *  @return as gsid_lines_odd_random; further arguments, too */
+ *  @return as gsid_lines_odd_random; further arguments, too
+ *  Cost: twice line_hi / 2 + min(n_per_decade, 2 line_hi) log10(line_hi / line_lo) steps.  Context: background. */
 gsid_status gsid_lines_quasi_log(uint32_t line_lo, uint32_t line_hi, uint32_t n_per_decade, uint32_t capacity,
                                  uint32_t *line, uint32_t *n_lines);
 

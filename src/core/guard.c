@@ -46,7 +46,7 @@ gsid_status gsid_guard_start(gsid_guard *guard, gsid_real angle) {
     if (guard == NULL) {
         return GSID_E_NULL;
     }
-    if (guard->state != GSID_GUARD_OFF) {
+    if (guard->state != GSID_GUARD_OFF || !is_positive(guard->cfg.fs_hz)) {
         return GSID_E_STATE;
     }
     if (!guard->cfg.angle_is_measured) {

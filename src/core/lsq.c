@@ -41,6 +41,8 @@ gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem
 gsid_status gsid_lsq_reset(gsid_lsq *q) {
     if (q == NULL)
         return GSID_E_NULL;
+    if (q->r == NULL)
+        return GSID_E_STATE;
     const size_t n = (size_t)q->n_columns + 1;
     for (size_t i = 0; i < n * n; i++)
         q->r[i] = 0;
@@ -89,6 +91,8 @@ static void rotate_in(gsid_lsq *q, uint32_t first) {
 gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs) {
     if (q == NULL || row == NULL)
         return GSID_E_NULL;
+    if (q->r == NULL)
+        return GSID_E_STATE;
     for (uint32_t i = 0; i < q->n_columns; i++)
         if (!gsid_is_finite(row[i]))
             return GSID_E_NONFINITE;
@@ -155,6 +159,8 @@ static void reflect_in(gsid_lsq *q, gsid_real *block) {
 gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block) {
     if (q == NULL || block == NULL)
         return GSID_E_NULL;
+    if (q->r == NULL)
+        return GSID_E_STATE;
     if (n_rows > GSID_LSQ_BLOCK)
         return GSID_E_CONFIG;
     for (uint32_t j = 0; j <= q->n_columns; j++)
@@ -190,6 +196,8 @@ static void pin_undetermined(gsid_lsq *q, gsid_real rank_tol) {
 gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_real *cost) {
     if (q == NULL || x == NULL)
         return GSID_E_NULL;
+    if (q->r == NULL)
+        return GSID_E_STATE;
     if (!(rank_tol >= 0))
         return GSID_E_CONFIG;
     const uint32_t n = q->n_columns;
@@ -217,6 +225,8 @@ gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_r
 }
 
 static gsid_status check_regular(const gsid_lsq *q) {
+    if (q->r == NULL)
+        return GSID_E_STATE;
     if (q->n_rows < q->n_columns)
         return GSID_E_TOO_FEW;
     if (q->n_pinned > 0)

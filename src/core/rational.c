@@ -29,6 +29,11 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s) 
 }
 
 /* Eq: MOD-1 */
+/* What a hand may have written into the struct, before its arrays are read by it. */
+static int has_orders(const gsid_rational *model) {
+    return model->n_poles <= GSID_ORDER_MAX && model->n_zeros <= GSID_ORDER_MAX;
+}
+
 static gsid_cplx response(const gsid_rational *model, gsid_real f_hz) {
     const gsid_real w = GSID_TWO_PI * f_hz;
     const gsid_cplx v = gsid_rational_variable(model, w);
@@ -40,6 +45,8 @@ static gsid_cplx response(const gsid_rational *model, gsid_real f_hz) {
 gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, const gsid_real *f_hz, gsid_cplx *g) {
     if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL)))
         return GSID_E_NULL;
+    if (!has_orders(model))
+        return GSID_E_CONFIG;
     if (n_freq == 1) { /* the same in half the time: fits ask line by line */
         const gsid_cplx one = response(model, f_hz[0]);
         if (!gsid_cplx_is_finite(one))
@@ -63,6 +70,8 @@ uint32_t gsid_rational_held(const gsid_rational *model) {
 gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, gsid_cplx *g, gsid_cplx *gradient) {
     if (model == NULL || g == NULL || gradient == NULL)
         return GSID_E_NULL;
+    if (!has_orders(model))
+        return GSID_E_CONFIG;
     const gsid_real w = GSID_TWO_PI * f_hz;
     const gsid_cplx v = gsid_rational_variable(model, w);
     const gsid_cplx a = gsid_cplx_polynomial(model->n_poles, model->den, v);

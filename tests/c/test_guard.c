@@ -290,6 +290,7 @@ static void every_refusal(void **state) {
     gsid_guard guard, untouched;
     memset(&guard, 0, sizeof guard);
     untouched = guard;
+    assert_int_equal(gsid_guard_start(&guard, 0), GSID_E_STATE); /* bug: started, with limits of 0 */
 #define REFUSED(field, value)                                                                                          \
     do {                                                                                                               \
         gsid_guard_cfg bad = good;                                                                                     \

@@ -277,6 +277,19 @@ static void failures_leave_the_outputs(void **state) {
     assert_true(cost == 5);
 }
 
+/* Bug: the memory of an object of zeros was written to. */
+static void not_initialised(void **state) {
+    (void)state;
+    gsid_lsq q = {0};
+    gsid_real x[1] = {1}, block[GSID_LSQ_BLOCK] = {0};
+    assert_int_equal(gsid_lsq_reset(&q), GSID_E_STATE);
+    assert_int_equal(gsid_lsq_add(&q, x, 0), GSID_E_STATE);
+    assert_int_equal(gsid_lsq_add_block(&q, 1, block), GSID_E_STATE);
+    assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_E_STATE);
+    assert_int_equal(gsid_lsq_solve_normal(&q, x, x), GSID_E_STATE);
+    assert_int_equal(gsid_lsq_covariance(&q, x), GSID_E_STATE);
+}
+
 static void memory_is_counted_and_checked(void **state) {
     (void)state;
     gsid_lsq q = {0}, untouched = {0};
@@ -374,6 +387,7 @@ int main(void) {
         cmocka_unit_test(refused_blocks_change_nothing),
         cmocka_unit_test(refused_rows_change_nothing),
         cmocka_unit_test(failures_leave_the_outputs),
+        cmocka_unit_test(not_initialised),
         cmocka_unit_test(memory_is_counted_and_checked),
     };
     return cmocka_run_group_tests_name("lsq", tests, NULL, NULL);

@@ -283,6 +283,14 @@ static void failures_leave_the_outputs(void **state) {
     assert_int_equal(gsid_rational_gradient(NULL, 1, g, slope), GSID_E_NULL);
     assert_int_equal(gsid_rational_gradient(&m, 1, NULL, slope), GSID_E_NULL);
     assert_int_equal(gsid_rational_gradient(&m, 1, g, NULL), GSID_E_NULL);
+    /* Bug: orders beyond the arrays, which only gsid_rational_init looked at, read past them. */
+    gsid_rational high = m;
+    high.n_poles = GSID_ORDER_MAX + 1;
+    assert_int_equal(gsid_rational_eval(&high, 3, f, g), GSID_E_CONFIG);
+    assert_int_equal(gsid_rational_gradient(&high, 1, g, slope), GSID_E_CONFIG);
+    high.n_poles = 2;
+    high.n_zeros = UINT32_MAX;
+    assert_int_equal(gsid_rational_eval(&high, 1, f, g), GSID_E_CONFIG);
     assert_memory_equal(g, g_before, sizeof g);
     assert_true(slope[0].re == 7 && slope[0].im == 8);
 

@@ -190,9 +190,27 @@ static void quasi_log_lines_are_the_nearest_odd_ones(void **state) {
         }
         assert_true(nearest <= 1.001L);
     }
-    assert_int_equal(gsid_lines_quasi_log(1, 1000, 8, n - 1, line, &n), GSID_E_MEMORY);
+    /* Bug: too small an array was filled before it was refused. */
+    const uint32_t n_lines = n;
+    line[0] = 77;
+    assert_int_equal(gsid_lines_quasi_log(1, 1000, 8, n_lines - 1, line, &n), GSID_E_MEMORY);
+    assert_int_equal(line[0], 77);
     assert_int_equal(gsid_lines_quasi_log(1, 1000, 0, 64, line, &n), GSID_E_CONFIG);
     assert_int_equal(gsid_lines_quasi_log(2, 2, 8, 64, line, &n), GSID_E_CONFIG);
+}
+
+/* Bug: in float a ratio that rounds to 1 never came to an end, in double it took seconds. */
+static void quasi_log_lines_of_any_density_are_odd_lines(void **state) {
+    (void)state;
+    static const uint32_t density[] = {2001, 100000, 40000000, UINT32_MAX};
+    uint32_t line[500], n;
+    for (size_t d = 0; d < sizeof density / sizeof *density; d++) {
+        assert_int_equal(gsid_lines_quasi_log(1, 1000, density[d], 500, line, &n), GSID_OK);
+        assert_int_equal(n, 500);
+        for (uint32_t i = 0; i < n; i++) {
+            assert_int_equal(line[i], 2 * i + 1);
+        }
+    }
 }
 
 static void no_pointer_no_signal(void **state) {
@@ -222,6 +240,7 @@ int main(void) {
         cmocka_unit_test(a_stepped_sine_settles_and_lasts_line_by_line),
         cmocka_unit_test(of_each_group_one_odd_line_is_left_out),
         cmocka_unit_test(quasi_log_lines_are_the_nearest_odd_ones),
+        cmocka_unit_test(quasi_log_lines_of_any_density_are_odd_lines),
         cmocka_unit_test(no_pointer_no_signal),
     };
     return cmocka_run_group_tests_name("signals", tests, NULL, NULL);
