@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,7 @@ class Given:
     band: tuple[float, float] | None  # Hz
     alpha: float  # level of the tests
     on_step: Callable[[str], None]
+    untried: dict[str, str] = field(default_factory=dict)  # effects that no start could be fitted of, and why
 
     def fit(
         self, model: PlantModel, max_iter: int = CONVERGED_BY, only: Sequence[int] | None = None
@@ -167,6 +168,7 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
     Where the shape is held, a few steps tell the shapes apart, and only the best goes on.
     """
     best: Candidate | None = None
+    given.untried.pop(effect, None)
     for probe, item in tries:
         enough = (BEYOND if probe.fixed else KEPT) * item.drop
         # Of a held shape an unfinished fit will do: the cost only falls further.
@@ -176,10 +178,13 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
         try:
             start = with_probe(fit.model, probe, item.size)
             larger = given.fit(start, STEPS_LOOK if probe.fixed else STEPS_MAX)
-        except (GsidError, InputError):
+        except (GsidError, InputError) as error:
+            given.untried[effect] = str(error)
             continue  # a start that cannot be simulated is no candidate
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
+    if best is not None:
+        given.untried.pop(effect, None)
     if best is not None and tries[0][0].fixed and not best.fit.converged:
         best = _further(best, given, STEPS_MAX)
     return best

@@ -93,6 +93,7 @@ class Diagnosis:
     converged: bool
     next_experiment: str = ""
     names: list[str] = field(default_factory=list)
+    untried: dict[str, str] = field(default_factory=dict)
 
     @property
     def found(self) -> list[Group]:
@@ -158,7 +159,8 @@ class Diagnosis:
     @property
     def notes(self) -> list[str]:
         """What to know about the answer besides."""
-        notes = [
+        notes = [f"{effect} could not be tried: {why}." for effect, why in self.untried.items()]
+        notes += [
             f"{' or '.join(step.ranking[0].effects)} would take {step.too_small:.1%} off what is left: "
             "too little to be what is missing."
             for step in self.steps
@@ -257,6 +259,7 @@ def diagnose(
         converged=fit.converged,
         next_experiment=_advice(found, measured),
         names=[s.name for s in measured],
+        untried=search.given.untried,
     )
 
 

@@ -11,7 +11,7 @@ import contextlib
 import copy
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -448,10 +448,8 @@ def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
         raise InputError(
             "too few periods to keep half of them out", one.name, f"{one.n_periods} of at least 4", hint
         )
-    parts = copy.copy(one), copy.copy(one)
-    for part, rows in zip(parts, (slice(None, half), slice(half, None)), strict=True):
-        part.U, part.Y = one.U[rows], one.Y[rows]
-    return parts
+    first, second = (replace(one, U=one.U[r], Y=one.Y[r]) for r in (slice(None, half), slice(half, None)))
+    return first, second
 
 
 # ---- the fit -----------------------------------------------------------------------------------------------

@@ -84,8 +84,9 @@ def linear_view(
     actuator = actuator * (_held(s, fs_hz) if held else 1.0)
     driven = actuator * taken_up
     sensor = _lag(stack, "sensor_lag", s)
-    if "sensor_sample_hold" in stack:
-        sensor = sensor * _held(s, stack["sensor_sample_hold"]["rate_hz"])
+    for sampler in _every(stack, "sensor_sample_hold"):
+        if sampler["rate_hz"] > 0:  # 0: it follows at once
+            sensor = sensor * _held(s, sampler["rate_hz"])
     if output_angle:
         sensor = sensor / s
     loop = 1 / (1 + driven * body * _feedback(stack, s, fs_hz))

@@ -28,10 +28,14 @@ class Experiment:
     words : str
     separation : float
         Expected difference in cost between the rivals, with the periods and the noise of the record given.
+    peak, travel : float
+        Largest command, and travel from end to end of the first rival, in the unit of its angle.
     """
 
     words: str
     separation: float
+    peak: float
+    travel: float
 
 
 def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
@@ -53,6 +57,7 @@ def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
     slow = np.fft.irfft(low, len(u))
     slow = slow * peak / max(float(np.max(np.abs(slow))), np.finfo(float).tiny)
     commands = [
+        ("the same excitation once more", u),
         ("the same excitation at a tenth of the amplitude", 0.1 * u),
         ("the same excitation at a third of the amplitude", u / 3),
         ("the same excitation at twice the amplitude", 2 * u),
@@ -95,12 +100,13 @@ def next_experiment(
         difference = _whiten((lines_of(one.y) - lines_of(other.y))[use] * weight)
         nuisance = orthonormal(_whiten(one.dY[:, use] * weight).T)
         left = project_out(nuisance, difference[:, None])[:, 0]
-        ranked.append(Experiment(words, float(left @ left)))
+        peak, travel = float(np.max(np.abs(command))), float(np.ptp(one.angle))
+        ranked.append(Experiment(words, float(left @ left), peak, travel))
     return sorted(ranked, key=lambda experiment: -experiment.separation)
 
 
 def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tuple[str, str]) -> str:
-    """The best of the menu in a sentence.
+    """The best of the menu in a sentence, and what it asks of the rig: whose limits are not known here.
 
     Parameters
     ----------
@@ -114,8 +120,9 @@ def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tupl
         return f"No experiment of the menu tells {names[0]} from {names[1]} at this noise."
     best = ranked[0]
     return (
-        f"To tell {names[0]} from {names[1]}: {best.words} "
-        f"(expected difference in cost {best.separation:.0f} over {measured.n_periods} periods)."
+        f"To tell {names[0]} from {names[1]}: {best.words} (command up to {best.peak:.3g}, travel of "
+        f"{best.travel:.3g} {first.angle_unit}; expected difference in cost {best.separation:.0f} over "
+        f"{measured.n_periods} periods)."
     )
 
 

@@ -38,6 +38,7 @@ class Trajectory:
         Command as the drive gets it, and the model's angle, rate and output.
     f_hz : (K,) ndarray
         All lines, 0 .. N/2.
+    excited : (K,) ndarray of bool
     torque_response, change_response, direct_response : (K,) complex ndarrays
         Of the model's linear part, to the output: from torque / inertia, from a change of the command, and
         from the command past the rigid body (gain, hold, delay, lags).
@@ -53,6 +54,7 @@ class Trajectory:
     rate: np.ndarray
     output: np.ndarray
     f_hz: np.ndarray
+    excited: np.ndarray
     torque_response: np.ndarray
     change_response: np.ndarray
     direct_response: np.ndarray
@@ -353,8 +355,7 @@ def _delay(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 
 def _flexible_mode(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    excited = np.abs(lines_of(trajectories[0].command)) > 0
-    f = trajectories[0].f_hz[excited]
+    f = trajectories[0].f_hz[trajectories[0].excited]
     for f_mode in np.geomspace(max(f.min(), f.max() / 50), f.max() * 1.1, 60):
         for zeta in (0.005, 0.02, 0.08):
             yield _mode_probe(trajectories, f_mode, zeta)

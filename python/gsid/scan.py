@@ -174,6 +174,7 @@ def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory
         rate=record.prediction.rate,
         output=record.prediction.y,
         f_hz=one.f_hz,
+        excited=one.excited,
         torque_response=view.torque,
         change_response=view.change,
         direct_response=view.direct,

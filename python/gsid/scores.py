@@ -129,7 +129,8 @@ def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) 
 
     The largest score over all candidates and grids is noted in each residual drawn under a right model: so
     the price of having looked at many is paid, and correlations between candidates are kept. One-sided
-    candidates are treated as two-sided here, which is on the safe side.
+    candidates are left out where the residual points the other way, about half of them, and those left are
+    treated as two-sided, which makes up for it: `make blind` counts the rate.
 
     Parameters
     ----------

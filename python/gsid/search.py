@@ -62,6 +62,7 @@ class Search:
     given: Given
     seed: int  # of the bootstrap
     steps: list[Step] = field(default_factory=list)
+    _smaller: dict[frozenset[str], PlantFit | None] = field(default_factory=dict)
 
     def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
         """Rankings of the effects found, and the fit with the first of each; the last step tests that fit."""
@@ -157,7 +158,7 @@ class Search:
         for ranking in rankings[:-1]:
             needless = ranking[0].candidates[0]
             self.given.on_step(f"trying without {needless.effect}")
-            without = self._fit_or_none(_without(fit.model, needless.effect), anew=needless.effect == SAMPLER)
+            without = self._without_or_none(fit, needless.effect)
             price = len(needless.params) * np.log(fit.n_dof)
             if without is not None and without.cost - fit.cost < price:
                 rankings, fit = [r for r in rankings if r is not ranking], without
@@ -177,7 +178,8 @@ class Search:
                 exchanged = self._with_rival(fit.model, own.effect, rival)
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
-            again.append(ranked(self.steps[0].fit, now))
+            # Without a fit that lacks this effect alone, the one that lacks them all stands in.
+            again.append(ranked(self._without_or_none(fit, own.effect) or self.steps[0].fit, now))
             fit = again[-1][0].candidates[0].fit
         for ranking in again:
             best = ranking[0].candidates
@@ -192,6 +194,14 @@ class Search:
         ]
         beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
+
+    def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
+        """Fit with an effect left out, once for each set of effects."""
+        model = _without(fit.model, effect)
+        left = frozenset(each.id for each in model.effects)
+        if left not in self._smaller:
+            self._smaller[left] = self._fit_or_none(model, anew=effect == SAMPLER)
+        return self._smaller[left]
 
     def _with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
         """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this

@@ -97,6 +97,20 @@ def test_a_fit_that_cannot_be_carried_on_is_kept(monkeypatch):
     assert found.fit.cost == 900.0
 
 
+def test_what_no_start_could_be_fitted_of_is_told(monkeypatch):
+    """A bug: an effect that could not be simulated was left out without a word."""
+
+    def refuse(*_, **__):
+        raise InputError("the model cannot be simulated as it starts", "", "", "")
+
+    monkeypatch.setattr("gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace())
+    monkeypatch.setattr("gsid.candidates.fit_plant", refuse)
+    tries = [(SimpleNamespace(fixed=()), SimpleNamespace(drop=900.0, size=None))]
+    given = Given(None, [], None, 0.05, print)
+    assert _refitted(fitted(1000.0), "hard_stop", tries, given) is None
+    assert "cannot be simulated" in given.untried["hard_stop"]
+
+
 def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():
     """A bug: Stribeck friction hidden, Coulomb's named at 99.6 %, for its fewer parameters."""
     before = fitted(1900.0)
@@ -122,6 +136,13 @@ def test_the_linear_view_of_a_joint_is_the_plants_answer(joint):
     expected = linear_view(stack, f, FS_HZ).command[excited] * spectrum[excited]
     # Sampling folds the hold's images back: (30 / 2970)^2 of the rigid body's.
     np.testing.assert_allclose(answer.Y[excited], expected, rtol=1e-3)
+
+
+def test_a_sensor_that_follows_at_once_is_none():
+    """A bug: a refresh of 0 Hz, which switches it off, made the response NaN."""
+    f = np.arange(1.0, 100.0)
+    off = linear_view(AXIS | {"sensor_sample_hold": {"rate_hz": 0.0}}, f, FS_HZ)
+    np.testing.assert_array_equal(off.command, linear_view(AXIS, f, FS_HZ).command)
 
 
 def stopped_plant():

@@ -2,7 +2,6 @@
 nothing is named where nothing is hidden. tests/blind has the large trials; this is the short part."""
 
 from functools import cache
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -210,13 +209,25 @@ def test_a_probe_points_where_the_effect_leads(level):
     view = linear_view(TRUTH, f, FS, radians_per_unit=np.pi / 180)
     rate = np.gradient(np.tile(angle, 3), 1 / FS)[N : 2 * N]
     responses = view.torque, view.change, view.direct
-    path = Trajectory(FS, u, angle, rate, y, f, *responses, radians_per_unit=np.pi / 180, spare_delay_s=0.0)
+    excited = (f > 0) & (f <= 195)
+    path = Trajectory(FS, u, angle, rate, y, f, excited, *responses, np.pi / 180, spare_delay_s=0.0)
     use = (f > 0) & (f <= 195)
     moved = (lines_of(simulate(coulomb_level=level)[1]) - lines_of(y))[use]
     column = next(iter(GRIDS["coulomb_friction"]([path]))).columns[0][0][use]
     along = np.vdot(column, moved).real / np.vdot(column, column).real
     assert along == pytest.approx(level, rel=0.01)
     assert along * np.linalg.norm(column) > 0.999 * np.linalg.norm(moved)
+
+
+def test_modes_are_looked_for_where_the_axis_is_excited():
+    """A bug: noise on the command counted as excitation, and a tenth of all modes was within the band."""
+    f = np.arange(N // 2 + 1) * FS / N
+    u = command(3, 3.0) + np.random.default_rng(3).normal(0, 1e-3, N)
+    excited = (f >= 2) & (f <= 195)
+    path = Trajectory(FS, u, u, u, u, f, excited, *np.ones((3, len(f))), np.pi / 180, spare_delay_s=0.0)
+    modes = {probe.start(np.ones(1))["f_hz"] for probe in GRIDS["flexible_mode"]([path])}
+    assert min(modes) == pytest.approx(195 / 50)
+    assert max(modes) == pytest.approx(195 * 1.1)
 
 
 def test_the_presliding_state_is_that_of_its_equation():
@@ -232,13 +243,17 @@ def test_the_presliding_state_is_that_of_its_equation():
 
 
 def test_the_advised_experiment_separates_better_than_the_one_done():
+    """A bug: the test could not fail, since the one done was not on the menu."""
     u = measured(2.0)[0]
     a = with_effect(null(), "coulomb_friction", {"level": 0.5})
     b = with_effect(null(), "stribeck_friction", {"level": 0.45, "extra": 0.2, "velocity": 0.3})
     ranked = next_experiment(a, b, u)
     assert len(ranked) >= 4
-    assert all(x.separation >= y.separation for x, y in pairwise(ranked))
-    assert ranked[0].separation > ranked[-1].separation
+    (again,) = (one for one in ranked if one.words == "the same excitation once more")
+    assert ranked[0].separation > 2 * again.separation  # friction that falls with the rate shows at low rates
+    assert again.peak == pytest.approx(np.max(np.abs(command(1, 1.0))), rel=1e-3)  # the axis rounds it
+    twice = next(one for one in ranked if "twice" in one.words)
+    assert (twice.peak, twice.travel) == pytest.approx((2 * again.peak, 2 * again.travel), rel=0.3)
 
 
 def test_misuse():

@@ -139,6 +139,14 @@ def test_which_data_are_kept_out(caplog):
     assert "--held-out" in refused.value.hint
 
 
+def test_the_half_fitted_knows_nothing_of_the_other_half():
+    """A bug: both halves kept the variance of the whole record where that had been asked for before."""
+    fresh, used = realisation(SEED, n_periods=4), realisation(SEED, n_periods=4)
+    assert np.all(used.noise_y >= 0)
+    first, second = (add("coulomb_friction", start(), one).rung.to_dict() for one in (fresh, used))
+    assert first == second
+
+
 @pytest.mark.parametrize(
     ("effect", "params", "what"),
     [

@@ -84,6 +84,16 @@ def test_probability_is_of_the_ranking_beside_the_others(search_in):
     assert first[0].probability == pytest.approx(1 / (1 + 2.718281828**-6), rel=1e-3)  # half of 12
 
 
+def test_probability_of_a_second_effect_is_against_the_model_with_the_first(search_in):
+    """A bug: it was against the model with neither, so that one that brought next to nothing was certain."""
+    search, fit = search_in({"": 5000, "a": 120, "b": 4000, "ab": 108}, "ab")
+    rankings, fit = search.run(fit)
+    assert [ranking[0].effects for ranking in rankings] == [["a"], ["b"]]
+    n = N_DOF + 1
+    evidence = -12 + np.log(n)
+    assert rankings[1][0].probability == pytest.approx(1 / (1 + np.exp(evidence / 2)), rel=1e-6)
+
+
 def test_what_an_exchange_leaves_is_searched_again(search_in):
     # a and b bring little alone; in the place of c, a lets d be seen.
     costs = {"": 9000, "a": 5000, "b": 8000, "c": 4000, "d": 8500, "ab": 2500, "ac": 3990, "bc": 3000}
