@@ -24,7 +24,9 @@ Params = dict[str, float]
 
 QUANTIZATION_POINTS = 1500  # down to a step of about a five hundredth of the peak
 SOFTEST_STOP = 10.0  # 1/s^2: what is softer pushes an axis back for seconds, and is a spring
-SENSOR_RATES_HZ = (100, 125, 150, 175, 200, 250, 300, 350, 400, 450, 500, 600, 750, 800, 1000, 1200, 1500)
+LAGS = (0.6, 1.5, 3, 6, 15)  # samples
+NOMINAL = (1, 1.2, 1.25, 1.5, 1.75, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7.5, 8)  # rates of sensors, in each decade
+SLOWEST_SENSOR = 1 / 30  # of the sampling rate
 
 
 @dataclass(eq=False)
@@ -324,7 +326,7 @@ def _saturation(trajectories: list[Trajectory]) -> Iterator[Probe]:
 def _lag(effect: str):
     def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
         spare = trajectories[0].spare_delay_s
-        for time_constant in (2e-4, 5e-4, 1e-3, 2e-3, 5e-3):
+        for time_constant in np.array(LAGS) / trajectories[0].fs_hz:
             less = min(time_constant, spare)
             columns = [_lag_less_delay(t, time_constant, less)[None, :] for t in trajectories]
 
@@ -435,7 +437,9 @@ def sample_hold_at(
 
 
 def locked_rates(t: Trajectory) -> np.ndarray:
-    """Rates, 1 Hz apart at least, whose refreshes repeat with the period: others leave no images in the mean.
+    """Rates whose refreshes repeat with the period, a 3000th of the sampling rate apart at least.
+
+    Others leave no images in the mean.
 
     Parameters
     ----------
@@ -444,17 +448,22 @@ def locked_rates(t: Trajectory) -> np.ndarray:
     Returns
     -------
     (k,) ndarray
-        From 100 Hz to 0.7 of the sampling rate.
+        From `SLOWEST_SENSOR` to 0.7 of the sampling rate.
     """
     once = t.fs_hz / len(t.output)
-    every = once * np.ceil(1 / once)
-    return np.arange(np.ceil(100 / every), 0.7 * t.fs_hz / every) * every
+    every = once * np.ceil(t.fs_hz / 3000 / once)
+    return np.arange(np.ceil(SLOWEST_SENSOR * t.fs_hz / every), 0.7 * t.fs_hz / every) * every
+
+
+def nominal_rates(fs_hz: float) -> list[float]:
+    """Rates that sensors usually have, from `SLOWEST_SENSOR` to half the sampling rate."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(SLOWEST_SENSOR * fs_hz)), np.log10(fs_hz))
+    rates = np.outer(decades, NOMINAL).ravel()
+    return rates[(rates >= SLOWEST_SENSOR * fs_hz) & (rates <= fs_hz / 2)].tolist()
 
 
 def _sample_hold(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    yield from sample_hold_at(
-        trajectories, [rate for rate in SENSOR_RATES_HZ if rate < trajectories[0].fs_hz]
-    )
+    yield from sample_hold_at(trajectories, nominal_rates(trajectories[0].fs_hz))
 
 
 GRIDS: dict[str, Callable[[list[Trajectory]], Iterator[Probe]]] = {

@@ -15,10 +15,10 @@ from gsid.linear_view import linear_view
 from gsid.plant import Effect, Param, PlantModel
 from gsid.plant_periodic import drive_command
 from gsid.probes import (
-    SENSOR_RATES_HZ,
     Probe,
     Trajectory,
     locked_rates,
+    nominal_rates,
     probes,
     quantization_at,
     quantization_spacing,
@@ -248,7 +248,7 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
         seen.append((item.drop, probe.start(item.size)["rate_hz"]))
     best = [rate for _, rate in sorted(seen, reverse=True)[:RATES]]
     paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
-    nominal = [rate for rate in SENSOR_RATES_HZ if rate < path.fs_hz]
+    nominal = nominal_rates(path.fs_hz)
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
     scored = [
         (probe, _as_it_is(score(residual, nuisance, whitened(fit, probe.columns), one_sided=True)))

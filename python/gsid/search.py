@@ -13,7 +13,7 @@ from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
 from gsid.linear_start import linear_start
 from gsid.plant import PlantModel
-from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked
+from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked, with_effect
 from gsid.scores import (
     Score,
     apart,
@@ -28,6 +28,10 @@ EFFECTS_MAX = 3  # effects looked for, one after the other
 SEARCHES = 2  # the second when leaving out or exchanging has changed the model
 SHARE_LEAST = 0.03  # of the misfit that the effects found before have left
 RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
+SIMPLER = {  # what a law is at one end of its shapes: tried in its place though it did not stand out alone
+    "presliding_friction": "coulomb_friction",
+    "stribeck_friction": "coulomb_friction",
+}
 DRAWS = 999  # of the bootstrap
 SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
 
@@ -178,6 +182,7 @@ class Search:
                 exchanged = self._with_rival(fit.model, own.effect, rival)
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
+            now += self._simpler(fit.model, own, others | {candidate.effect for candidate in now})
             # Without a fit that lacks this effect alone, the one that lacks them all stands in.
             again.append(ranked(self._without_or_none(fit, own.effect) or self.steps[0].fit, now))
             fit = again[-1][0].candidates[0].fit
@@ -194,6 +199,16 @@ class Search:
         ]
         beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
+
+    def _simpler(self, model: PlantModel, own: Candidate, known: set[str]) -> list[Candidate]:
+        """The law that an effect contains, in its place, where it has not been looked at."""
+        effect = SIMPLER.get(own.effect)
+        if effect is None or effect in known:
+            return []
+        self.given.on_step(f"trying {effect} in place of {own.effect}")
+        start = {"level": sum(p.value for name, p in own.params.items() if name in ("level", "extra"))}
+        fit = self._fit_or_none(with_effect(_without(model, own.effect), effect, start))
+        return [Candidate(effect, fit, own.predicted_drop)] if fit else []
 
     def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
         """Fit with an effect left out, once for each set of effects."""

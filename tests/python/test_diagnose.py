@@ -18,7 +18,7 @@ from gsid.linear_view import linear_view
 from gsid.model import RationalModel
 from gsid.next_experiment import next_experiment
 from gsid.plant import Effect, Param, PlantModel
-from gsid.probes import GRIDS, Trajectory, dahl_state
+from gsid.probes import GRIDS, Trajectory, dahl_state, locked_rates, nominal_rates
 from gsid.record import Record
 from gsid.scan import with_effect
 from gsid.search import Search, Step
@@ -228,6 +228,23 @@ def test_modes_are_looked_for_where_the_axis_is_excited():
     modes = {probe.start(np.ones(1))["f_hz"] for probe in GRIDS["flexible_mode"]([path])}
     assert min(modes) == pytest.approx(195 / 50)
     assert max(modes) == pytest.approx(195 * 1.1)
+
+
+@pytest.mark.parametrize("fs_hz", [50.0, 3000.0, 2e5])
+def test_lags_and_refreshes_are_looked_for_at_the_speed_of_the_loop(fs_hz):
+    """A bug: lags of 0.2 to 5 ms and rates of 100 to 1500 Hz, which a loop of 50 Hz does not have."""
+    f = np.arange(N // 2 + 1) * fs_hz / N
+    u = command(3, 3.0)
+    path = Trajectory(fs_hz, u, u, u, u, f, f > 0, *np.ones((3, len(f))), np.pi / 180, spare_delay_s=0.0)
+    lags = [probe.start(np.ones(1))["time_constant_s"] for probe in GRIDS["motor_lag"]([path])]
+    assert np.array(lags) * fs_hz == pytest.approx([0.6, 1.5, 3, 6, 15])
+    for rates in (np.array(nominal_rates(fs_hz)), locked_rates(path)):
+        assert 10 <= len(rates) <= 2100
+        assert 1 / 30 <= rates.min() / fs_hz < 0.05
+        assert 0.45 < rates.max() / fs_hz < 0.71
+        assert np.array_equal(rates, np.unique(rates))
+    at_once = locked_rates(path) * N / fs_hz
+    assert at_once == pytest.approx(np.round(at_once))
 
 
 def test_the_presliding_state_is_that_of_its_equation():

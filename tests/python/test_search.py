@@ -176,6 +176,18 @@ def test_a_rival_is_tried_with_the_values_that_went_with_it(monkeypatch):
     assert sorted(effect.id for effect in fit.model.effects) == ["cogging", "friction", "spring"]
 
 
+def test_the_law_that_another_contains_stands_beside_it(search_in, monkeypatch):
+    """A bug: without quadratic drag only Stribeck friction stood out; Coulomb's, which was the truth, was not
+    tried again beside it (seed 1024, trial 18)."""
+    search, fit = search_in({"": 5000, "b": 900, "c": 4000, "bc": 98, "ac": 100}, "bc")
+    monkeypatch.setattr("gsid.search.SIMPLER", {"b": "a"})
+    monkeypatch.setattr(
+        "gsid.search.with_effect", lambda fitted, effect, _: model([*(e.id for e in fitted.effects), effect])
+    )
+    rankings, _ = search.run(fit)
+    assert [sorted(ranking[0].effects) for ranking in rankings] == [["a", "b"], ["c"]]
+
+
 def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for(search_in, monkeypatch):
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
     search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab")
