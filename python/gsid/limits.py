@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -16,9 +18,13 @@ from gsid.model import RationalModel
 from gsid.plant import PlantModel
 from gsid.units import RADIANS
 
+_log = logging.getLogger(__name__)
+
 Model = RationalModel | PlantModel
 Signal = TypeVar("Signal", bound=Periodic)
-BISECTIONS = 20  # of the amplitude at which a plant reaches its travel: to a millionth
+BISECTIONS = 20  # of the octave of amplitude in which a plant reaches its travel: to a millionth
+OCTAVES = 40  # of amplitude in which that one is looked for, up and down
+DRIFT = 0.01  # of the travel in each period, before it is reported
 DEG = {"deg": 1.0, "rad": 180 / math.pi}
 
 
@@ -50,6 +56,9 @@ class Limits:
 def travel(signal: Periodic, model: Model) -> float:
     """Predict how far the axis travels from the middle, in steady state.
 
+    Where there is none, as nothing brings the axis back, it is the travel within a period, and a warning
+    tells by how much it moves on.
+
     Parameters
     ----------
     signal : Periodic
@@ -66,11 +75,19 @@ def travel(signal: Periodic, model: Model) -> float:
     ValueError
         The model has a controller that runs at another rate.
     """
-    return float(np.abs(travel_path(signal.table(), signal.fs_hz, model)).max())
+    path, drift = _orbit(signal.table(), signal.fs_hz, model)
+    most = float(np.abs(path).max())
+    if drift > DRIFT * most:
+        _log.warning(
+            "the predicted travel of %.3g %s is no steady state: the axis moves on by %.2g %s in each "
+            "period; bring it back by a loop or a spring, or measure few periods",
+            *(most, travel_unit(model), drift, travel_unit(model)),
+        )
+    return most
 
 
 def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
-    """Predict the angle over one period, in steady state.
+    """Predict the angle over one period, in steady state where there is one.
 
     Parameters
     ----------
@@ -91,8 +108,15 @@ def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
     ValueError
         The model has a controller that runs at another rate.
     """
+    return _orbit(u, fs_hz, model)[0]
+
+
+def _orbit(u: np.ndarray, fs_hz: float, model: Model) -> tuple[np.ndarray, float]:
+    """`travel_path`, and by how much it changes in one more period."""
+    drift = 0.0
     if isinstance(model, PlantModel):
-        angle = _angle_model(model, fs_hz).simulate(u).angle * DEG.get(model.angle_unit, 1.0)
+        answer, unit = _angle_model(model, fs_hz).simulate(u), DEG.get(model.angle_unit, 1.0)
+        angle, drift = answer.angle * unit, answer.residual * unit
     else:
         spectrum = np.fft.rfft(u)
         line = np.flatnonzero(np.abs(spectrum) > 1e-12 * np.abs(spectrum).max())
@@ -100,7 +124,7 @@ def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
         lines = np.zeros(len(spectrum), complex)
         lines[line] = spectrum[line] * travel_response(model, line * fs_hz / len(u), fs_hz)
         angle = np.fft.irfft(lines, len(u))
-    return angle - (angle.max() + angle.min()) / 2
+    return angle - (angle.max() + angle.min()) / 2, drift
 
 
 def travel_unit(model: Model) -> str:
@@ -148,7 +172,7 @@ def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) ->
     Raises
     ------
     ValueError
-        No limit, or one of travel without a model.
+        No limit, or one of travel without a model, or that no amplitude of the excitation meets.
     """
     factors = []
     if limits.command is not None:
@@ -162,22 +186,46 @@ def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) ->
         factors.append(_factor_of_travel(signal, limits.travel, model, most))
     if not factors:
         raise ValueError("give a limit: command, travel or slew")
-    return signal.scaled(min(factors))
+    scaled = signal.scaled(min(factors))
+    if limits.travel is not None:
+        travel(scaled, model)  # warns where the axis does not stay within it
+    return scaled
 
 
-def _factor_of_travel(signal: Periodic, limit: float, model: Model, most: float) -> float:
-    factor = limit / travel(signal, model)
+def _factor_of_travel(signal: Signal, limit: float, model: Model, most: float) -> float:
+    def moved(factor: float) -> float:
+        return float(np.abs(travel_path(factor * u, signal.fs_hz, model)).max())
+
+    u = signal.table()
+    once = moved(1.0)
     if isinstance(model, RationalModel):
-        return factor
-    # friction and springs make the travel more or less than proportional
-    high = most if math.isfinite(most) else 64 * factor
-    if travel(signal.scaled(high), model) <= limit:
-        return high
-    low = 0.0
-    for _ in range(BISECTIONS):
+        return limit / once
+    # friction and springs make the travel more or less than proportional, and friction may hold the axis
+    low, high = _octave(moved, limit, min(limit / once if once > 0 else 1.0, most), most)
+    for _ in range(BISECTIONS if low < high else 0):
         middle = (low + high) / 2
-        low, high = (middle, high) if travel(signal.scaled(middle), model) <= limit else (low, middle)
+        low, high = (middle, high) if moved(middle) <= limit else (low, middle)
     return low
+
+
+def _octave(moved: Callable[[float], float], limit: float, start: float, most: float) -> tuple[float, float]:
+    """Two factors, at most an octave apart, between which the limit is reached; both `most` if it is not."""
+    factor = start
+    if moved(start) > limit:
+        for _ in range(OCTAVES):
+            factor /= 2
+            if moved(factor) <= limit:
+                return factor, 2 * factor
+        rest = f"without any command the axis travels {moved(0.0):.3g}"
+        raise ValueError(f"no amplitude keeps the limit of travel, {limit:g}: {rest}")
+    for _ in range(OCTAVES):
+        if factor == most:
+            return most, most
+        wider = min(2 * factor, most)
+        if moved(wider) > limit:
+            return factor, wider
+        factor = wider
+    raise ValueError(f"the travel stays within {limit:g} at any command: give a limit of the command too")
 
 
 def optimise(

@@ -63,6 +63,17 @@ def test_optimised_phases(gsid, axis_json):
     assert at_peak["peak"] == pytest.approx(7)
 
 
+def test_an_axis_that_friction_holds_and_nothing_brings_back(gsid, axis_json):
+    """Bug: ZeroDivisionError where friction holds it at amplitude 1, and nothing was said of its drift."""
+    friction = {"effect": "coulomb_friction", "params": {"level": 2000}}
+    Path(axis_json).write_text(json.dumps(PLANT | {"effects": [*PLANT["effects"], friction]}))
+    asked = ["design", "multisine", *COMMON, "--period", 3000, "--limit-travel-deg", 0.5]
+    result = gsid(*asked, "--model", axis_json, "--json")
+    assert result.code == 0, result.err
+    assert json.loads(result.out)["travel_deg"] == pytest.approx(0.5, rel=1e-3)
+    assert result.err.count("moves on by") == 1
+
+
 def test_misuse(gsid, axis_json):
     asked = ["design", "multisine", *COMMON, "--period", 3000]
     for more, words in (

@@ -129,6 +129,48 @@ def test_the_largest_amplitude_within_the_limits(model):
     assert by_travel.peak < 179
 
 
+def test_an_axis_that_friction_holds_at_first():
+    """Bug: at the amplitude designed it did not travel at all: ZeroDivisionError."""
+    held = plant(coulomb_friction={"level": 2000.0})
+    m = multisine()
+    assert travel(m, held) == 0
+    assert travel(fit_to_limits(m, Limits(travel=0.5), held), held) == pytest.approx(0.5, rel=1e-4)
+    assert fit_to_limits(m, Limits(travel=0.5, command=3.0), held).peak == pytest.approx(3.0)
+
+
+def test_a_wide_limit_of_the_command_costs_no_accuracy():
+    """Bug: the search began at the limit of the command; of a far one nothing was left but amplitude 0."""
+    found = fit_to_limits(multisine(), Limits(travel=0.5, command=1e12), plant())
+    assert travel(found, plant()) == pytest.approx(0.5, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ({"torque_bias": {"level": 30.0}}, "without any command the axis travels 3"),
+        ({"drive_saturation": {"limit": 0.01}}, "stays within 0.5 at any command"),
+    ],
+)
+def test_a_travel_that_no_amplitude_meets(effect, message):
+    """Bug: an axis that moves by itself got an excitation of amplitude 0, in silence."""
+    with pytest.raises(ValueError, match=message):
+        fit_to_limits(multisine(), Limits(travel=0.5), plant(**effect))
+
+
+def test_a_travel_that_does_not_stay_is_told(caplog):
+    """Bug: travel per period was given for an axis that moves on by as much in every period."""
+    model = plant(coulomb_friction={"level": 20.0})  # and no spring
+    found = fit_to_limits(multisine(), Limits(travel=0.5), model)
+    (said,) = caplog.records
+    drift = abs(model.simulate(found.table()).rate.mean()) * N / FS_HZ
+    assert f"moves on by {drift:.2g}" in said.getMessage()
+    caplog.clear()
+    sprung = plant(coulomb_friction={"level": 20.0}, cable_spring={"stiffness": 100.0})
+    fit_to_limits(multisine(), Limits(travel=0.5), sprung)
+    travel(multisine(), LAG)
+    assert not caplog.records
+
+
 def test_slew():
     p = fit_to_limits(Sweep.design(FS_HZ, N, (1, 250)), Limits(slew=1000.0))
     u = p.table()

@@ -142,11 +142,21 @@ def _run(argv: list[str] | None) -> int:
 
 
 def _talk_on_stderr() -> None:
-    """What the library notes (a period found, a file beside the record used) is said too."""
+    """What the library notes (a period found, a file beside the record used) is said too, each thing once."""
+    said: set[str] = set()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        if text in said:
+            return False
+        said.add(text)
+        return True
+
     logging.addLevelName(logging.INFO, "note")
     logging.addLevelName(logging.WARNING, "warning")
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    handler.addFilter(is_new)
     logger = logging.getLogger("gsid")
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
