@@ -270,26 +270,33 @@ def _write(
 ) -> CSource:
     units = f"{model.u_unit or 'command'} to {model.y_unit or 'output'}"
     made = f"Made by gsid {version()} export-c: {units}, {fs_hz:g} calls a second."
-    header = _header(made, name, len(step.c), step.n_delay, bool(laws))
+    angle_unit = model.angle_unit if isinstance(model, PlantModel) and laws else None
+    header = _header(made, name, len(step.c), step.n_delay, angle_unit)
     source = _source(made, name, step, per_torque, maps, laws)
     return CSource(name, header, source, fs_hz, len(step.c), step.delay_samples, [law[0] for law in laws])
 
 
-def _header(made: str, name: str, n_states: int, n_delay: int, has_laws: bool) -> str:
+def _header(made: str, name: str, n_states: int, n_delay: int, angle_unit: str | None) -> str:
+    """The header; angle_unit: that of the motion of the feed-forward, None where there is none."""
     guard = f"{name.upper()}_H"
     states = f"    float x[{n_states}];\n" if n_states else ""
     feedforward = (
         f"""
 /* Command that takes away the friction and other torques that the step leaves out: with it added the axis
- * follows the step. Give the wanted motion, not the measured one, or noise makes it chatter. */
+ * follows the step. Give the wanted motion [{angle_unit}/s, {angle_unit}], not the measured one, or noise
+ * makes it chatter. */
 float {name}_feedforward(float rate, float angle);
 """
-        if has_laws
+        if angle_unit is not None
         else ""
     )
     return f"""/* {made} */
 #ifndef {guard}
 #define {guard}
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
 
 typedef struct {{
 {states}    float u[{n_delay + 2}]; /* the last commands */
@@ -299,9 +306,15 @@ typedef struct {{
 /* At rest. */
 void {name}_reset({name} *m);
 
-/* One sample: gives the output at the instant from which the command u is applied. */
+/* One sample: gives the output at the instant from which the command u is applied. Give finite commands only:
+ * a NaN stays in the state until the reset. Always the same work, about {n_states * (n_states + 3) + 1}
+ * multiplications. */
 float {name}_step({name} *m, float u);
 {feedforward}
+#ifdef __cplusplus
+}}
+#endif
+
 #endif
 """
 

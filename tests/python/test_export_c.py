@@ -202,6 +202,22 @@ def test_what_cannot_be_exported_is_refused(model, what):
     assert refused.value.hint
 
 
+def test_a_cpp_program_links_it(tmp_path):
+    """Bug: the header did not say extern "C"."""
+    made = export_c(RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ, hold="zoh"), "rig")
+    (tmp_path / "rig.h").write_text(made.header)
+    (tmp_path / "rig.c").write_text(made.source)
+    user = '#include "rig.h"\nint main() { rig m; rig_reset(&m); return rig_step(&m, 0) != 0; }\n'
+    (tmp_path / "user.cpp").write_text(user)
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    subprocess.run([*compiler, "-std=c99", "-c", "rig.c"], cwd=tmp_path, check=True)
+    cxx = shlex.split(os.environ.get("CXX", "c++"))
+    subprocess.run(
+        [*cxx, "-Wall", "-Werror", "-o", "user", "user.cpp", "rig.o", "-lm"], cwd=tmp_path, check=True
+    )
+    subprocess.run([tmp_path / "user"], check=True)
+
+
 def test_a_name_that_is_none():
     with pytest.raises(ValueError, match="C identifier"):
         export_c(RationalModel([1], [1, 2], 0.1, fs_hz=FS_HZ), "2fast")
