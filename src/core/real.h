@@ -7,6 +7,10 @@
 
 #include "gsid/types.h"
 
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "not with -ffast-math: numbers that are not finite could not be refused"
+#endif
+
 #ifdef GSID_SINGLE
 #define GSID_LIBM(name) name##f
 #define GSID_EPSILON FLT_EPSILON

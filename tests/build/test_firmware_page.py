@@ -2,6 +2,10 @@
 
 import re
 
+import numpy as np
+import pages
+import pytest
+
 ROW = re.compile(r"^\| ([^|]+) \| ([^|]*`[^|]*) \|$", flags=re.M)
 
 
@@ -46,3 +50,66 @@ def test_each_row_links_with_the_base(run, root):
 
 def test_every_source_of_the_core_is_in_a_row(root):
     assert set((root / "src/core").glob("*.c")) - set().union(*rows_of(root).values()) == set()
+
+
+SENDS_WHOLE_NUMBERS = """
+int main(void) {
+    float y = 0;
+    if (measure_init() != GSID_OK)
+        return 1;
+    gsid_multisine designed;
+    const gsid_multisine_cfg cfg = {N_PERIOD, N_LINES, line, amplitude, phase_rad, twiddle};
+    gsid_cplx of_designed[N_LINES], g[N_LINES];
+    gsid_multisine_init(&designed, &cfg);
+    gsid_multisine_spectrum(&designed, of_designed);
+    while (frf.n_periods < N_GOOD) {
+        const uint32_t now = n;
+        measure_tick(y);
+        y = command[now]; /* the axis: the command, one sample late */
+    }
+    const gsid_frf_out out = {.g = g};
+    if (gsid_frf_result(&frf, &out) != GSID_OK)
+        return 1;
+    for (uint32_t i = 0; i < N_LINES; i++) {
+        const gsid_cplx z[] = {g[i], input[i], of_designed[i]};
+        for (int k = 0; k < 3; k++)
+            printf("%.9g %.9g ", z[k].re, z[k].im);
+        printf("\\n");
+    }
+}
+"""
+
+
+def test_lines_of_a_rounded_command(run, root, tmp_path):
+    (block,) = pages.blocks(root / "docs/firmware.md", "c")
+    copied = (root / "firmware_examples/minimal/main.c").read_text()
+    copied = copied[copied.index("#include") : copied.index("/* ---- to here")]
+    copied = copied.replace("gsid_multisine_spectrum(&multisine, input)", "round_command(179)")
+    copied = copied.replace("/* In the background,", f"{block}\n/* In the background,")
+    (tmp_path / "user.c").write_text(copied + SENDS_WHOLE_NUMBERS)
+    flags = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Werror",
+        "-DGSID_SINGLE",
+        f"-I{root / 'include'}",
+    ]
+    library = root / "build/float/libgsid_core.a"
+    compiled = run("cc", *flags, "-o", tmp_path / "user", tmp_path / "user.c", library, "-lm")
+    assert compiled.returncode == 0, compiled.stderr
+    result = run(tmp_path / "user")
+    assert result.returncode == 0
+    g, sent, designed = np.array([r.split() for r in result.stdout.splitlines()], float).view(complex).T
+    # Single precision: 2e-6 of the largest line (include/gsid/frf.h).
+    np.testing.assert_allclose(g, np.exp(-2j * np.pi * np.arange(1, 51) / 600), rtol=0, atol=4e-6)
+    scale = np.vdot(designed, sent) / np.vdot(designed, designed)
+    off = np.sqrt(np.mean(np.abs(sent / (scale * designed) - 1) ** 2))
+    assert off == pytest.approx(0.001, abs=0.0005)  # the page's figure
+
+
+def test_fast_math_does_not_compile(run, root):
+    compiled = run("cc", "-std=c99", "-ffast-math", "-Iinclude", "-fsyntax-only", "src/core/frf.c", cwd=root)
+    assert compiled.returncode != 0
+    assert "not with -ffast-math" in compiled.stderr
