@@ -58,7 +58,7 @@ $(BUILD)/firmware/setup.stamp: tools/setup
 
 # ---- what it costs -----------------------------------------------------------------------------------------------
 
-BUDGET_SRC := firmware_examples/budget/main.c $(filter-out %/main.c,$(BOARD)) $(CORE_SRC)
+BUDGET_SRC := firmware_examples/budget/main.c $(filter-out %/main.c,$(BOARD)) $(CORE_SRC) $(EFFECTS_SRC)
 define budget_rules
 $(BUILD)/firmware/$(1)-budget.elf: $(BUDGET_SRC:%.c=$(BUILD)/firmware/$(1)-full/%.o) firmware_examples/cortex_m7/mps2.ld
 	$(ARM_CC) $(CPU_$(1)) $(ARM_FLAGS) $(ARM_LINK) -o $$@ $$(filter %.o,$$^) -lm

@@ -2,9 +2,11 @@
  * the other; each is announced on the log by its name. */
 #include "../cortex_m7/board.h"
 
+#include "gsid/catalogue.h"
 #include "gsid/excitation.h"
 #include "gsid/frf.h"
 #include "gsid/guard.h"
+#include "gsid/plant.h"
 
 enum { N_PERIOD = 6000, N_PERIOD_WITH_7 = 4200, N_LINES_MAX = 500, N_PERIODS = 2 };
 
@@ -121,6 +123,30 @@ static void count_guard(void) {
     }
 }
 
+/* The axis of the examples predicted beside the loop; the last effect is the one that is not linear. */
+static void count_plant(const char *name, uint32_t n_effects) {
+    static const char *const id[] = {"rigid_body", "viscous_friction", "transport_delay", "flexible_mode",
+                                     "coulomb_friction"};
+    gsid_plant_item stack[] = {{.value = {GSID_R(7.4)}},
+                               {.value = {10}},
+                               {.value = {GSID_R(0.0051)}},
+                               {.value = {60, GSID_R(0.03), GSID_R(0.3)}},
+                               {.value = {1}}};
+    for (uint32_t i = 0; i < n_effects; i++)
+        stack[i].effect = gsid_catalogue_find(id[i]);
+    const gsid_plant_cfg cfg = {.fs_hz = 3000, .n_items = n_effects, .item = stack};
+    gsid_plant plant;
+    gsid_real y;
+    require(gsid_plant_init(&plant, &cfg, memory, sizeof memory));
+    begin_case(name);
+    for (uint32_t n = 0; n < N_PERIODS * N_PERIOD; n++) {
+        const gsid_real u = output[n % N_PERIOD];
+        budget_begin();
+        gsid_plant_step(&plant, u, &y, NULL);
+        budget_end();
+    }
+}
+
 static void set_period(uint32_t n) {
     n_period = n;
     require(gsid_twiddle_fill(n, twiddle));
@@ -148,6 +174,8 @@ int main(void) {
     count_frf("spread 500, input measured", gsid_frf_init_spread, 500, 0);
     count_skips();
     count_guard();
+    count_plant("plant of four linear effects", 4);
+    count_plant("the last, and Coulomb friction", 5);
     set_period(N_PERIOD_WITH_7);
     count_frf("spread 500, period 4200", gsid_frf_init_spread, 500, 1);
     count_frf("spread 500, period 4200, input measured", gsid_frf_init_spread, 500, 0);

@@ -53,3 +53,9 @@ def test_spread_engine(instructions, cpu, case):
     _, median, most = instructions[case][cpu]
     assert most <= 300
     assert most <= 1.2 * median
+
+
+@pytest.mark.parametrize("cpu", CPUS)
+def test_a_linear_plant_always_costs_the_same(instructions, cpu):
+    least, _, most = instructions["plant of four linear effects"][cpu]
+    assert least == most <= 2200

@@ -66,7 +66,7 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  cut a step into at most 256 parts, each found by at most 20 halvings. Measured by benchmarks/bench_plant.py.
  *  Limits: rounding for linear stacks and Coulomb friction; 3e-5 of the peak for the other laws (tests/c/test_effects.c).
  *  The float build stays within 1e-3 of the peak.
- *  Context: ISR-safe, one writer. */
+ *  Context: ISR-safe, one writer; where a law is not linear an event may cost more than a tick has (docs/budget.md). */
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
 /** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best
