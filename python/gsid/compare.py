@@ -28,6 +28,7 @@ from scipy import stats
 from gsid._callable import callable_as
 from gsid.bands import in_band
 from gsid.plant import PlantModel
+from gsid.sampling import at_rate_of
 from gsid.spectra import Spectra, spectra_of
 from gsid.units import check_units
 from gsid.weights import UNSETTLED, lines_used
@@ -225,7 +226,8 @@ def compare(
     ValueError
         No line in the band, or alpha not between 0 and 1.
     InputError
-        A record has less than two good periods, or no period, or its units are not the model's.
+        A record has less than two good periods, or no period, or its units are not the model's, or a
+        model in z has another sample rate.
     GsidError
         The plant cannot be simulated.
     """
@@ -278,6 +280,7 @@ def _lines(
     if isinstance(model, PlantModel):
         use = lines_used(model, s, band)
     else:
+        model = at_rate_of(model, s)
         f_excited = s.f_hz[s.excited]
         inside = (s.line > 0) & (2 * s.line < s.period_samples)
         use = inside.copy()

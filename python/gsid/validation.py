@@ -20,6 +20,7 @@ from scipy import stats
 from gsid.bands import in_band
 from gsid.confidence import NORMAL_95
 from gsid.fit import inflation, weights
+from gsid.sampling import at_rate_of
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
@@ -79,8 +80,9 @@ def validate(model: RationalModel, held_out: Frf) -> Validation:
     Raises
     ------
     ValueError
-        No line lies in the band, or the response has no variance.
+        No line lies in the band, the response has no variance, or the model is in z and of another rate.
     """
+    model = at_rate_of(model, held_out)
     use = in_band(held_out.f_hz, model.band_hz)
     f, g = held_out.f_hz[use], held_out.g[use]
     sigma, dof = weights(held_out, use)

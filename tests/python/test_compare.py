@@ -8,9 +8,11 @@ from plants import FS_HZ, axis_period, plant
 from scipy import stats
 
 from gsid.compare import compare
+from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.greybox import fit_plant
 from gsid.model import RationalModel
+from gsid.piecewise import PiecewiseModel
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra, lines_of
 
@@ -67,6 +69,48 @@ def test_cost_per_dof_is_one_for_a_right_model():
     for periods in (2, 4, 10):
         costs = [compare(MODEL, measured(rng, periods=periods)).cost_per_dof for _ in range(200)]
         assert np.median(costs) == pytest.approx(1, abs=0.12), periods  # T has heavy tails with 4 periods
+
+
+HELD = RationalModel(MODEL.num, MODEL.den, MODEL.delay_s, fs_hz=FS, hold="zoh")
+
+
+def test_a_held_model_is_compared_at_the_rate_of_the_record():
+    """Bug: it answered at the rate that it was fitted at, a shift of half the difference of the samples."""
+    rng = np.random.default_rng(SEED)
+    record = dataclasses.replace(measured(rng, periods=6, truth=HELD, noise=1e-3), hold="zoh")
+    fitted_elsewhere = dataclasses.replace(HELD, fs_hz=4 * FS)
+    assert compare(fitted_elsewhere, record).p_value == compare(HELD, record).p_value
+    assert compare(fitted_elsewhere, record).p_value > 1e-4  # 0 with the hold of the rate fitted at
+    pieces = tuple(dataclasses.replace(fitted_elsewhere, band_hz=band) for band in ((0, 10), (10, 40)))
+    assert compare(PiecewiseModel(pieces, (10.0,)), record).p_value == compare(HELD, record).p_value
+
+
+def test_a_model_in_z_is_not_compared_at_another_rate():
+    """Bug: it was evaluated with its own rate, so that its poles stood elsewhere."""
+    model = RationalModel([0.1], [1, -0.9], domain="z", fs_hz=2 * FS)
+    with pytest.raises(InputError, match=r"300 and 600 Hz") as refused:
+        compare(model, measured(np.random.default_rng(SEED), periods=3))
+    assert "--domain s" in refused.value.hint
+
+
+@pytest.mark.parametrize(
+    ("model", "hold", "words"),
+    [
+        (HELD, "none", "simulated does not say that its was"),
+        (MODEL, "zoh", "the model knows of no hold"),
+        (HELD, "zoh", None),
+        (MODEL, "none", None),
+        (RationalModel([0.1], [1, -0.9], domain="z", fs_hz=FS), "zoh", None),
+        (RationalModel([0.1], [1, -0.9], domain="z", fs_hz=FS), "none", None),
+    ],
+)
+def test_half_a_sample_between_model_and_record_is_told(caplog, model, hold, words):
+    """Bug: a model of a held input was compared with one that was not, or the reverse, in silence."""
+    record = dataclasses.replace(measured(np.random.default_rng(SEED), periods=3), hold=hold)
+    compare(model, record)
+    said = [one.getMessage() for one in caplog.records]
+    assert len(said) == (words is not None)
+    assert words is None or words in said[0]
 
 
 def test_a_wrong_delay_is_rejected_where_it_matters():

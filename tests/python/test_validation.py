@@ -1,9 +1,12 @@
 """Held-out realisations: the cost's mean and interval, and what tables show of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from gsid.errors import InputError
 from gsid.estimators import fit_all
 from gsid.fit import fit
 from gsid.frf import Frf
@@ -78,3 +81,18 @@ def test_tables_show_it():
     assert costs["2/1"] < costs["4/3"] < costs["1/0"]  # unlike those of the data fitted
     assert choice.tried[2].cost < choice.tried[1].cost
     assert "held-out cost" in choice.table()[0]
+
+
+def test_a_model_is_judged_at_the_rate_of_the_new_data(caplog):
+    """Bugs: a held model answered at its own rate, one in z too, and a hold that one of them lacks passed."""
+    rng = np.random.default_rng(SEED)
+    held = RationalModel(TRUTH.num, TRUTH.den, TRUTH.delay_s, fs_hz=300.0, hold="zoh")
+    new = measured(rng, truth=held)
+    new.fs_hz, new.hold = 300.0, "zoh"
+    want = validate(held, new)
+    assert validate(replace(held, fs_hz=3000.0), new) == want
+    assert not caplog.records
+    validate(TRUTH, new)
+    assert "knows of no hold" in caplog.text
+    with pytest.raises(InputError, match="300 and 3000 Hz"):
+        validate(RationalModel([0.1], [1, -0.9], domain="z", fs_hz=3000.0), new)
