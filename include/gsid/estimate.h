@@ -14,7 +14,7 @@ typedef struct {
     uint32_t n_lines;
     const gsid_real *f_hz;  /* [n_lines] Hz, finite */
     const gsid_cplx *g;     /* [n_lines] finite */
-    const gsid_real *sigma; /* [n_lines] standard deviation of g (of the mean, complex), > 0; NULL: all 1 */
+    const gsid_real *sigma; /* [n_lines] standard deviation of g (complex), > 0, as sqrt(gsid_frf_out.var_g); NULL: all 1 */
     /* Errors of the input too, NULL without: variance of its error and covariance of output and input error, E{N_Y conj(N_U)},
      * both over |U|^2, >= 0 and complex. sigma is then that of g as measured, and V takes what it is at the model's G. */
     const gsid_real *var_u;  /* [n_lines] */
@@ -22,7 +22,7 @@ typedef struct {
     int logarithmic; /* 1: errors are |g|/sigma (without sigma: 1) times ln(G/g), phase to the nearest turn; g is not 0 */
 } gsid_frd;
 
-/** Bytes of work memory for the calls below; 0 for orders above GSID_ORDER_MAX. */
+/** Bytes of work memory for the calls below, aligned for gsid_real; 0 for orders above GSID_ORDER_MAX. */
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 #define GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros)                                                                       \
     (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) +                                                                 \
@@ -30,7 +30,8 @@ size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd says.  Eq: EST-3, EST-8, EST-9
  *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
- *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, an order or a rate out of range;
+ *          GSID_E_NONFINITE */
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
 
 typedef struct {

@@ -95,7 +95,9 @@ gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *m
  *  slice of the transform or the updates of a few lines, at every sample about the same; no work of a period is left over.
  *  Context: ISR-safe, one writer.
  *  Limits: the float build stays within 2e-6 (direct) or 2e-7 (spread) of the largest line (500 lines, 75 periods of 6000;
- *  printed by tests/python/test_float_build.py); an offset of y far above the lines costs digits: take it off first. */
+ *  printed by tests/python/test_float_build.py); an offset of y far above the lines costs digits: take it off first. In float a
+ *  mean stands still after some 2^24 r periods, r the noise of one period over the line: 160 000 at 1 %. Error bars go on
+ *  shrinking: begin anew before. */
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.

@@ -47,11 +47,13 @@ typedef struct {
     gsid_real command_limit;            /* of |command + excitation|, > 0 */
     gsid_real rate_limit;               /* of |rate|, > 0 */
     gsid_real angle_lo, angle_hi;       /* range of the angle, lo < hi */
-    int angle_is_measured;              /* 0: the angle is the integral of the rate, from the one given at the start */
+    int angle_is_measured;              /* 0: the angle is the integral of the rate, from the one given at the start, and
+                                           of the rate's offset: 0.01 deg/s are 0.6 deg in a minute */
     gsid_real reaction_s;               /* time until the axis answers a command, >= 0 and finite: its delay */
     gsid_real acceleration_per_command; /* rate per second and unit of command, finite: what acts on until then */
     gsid_real deceleration;             /* rate per second that the axis surely loses without excitation, > 0 */
-    uint32_t n_ramp;                    /* ticks of the ramp in and of the ramp out */
+    uint32_t n_ramp;                    /* ticks of the ramp in and of the ramp out; with the axis's settling, at most
+                                           gsid_frf_cfg.n_settle */
     uint32_t n_missing_max;             /* samples in a row that may be missing */
 } gsid_guard_cfg;
 

@@ -105,7 +105,7 @@ gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) 
             return INFINITY;
         cost += gsid_cplx_abs2(gsid_residual_at(data, k, g).value);
     }
-    return gsid_is_finite(cost) ? cost : INFINITY;
+    return gsid_is_finite(cost) ? cost : (gsid_real)INFINITY;
 }
 
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {

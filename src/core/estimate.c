@@ -77,7 +77,7 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
             best_status = status;
         }
     }
-    if (best_cost >= INFINITY)
+    if (!gsid_is_finite(best_cost))
         return GSID_E_SINGULAR;
     *model = best;
     if (cost != NULL)

@@ -10,7 +10,7 @@
 #define BEND_MOST GSID_R(0.75) /* of the step's length: beyond it the expansion that gave both is not to be trusted */
 
 /* The cost of a model that cannot be evaluated: more than any that can. */
-#define UNUSABLE INFINITY
+#define UNUSABLE ((gsid_real)INFINITY)
 
 /* The response at one line and its derivatives, in the order of the columns, and the error. */
 typedef struct {

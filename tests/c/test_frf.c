@@ -284,6 +284,39 @@ static void a_million_periods_later_the_answer_is_the_same_to_the_bit(void **sta
     assert_memory_equal(&early, &late, sizeof early);
 }
 
+/* What gsid_frf_step says of long runs in float. */
+static void means_of_a_million_periods(void **state) {
+    (void)state;
+    enum { MANY = 1000000 };
+    const gsid_cplx one[F] = {{1, 0}, {1, 0}, {1, 0}, {1, 0}};
+    gsid_frf_cfg cfg = cfg_of(one, 0);
+    gsid_frf frf;
+    result r;
+    long double mean[2] = {0, 0}, squares = 0;
+    init(&frf, &cfg);
+    for (uint64_t p = 0; p < MANY; p++) {
+        const gsid_real e[2] = {(gsid_real)(0.01L * noise_at(2 * p)), (gsid_real)(0.01L * noise_at(2 * p + 1))};
+        gsid_cplx period[F];
+        for (int i = 0; i < F; i++) {
+            period[i].re = (gsid_real)i + e[0];
+            period[i].im = e[1];
+        }
+        gsid_frf_add_period(&frf, period);
+        mean[0] += (long double)e[0] / MANY;
+        mean[1] += (long double)e[1] / MANY;
+        squares += (long double)e[0] * (long double)e[0] + (long double)e[1] * (long double)e[1];
+    }
+    const long double variance = (squares - MANY * (mean[0] * mean[0] + mean[1] * mean[1])) / (MANY - 1);
+    assert_int_equal(read_out(&frf, &r), GSID_OK);
+    for (int i = 0; i < F; i++) {
+        /* in float the mean stands still once the update rounds to nothing: after 2^24 r periods, of noise r Y each */
+        const long double floor = i * sqrtl(sqrtl(variance) / (i > 0 ? i : 1) / 16777216.0L) + 1e-9L;
+        assert_true(fabsl((long double)r.y[i].re - i - mean[0]) < 2 * floor);
+        assert_true(fabsl((long double)r.y[i].im - mean[1]) < 2 * floor);
+        assert_true(fabsl((long double)r.var_y[i] / variance - 1) < 1e-3L);
+    }
+}
+
 static void reading_in_between_changes_nothing(void **state) {
     (void)state;
     gsid_frf_cfg cfg = cfg_of(NULL, 0);
@@ -478,6 +511,7 @@ int main(void) {
         cmocka_unit_test(a_skip_out_of_the_settling_reaches_the_periods),
         cmocka_unit_test(refused_samples_are_counted_and_change_nothing),
         cmocka_unit_test(a_million_periods_later_the_answer_is_the_same_to_the_bit),
+        cmocka_unit_test(means_of_a_million_periods),
         cmocka_unit_test(reading_in_between_changes_nothing),
         cmocka_unit_test(memory_is_counted_and_checked),
         cmocka_unit_test(too_few_periods),
