@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
 GAP = 2.0  # ratio between neighbours, lines sorted by size, that parts excitation from by-products
+SLOPE = 1.5  # power of the frequency, 30 dB per decade, by which a designed spectrum may rise or fall
 ABOVE_NOISE = 16.0  # |mean|^2 over its variance; noise alone exceeds it once in exp(16) = 9e6 lines
 
 _planner = threading.Lock()  # gsid_batch_spectra takes one caller at a time
@@ -378,8 +379,10 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     A current loop answers the excited lines with harmonics that repeat as well as the lines do, so that noise
     alone does not tell them apart. But a designed spectrum is smooth and its by-products lie a step below:
     lines are sorted by size, and the excitation ends where two neighbours are most apart, the upper above 1 %
-    of the largest and by a factor of 2 at least. Without such a step every line above 1 % counts. The mean
-    must stand 12 dB out of its own noise besides.
+    of the largest and by a factor of 2 at least. Without such a step every line above 1 % counts. Where the
+    step is larger between sizes that are taken relative to a slope of up to 30 dB per decade, those are
+    sorted instead: the first lines of a spectrum that falls as 1/f differ by more than 2, too. The mean must
+    stand 12 dB out of its own noise besides.
 
     Parameters
     ----------
@@ -400,14 +403,32 @@ def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
     size = np.abs(U.mean(axis=0))
     size[0] = 0
     size[n_period / 2 == np.arange(len(size))] = 0
+    if not size.any():
+        return np.zeros(len(size), bool)
+    as_it_is, beside_slope = _above_step(size), _above_step(size / _sloped(size))
+    return max(as_it_is, beside_slope, key=lambda found: found[0])[1]
+
+
+def _sloped(size: np.ndarray) -> np.ndarray:
+    """Least spectrum above all lines that nowhere rises or falls by more than SLOPE, (K,).
+
+    No lower than the weakest line that counts: noise far from the excitation would pass for its slope.
+    """
+    k = np.maximum(np.arange(len(size)), 1.0) ** SLOPE
+    falling = np.maximum.accumulate(size * k) / k
+    rising = np.maximum.accumulate((size / k)[::-1])[::-1] * k
+    return np.maximum(np.maximum(falling, rising), SHARE_OF_LARGEST * size.max())
+
+
+def _above_step(size: np.ndarray) -> tuple[float, np.ndarray]:
+    """The largest step between neighbours in size, 1 where none reaches GAP, and the lines above it."""
     ordered = np.sort(size)[::-1]
     n_strong = np.count_nonzero(ordered > SHARE_OF_LARGEST * ordered[0])
-    if n_strong == 0:
-        return np.zeros(len(size), bool)
     step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
     last = int(np.argmax(step))
-    smallest = ordered[last] if step[last] >= GAP else ordered[n_strong - 1]
-    return size >= smallest
+    if step[last] < GAP:
+        return 1.0, size >= ordered[n_strong - 1]
+    return float(step[last]), size >= ordered[last]
 
 
 def _above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:

@@ -138,6 +138,29 @@ def test_a_sloping_spectrum_is_excited_down_to_one_percent():
     np.testing.assert_array_equal(np.flatnonzero(excited_lines(rows, 500)), np.arange(1, 201))
 
 
+@pytest.mark.parametrize("slope", [-20.0, -30.0, 20.0])
+@pytest.mark.parametrize("grid", ["full", "odd", "odd-random", "quasi-log"])
+def test_every_line_of_a_steep_design_is_measured(grid, slope):
+    # lines 1 and 3 of a spectrum that falls as 1/f are 3 apart: that step was taken for its end, unsaid
+    design = Multisine.design(1000, 2000, (0.5, 120), grid=grid, shape_db_per_decade=slope, rms=20)
+    u = np.tile(design.table(), 4)
+    np.testing.assert_array_equal(frf(Record(u, u, 1000)).line, design.line)
+    # the noise of a measured input hides the weakest lines of the steepest spectrum only
+    noisy = frf(Record(u + np.random.default_rng(1).normal(0, 0.005, len(u)), u, 1000))
+    assert set(noisy.line) <= set(design.line)
+    assert len(noisy.line) + len(noisy.rejected_hz) == len(design.line)
+    assert len(noisy.line) >= 0.9 * len(design.line)
+
+
+def test_harmonics_beside_a_sloping_spectrum_are_not_excitation():
+    rng = np.random.default_rng(4)
+    k = np.arange(501)
+    excited = (k % 2 == 1) & (k <= 239)
+    mean = np.where(excited, 1 / np.maximum(k, 1), 0.05 * rng.random(501) / np.maximum(k, 1)) + 0j
+    rows = mean + 1e-6 * rng.standard_normal((4, 501))
+    np.testing.assert_array_equal(np.flatnonzero(excited_lines(rows, 1000)), np.flatnonzero(excited))
+
+
 def test_lines_in_their_own_noise_are_not_excited():
     rng = np.random.default_rng(2)
     rows = rng.standard_normal((10, 251)) + 1j * rng.standard_normal((10, 251))
