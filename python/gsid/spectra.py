@@ -421,10 +421,16 @@ def _sloped(size: np.ndarray) -> np.ndarray:
 
 
 def _above_step(size: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest step between neighbours in size, 1 where none reaches GAP, and the lines above it."""
+    """The largest step between neighbours in size, 1 where none reaches GAP, and the lines above it.
+
+    A step counts as so many times that of an odd spectrum that falls as 1/f: its first lines are 3, 5/3,
+    7/5 apart.
+    """
     ordered = np.sort(size)[::-1]
     n_strong = np.count_nonzero(ordered > SHARE_OF_LARGEST * ordered[0])
+    twice = 2 * np.arange(1, n_strong + 1)
     step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
+    step *= (twice - 1) / (twice + 1)
     last = int(np.argmax(step))
     if step[last] < GAP:
         return 1.0, size >= ordered[n_strong - 1]

@@ -161,6 +161,17 @@ def test_harmonics_beside_a_sloping_spectrum_are_not_excitation():
     np.testing.assert_array_equal(np.flatnonzero(excited_lines(rows, 1000)), np.flatnonzero(excited))
 
 
+def test_a_measured_input_that_falls_into_its_noise_keeps_its_first_lines():
+    # nothing parts such a spectrum from what lies beneath; line 3 is 3 times weaker than line 1 all the same
+    rng = np.random.default_rng(5)
+    k = np.arange(501)
+    mean = np.where((k % 2 == 1) & (k <= 239), 1 / np.maximum(k, 1), 0) + 0j
+    rows = mean + 0.02 * (rng.standard_normal((20, 501)) + 1j * rng.standard_normal((20, 501)))
+    lines = np.flatnonzero(excited_lines(rows, 1000))
+    assert set(lines) <= set(np.arange(1, 240, 2))
+    assert set(lines) >= set(np.arange(1, 20, 2))  # 8 sigma of the mean and more, 4 are asked for
+
+
 def test_lines_in_their_own_noise_are_not_excited():
     rng = np.random.default_rng(2)
     rows = rng.standard_normal((10, 251)) + 1j * rng.standard_normal((10, 251))
