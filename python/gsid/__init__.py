@@ -9,8 +9,9 @@
     found = gsid.diagnose(plant, [record])            # Diagnosis
     better = gsid.add("coulomb_friction", plant, [record]).model
 
-Names are loaded when they are first used. compare, diagnose, fit, frf, noise and spectra are modules, too:
-`from gsid.compare import Comparison`. effects is one that has them all: `gsid.effects.expression(...)`.
+Names are loaded when they are first used. compare, diagnose, distortion, fit, frf, noise and spectra are
+modules, too: `from gsid.compare import Comparison`. effects is one that has them all:
+`gsid.effects.expression(...)`.
 """
 
 import importlib
@@ -28,6 +29,7 @@ _HOME = {
     "add": "ladder",
     "compare": None,
     "diagnose": None,
+    "distortion": None,
     "effects": None,
     "fit": None,
     "fit_mimo": "mimo_fit",
@@ -38,6 +40,7 @@ _HOME = {
     "noise": None,
     "read_mimo_record": "mimo",
     "read_record": "io",
+    "select_order": "order",
     "spectra": None,
     "torque_residual": "torque",
     "undo": "ladder",

@@ -19,11 +19,10 @@ import numpy as np
 
 from gsid.bands import within
 from gsid.errors import InputError, choose
+from gsid.excited import ABOVE_NOISE, SHARE_OF_LARGEST
 from gsid.frf import Frf
 from gsid.record import Record
 from gsid.spectra import (
-    ABOVE_NOISE,
-    SHARE_OF_LARGEST,
     Spectra,
     covariance,
     listed,

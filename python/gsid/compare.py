@@ -225,6 +225,8 @@ def compare(
     ------
     ValueError
         No line in the band, or alpha not between 0 and 1.
+    TypeError
+        No model, or no record.
     InputError
         A record has less than two good periods, or no period, or its units are not the model's, or a
         model in z has another sample rate.

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
+from gsid._callable import callable_as
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.bands import within
 from gsid.errors import InputError
@@ -568,3 +569,6 @@ def _require_one_level(parts: list[Realisation], line: np.ndarray) -> None:
                 f"{one / level[0]:.3g} times that of {parts[0].name or 'the first'}",
                 "compare levels with --other-level REC",
             )
+
+
+callable_as(distortion)

@@ -22,6 +22,7 @@ class GsidError(RuntimeError):
         self.code = code
         self.message = message
         self.hint = hint
+        _note(self, hint)
 
     def __str__(self) -> str:
         return f"{self.message} (status {self.code})"
@@ -52,6 +53,7 @@ class InputError(ValueError):
         self.where = where
         self.value = value
         self.hint = hint
+        _note(self, hint)
 
     def __str__(self) -> str:
         details = [self.where] if self.where else []
@@ -62,6 +64,12 @@ class InputError(ValueError):
 
 class NotPeriodicError(InputError):
     """The input of a record does not repeat."""
+
+
+def _note(error: Exception, hint: str) -> None:
+    """Let a traceback show the hint, as the command does."""
+    if hint:
+        error.add_note(f"hint: {hint}")
 
 
 def close(name: str, names: Iterable[str]) -> str:

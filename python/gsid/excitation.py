@@ -7,12 +7,14 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
-from gsid.bands import ON_A_LINE
+from gsid.arguments import real_number
+from gsid.bands import ON_A_LINE, two_frequencies
 from gsid.files import write_atomically
 
 if TYPE_CHECKING:
@@ -224,8 +226,8 @@ class Multisine(Periodic):
         require_rate(fs_hz)
         require_one_of("grid", grid, GRIDS)
         require_one_of("phases", phases, PHASES)
-        if not 0 <= seed < 2**64:
-            raise ValueError(f"the seed must be within 0 .. 2^64 - 1, not {seed}")
+        if not (isinstance(seed, Integral) and 0 <= seed < 2**64):
+            raise ValueError(f"the seed must be a whole number within 0 .. 2^64 - 1, not {seed}")
         if not math.isfinite(shape_db_per_decade):
             raise ValueError(f"the slope must be a finite number of dB per decade, not {shape_db_per_decade}")
         n_period = whole_period(period_samples)
@@ -363,6 +365,7 @@ def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
 
 def require_rate(fs_hz: float) -> None:
     """Refuse (ValueError) what is no sample rate."""
+    fs_hz = real_number("the sample rate", fs_hz, "Hz")
     if not (math.isfinite(fs_hz) and fs_hz > 0):
         raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
 
@@ -375,8 +378,9 @@ def require_one_of(name: str, value: str, known: Iterable[str]) -> None:
 
 def whole_period(period_samples: float) -> int:
     """The period as a whole number of samples; refused (ValueError) where it is none."""
-    nearest = max(round(period_samples), 3) if math.isfinite(period_samples) else 3
-    if nearest != period_samples:
+    number = real_number("the period", period_samples, "samples")
+    nearest = max(round(number), 3) if math.isfinite(number) else 3
+    if nearest != number:
         raise ValueError(
             f"a period of {period_samples} samples is not a whole number of at least 3; the nearest valid "
             f"request is {nearest} samples"
@@ -435,7 +439,7 @@ def lines_of_band(
     ValueError
         Not finite, at or below 0, without width, or reaching fs/2; the message names the nearest valid band.
     """
-    lo_hz, hi_hz = (float(edge) for edge in band_hz)
+    lo_hz, hi_hz = two_frequencies(band_hz)
     spacing = fs_hz / n_period
     top = (n_period - 1) // 2
     if not (math.isfinite(lo_hz) and math.isfinite(hi_hz)):

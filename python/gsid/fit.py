@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +16,8 @@ from gsid.model import RationalModel
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
+
+_log = logging.getLogger(__name__)
 
 METHODS = {
     "ls": lib.GSID_METHOD_LS,
@@ -92,9 +96,12 @@ def fit(
     ------
     ValueError
         Wrong arguments, too few lines or periods.
+    TypeError
+        No response, as a record.
     GsidError
         No stable model, or singular equations.
     """
+    _check_response(frf)
     n_poles, n_zeros = parse_order(order)
     _check_choices(method, domain, solver)
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
@@ -110,6 +117,8 @@ def fit(
         )
 
     cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
+    if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
+        _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
     cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
     if min_delay_s is not None:
         cfg.bound_delay, cfg.delay_min_s = True, min_delay_s
@@ -164,11 +173,18 @@ def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
     try:
         poles, zeros = (int(part) for part in (order.split("/") if isinstance(order, str) else order))
     except (ValueError, TypeError) as error:
-        raise ValueError(f"order must be POLES/ZEROS such as 4/3, got {order!r}") from error
+        other = "; select_order tries several" if order == "auto" else ""
+        raise ValueError(f"order must be POLES/ZEROS such as 4/3, got {order!r}{other}") from error
     for name, value in (("poles", poles), ("zeros", zeros)):
         if not 0 <= value <= lib.GSID_ORDER_MAX:
             raise ValueError(f"{name} must be 0 to {lib.GSID_ORDER_MAX}, got {value}")
     return poles, zeros
+
+
+def _check_response(frf: object) -> None:
+    if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
+        hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
+        raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")
 
 
 def _check_choices(method: str, domain: str, solver: str) -> None:
@@ -203,9 +219,12 @@ def _configuration(
         cfg.delay = lib.GSID_DELAY_NONE
     else:
         try:
-            cfg.delay, cfg.delay_s = lib.GSID_DELAY_FIXED, float(delay)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"delay must be 'free', 'none' or a number of seconds, got {delay!r}") from error
+            delay_s = math.nan if isinstance(delay, bool) else float(delay)
+        except (TypeError, ValueError):
+            delay_s = math.nan
+        if not math.isfinite(delay_s):
+            raise ValueError(f"delay must be 'free', 'none' or a number of seconds, got {delay!r}")
+        cfg.delay, cfg.delay_s = lib.GSID_DELAY_FIXED, delay_s
     if hold == "zoh" and n_zeros > n_poles:
         raise ValueError(f"a held input needs no more zeros than poles, got {n_poles}/{n_zeros}")
     return cfg

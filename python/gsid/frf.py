@@ -256,7 +256,8 @@ class Frf:
         return plots.frf(self)
 
     def _summary(self) -> dict[str, str]:
-        error = np.sqrt(self.var_g) / np.abs(self.g)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a dead output
+            error = np.sqrt(self.var_g) / np.abs(self.g)
         gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
         peak = int(np.argmax(np.abs(self.g)))
         piece = "window" if self.method == "windows" else "period"
@@ -339,7 +340,9 @@ def frf(
         for, or there are Spectra beside it.
     ValueError
         No record; Spectra where samples are needed; a window of less than 4 samples; options that exclude
-        each other.
+        each other; a band upside down.
+    TypeError
+        Something else than records, as samples or a file's name; a band that is not two numbers.
     """
     if window is not None and window < SHORTEST_WINDOW:
         raise ValueError(f"a window has {SHORTEST_WINDOW} samples at least, not {window}")
@@ -351,7 +354,7 @@ def frf(
         from gsid.closed_loop import closed_loop_frf
 
         result = closed_loop_frf(records, reference, period=period, settle=settle, band=band)
-        _say_rejected(result.rejected_hz)
+        _say_rejected(result)
         return result
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
@@ -369,14 +372,16 @@ def frf(
         result = windowed_frf(records, window, settle=settle, band=band, min_input=min_input)
     else:
         result = _at_lines(parts, band, merge, min_input)
-    _say_rejected(result.rejected_hz)
+    _say_rejected(result)
     return replace(result, removed=tuple(removed))
 
 
-def _say_rejected(rejected_hz: np.ndarray) -> None:
-    if len(rejected_hz):
-        few = ", ".join(f"{f:g}" for f in rejected_hz[:8]) + ", ..." * (len(rejected_hz) > 8)
-        _log.warning("lines left out, their input being too weak: %d (%s Hz)", len(rejected_hz), few)
+def _say_rejected(result: Frf) -> None:
+    left_out = result.rejected_hz
+    if len(left_out):
+        few = ", ".join(f"{f:g}" for f in left_out[:8]) + ", ..." * (len(left_out) > 8)
+        why = "too weak" if result.n_realisations == 1 else "too weak, or not in every record"
+        _log.warning("lines left out, their input being %s: %d (%s Hz)", why, len(left_out), few)
 
 
 def _parts(

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.arguments import whole_samples
 from gsid.errors import InputError
+from gsid.excited import excited_lines, large_lines, say_slip
 from gsid.frf import Frf
 from gsid.record import Record, find_period
-from gsid.spectra import excited_lines, large_lines, period_lines, require_same
+from gsid.spectra import period_lines, require_same
 
 ORDER = 2  # of the polynomials
 N_DOF = 9  # of the noise's variance at each line
@@ -136,8 +138,8 @@ def unsettled(
 
 
 def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsettled:
-    settle = (record.settle_samples or 0) if settle is None else settle
-    period = record.period_samples if period is None else period
+    settle = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
+    period = record.period_samples if period is None else whole_samples("period", period)
     if period is None:
         period = find_period(record.u, valid=record.valid, name=record.name)
     n_periods = (len(record) - settle) // period
@@ -157,7 +159,9 @@ def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsett
         raise InputError("too few lines for the local polynomial method", record.name, size, "measure longer")
     U, Y = (period_lines(x[part][None], bins, 0)[0] for x in (record.u, record.y))
     rows = record.u[part].reshape(n_periods, period)
-    excited = excited_lines(period_lines(rows, bins[: period // 2 + 1], 0), period)
+    lines = period_lines(rows, bins[: period // 2 + 1], 0)
+    say_slip(record.name, lines, period)
+    excited = excited_lines(lines, period)
     if not excited.any():
         what = "u has no line that stands out of its own noise"
         raise InputError(what, record.name, size, "excite the axis more, or give the right --period")

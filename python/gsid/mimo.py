@@ -21,9 +21,10 @@ import numpy as np
 
 from gsid.bands import in_band
 from gsid.errors import InputError
+from gsid.excited import excited_lines
 from gsid.io import read_record
 from gsid.record import Periods, Record, find_period, find_settling, split_periods
-from gsid.spectra import excited_lines, period_lines
+from gsid.spectra import period_lines
 
 if TYPE_CHECKING:
     from gsid.mimo_model import MimoModel

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from gsid._callable import callable_as
+from gsid.arguments import whole_samples
 from gsid.errors import InputError
 from gsid.record import Record, find_period, split_periods
 from gsid.tones import Tone, find_tones, n_taken_off
@@ -168,9 +169,13 @@ def noise(
         Fewer than 256 samples, or a period that u does not have.
     ValueError
         An alpha that is no probability.
+    TypeError
+        Not one record, as several, or bare samples.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, not {alpha}")
+    if not isinstance(record, Record):
+        raise TypeError(f"noise is told of one Record at a time, got {type(record).__name__}")
     part, period_samples, segment = _noise_alone(record, period, settle)
     y, valid = record.y[part], record.valid[part]
     if len(y) < FEWEST:
@@ -235,14 +240,15 @@ def without_tones(
 
 def _noise_alone(record: Record, period: int | None, settle: int | None) -> tuple[slice, int, int]:
     """Samples to look at, the period to take off (0: zero input), and the length of the windows."""
-    stated = record.period_samples if period is None else period
-    start = (record.settle_samples or 0) if settle is None else settle
+    stated = record.period_samples if period is None else whole_samples("period", period)
+    start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     if np.ptp(record.u[record.valid]) == 0:
         return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
     try:
         found = stated or find_period(record.u, valid=record.valid, name=record.name)
     except InputError:
-        _log.warning("%s: u is neither zero nor periodic: taken as zero, with noise of its own", record.name)
+        name = record.name or "record"
+        _log.warning("%s: u is neither zero nor periodic: taken as zero, with noise of its own", name)
         return slice(start, len(record)), 0, max(1, (len(record) - start) // SEGMENTS)
     periods = split_periods(record, period=found, settle=settle)
     n_periods = (len(record) - periods.settle_samples) // found

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.arguments import real_number, whole_samples
 from gsid.errors import InputError, NotPeriodicError
 
 if TYPE_CHECKING:
@@ -56,8 +57,10 @@ class Record:
     Raises
     ------
     InputError
-        Unequal lengths, a shape other than (n,), a number that is not finite, a sample rate that is not
-        positive.
+        Unequal lengths, a shape other than (n,), what is not a number, not real or not finite, a sample rate
+        that is not positive.
+    TypeError, ValueError
+        A sample rate that is no number; a period or settling that is no whole one.
     """
 
     u: np.ndarray
@@ -86,16 +89,26 @@ class Record:
                     f"{len(self.u)} and {np.size(array)} samples",
                     "export them from the same time span",
                 )
+        self.fs_hz = real_number("fs_hz", self.fs_hz, "Hz")
         if not (np.isfinite(self.fs_hz) and self.fs_hz > 0):
             raise InputError(
                 "the sample rate is not a positive number", self.name, self.fs_hz, "give it with --fs [Hz]"
             )
         if self.hold not in ("zoh", "none"):
             raise InputError("unknown hold", self.name, self.hold, "write zoh (a held command) or none")
-        self.fs_hz = float(self.fs_hz)
+        self.period_samples = whole_samples("period_samples", self.period_samples)
+        self.settle_samples = whole_samples("settle_samples", self.settle_samples)
 
     def _samples(self, label: str, values: np.ndarray) -> np.ndarray:
-        array = np.asarray(values, dtype=np.float64)
+        if np.iscomplexobj(values):
+            raise InputError(
+                f"{label} is complex", self.name, None, "samples are real; lines are gsid.frf.Frf.from_arrays"
+            )
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            hint = "give an array, Record(u, y, fs_hz)"
+            raise InputError(f"{label} does not hold numbers", self.name, error, hint) from error
         if array.ndim != 1:
             raise InputError(
                 f"{label} is not one row of samples",
@@ -229,20 +242,21 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     ------
     InputError
         u does not repeat, or fewer than two good periods are left after settling.
+    TypeError, ValueError
+        A period or settling that is no whole number.
     """
-    period = record.period_samples if period is None else period
-    settle = record.settle_samples if settle is None else settle
+    period = record.period_samples if period is None else whole_samples("period", period)
+    settle = record.settle_samples if settle is None else whole_samples("settle", settle)
+    label = record.name or "record"
     if period is None:
         period = find_period(record.u, valid=record.valid, name=record.name)
-        _log.info("%s: period of %d samples found from u", record.name, period)
+        _log.info("%s: period of %d samples found from u", label, period)
     if settle is None:
         settle = find_settling(record, period)
         if len(record) < 3 * period:
-            _log.info(
-                "%s: fewer than three periods do not show whether it has settled: all is used", record.name
-            )
+            _log.info("%s: fewer than three periods do not show whether it has settled: all is used", label)
         else:
-            _log.info("%s: settling of %d samples found from the data", record.name, settle)
+            _log.info("%s: settling of %d samples found from the data", label, settle)
     if period < MIN_PERIOD or settle < 0:
         raise InputError(
             "period or settling is out of range",
@@ -273,7 +287,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
             _other_period(record),
         )
     if not np.any(y - y[0, 0]):
-        _log.warning("%s: y is constant: nothing was measured", record.name)
+        _log.warning("%s: y is constant: nothing was measured", label)
     return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
 
 

@@ -6,7 +6,7 @@ The phases of the lines count from the record's first sample on, whatever was th
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,15 +18,12 @@ from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.bands import within
 from gsid.errors import InputError
+from gsid.excited import above_noise, large_lines, say_slip
 from gsid.record import Record, split_periods
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
 
-SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
-GAP = 2.0  # ratio between neighbours, lines sorted by size, that parts excitation from by-products
-SLOPE = 1.5  # power of the frequency, 30 dB per decade, by which a designed spectrum may rise or fall
-ABOVE_NOISE = 16.0  # |mean|^2 over its variance; noise alone exceeds it once in exp(16) = 9e6 lines
 
 _planner = threading.Lock()  # gsid_batch_spectra takes one caller at a time
 
@@ -49,7 +46,7 @@ class Spectra:
         Periods left out because samples of them were lost.
     settle_samples : int
     excited : (K,) bool
-        See `excited_lines`.
+        See `gsid.excited.excited_lines`.
     hold : {"zoh", "none"}
     u_unit, y_unit, name : str
     """
@@ -206,12 +203,14 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
     TypeError
         Something else, as the name of a file.
     """
-    several = [records] if isinstance(records, Record | Spectra | str | Path) else list(records)
+    is_one = isinstance(records, str | Path) or not isinstance(records, Iterable)
+    several = [records] if is_one else list(records)
     if not several:
         raise ValueError("no record was given")
     for one in several:
         if not isinstance(one, Record | Spectra):
             hint = "; read_record reads a file" if isinstance(one, str | Path) else ""
+            hint = "; Record(u, y, fs_hz) makes one" if isinstance(one, np.ndarray | float) else hint
             raise TypeError(f"a record must be a Record or Spectra, got {type(one).__name__}{hint}")
     return several
 
@@ -336,6 +335,7 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
         samples = (periods.u[:1] if u_repeats else periods.u, periods.y)
         large, excited, U = _input_lines(samples[0], n_settle)
         lines = (U, None)
+        say_slip(record.name, U, n_period)
         if not excited.any():
             what = "u has no line that stands out of its own noise"
             raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
@@ -370,81 +370,7 @@ def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, 
         return large, large, mean
     n_kept = int(np.flatnonzero(large)[-1]) + 1 if large.any() else 1
     U = period_lines(u, line[:n_kept], n_settle)
-    return large, np.pad(_above_noise(U, large[:n_kept]), (0, len(line) - n_kept)), U
-
-
-def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
-    """Tell the excited lines from what a bench adds to them.
-
-    A current loop answers the excited lines with harmonics that repeat as well as the lines do, so that noise
-    alone does not tell them apart. But a designed spectrum is smooth and its by-products lie a step below:
-    lines are sorted by size, and the excitation ends where two neighbours are most apart, the upper above 1 %
-    of the largest and by a factor of 2 at least. Without such a step every line above 1 % counts. Where the
-    step is larger between sizes that are taken relative to a slope of up to 30 dB per decade, those are
-    sorted instead: the first lines of a spectrum that falls as 1/f differ by more than 2, too. The mean must
-    stand 12 dB out of its own noise besides.
-
-    Parameters
-    ----------
-    U : (P, K) complex
-        Lines 0 .. N/2 of the input, one row per period; a single row is an input without noise.
-    n_period : int
-        N, samples.
-
-    Returns
-    -------
-    (K,) bool; never lines 0 and N/2, which have no phase
-    """
-    return _above_noise(U, large_lines(U, n_period))
-
-
-def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
-    """The first half of `excited_lines`: by size alone, without a look at the noise."""
-    size = np.abs(U.mean(axis=0))
-    size[0] = 0
-    size[n_period / 2 == np.arange(len(size))] = 0
-    if not size.any():
-        return np.zeros(len(size), bool)
-    as_it_is, beside_slope = _above_step(size), _above_step(size / _sloped(size))
-    return max(as_it_is, beside_slope, key=lambda found: found[0])[1]
-
-
-def _sloped(size: np.ndarray) -> np.ndarray:
-    """Least spectrum above all lines that nowhere rises or falls by more than SLOPE, (K,).
-
-    No lower than the weakest line that counts: noise far from the excitation would pass for its slope.
-    """
-    k = np.maximum(np.arange(len(size)), 1.0) ** SLOPE
-    falling = np.maximum.accumulate(size * k) / k
-    rising = np.maximum.accumulate((size / k)[::-1])[::-1] * k
-    return np.maximum(np.maximum(falling, rising), SHARE_OF_LARGEST * size.max())
-
-
-def _above_step(size: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest step between neighbours in size, 1 where none reaches GAP, and the lines above it.
-
-    A step counts as so many times that of an odd spectrum that falls as 1/f: its first lines are 3, 5/3,
-    7/5 apart.
-    """
-    ordered = np.sort(size)[::-1]
-    n_strong = np.count_nonzero(ordered > SHARE_OF_LARGEST * ordered[0])
-    twice = 2 * np.arange(1, n_strong + 1)
-    step = ordered[:n_strong] / np.maximum(ordered[1 : n_strong + 1], np.finfo(float).tiny)
-    step *= (twice - 1) / (twice + 1)
-    last = int(np.argmax(step))
-    if step[last] < GAP:
-        return 1.0, size >= ordered[n_strong - 1]
-    return float(step[last]), size >= ordered[last]
-
-
-def _above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:
-    """Large lines whose mean stands out of its own noise, (K,) bool; one row has none."""
-    excited = large.copy()
-    if len(U) > 1:
-        lines = U[:, large]
-        variance_of_mean = sample_variance(lines) / len(U)
-        excited[large] = np.abs(lines.mean(axis=0)) ** 2 > ABOVE_NOISE * variance_of_mean
-    return excited
+    return large, np.pad(above_noise(U, large[:n_kept]), (0, len(line) - n_kept)), U
 
 
 def lines_of(x: np.ndarray) -> np.ndarray:

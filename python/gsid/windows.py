@@ -13,10 +13,11 @@ import numpy as np
 
 from gsid.bands import within
 from gsid.errors import InputError
+from gsid.excited import SHARE_OF_LARGEST
 from gsid.frf import Frf
 from gsid.noise import CORRELATION, hann_windows
 from gsid.record import Record
-from gsid.spectra import SHARE_OF_LARGEST, require_same
+from gsid.spectra import require_same
 
 _log = logging.getLogger("gsid.windows")
 

@@ -7,9 +7,10 @@ import pytest
 
 from gsid.errors import GsidError, InputError
 from gsid.excitation import Multisine
+from gsid.excited import excited_lines
 from gsid.frf import Frf, frf, merged
 from gsid.record import Record
-from gsid.spectra import excited_lines, spectra
+from gsid.spectra import spectra
 from gsid.streaming import StreamingFrf
 from gsid.tones import Tone
 from measured import BENCH, needs_bench

@@ -145,8 +145,8 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     import numpy as np
 
     from gsid.errors import InputError
+    from gsid.excited import excited_lines
     from gsid.io import read_record
-    from gsid.spectra import excited_lines
 
     context = click.get_current_context()
     given = [f"--{name}" for name in DESIGN if is_given(context, name)]

@@ -51,7 +51,8 @@ def read_record(
         Names of the input's and the output's column or array; default "u" and "y". In .h5 a path inside the
         file, in ULog `topic.field`, both in one topic.
     fs_hz : float, optional
-        Sample rate [Hz], where the file has neither times nor the rate.
+        Sample rate [Hz], where the file has neither times nor the rate, or its times jitter by less than half
+        of a step.
     period, settle : int, optional
         Samples; take the place of what the file states.
     zero_input : bool

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gsid.arguments import real_number
 from gsid.errors import InputError, choose
-from gsid.io.raw import KEYS, TIME_NAMES, Raw
+from gsid.io.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Raw
 from gsid.record import Record
 
 _log = logging.getLogger(__name__)
@@ -107,6 +108,7 @@ def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:
 
 def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None) -> float:
     stated = fs_hz if fs_hz is not None else _key_number(path, raw, "fs_hz", float)
+    stated = None if stated is None else real_number("fs_hz", stated, "Hz")
     if stated is not None and not (np.isfinite(stated) and stated > 0):
         raise InputError(
             "the sample rate is not a positive number", str(path), stated, "give it with --fs [Hz]"
@@ -120,7 +122,7 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
                 "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`",
             )
         return float(stated)
-    measured = _rate_of_times(raw, np.asarray(t, np.float64))
+    measured = _rate_of_times(raw, np.asarray(t, np.float64), fs_hz is not None)
     if stated is not None and abs(measured - stated) > 1e-3 * stated:
         raise InputError(
             "the sample rate given is not that of the times",
@@ -131,8 +133,12 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
     return float(measured if stated is None else stated)
 
 
-def _rate_of_times(raw: Raw, t: np.ndarray) -> float:
-    """Rate of equally spaced times; rounded to a whole number where the times' resolution allows that."""
+def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
+    """Rate of equally spaced times; rounded to a whole number where the times' resolution allows that.
+
+    Where the user states the rate, their jitter is believed to be that of a clock beside the samples'; a gap
+    is one all the same.
+    """
     step = float(np.median(np.diff(t)))
     if step <= 0:
         back = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 1
@@ -140,14 +146,16 @@ def _rate_of_times(raw: Raw, t: np.ndarray) -> float:
             "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
         )
     resolution = _resolution(t)
-    off = np.abs(np.diff(t) - step) > min(raw.jitter * step + resolution, 0.5 * step)
+    tolerance = JITTER_STATED if is_stated else STEP_TOLERANCE
+    off = np.abs(np.diff(t) - step) > min(tolerance * step + resolution, 0.5 * step)
     if off.any():
         at = int(np.flatnonzero(off)[0]) + 1
         raise InputError(
             "unequal time steps",
             raw.where("t_s", at),
             f"{t[at] - t[at - 1]:.6g} s after {step:.6g} s",
-            "put lost samples in as rows with valid = 0, or resample to one rate",
+            "put lost samples in as rows with valid = 0, or resample to one rate"
+            + ("" if is_stated else "; where only the stamps jitter, give the rate with --fs"),
         )
     rate = (len(t) - 1) / (t[-1] - t[0])
     slack = rate * 2 * resolution / (t[-1] - t[0])

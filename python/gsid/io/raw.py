@@ -12,6 +12,7 @@ from gsid.record import Record
 KEYS = ("fs_hz", "period_samples", "settle_samples", "u_unit", "y_unit", "hold")
 TIME_NAMES = ("t_s", "t")
 STEP_TOLERANCE = 0.01  # of a step, beyond the resolution the times were written with
+JITTER_STATED = 0.5  # of a step, where the user states the rate: times are then those of writing
 DAMAGED = "the file is damaged, cut short, or not of this kind"
 DAMAGED_HINT = "write or copy it again"
 
@@ -24,7 +25,6 @@ class Raw:
     keys: dict[str, object]
     where: Callable[[str, int], str]  # column, sample -> place in the file
     what: str = "array"  # what the file calls a column
-    jitter: float = STEP_TOLERANCE
 
 
 def keys_of(record: Record) -> dict[str, object]:

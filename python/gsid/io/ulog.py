@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsid.errors import InputError, choose
-from gsid.io.raw import DAMAGED, DAMAGED_HINT, STEP_TOLERANCE, Raw
-
-JITTER_ULOG = 0.5  # of a step, where the user states the rate: ULog times are those of writing
+from gsid.io.raw import DAMAGED, DAMAGED_HINT, Raw
 
 
 def read_ulog(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
@@ -37,9 +35,7 @@ def read_ulog(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
         raise InputError(f"topic {topic} has no times", str(path), None, DAMAGED_HINT)
     columns = {f"{topic}.{name}": values for name, values in data.items() if not name.startswith("timestamp")}
     columns["t_s"] = (data[clock] - data[clock][0]) * 1e-6
-    raw = Raw(columns, {}, lambda column, sample: f"{path} sample {sample}, {column}", "field")
-    raw.jitter = JITTER_ULOG if fs_hz is not None else STEP_TOLERANCE
-    return raw
+    return Raw(columns, {}, lambda column, sample: f"{path} sample {sample}, {column}", "field")
 
 
 def _ulog_topic(path: Path, topic: str) -> dict[str, np.ndarray]:

@@ -1,0 +1,49 @@
+"""Arguments as people give them: taken where it is clear what is meant, refused in their own words."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def whole_samples(name: str, value: Any) -> int | None:
+    """A count of samples; a float is taken when it is a whole number, as one out of a file is.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the error's text.
+    value : int, float or None
+        None stays None.
+
+    Raises
+    ------
+    ValueError
+        Not a whole number.
+    TypeError
+        No number at all.
+    """
+    if value is None:
+        return None
+    number = real_number(name, value, "samples")
+    if not (math.isfinite(number) and number == round(number)):
+        raise ValueError(f"{name} must be a whole number of samples, got {value}")
+    return round(number)
+
+
+def real_number(name: str, value: Any, unit: str) -> float:
+    """A number as a float; TypeError where it is none.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the argument, for the error's text.
+    value : float
+        A text is none, whatever it says.
+    """
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} must be a number [{unit}], got {value!r:.60}") from error
