@@ -74,6 +74,8 @@ class Comparison:
         Mean output minus model output, and mean output; of several records, of that which moves most.
     sigma : (k,) ndarray
         Standard deviation of that error when the model is right.
+    n_dof : int
+        Degrees of freedom of sigma^2: good periods of that record less one.
     cost : (k,) ndarray
         T averaged over the records.
     n_periods, n_records : int
@@ -93,6 +95,7 @@ class Comparison:
     error: np.ndarray
     y: np.ndarray
     sigma: np.ndarray
+    n_dof: int
     cost: np.ndarray
     n_periods: int
     n_records: int
@@ -242,14 +245,14 @@ def compare(
 
     n = sum(len(part.line) for part in parts)
     q_sum = sum(float(np.sum(part.q)) for part in parts)
-    n_dof = max(2 * n - (_n_parameters(model) if fitted else 0), 1)
-    p_value = float(stats.chi2.sf(2 * q_sum, n_dof))
+    left = max(2 * n - (_n_parameters(model) if fitted else 0), 1)
+    p_value = float(stats.chi2.sf(2 * q_sum, left))
     shown = max(parts, key=lambda part: float(np.sum(np.abs(part.y) ** 2)))
     return Comparison(
         adequate=p_value >= alpha,
         p_value=p_value,
         alpha=alpha,
-        cost_per_dof=_cost_per_dof(parts) * 2 * n / n_dof,
+        cost_per_dof=_cost_per_dof(parts) * 2 * n / left,
         rms_error=float(np.sqrt(np.mean([np.sum(part.power * np.abs(part.error) ** 2) for part in parts]))),
         noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.power * part.var_mean) for part in parts]))),
         where=_where(parts, alpha),
@@ -259,6 +262,7 @@ def compare(
         error=shown.error,
         y=shown.y,
         sigma=np.sqrt(shown.var_mean),
+        n_dof=shown.dof,
         cost=np.mean([part.t for part in parts], axis=0) if _same_lines(parts) else shown.t,
         n_periods=sum(s.n_periods for s in measured),
         n_records=len(parts),

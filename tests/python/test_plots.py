@@ -229,6 +229,20 @@ def test_comparison_shows_each_kind_of_line_apart():
     assert f"{100.0 * result.where[0]['share']:.0f} %" in words
 
 
+def test_comparison_bounds_the_noise_by_the_periods_of_the_record_shown():
+    """Bug: by the records' average, where the error and its sigma are those of the loudest record alone."""
+    loud = simulate(line=np.arange(1, 126, 4))
+    loud = dataclasses.replace(loud, u=3 * loud.u, y=3 * loud.y)
+    long = simulate(line=np.arange(1, 126, 4), n_periods=30)
+    result = compare(axis(), [long, loud])
+    assert result.n_dof == compare(axis(), loud).n_dof == 7
+    lines = plots.comparison(result).axes[0].lines
+    drawn = next(line for line in lines if line.get_label() == "95 % noise bound")
+    use = result.kind == "excited"
+    want = complex_bound(result.sigma[use], n_dof=7)
+    np.testing.assert_allclose(drawn.get_ydata(), 20 * np.log10(want))
+
+
 def test_pole_zero_map():
     words = labels(plots.pole_zero(axis()))
     assert "95 % confidence region" in words

@@ -49,9 +49,6 @@ def comparison(comparison: Comparison) -> Figure:
     """
     kind, f = np.asarray(comparison.kind), np.asarray(comparison.f_hz)
     error, sigma, y = (np.abs(np.asarray(a)) for a in (comparison.error, comparison.sigma, comparison.y))
-    n_dof = (
-        comparison.n_periods // comparison.n_records - 1
-    )  # each line's variance is over one record's periods
     kinds = [k for k in KINDS if np.any((kind == k) & (f > 0.0))] or ["excited"]
     figure = new_figure(1.0 + 2.1 * len(kinds))
     axes = np.atleast_1d(figure.subplots(len(kinds), 1, sharex=True, sharey=True))
@@ -59,7 +56,7 @@ def comparison(comparison: Comparison) -> Figure:
         use = (kind == name) & (f > 0.0)
         if name == "excited":
             ax.plot(f[use], db(y[use]), color=NOISE, linewidth=0.9, label="|Y measured|")
-        bound = complex_bound(sigma[use], n_dof=n_dof)
+        bound = complex_bound(sigma[use], n_dof=comparison.n_dof)
         draw_error(ax, f[use], error[use], bound, "|Y measured − model|")
         for band in comparison.where:
             if band["lines"] == name and band["f_hi_hz"] > 0.0:  # a log axis has no place for an offset
