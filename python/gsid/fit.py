@@ -108,12 +108,11 @@ def fit(
     if hold not in ("zoh", "none"):
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
     use = in_band(frf.f_hz, band)
-    f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
     sigma, dof = weights(frf, use)
-    n_parameters = n_poles + n_zeros + 1 + (delay == "free")
-    if 2 * len(f) < n_parameters:
+    n_lines, n_parameters = np.count_nonzero(use), n_poles + n_zeros + 1 + (delay == "free")
+    if 2 * n_lines < n_parameters:
         raise ValueError(
-            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {len(f)}"
+            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {n_lines}"
         )
 
     cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
@@ -128,38 +127,10 @@ def fit(
         cfg.start = c_start = start._to_c()  # noqa: F841  (keeps it alive)
     amplitude = np.ascontiguousarray(np.abs(frf.u[use]))
     cfg.input = ffi.from_buffer("double[]", amplitude)
-    var_u, cov_yu = _input_errors(frf, use, sigma)
-    data = ffi.new("gsid_frd *")
-    data.n_lines = len(f)
-    data.f_hz, data.sigma = ffi.from_buffer("double[]", f), ffi.from_buffer("double[]", sigma)
-    data.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g))
-    data.var_u = ffi.from_buffer("double[]", var_u)
-    data.cov_yu = ffi.cast("gsid_cplx *", ffi.from_buffer(cov_yu))
+    data, _keep_alive = _c_lines(frf, use, sigma)
     result = ffi.new("gsid_fit_result *")
     check(lib.gsid_fit_run(data, cfg, result), f"fit of order {n_poles}/{n_zeros}")
-
-    num, den, cov = _plain(result, domain)
-    is_ml = method in ("ml", "ml-io")
-    if is_ml and 2 < dof < np.inf:
-        cov = cov * dof / (dof - 2)
-    return RationalModel(
-        num=num,
-        den=den,
-        delay_s=result.model.delay_s,
-        domain=domain,
-        fs_hz=frf.fs_hz,
-        hold=hold,
-        cov=cov,
-        free_delay=delay == "free",
-        method=method,
-        cost=result.cost if method == "ml-io" else result.cost_ml,
-        cost_expected=inflation(dof) * (len(f) - n_parameters / 2) if is_ml and dof > 1 else None,
-        n_lines=len(f),
-        converged=bool(result.converged),
-        band_hz=(float(f[0]), float(f[-1])),
-        u_unit=frf.u_unit,
-        y_unit=frf.y_unit,
-    )
+    return _answer(result, frf, use, dof, method=method, domain=domain, hold=hold, free_delay=delay == "free")
 
 
 def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
@@ -261,6 +232,19 @@ def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndar
     return np.ascontiguousarray(var_u * scale), np.ascontiguousarray(cov_yu * scale, dtype=complex)
 
 
+def _c_lines(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[Any, list[np.ndarray]]:
+    """The lines in use as a gsid_frd, and the arrays that it points to."""
+    f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
+    var_u, cov_yu = _input_errors(frf, use, sigma)
+    data = ffi.new("gsid_frd *")
+    data.n_lines = len(f)
+    data.f_hz, data.sigma = ffi.from_buffer("double[]", f), ffi.from_buffer("double[]", sigma)
+    data.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g))
+    data.var_u = ffi.from_buffer("double[]", var_u)
+    data.cov_yu = ffi.cast("gsid_cplx *", ffi.from_buffer(cov_yu))
+    return data, [f, g, sigma, var_u, cov_yu]
+
+
 def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
     """Delay by the mean slope of the unwrapped phase, the source's starting value (eq. 7.8; EST-7).
 
@@ -290,6 +274,33 @@ def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
 def inflation(dof: float) -> float:
     """Mean of sigma^2 / s^2 when s^2 has so many degrees of freedom."""
     return 1.0 if np.isinf(dof) else dof / (dof - 1)
+
+
+def _answer(
+    result: Any, frf: Frf, use: np.ndarray, dof: float, *, method: str, **facts: Any
+) -> RationalModel:
+    """The model found; `facts` are what it was asked to be."""
+    f = frf.f_hz[use]
+    num, den, cov = _plain(result, facts["domain"])
+    is_ml = method in ("ml", "ml-io")
+    if is_ml and 2 < dof < np.inf:
+        cov = cov * dof / (dof - 2)
+    return RationalModel(
+        num=num,
+        den=den,
+        delay_s=result.model.delay_s,
+        fs_hz=frf.fs_hz,
+        cov=cov,
+        method=method,
+        cost=result.cost if method == "ml-io" else result.cost_ml,
+        cost_expected=inflation(dof) * (len(f) - result.n_parameters / 2) if is_ml and dof > 1 else None,
+        n_lines=len(f),
+        converged=bool(result.converged),
+        band_hz=(float(f[0]), float(f[-1])),
+        u_unit=frf.u_unit,
+        y_unit=frf.y_unit,
+        **facts,
+    )
 
 
 def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import click
 
 from gsid.cli.common import (
     OUTPUT,
+    Value,
     as_typed,
     band_option,
     check_picture,
@@ -33,25 +34,6 @@ if TYPE_CHECKING:
     from gsid.record import Record
 
 Bounds = tuple[float, float] | None
-
-
-class Value(click.ParamType):
-    """NAME=VALUE."""
-
-    name = "NAME=VALUE"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        if isinstance(value, tuple):
-            return value
-        name, equals, number = str(value).partition("=")
-        try:
-            if equals:
-                return name.strip(), float(number)
-        except ValueError:
-            pass
-        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
 
 
 class Start(Value):

@@ -8,6 +8,7 @@ import importlib.metadata
 import json
 import math
 import os
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -55,6 +56,38 @@ class Band(click.ParamType):
         if not 0 <= lo < hi < math.inf:
             self.fail(f"{value}: LO must be at least 0 and below HI", param, ctx)
         return lo, hi
+
+
+class Order(click.ParamType):
+    """POLES/ZEROS, or auto where that is allowed."""
+
+    def __init__(self, *, may_be_auto: bool = False) -> None:
+        self.may_be_auto = may_be_auto
+        self.name = "POLES/ZEROS|auto" if may_be_auto else "POLES/ZEROS"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if not re.fullmatch(r"\d+/\d+", value) and not (self.may_be_auto and value == "auto"):
+            self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
+        return value
+
+
+class Value(click.ParamType):
+    """NAME=VALUE."""
+
+    name = "NAME=VALUE"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        if isinstance(value, tuple):
+            return value
+        name, equals, number = str(value).partition("=")
+        try:
+            if equals:
+                return name.strip(), float(number)
+        except ValueError:
+            pass
+        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
 
 
 READING_OPTIONS = (

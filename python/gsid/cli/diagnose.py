@@ -109,6 +109,11 @@ def diagnose(
         _print_ladder(ladder(told))
     if missing:
         print(f"\n{missing.sentence}")
+    _suggest(result, records, model_path, curve)
+
+
+def _suggest(result: Diagnosis, records: Sequence[str], model_path: str, curve: str | None) -> None:
+    """What to type next."""
     given = ["--model", model_path]
     if result.named:
         suggest(as_typed("add", result.found[0].effects[0], *given, records=records, output="M2.json"))

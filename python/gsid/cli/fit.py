@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import click
 
 from gsid.cli.common import (
     OUTPUT,
+    Order,
     band_option,
     check_picture,
     describe,
@@ -41,19 +41,6 @@ if TYPE_CHECKING:
     from gsid.plant import PlantModel
     from gsid.record import Record
     from gsid.validation import Validation
-
-
-class Order(click.ParamType):
-    """POLES/ZEROS, or auto where that is allowed."""
-
-    def __init__(self, *, may_be_auto: bool = False) -> None:
-        self.may_be_auto = may_be_auto
-        self.name = "POLES/ZEROS|auto" if may_be_auto else "POLES/ZEROS"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if not re.fullmatch(r"\d+/\d+", value) and not (self.may_be_auto and value == "auto"):
-            self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
-        return value
 
 
 class Pieces(click.ParamType):

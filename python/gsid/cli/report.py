@@ -8,6 +8,7 @@ import click
 
 from gsid.cli.common import (
     OUTPUT,
+    Order,
     band_option,
     describe,
     json_option,
@@ -20,7 +21,6 @@ from gsid.cli.common import (
     with_ladder,
     working,
 )
-from gsid.cli.fit import Order
 
 if TYPE_CHECKING:
     from gsid.distortion import Distortion

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.add import Value
-from gsid.cli.common import OUTPUT, json_option, options_as_arguments, print_json, say
+from gsid.cli.common import OUTPUT, Value, json_option, options_as_arguments, print_json, say
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
