@@ -1,6 +1,7 @@
 #include "board.h"
 
 #include "../rate_loop/drive.h"
+#include "../rate_loop/handover.h"
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 
@@ -85,6 +86,7 @@ void line_send(const uint8_t *bytes, size_t n_bytes) {
         return;
     for (size_t i = 0; i < n_bytes; i++)
         waiting[(n_put + i) % ROOM] = bytes[i];
+    HANDOVER();
     n_put += (uint32_t)n_bytes;
     REGISTER(0xE000E200u) = 2u; /* set pending: the transmit interrupt sends the first byte */
 }

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "handover.h"
+
 #define COMMAND_LIMIT 10.0f
 #define EXCITATION_PEAK 5.0f
 #define KP 3.0f
@@ -112,7 +114,9 @@ void drive_tick(drive *d, int by_timer) {
         command_next(d, &at_rest);
     }
     while (d->n_taken != d->n_come) {
+        HANDOVER();
         take_frame(d, &d->frame[d->n_taken % DRIVE_FRAMES]);
+        HANDOVER();
         d->n_taken++;
     }
     const uint32_t n_damaged = d->n_damaged;
@@ -150,6 +154,7 @@ static void start(drive *d) {
     d->tick =
         UINT32_MAX; /* the command of tick 0 is the next one; the tick sends it, which then is there for the answer */
     d->begin = 1;
+    HANDOVER();
     d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
 }
 
@@ -201,7 +206,9 @@ static int report(drive *d) {
 }
 
 int drive_background(drive *d) {
-    switch (d->state) {
+    const drive_state state = d->state;
+    HANDOVER();
+    switch (state) {
     case DRIVE_WAITING:
         wait(d);
         return 0;

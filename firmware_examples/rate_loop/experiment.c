@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "handover.h"
+
 #ifdef GSID_SINGLE
 #define SQRT sqrtf
 #else
@@ -63,6 +65,7 @@ gsid_status experiment_start(experiment *e) {
         status = gsid_guard_start(&e->guard, 0); /* the range of angles counts from here */
     e->n = 0;
     e->n_left_out = 0;
+    HANDOVER();
     if (status == GSID_OK)
         e->state = EXPERIMENT_RUNNING; /* last: from here on the tick owns it */
     return status;
