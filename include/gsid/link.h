@@ -47,7 +47,7 @@ typedef struct {
  *  Cost: one table step per half byte for the check.  Context: ISR-safe. */
 size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes);
 
-/** Empty a receiver and zero its counts. */
+/** Empty a receiver and zero its counts: before the first byte, unless it is static.  NULL: nothing happens. */
 void gsid_link_reset(gsid_link *link);
 
 /** Take bytes off the line and give whole, checked frames. Bytes not consumed because `frames` was full are not taken:
@@ -56,7 +56,7 @@ void gsid_link_reset(gsid_link *link);
  *  @param[in]  capacity        entries in frames
  *  @param[out] frames          [capacity]
  *  @param[out] n_frames        frames written
- *  @return bytes consumed
+ *  @return bytes consumed; 0, with n_frames untouched, for a NULL pointer and for a receiver that was not emptied first
  *  Cost: per byte at most one check of a frame.  Context: ISR-safe, one writer. */
 size_t gsid_link_decode(gsid_link *link, size_t n_bytes, const uint8_t *bytes, size_t capacity, gsid_frame *frames,
                         size_t *n_frames);

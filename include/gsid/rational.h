@@ -31,7 +31,7 @@ typedef struct {
 gsid_status gsid_rational_init(gsid_rational *model, gsid_domain domain, uint32_t n_poles, uint32_t n_zeros,
                                gsid_real rate);
 
-/** The variable v at an angular frequency: j w / scale_rad_s, or exp(-j w sample_s).  Context: ISR-safe. */
+/** The variable v at an angular frequency: j w / scale_rad_s, or exp(-j w sample_s). The model is not NULL.  Context: ISR-safe. */
 gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
 
 /** Evaluate the frequency response.  Eq: MOD-1 (source, eqs. 6.4 and 6.5).
@@ -45,7 +45,8 @@ gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, cons
 /* Parameters of a rational model: den without the coefficient held at 1, num, delay. */
 #define GSID_RATIONAL_PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
 
-/** Index of the denominator coefficient that is held at 1: the highest in domain s, the lowest in domain z. */
+/** Index of the denominator coefficient that is held at 1: the highest in domain s, the lowest in domain z. The model is not
+ *  NULL. */
 uint32_t gsid_rational_held(const gsid_rational *model);
 
 /** Response and its derivatives at one frequency.
