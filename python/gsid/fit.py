@@ -101,7 +101,7 @@ def fit(
     GsidError
         No stable model, or singular equations.
     """
-    _check_response(frf)
+    check_response(frf)
     n_poles, n_zeros = parse_order(order)
     _check_choices(method, domain, solver)
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
@@ -115,6 +115,7 @@ def fit(
             f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {n_lines}"
         )
 
+    _check_rate(frf.fs_hz, frf.f_hz[use], domain, hold)
     cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
     if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
         _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
@@ -152,7 +153,8 @@ def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
     return poles, zeros
 
 
-def _check_response(frf: object) -> None:
+def check_response(frf: object) -> None:
+    """Refuse (TypeError) what is no measured response, as a record that still has to become one."""
     if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
         hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
         raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")
@@ -165,6 +167,18 @@ def _check_choices(method: str, domain: str, solver: str) -> None:
         raise ValueError(f"domain must be 's' or 'z', got {domain!r}")
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+
+
+def _check_rate(fs_hz: float, f_hz: np.ndarray, domain: str, hold: str) -> None:
+    if hold == "none" and domain == "s":
+        return
+    kind = "a model in z" if domain == "z" else "a held input"
+    if not math.isfinite(fs_hz):
+        raise ValueError(f"{kind} has a sample rate, and the response none: Frf.from_arrays(..., fs_hz=...)")
+    if f_hz.max() >= fs_hz / 2:
+        raise ValueError(
+            f"{kind} of {fs_hz:g} Hz ends below {fs_hz / 2:g} Hz, the lines at {f_hz.max():g} Hz"
+        )
 
 
 def _configuration(

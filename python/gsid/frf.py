@@ -161,12 +161,16 @@ class Frf:
         Raises
         ------
         ValueError
-            Unequal lengths.
+            Unequal lengths, a frequency below 0 or a response that is no finite number.
         """
         f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
         variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
         if f_hz.shape != g.shape or variance.shape != g.shape or g.ndim != 1:
             raise ValueError(f"f_hz, g and var_g have shapes {f_hz.shape}, {g.shape} and {variance.shape}")
+        sound = np.isfinite(g) & np.isfinite(f_hz) & (f_hz >= 0)
+        if not sound.all():
+            bad = int(np.flatnonzero(~sound)[0])
+            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: leave it out")
         zero = np.zeros(len(g))
         return cls(
             line=np.arange(1, len(g) + 1),

@@ -445,7 +445,10 @@ class RationalModel:
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
         """Bode diagram with 95 % bands, over the measured response when one is given."""
         from gsid import plots
+        from gsid.fit import check_response
 
+        if frf is not None:
+            check_response(frf)
         return plots.bode(self, frf)
 
     # ---- print -------------------------------------------------------------------------------------------

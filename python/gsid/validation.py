@@ -19,7 +19,7 @@ from scipy import stats
 
 from gsid.bands import in_band
 from gsid.confidence import NORMAL_95
-from gsid.fit import inflation, weights
+from gsid.fit import check_response, inflation, weights
 from gsid.sampling import at_rate_of
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def validate(model: RationalModel, held_out: Frf) -> Validation:
     ValueError
         No line lies in the band, the response has no variance, or the model is in z and of another rate.
     """
+    check_response(held_out)
     model = at_rate_of(model, held_out)
     use = in_band(held_out.f_hz, model.band_hz)
     f, g = held_out.f_hz[use], held_out.g[use]

@@ -10,8 +10,10 @@ import gsid
 from gsid.errors import InputError
 from gsid.excitation import Multisine
 from gsid.excited import slip
+from gsid.frf import Frf
 from gsid.io import read_record
 from gsid.record import Record
+from gsid.validation import validate
 
 FS_HZ, N = 1000.0, 500
 COMMAND = Multisine.design(FS_HZ, N, (2, 200), grid="odd", rms=1.0).table()
@@ -182,3 +184,25 @@ def test_stamps_that_jitter_are_even_where_the_rate_is_given(tmp_path, record):
     write(np.where(t < 0.5, t, t + 1 / FS_HZ))  # a sample is missing
     with pytest.raises(InputError, match="unequal time steps"):
         read_record(path, fs_hz=FS_HZ)
+
+
+def test_a_response_from_elsewhere_says_what_it_lacks(record):
+    # each was a status of the core: "a configuration value is out of its range"
+    response = gsid.frf(record)
+
+    def given(**facts):
+        return Frf.from_arrays(response.f_hz, response.g, response.var_g, **facts)
+
+    for options in ({"domain": "z"}, {"hold": "zoh"}):
+        with pytest.raises(ValueError, match=r"has a sample rate, and the response none: Frf.from_arrays"):
+            gsid.fit(given(), "1/0", **options)
+        with pytest.raises(ValueError, match="of 100 Hz ends below 50 Hz, the lines at 198 Hz"):
+            gsid.fit(given(fs_hz=100.0), "1/0", **options)
+    with pytest.raises(ValueError, match=r"line 1 of the response is \(?nan"):
+        Frf.from_arrays([1.0, 2.0], [1.0, np.nan])
+    with pytest.raises(ValueError, match=r"line 0 of the response is .* at -1"):
+        Frf.from_arrays([-1.0, 2.0], [1.0, 1.0])
+    model = gsid.fit(response, "1/0")
+    for call in (lambda: model.plot(record), lambda: validate(model, record)):
+        with pytest.raises(TypeError, match="an Frf, got Record"):
+            call()
