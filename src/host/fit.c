@@ -153,7 +153,7 @@ static gsid_status run_init(fit_run *r, const gsid_frd *data, const gsid_fit_cfg
 }
 
 /* The model given as the start, with the run's scale. */
-static gsid_status take_start(const fit_run *r, fit_candidate *c) {
+static gsid_status take_start(fit_run *r, fit_candidate *c) {
     const gsid_rational *start = r->cfg.start;
     const double rate = gsid_fit_rate(r);
     gsid_status status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, rate);
@@ -167,7 +167,11 @@ static gsid_status take_start(const fit_run *r, fit_candidate *c) {
     for (uint32_t i = 0; i <= start->n_zeros; i++)
         c->model.num[i] = start->num[i] * pow(ratio, i) / top;
     c->model.delay_s = r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : start->delay_s;
-    return gsid_estimate_cost(&r->work, &c->model, &c->cost);
+    if (r->cfg.hold) { /* without its images a model whose poles are as fast as the hold is no minimum */
+        r->follow_images = 1;
+        status = gsid_fit_take_images(r, &c->model, 0);
+    }
+    return status != GSID_OK ? status : gsid_estimate_cost(&r->work, &c->model, &c->cost);
 }
 
 static gsid_status gauss_newton(fit_run *r, uint32_t n_iterations, fit_candidate *c) {

@@ -252,3 +252,17 @@ def test_a_response_measured_elsewhere_is_fitted_with_its_variance_as_known():
         Frf.from_arrays(F, g[:-1])
     frame = Frf.from_arrays(F, g, sigma**2).to_pandas()
     np.testing.assert_allclose(Frf.from_pandas(frame).var_g, sigma**2)
+
+
+def test_a_start_behind_a_hold_is_not_lost_to_a_fast_pole():
+    """A pole of 2.5 / T: the first round left out what the hold folds back, and lost the very truth."""
+    fs_hz, pole = 4000.0, 10000.0
+    truth = RationalModel([pole], [1, pole], delay_s=0.0, fs_hz=fs_hz, hold="zoh")
+    f_hz = np.arange(10.0, 1000.0, 4.0)
+    rng = np.random.default_rng(6)
+    noise = 1e-3 * (rng.standard_normal(len(f_hz)) + 1j * rng.standard_normal(len(f_hz)))
+    response = Frf.from_arrays(f_hz, truth.response(f_hz) + noise, np.full(len(f_hz), 2e-6), fs_hz=fs_hz)
+    near = fit(response, "1/0", hold="zoh", delay=0)
+    found = fit(response, "1/0", hold="zoh", start=near)
+    assert found.cost <= near.cost * (1 + 1e-6)
+    assert abs(found.delay_s) < 4 * found.std_delay_s
