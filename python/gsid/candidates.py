@@ -168,7 +168,6 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
     Where the shape is held, a few steps tell the shapes apart, and only the best goes on.
     """
     best: Candidate | None = None
-    given.untried.pop(effect, None)
     for probe, item in tries:
         enough = (BEYOND if probe.fixed else KEPT) * item.drop
         # Of a held shape an unfinished fit will do: the cost only falls further.
@@ -184,7 +183,7 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
     if best is not None:
-        given.untried.pop(effect, None)
+        given.untried.pop(effect, None)  # of an earlier start, or round
     if best is not None and tries[0][0].fixed and not best.fit.converged:
         best = _further(best, given, STEPS_MAX)
     return best

@@ -78,6 +78,12 @@ class Diagnosis:
         With the best effect of each group found added, and fitted.
     converged : bool
         Whether that fit has.
+    next_experiment : str
+        What would tell the members of a group apart; empty where there is nothing to tell.
+    names : list of str
+        Of the records.
+    untried : dict of str
+        Effects that could not be fitted from any start in the last round that asked for them, and why.
     """
 
     verdict: str
