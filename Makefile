@@ -196,6 +196,7 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
 
 include tests/blind/blind.mk
+include tests/false_alarms/false_alarms.mk
 include firmware_examples/firmware.mk
 
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
