@@ -43,6 +43,9 @@ def read_record(
 ) -> Record:
     """Read one realisation from a file.
 
+    Binary files are read in a process of their own (docs/conventions.md, "Files from elsewhere"); arrays as
+    long as u become columns of the record.
+
     Parameters
     ----------
     path : path_like
@@ -79,6 +82,8 @@ def read_record(
     _check_readable(path)
     is_optional, u, y = zero_input and u is None, u or "u", y or "y"
     raw = reader(path, y if is_optional else u, y, fs_hz)
+    if is_optional and u not in raw.columns and u in raw.listed:  # there, but not as y is: the error says why
+        raw = reader(path, u, y, fs_hz)
     if is_optional and u not in raw.columns and y in raw.columns:
         raw.columns[u] = np.zeros(np.size(raw.columns[y]))
     add_keys_from_beside(path, raw, u, y, fs_hz, period)

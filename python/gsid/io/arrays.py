@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gsid.errors import InputError
-from gsid.io.raw import DAMAGED, DAMAGED_HINT, KEYS, Raw, keys_of
+from gsid.io.foreign import read_foreign
+from gsid.io.raw import KEYS, Raw, keys_of
 from gsid.record import Record
 
 
-def _raw_arrays(path: Path, entries: dict[str, object]) -> Raw:
-    """Sort what a file of arrays holds into columns (arrays) and keys (single numbers and texts)."""
+def _raw_arrays(path: Path, entries: dict[str, object], names: list[str]) -> Raw:
+    """Sort what was read of a file of arrays into columns (arrays) and keys (single numbers and texts)."""
     columns: dict[str, np.ndarray] = {}
     keys: dict[str, object] = {}
     for name, value in entries.items():
@@ -31,7 +31,8 @@ def _raw_arrays(path: Path, entries: dict[str, object]) -> Raw:
     with contextlib.suppress(AttributeError, TypeError, ValueError):  # someone else's entry called meta
         keys.update({str(key): str(value) for key, value in json.loads(keys.get("meta", "")).items()})
         del keys["meta"]
-    return Raw(columns, keys, lambda column, sample: f"{path} sample {sample}, array {column}")
+    listed = [name for name in names if name not in (*KEYS, "meta")]
+    return Raw(columns, keys, lambda column, sample: f"{path} sample {sample}, array {column}", listed=listed)
 
 
 def _arrays_of(record: Record) -> dict[str, object]:
@@ -44,19 +45,7 @@ def _arrays_of(record: Record) -> dict[str, object]:
 
 
 def read_npz(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
-    entries: dict[str, object] = {}
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            for name in file.files:
-                try:
-                    entries[name] = file[name]
-                except ValueError as error:
-                    # an array of Python objects would run code when read: it is left alone
-                    if "pickle" not in str(error).lower():
-                        raise
-    except Exception as error:  # on damaged files the readers raise what they will
-        raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from error
-    return _raw_arrays(path, entries)
+    return _raw_arrays(path, *read_foreign("npz", path, u, y))
 
 
 def write_npz(path: Path, record: Record) -> None:
@@ -64,15 +53,7 @@ def write_npz(path: Path, record: Record) -> None:
 
 
 def read_mat(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
-    from scipy.io import loadmat
-
-    try:
-        entries = loadmat(path, squeeze_me=True)
-    except NotImplementedError:  # v7.3 is HDF5
-        return read_h5(path, u, y, fs_hz)
-    except Exception as error:  # on damaged files the readers raise what they will
-        raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from error
-    return _raw_arrays(path, {name: value for name, value in entries.items() if not name.startswith("__")})
+    return _raw_arrays(path, *read_foreign("mat", path, u, y))
 
 
 def write_mat(path: Path, record: Record) -> None:
@@ -82,27 +63,7 @@ def write_mat(path: Path, record: Record) -> None:
 
 
 def read_h5(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            entries: dict[str, object] = dict(file.attrs)
-            file.visititems(lambda name, node: entries.update(_h5_entry(name, node)))
-    except Exception as error:  # on damaged files the readers raise what they will
-        raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from error
-    return _raw_arrays(path, entries)
-
-
-def _h5_entry(name: str, node: object) -> dict[str, object]:
-    import h5py
-
-    if not isinstance(node, h5py.Dataset) or name.startswith("#"):
-        return {}
-    if node.attrs.get("MATLAB_class") == b"char":
-        return {name: "".join(map(chr, np.ravel(node[()])))}
-    if h5py.check_string_dtype(node.dtype) and node.shape == ():
-        return {name: node.asstr()[()]}
-    return {name: node[()]} if node.dtype.kind in "fiubc" else {}
+    return _raw_arrays(path, *read_foreign("h5", path, u, y))
 
 
 def write_h5(path: Path, record: Record) -> None:

@@ -32,7 +32,10 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
     if n == 0:
         raise InputError("there are no samples", str(path), None, "measure again, or check the export")
     for name in (time_name, "valid"):
-        if name in raw.columns and np.size(raw.columns[name]) != n:
+        if name not in raw.columns:
+            continue
+        _check_real(path, name, np.asarray(raw.columns[name]), "save it as an array of numbers")
+        if np.size(raw.columns[name]) != n:
             raise InputError(
                 f"{u} and {name} are of unequal lengths",
                 str(path),
@@ -76,13 +79,10 @@ def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
             f"no {raw.what} named {name}",
             str(path),
             None,
-            f"{choose(name, raw.columns)}; name it with {option}",
+            f"{choose(name, raw.listed or raw.columns)}; name it with {option}",
         )
     values = np.asarray(raw.columns[name])
-    if values.dtype.kind not in "fiub":
-        raise InputError(
-            f"{name} does not hold real numbers", str(path), f"type {values.dtype}", f"pick with {option}"
-        )
+    _check_real(path, name, values, f"pick with {option}")
     if values.size != max(values.shape, default=1):
         raise InputError(
             f"{raw.what} {name} is not one row of samples",
@@ -91,6 +91,11 @@ def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
             "pick one channel and one realisation, and save them as a vector",
         )
     return values.ravel()
+
+
+def _check_real(path: Path, name: str, values: np.ndarray, hint: str) -> None:
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"{name} does not hold real numbers", str(path), f"type {values.dtype}", hint)
 
 
 def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:

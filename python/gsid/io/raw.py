@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class Raw:
     keys: dict[str, object]
     where: Callable[[str, int], str]  # column, sample -> place in the file
     what: str = "array"  # what the file calls a column
+    listed: list[str] = field(default_factory=list)  # names of the columns in the file, read or not
 
 
 def keys_of(record: Record) -> dict[str, object]:
