@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    INPUT,
     OUTPUT,
+    RECORD,
     Value,
     as_typed,
     band_option,
@@ -57,7 +59,7 @@ class Start(Value):
 
 @click.command(short_help="Add an effect to a model and see how much the error falls.")
 @click.argument("effect", metavar="EFFECT", required=False)
-@click.argument("records", metavar="REC...", nargs=-1, type=click.Path())
+@click.argument("records", metavar="REC...", nargs=-1, type=RECORD)
 @reading_options
 @plant_option("Stack of effects to add to.")
 @click.option(
@@ -68,7 +70,7 @@ class Start(Value):
 @click.option(
     "--table",
     metavar="CURVE.csv",
-    type=click.Path(),
+    type=INPUT,
     help="Instead of EFFECT: a law by points, as `gsid diagnose --curve` writes it.",
 )
 @library_option("Instead of EFFECT: one compiled from C. This runs its code.", "library", multiple=False)
@@ -84,7 +86,7 @@ class Start(Value):
     "held_out",
     metavar="REC",
     multiple=True,
-    type=click.Path(),
+    type=RECORD,
     help="Judge on this record. [default: a third of REC... of each level, or the later periods]",
 )
 @band_option("Lines from LO to HI [Hz] only.")
@@ -130,6 +132,7 @@ def add(
         effect, records = None, (effect, *records)
     if not records:
         raise click.UsageError("a record is missing", ctx)
+    from gsid.files import is_stdout
     from gsid.ladder import add as add_effect
 
     with options_as_arguments():
@@ -153,6 +156,8 @@ def add(
         print_json(result.to_dict())
     else:
         _print(result)
+        if is_stdout(output):
+            return
         suggest(f"{as_typed('diagnose', '--model', output, records=records)} tells whether more is missing")
 
 

@@ -12,6 +12,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -105,24 +106,113 @@ READING_OPTIONS = (
     ),
 )
 HOW_READ = ("u_name", "y_name", "fs_hz", "period", "settle", "band")  # what another verb has to be told again
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+@dataclass
+class FilesInUse:
+    """Files that a command reads and writes, as far as its arguments name them."""
+
+    inputs: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    stdout_by: str = ""  # option whose file goes to the standard output
+
+    @classmethod
+    def of(cls, ctx: click.Context | None) -> FilesInUse:
+        """Those of the command that runs; the same for all its arguments."""
+        return cls() if ctx is None else ctx.meta.setdefault("gsid.files", cls())
+
+    def read(self, *paths: str) -> None:
+        """Note inputs.
+
+        Raises
+        ------
+        InputError
+            One of them is an output.
+        """
+        self.inputs += paths
+        for output in self.outputs:
+            self._check(output, paths)
+
+    def write(self, *paths: str | Path) -> None:
+        """Note outputs; also the names that a command derives from an argument.
+
+        Raises
+        ------
+        InputError
+            One of them is an input or another output, or nothing can be written there.
+        """
+        from gsid.errors import InputError
+        from gsid.files import refuse_overwrite, target_of
+
+        for path in map(str, paths):
+            folder = target_of(path).parent
+            if not folder.is_dir():
+                raise InputError("there is no such folder", path, None, "make it first, or name another")
+            if not os.access(folder, os.W_OK):
+                raise InputError("nothing can be written there", path, None, "name another folder")
+            self._check(path, self.inputs)
+            refuse_overwrite(path, self.outputs, "two outputs have the same name")
+            self.outputs.append(path)
+
+    @staticmethod
+    def _check(output: str, inputs: Iterable[str]) -> None:
+        from gsid.files import refuse_overwrite
+
+        refuse_overwrite(output, inputs, "the output would replace an input")
+
+    def stream(self, by: str, ctx: click.Context) -> None:
+        """Keep the standard output for one file; what else would be printed there goes to stderr."""
+        if self.stdout_by:
+            raise click.UsageError(f"{self.stdout_by} and {by} both write to the standard output", ctx)
+        self.stdout_by = by
+        if by != "--json":
+            ctx.find_root().with_resource(contextlib.redirect_stdout(sys.stderr))
+
+
+def _print_json_alone(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
+    if value:
+        FilesInUse.of(ctx).stream("--json", ctx)
+    return value
+
+
+json_option = click.option("--json", "as_json", is_flag=True, callback=_print_json_alone, help="Print JSON.")
+
+
+class InputPath(click.Path):
+    """A file to read, which no output of the command may replace."""
+
+    def __init__(self, *, with_meta: bool = False) -> None:
+        super().__init__()
+        self.with_meta = with_meta  # records may have their rate and units in the meta.json of their folder
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        path = super().convert(value, param, ctx)
+        FilesInUse.of(ctx).read(path, *([str(Path(path).parent / "meta.json")] if self.with_meta else []))
+        return path
 
 
 class OutputPath(click.Path):
-    """A file to write, in a folder that is there: said before the work, not after it."""
+    """A file to write, checked before the work begins; - is the standard output where `streams` is set."""
+
+    def __init__(self, *, streams: bool = True) -> None:
+        super().__init__()
+        self.streams = streams
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from gsid.errors import InputError
+        from gsid.files import is_stdout
 
-        folder = Path(value).parent
-        if not folder.is_dir():
-            raise InputError("there is no such folder", str(value), None, "make it first, or name another")
-        if not os.access(folder, os.W_OK):
-            raise InputError("nothing can be written there", str(value), None, "name another folder")
-        return super().convert(value, param, ctx)
+        path = super().convert(value, param, ctx)
+        if not is_stdout(path):
+            FilesInUse.of(ctx).write(path)
+        elif not self.streams:
+            self.fail("this is not written to the standard output: name a file", param, ctx)
+        elif ctx is not None:
+            FilesInUse.of(ctx).stream(f"{param.opts[0]} -", ctx)
+        return path
 
 
-OUTPUT = OutputPath(dir_okay=False)
+INPUT, RECORD = InputPath(), InputPath(with_meta=True)
+OUTPUT, FILE_OUTPUT = OutputPath(), OutputPath(streams=False)
 
 
 reference_option = click.option(
@@ -187,9 +277,7 @@ def multisine_options(command: Callable) -> Callable:
 
 def plant_option(text: str) -> Callable:
     """--model of verbs that need a stack of effects."""
-    return click.option(
-        "--model", "model_path", metavar="M.json", type=click.Path(), required=True, help=text
-    )
+    return click.option("--model", "model_path", metavar="M.json", type=INPUT, required=True, help=text)
 
 
 class Library(click.ParamType):
@@ -205,6 +293,7 @@ class Library(click.ParamType):
         path, _, name = str(value).rpartition(":")
         if not path or not name.isidentifier():
             self.fail(f"{value} is not {self.name}, for example ./spring.so:spring", param, ctx)
+        FilesInUse.of(ctx).read(path)
         return path, name
 
 
@@ -270,7 +359,7 @@ def record_options(command: Callable) -> Callable:
 
 PICTURES = (".png", ".svg", ".pdf")
 picture_option = click.option(
-    "--plot", "picture", metavar="FILE", type=OUTPUT, help="Draw to .png, .svg or .pdf."
+    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw to .png, .svg or .pdf."
 )
 
 
@@ -283,13 +372,15 @@ def check_picture(picture: str | None) -> None:
 def draw(figure: Callable[[], Figure], picture: str | None) -> None:
     """Write a figure where a picture was asked for; only then is it made."""
     if picture:
-        figure().savefig(picture)
+        from gsid.files import write_atomically
+
+        write_atomically(picture, lambda part: figure().savefig(part))
         say(f"wrote {picture}")
 
 
 def records_argument(command: Callable) -> Callable:
     """REC..., one at least."""
-    return click.argument("records", metavar="REC...", nargs=-1, required=True, type=click.Path())(command)
+    return click.argument("records", metavar="REC...", nargs=-1, required=True, type=RECORD)(command)
 
 
 def load_single(path: str) -> RationalModel | PlantModel:

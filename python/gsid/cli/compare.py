@@ -8,6 +8,7 @@ import click
 
 from gsid.cli.common import (
     EXIT_CRITERION,
+    INPUT,
     alpha_option,
     band_option,
     check_picture,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     "--model",
     "model_path",
     metavar="M.json",
-    type=click.Path(),
+    type=INPUT,
     required=True,
     help="Model to compare.",
 )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    INPUT,
     OUTPUT,
     Band,
     band_option,
@@ -52,7 +53,7 @@ LIMITS = (
     ),
     click.option("--limit-slew", metavar="S", type=float, help="Largest change of the command per second."),
     click.option(
-        "--model", "model_path", metavar="M.json", type=click.Path(), help="Model that predicts the travel."
+        "--model", "model_path", metavar="M.json", type=INPUT, help="Model that predicts the travel."
     ),
     click.option(
         "-o", "--output", metavar="FILE", type=OUTPUT, help="Write .csv, .npz, .mat or .h (C table)."
@@ -96,7 +97,7 @@ def _finished(command: Callable) -> Callable:
                 signal = fit_to_limits(signal, some, model)
             travel_deg = travel(signal, model) if model else None
         if output:
-            _write(Path(output), signal)
+            _write(output, signal)
             say(f"wrote {output}")
         _show(signal, travel_deg, as_json)
 
@@ -309,10 +310,10 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
         print_table(["figure", "value"], rows, left=["figure"])
 
 
-def _write(path: Path, signal: Periodic) -> None:
+def _write(path: str, signal: Periodic) -> None:
     import numpy as np
 
-    from gsid.files import write_atomically
+    from gsid.files import kind_of, write_atomically
 
     arrays = {
         "u": signal.table(),
@@ -333,16 +334,16 @@ def _write(path: Path, signal: Periodic) -> None:
     writers = {
         ".npz": lambda part: np.savez(part, **arrays),
         ".mat": write_mat,
-        ".h": lambda part: part.write_text(_c_table(path.stem, signal), encoding="utf-8"),
+        ".h": lambda part: part.write_text(_c_table(Path(path).stem, signal), encoding="utf-8"),
     }
-    kind = path.suffix.lower()
+    kind = kind_of(path, stream=".csv")
     if kind == ".csv":
         signal.write_table(path)
     elif kind in writers:
         write_atomically(path, writers[kind])
     else:
         raise click.UsageError(
-            f"cannot write {path.name}: .csv, .npz, .mat or .h", click.get_current_context()
+            f"cannot write {Path(path).name}: .csv, .npz, .mat or .h", click.get_current_context()
         )
 
 

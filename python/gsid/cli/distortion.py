@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    RECORD,
     band_option,
     json_option,
     print_json,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--other-level",
     metavar="REC",
-    type=click.Path(),
+    type=RECORD,
     multiple=True,
     help="Record at another input level, to compare the responses; may be given several times.",
 )

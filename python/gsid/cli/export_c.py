@@ -6,17 +6,29 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.common import OUTPUT, json_option, load_single, options_as_arguments, print_json, say
+from gsid.cli.common import (
+    FILE_OUTPUT,
+    INPUT,
+    FilesInUse,
+    json_option,
+    load_single,
+    options_as_arguments,
+    print_json,
+    say,
+)
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
-@click.argument("model_path", metavar="MODEL.json", type=click.Path())
+@click.argument("model_path", metavar="MODEL.json", type=INPUT)
 @click.option("--fs", "fs_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
               help="Rate at which the step is called. [default: the model's]")  # fmt: skip
-@click.option("-o", "--output", metavar="NAME.c", type=OUTPUT,
+@click.option("-o", "--output", metavar="NAME.c", type=FILE_OUTPUT,
               help="Source to write, with NAME.h beside it. [default: MODEL.c]")  # fmt: skip
 @json_option
-def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: bool) -> None:
+@click.pass_context
+def export_c(
+    ctx: click.Context, model_path: str, fs_hz: float | None, output: str | None, as_json: bool
+) -> None:
     """Write a fitted transfer function or a stack of effects as C99, in single precision.
 
     NAME_step takes the command of a sample and gives the output. A plant's friction and other torques that
@@ -27,6 +39,9 @@ def export_c(model_path: str, fs_hz: float | None, output: str | None, as_json: 
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")
+    if header == source:
+        raise click.UsageError("-o names the source, NAME.c; NAME.h is written beside it", ctx)
+    FilesInUse.of(ctx).write(*((header,) if output else (header, source)))
     with options_as_arguments():
         made = export(load_single(model_path), source.stem, fs_hz=fs_hz, where=model_path)
     for path, text in ((header, made.header), (source, made.source)):

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.cli.common import (
+    INPUT,
     OUTPUT,
+    RECORD,
     Order,
     band_option,
     check_picture,
@@ -92,14 +94,14 @@ class Delay(click.ParamType):
     "--held-out",
     metavar="REC",
     multiple=True,
-    type=click.Path(),
+    type=RECORD,
     help="Judge the model on this record, too.",
 )
 @click.option(
     "--model",
     "model_path",
     metavar="M.json",
-    type=click.Path(),
+    type=INPUT,
     help="Stack of effects: fit its free parameters instead.",
 )
 @click.option(

@@ -91,7 +91,7 @@ def frf(
             min_input=min_input,
         )
     if output:
-        _write(Path(output), result)
+        _write(output, result)
         say(f"wrote {output}")
     if as_json:
         removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
@@ -144,10 +144,10 @@ def _print(frf: Frf) -> None:
     )
 
 
-def _write(path: Path, frf: Frf) -> None:
+def _write(path: str, frf: Frf) -> None:
     import numpy as np
 
-    from gsid.files import write_atomically
+    from gsid.files import kind_of, write_atomically
 
     columns, keys = _columns(frf), _keys(frf)
 
@@ -163,6 +163,9 @@ def _write(path: Path, frf: Frf) -> None:
         savemat(part, columns | keys, oned_as="column")
 
     writers = {".csv": write_csv, ".npz": lambda part: np.savez(part, **columns, **keys), ".mat": write_mat}
-    if path.suffix.lower() not in writers:
-        raise click.UsageError(f"cannot write {path.name}: .csv, .npz or .mat", click.get_current_context())
-    write_atomically(path, writers[path.suffix.lower()])
+    kind = kind_of(path, stream=".csv")
+    if kind not in writers:
+        raise click.UsageError(
+            f"cannot write {Path(path).name}: .csv, .npz or .mat", click.get_current_context()
+        )
+    write_atomically(path, writers[kind])

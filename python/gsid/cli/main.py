@@ -70,7 +70,8 @@ class Verbs(click.Group):
 @click.group(
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
-    epilog="Exit codes: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal error.",
+    epilog="`-o -` writes to the standard output.\n\n"
+    "Exit codes: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal error.",
 )
 @click.version_option(version(), prog_name="gsid", message="%(prog)s %(version)s")
 @library_option(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    INPUT,
     OUTPUT,
     Order,
     band_option,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Write a report as one HTML page.")
 @record_options
-@click.option("--model", "model_path", metavar="M.json", type=click.Path(), help="Model to show and compare.")
+@click.option("--model", "model_path", metavar="M.json", type=INPUT, help="Model to show and compare.")
 @click.option(
     "--diagnose", is_flag=True, help="Find what the model misses, and show how the error falls with it."
 )
@@ -79,6 +80,7 @@ def report(
     Without --model and --order the page shows the measurement only. The name of the page is printed.
     """
     from gsid.compare import compare
+    from gsid.files import is_stdout
     from gsid.fit import fit
     from gsid.frf import frf
     from gsid.limits import Limits
@@ -127,7 +129,7 @@ def report(
         path = page.write(output)
     if as_json:
         print_json({"report": str(path), "adequate": comparison.adequate if comparison else None})
-    else:
+    elif not is_stdout(output):
         print(path)
 
 

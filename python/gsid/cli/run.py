@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.common import (
+    INPUT,
     OUTPUT,
     Band,
     is_given,
@@ -62,7 +63,7 @@ class Settle(click.ParamType):
     "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
 )
 @click.option(
-    "--u", "u_file", metavar="FILE", type=click.Path(), help="One period of the command, column u, instead."
+    "--u", "u_file", metavar="FILE", type=INPUT, help="One period of the command, column u, instead."
 )
 @click.option(
     "--periods",

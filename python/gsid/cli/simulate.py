@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.common import OUTPUT, Value, json_option, options_as_arguments, print_json, say
+from gsid.cli.common import FILE_OUTPUT, Value, json_option, options_as_arguments, print_json, say
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -40,7 +40,7 @@ from gsid.cli.common import OUTPUT, Value, json_option, options_as_arguments, pr
     help="Share of the frames, either way, that are damaged. [default: 0]",
 )
 @click.option("--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Any parameter of the axis.")
-@click.option("--truth", metavar="FILE", type=OUTPUT, help="Write the true parameters as JSON.")
+@click.option("--truth", metavar="FILE", type=FILE_OUTPUT, help="Write the true parameters as JSON.")
 @json_option
 def simulate(
     paced: bool,
@@ -141,4 +141,6 @@ def _parameter(text: str) -> tuple[str, float]:
 def _write_json(path: Path, values: dict) -> None:
     from gsid.files import write_atomically
 
-    write_atomically(path, lambda part: part.write_text(json.dumps(values, indent=1) + "\n"))
+    write_atomically(
+        path, lambda part: part.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    )

@@ -13,6 +13,7 @@ from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.hidden import Hidden, draw
 from gsid.diagnose import Diagnosis, diagnose
 from gsid.excitation import Multisine
+from gsid.files import write_atomically
 from gsid.ladder import Ladder, add, ladder
 from gsid.plant import Effect, Param, PlantModel
 from gsid.report import Report, Truth
@@ -155,7 +156,7 @@ def hide_and_seek(bench: Bench, seed: int) -> Search:
     model.save(bench.folder / "believed.json")
     found = search(model, fitted, kept_out, bench.on_step)
     found[-1].save(bench.folder / "found.json")
-    answer.write_text(hidden.answer, encoding="utf-8")
+    write_atomically(answer, lambda part: part.write_text(hidden.answer, encoding="utf-8"))
     return Search(hidden, fitted, *found)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gsid.errors import InputError
-from gsid.files import write_atomically
+from gsid.files import kind_of, write_atomically
 from gsid.io.arrays import read_h5, read_mat, read_npz, write_h5, write_mat, write_npz
 from gsid.io.checks import add_keys_from_beside, to_record
 from gsid.io.csv import read_csv, write_csv
@@ -99,17 +99,18 @@ def write_record(path: str | os.PathLike, record: Record) -> None:
     Parameters
     ----------
     path : path_like
+        "-" is the standard output, as CSV.
     record : Record
 
     Raises
     ------
     InputError
-        Another extension.
+        Another extension, or no regular file.
     OSError
         The file cannot be written; an older one is left as it was.
     """
     path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
+    writer = _WRITERS.get(kind_of(path, stream=".csv"))
     if writer is None:
         raise InputError(
             "cannot write this kind of file",
