@@ -19,7 +19,8 @@ typedef struct {
     uint32_t item, parameter;
 } gsid_plant_free;
 
-/* All pointers stay the caller's and must outlive the plant. */
+/* All pointers stay the caller's and must outlive the plant. The values of the items are read by gsid_plant_init and
+ * gsid_plant_update only: between them the plant works with a copy. */
 typedef struct {
     gsid_real fs_hz;              /* samples per second, > 0 */
     uint32_t n_items;             /* >= 1 */
@@ -37,7 +38,7 @@ typedef struct {
     gsid_plant_layout *layout; /* private: in the caller's memory */
 } gsid_plant;
 
-/** Bytes that gsid_plant_init needs; 0 for a configuration that it refuses. */
+/** Bytes that gsid_plant_init needs; 0 for a configuration that it refuses, also one that needs more than a size_t can say. */
 size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 
 /** Lay a plant out in the caller's memory, at rest.
@@ -47,7 +48,8 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take over changed values of the items. The state is kept, unless it is a different one now.
- *  @return as gsid_plant_init; after a refusal the plant is as it was.  Context: background. */
+ *  @return as gsid_plant_init; GSID_E_CONFIG also for another effect than at the start. After a refusal the plant is as it was,
+ *          whatever stands in the caller's items.  Context: background, while nobody calls gsid_plant_step. */
 gsid_status gsid_plant_update(gsid_plant *plant);
 
 /** Come to rest, with command 0.

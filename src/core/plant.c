@@ -5,6 +5,7 @@
 
 #include "gsid/lsq.h"
 
+#include "block.h"
 #include "plant_private.h"
 
 /* A step of the Runge-Kutta method is at most this many radians of the stiffest law. The derivative by the delay at a hard stop
@@ -21,7 +22,7 @@
 static gsid_status check_item(const gsid_plant_item *item) {
     if (item->effect == NULL)
         return GSID_E_NULL;
-    if (item->effect->n_parameters > GSID_EFFECT_PARAMETERS_MAX)
+    if (item->effect->n_parameters > GSID_EFFECT_PARAMETERS_MAX || item->effect->n_states > GSID_Z_MAX)
         return GSID_E_CONFIG;
     for (uint32_t k = 0; k < item->effect->n_parameters; k++) {
         const gsid_effect_parameter *p = &item->effect->parameter[k];
@@ -99,41 +100,34 @@ static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
 
 /* ---- layout ---- */
 
-/* Takes aligned blocks one after the other; without a base it only counts. */
-typedef struct {
-    unsigned char *base;
-    size_t used;
-} block;
-
-static void *take(block *b, size_t n, size_t size) {
-    void *const at = b->base == NULL ? NULL : b->base + b->used;
-    b->used += (n * size + GSID_ALIGN_CPLX - 1) / GSID_ALIGN_CPLX * GSID_ALIGN_CPLX;
-    return at;
+static gsid_real *take_reals(gsid_block *b, size_t n) {
+    return gsid_block_take(b, n, 1, sizeof(gsid_real));
 }
 
-static gsid_real *take_reals(block *b, size_t n) {
-    return take(b, n, sizeof(gsid_real));
+/* [n_rows][n_columns] */
+static gsid_real *take_table(gsid_block *b, size_t n_rows, size_t n_columns) {
+    return gsid_block_take(b, n_rows, n_columns, sizeof(gsid_real));
 }
 
-static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, block *b) {
-    const size_t n_reals = (1 + (size_t)cfg->n_free) * l->width * l->width;
+static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
+    const size_t n_maps = 1 + (size_t)cfg->n_free, n_square = (size_t)l->width * l->width;
     for (int piece = 0; piece < 2; piece++)
         for (int regime = 0; regime < REGIMES; regime++) {
             if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_joints == 0))
                 continue;
             for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++)
-                l->piece[piece].step.map[regime][part] = take_reals(b, n_reals);
+                l->piece[piece].step.map[regime][part] = take_table(b, n_maps, n_square);
         }
-    l->square = take_reals(b, 2 * n_reals);
+    l->square = take_table(b, n_maps, 2 * n_square);
 }
 
-static void take_lists(const needs *n, gsid_linear *linear, block *b) {
-    linear->entry = take(b, n->linear.n_entries, sizeof(gsid_linear_entry));
-    linear->slope = take(b, n->linear.n_slopes, sizeof(gsid_linear_entry));
-    linear->delay = take(b, n->linear.n_delays, sizeof(gsid_linear_entry));
+static void take_lists(const needs *n, gsid_linear *linear, gsid_block *b) {
+    linear->entry = gsid_block_take(b, n->linear.n_entries, 1, sizeof(gsid_linear_entry));
+    linear->slope = gsid_block_take(b, n->linear.n_slopes, 1, sizeof(gsid_linear_entry));
+    linear->delay = gsid_block_take(b, n->linear.n_delays, 1, sizeof(gsid_linear_entry));
 }
 
-static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, block *b) {
+static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
     l->n_channels = n->n_laws > 0 ? 1 + n->n_joints : 0;
     l->width = n->linear.n + FORCING * l->n_channels;
     l->n_laws = n->n_laws;
@@ -143,55 +137,60 @@ static void lay_out(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout
     l->n_columns = 1 + cfg->n_free + l->n_shoot_max;
     l->ring_columns = n->maps_command ? l->n_columns : 1;
 
-    const size_t n_z = (size_t)l->n_rows * l->n_columns;
+    const size_t n_columns = l->n_columns, n_rows = l->n_rows, n_shoot = l->n_shoot_max;
     take_lists(n, &l->linear, b);
     take_lists(n, &l->draft, b);
-    l->column = take(b, (size_t)cfg->n_items * GSID_EFFECT_PARAMETERS_MAX, sizeof(uint32_t));
-    l->law = take(b, n->n_laws, sizeof(plant_law));
-    l->slope_column = take(b, cfg->n_free, sizeof(uint32_t));
-    l->row = take(b, n->linear.n, sizeof(uint32_t));
-    l->shoot_row = take(b, l->n_shoot_max, sizeof(uint32_t));
+    l->item = gsid_block_take(b, cfg->n_items, 1, sizeof *l->item);
+    l->law = gsid_block_take(b, n->n_laws, 1, sizeof *l->law);
+    l->column = gsid_block_take(b, cfg->n_items, GSID_EFFECT_PARAMETERS_MAX, sizeof *l->column);
+    l->slope_column = gsid_block_take(b, cfg->n_free, 1, sizeof *l->slope_column);
+    l->row = gsid_block_take(b, n->linear.n, 1, sizeof *l->row);
+    l->shoot_row = gsid_block_take(b, n_shoot, 1, sizeof *l->shoot_row);
     lay_out_maps(cfg, n, l, b);
-    l->z = take_reals(b, n_z);
-    l->next = take_reals(b, n_z);
-    l->stage = take_reals(b, n_z);
-    l->peek = take_reals(b, n->n_samplers > 0 ? n_z : 0);
+    l->z = take_table(b, n_rows, n_columns);
+    l->next = take_table(b, n_rows, n_columns);
+    l->stage = take_table(b, n_rows, n_columns);
+    l->peek = take_table(b, n->n_samplers > 0 ? n_rows : 0, n_columns);
     for (int i = 0; i < 3; i++) {
-        l->term[i] = take_reals(b, n_z);
-        l->torque[i] = take_reals(b, (size_t)CHANNELS_MAX * l->n_columns);
+        l->term[i] = take_table(b, n_rows, n_columns);
+        l->torque[i] = take_table(b, CHANNELS_MAX, n_columns);
     }
-    l->command = take_reals(b, l->n_columns);
-    l->y = take_reals(b, l->n_columns);
-    l->held = take_reals(b, l->n_columns);
-    l->under_way = take_reals(b, (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->ring_columns);
-    l->angle_seen = take_reals(b, n->n_controllers > 0 ? (GSID_RATE_SAMPLES_MAX + 1) * (size_t)l->n_columns : 0);
-    l->rate_seen = take_reals(b, l->n_columns);
-    l->start = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
-    l->fallback = take_reals(b, (size_t)l->n_shoot_max * l->n_columns);
-    l->largest_dy = take_reals(b, l->n_columns);
-    l->correction = take_reals(b, l->n_shoot_max);
-    l->lsq_mem = take(b, GSID_LSQ_MEM_SIZE(l->n_shoot_max), 1);
+    l->command = take_reals(b, n_columns);
+    l->y = take_reals(b, n_columns);
+    l->held = take_reals(b, n_columns);
+    l->under_way = take_table(b, GSID_PLANT_DELAY_MAX + 1, l->ring_columns);
+    l->angle_seen = take_table(b, n->n_controllers > 0 ? GSID_RATE_SAMPLES_MAX + 1 : 0, n_columns);
+    l->rate_seen = take_reals(b, n_columns);
+    l->start = take_table(b, n_shoot, n_columns);
+    l->fallback = take_table(b, n_shoot, n_columns);
+    l->largest_dy = take_reals(b, n_columns);
+    l->correction = take_reals(b, n_shoot);
+    l->lsq_mem = take_table(b, n_shoot + 1, n_shoot + 2); /* GSID_LSQ_MEM_SIZE */
 }
 
 /* Check, count and lay out; the size is in b->used. */
-static gsid_status plan(const gsid_plant_cfg *cfg, needs *n, gsid_plant_layout *l, block *b) {
+static gsid_status plan(const gsid_plant_cfg *cfg, needs *n, gsid_plant_layout *l, gsid_block *b) {
     gsid_status status = check(cfg, n);
     if (status != GSID_OK)
         return status;
-    gsid_plant_linear_build(cfg, &n->linear);
+    gsid_plant_linear_count(cfg, &n->linear);
     if (n->linear.n_bodies != 1)
         return GSID_E_CONFIG;
-    take(b, 1, sizeof *l);
+    gsid_block_take(b, 1, 1, sizeof *l);
     lay_out(cfg, n, l, b);
-    return GSID_OK;
+    return b->used < b->most ? GSID_OK : GSID_E_CONFIG;
+}
+
+size_t gsid_plant_size_within(const gsid_plant_cfg *cfg, size_t most) {
+    needs n;
+    gsid_plant_layout l;
+    gsid_block b = {NULL, 0, most};
+    memset(&l, 0, sizeof l);
+    return plan(cfg, &n, &l, &b) == GSID_OK ? b.used : 0;
 }
 
 size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg) {
-    needs n;
-    gsid_plant_layout l;
-    block b = {NULL, 0};
-    memset(&l, 0, sizeof l);
-    return plan(cfg, &n, &l, &b) == GSID_OK ? b.used : 0;
+    return gsid_plant_size_within(cfg, SIZE_MAX);
 }
 
 /* ---- values ---- */
@@ -206,16 +205,17 @@ static gsid_real joint_rate_squared(const gsid_linear *a) {
     return sum > 0 ? sum : 0;
 }
 
-/* Square of the steps a second that a law needs, by the slope of its torque at its steepest. */
-static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law) {
+/* Square of the steps a second that a law needs with the values of its item, by the slope of its torque at its steepest. */
+static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law,
+                               const gsid_plant_item *item) {
     gsid_real steepest = 0;
     if (law->channel == JOINT)
         return joint_rate_squared(linear) / (JOINT_STEP_RAD * JOINT_STEP_RAD);
-    for (int zone = -1; zone <= 1 && !law->item->effect->may_be_steep; zone++) {
+    for (int zone = -1; zone <= 1 && !item->effect->may_be_steep; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->unit_rad};
         gsid_torque t;
         memset(&t, 0, sizeof t);
-        law->item->effect->torque(law->item, &motion, &t);
+        item->effect->torque(item, &motion, &t);
         const gsid_real slope = gsid_fabs(t.by_angle) + gsid_fabs(t.by_turned);
         steepest = slope > steepest ? slope : steepest;
     }
@@ -238,7 +238,7 @@ static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layou
         return GSID_E_CONFIG;
     gsid_real sum = 0;
     for (uint32_t i = 0; i < l->n_laws; i++)
-        sum += steps_squared(l, linear, &l->law[i]);
+        sum += steps_squared(l, linear, &l->law[i], &cfg->item[l->law[i].item - l->item]);
     const gsid_real steps_per_s = gsid_sqrt(sum);
     if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz))
         return GSID_E_CONFIG;
@@ -308,6 +308,14 @@ static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
     }
 }
 
+/* The memory was laid out for these effects. */
+static int is_same_stack(const gsid_plant_cfg *cfg, const gsid_plant_layout *l) {
+    uint32_t i = 0;
+    while (i < cfg->n_items && cfg->item[i].effect == l->item[i].effect)
+        i++;
+    return i == cfg->n_items;
+}
+
 static void set_refresh(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
     const gsid_real rate_hz = l->sampler != NULL ? l->sampler->effect->refresh_hz(l->sampler) : 0;
     l->sample_s = 1 / cfg->fs_hz;
@@ -326,11 +334,14 @@ gsid_status gsid_plant_update(gsid_plant *plant) {
     gsid_status status = check(&plant->cfg, &n);
     if (status != GSID_OK)
         return status;
+    if (!is_same_stack(&plant->cfg, l))
+        return GSID_E_CONFIG;
     gsid_plant_linear_build(&plant->cfg, &l->draft);
     status = plan_timing(&plant->cfg, l, &l->draft, &t);
     if (status != GSID_OK)
         return status;
     const int same_states = l->draft.n == l->linear.n;
+    memcpy(l->item, plant->cfg.item, plant->cfg.n_items * sizeof *l->item);
     set_refresh(&plant->cfg, l);
     adopt(l, &t, plant->cfg.n_free);
     return same_states ? GSID_OK : gsid_plant_reset(plant);
@@ -343,7 +354,7 @@ static void list_items(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
     }
     uint32_t n_laws = 0, n_memories = 0;
     for (uint32_t i = 0; i < cfg->n_items; i++) {
-        const gsid_plant_item *item = &cfg->item[i];
+        const gsid_plant_item *item = &l->item[i];
         const uint32_t *column = l->column + (size_t)i * GSID_EFFECT_PARAMETERS_MAX;
         if (item->effect->torque != NULL) {
             const uint32_t channel = is_joint(item->effect) ? JOINT : AXIS;
@@ -362,7 +373,7 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
         return GSID_E_NULL;
     needs n;
     gsid_plant_layout draft;
-    block b = {mem, 0};
+    gsid_block b = {mem, 0, SIZE_MAX};
     memset(&draft, 0, sizeof draft);
     gsid_status status = plan(cfg, &n, &draft, &b);
     if (status != GSID_OK)
@@ -381,6 +392,7 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
     l->looks_at_command = n.looks_at_command;
     l->unit_rad = cfg->unit_rad > 0 ? cfg->unit_rad : UNIT_DEGREE;
     l->linear.column = l->draft.column = l->column;
+    memcpy(l->item, cfg->item, cfg->n_items * sizeof *l->item);
     list_items(cfg, l);
     gsid_plant made = {*cfg, l};
     status = gsid_plant_update(&made);

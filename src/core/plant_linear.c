@@ -80,16 +80,15 @@ static void add_channels(const gsid_plant_cfg *cfg, gsid_linear *to) {
     }
 }
 
-/* A joint comes first: it decides which row the motor drives. `to` brings its lists and the columns of the free
- * parameters, or NULL for each to count the most that any values need: then every lag has its state. */
-void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to) {
+/* A joint comes first: it decides which row the motor drives. Lags shorter than instant_s are delays. */
+static void build(const gsid_plant_cfg *cfg, gsid_real instant_s, gsid_linear *to) {
     to->n = GSID_Z_RATE + 1;
     to->command = GSID_Z_COMMAND;
     to->drive = GSID_Z_RATE;
     to->twist = to->reaction = to->n_bodies = to->rigid_body = 0;
     to->gain = 0;
     to->delay_s = 0;
-    to->instant_s = to->column == NULL ? GSID_R(-1.0) : INSTANT / cfg->fs_hz;
+    to->instant_s = instant_s;
     to->output_angle = cfg->output_angle;
     to->n_entries = to->n_slopes = to->n_delays = 0;
     memset(to->signal, 0, sizeof to->signal);
@@ -101,6 +100,20 @@ void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to) {
     add_stage(cfg, to, GSID_STAGE_STRUCTURE, 0);
     add_stage(cfg, to, GSID_STAGE_SENSOR, 0);
     add_channels(cfg, to);
+}
+
+/* `to` brings its lists and the columns of the free parameters. */
+void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to) {
+    build(cfg, INSTANT / cfg->fs_hz, to);
+}
+
+/* The most that any values need: every lag with its state, and as many delays as when every lag is one. */
+void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to) {
+    memset(to, 0, sizeof *to);
+    build(cfg, INFINITY, to);
+    const uint32_t n_delays = to->n_delays;
+    build(cfg, GSID_R(-1.0), to);
+    to->n_delays = n_delays;
 }
 
 /* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. What

@@ -30,13 +30,6 @@ typedef struct {
     gsid_real drift; /* change of the last period that no correction was promised to mend */
 } shooting;
 
-static int has_controller(const gsid_plant_cfg *cfg) {
-    for (uint32_t i = 0; i < cfg->n_items; i++)
-        if (cfg->item[i].effect->control != NULL)
-            return 1;
-    return 0;
-}
-
 /* The commands on their way at the start are the period's last; in closed loop, those of the period before. */
 static void fill_delay(shooting *s) {
     gsid_plant_layout *l = s->l;
@@ -295,7 +288,7 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
     gsid_plant_layout *l = plant->layout;
     const uint32_t n_laws = l->n_laws;
     const int has_side = l->has_side;
-    shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = has_controller(&plant->cfg)};
+    shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = plant->layout->has_controller};
     l->n_laws = 0;
     l->has_side = l->sticks = l->is_loose = 0;
     status = find_linear_orbit(&s);
@@ -334,9 +327,8 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
     if (status != GSID_OK)
         return status;
     gsid_plant_layout *l = plant->layout;
-    shooting s = {
-        plant,   l, n_period, u, y, dy, angle, rate, 0, has_controller(&plant->cfg), l->z[GSID_Z_ANGLE * l->n_columns],
-        INFINITY};
+    shooting s = {plant,   l, n_period, u, y, dy, angle, rate, 0, l->has_controller, l->z[GSID_Z_ANGLE * l->n_columns],
+                  INFINITY};
     gsid_real change = INFINITY;
     status = settle(&s, n_settle_periods);
     if (status == GSID_OK) {

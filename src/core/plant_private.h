@@ -41,6 +41,7 @@ typedef struct {
 struct gsid_plant_layout {
     /* What the stack is. */
     gsid_linear linear, draft;   /* draft: the next values', until they are found good */
+    gsid_plant_item *item;       /* [n_items] copies, made when the values were last found good */
     uint32_t *column;            /* [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
     uint32_t n_laws, n_channels, n_memories;
     plant_law *law;              /* [n_laws] */
@@ -115,14 +116,17 @@ static inline int gsid_plant_regime(const gsid_plant_layout *l) {
 #define gsid_plant_give GSID_NAME(gsid_plant_give)
 #define gsid_plant_health GSID_NAME(gsid_plant_health)
 #define gsid_plant_linear_build GSID_NAME(gsid_plant_linear_build)
+#define gsid_plant_linear_count GSID_NAME(gsid_plant_linear_count)
 #define gsid_plant_output GSID_NAME(gsid_plant_output)
 #define gsid_plant_refresh GSID_NAME(gsid_plant_refresh)
 #define gsid_plant_run_piece GSID_NAME(gsid_plant_run_piece)
 #define gsid_plant_sample GSID_NAME(gsid_plant_sample)
 #define gsid_plant_series_move GSID_NAME(gsid_plant_series_move)
+#define gsid_plant_size_within GSID_NAME(gsid_plant_size_within)
 #define gsid_plant_start_refresh GSID_NAME(gsid_plant_start_refresh)
 #define gsid_plant_take_command GSID_NAME(gsid_plant_take_command)
 
+void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to);
 void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to);
 gsid_real gsid_plant_fastest(const gsid_linear *a);
 void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow);
@@ -138,6 +142,7 @@ void gsid_plant_choose_zones(gsid_plant_layout *l);
 void gsid_plant_run_piece(gsid_plant_layout *l, const plant_piece *piece);
 
 /* plant.c */
+size_t gsid_plant_size_within(const gsid_plant_cfg *cfg, size_t most);
 void gsid_plant_output(const gsid_plant_layout *l, gsid_real *y);
 void gsid_plant_give(gsid_plant *plant, gsid_real u);
 void gsid_plant_take_command(gsid_plant_layout *l);

@@ -74,7 +74,7 @@ void gsid_plant_output(const gsid_plant_layout *l, gsid_real *y) {
 static void add_disturbances(const gsid_plant *plant, gsid_real *y) {
     const gsid_plant_layout *l = plant->layout;
     for (uint32_t i = 0; i < plant->cfg.n_items; i++) {
-        const gsid_plant_item *item = &plant->cfg.item[i];
+        const gsid_plant_item *item = &l->item[i];
         const uint32_t *column = l->column + (size_t)i * GSID_EFFECT_PARAMETERS_MAX;
         gsid_real by_value[GSID_EFFECT_PARAMETERS_MAX] = {0};
         if (item->effect->disturbance == NULL)
@@ -142,7 +142,7 @@ void gsid_plant_give(gsid_plant *plant, gsid_real u) {
     l->command[VALUE] = u;
     for (int stage = GSID_STAGE_CONTROLLER; stage <= GSID_STAGE_ACTUATOR; stage++) {
         for (uint32_t i = 0; i < plant->cfg.n_items; i++) {
-            const gsid_plant_item *item = &plant->cfg.item[i];
+            const gsid_plant_item *item = &l->item[i];
             const uint32_t *column = l->column + (size_t)i * GSID_EFFECT_PARAMETERS_MAX;
             gsid_real by_u = 0, by_value[GSID_EFFECT_PARAMETERS_MAX] = {0};
             if (stage == GSID_STAGE_CONTROLLER && item->effect->control != NULL) {
