@@ -19,10 +19,10 @@ static const gsid_guard_cfg limits = {.command_limit = COMMAND_LIMIT,
                                       .acceleration_per_command = 7.4f,
                                       .deceleration = 20.0f};
 
-static void send(uint8_t kind, uint8_t flags, uint32_t tick, float a, float b) {
+static void send(const drive *d, uint8_t kind, uint8_t flags, uint32_t tick, float a, float b) {
     const gsid_frame frame = {.kind = kind, .flags = flags, .tick = tick, .a = a, .b = b};
     uint8_t bytes[GSID_LINK_FRAME_MAX];
-    line_send(bytes, gsid_link_encode(&frame, bytes));
+    line_send(bytes, gsid_link_encode(&frame, d->link.session, bytes));
 }
 
 gsid_status drive_init(drive *d) {
@@ -53,7 +53,7 @@ static void end(drive *d, drive_why why) {
     d->why = why;
     d->why_tick = d->tick;
     d->state = DRIVE_ENDED;
-    send(GSID_FRAME_STOP, 0, 0, 0.0f, 0.0f);
+    send(d, GSID_FRAME_STOP, 0, 0, 0.0f, 0.0f);
 }
 
 /* The next tick's command, and the experiment's end when there is to be none. sample: NULL when it was lost; the
@@ -70,7 +70,7 @@ static void command_next(drive *d, const gsid_guard_sample *sample) {
     else if (d->experiment.state == EXPERIMENT_STOPPED)
         end(d, d->experiment.guard.state == GSID_GUARD_TRIPPED ? DRIVE_TRIPPED : DRIVE_LOSSES);
     else
-        send(GSID_FRAME_COMMAND, 0, ++d->tick, u, NAN);
+        send(d, GSID_FRAME_COMMAND, 0, ++d->tick, u, NAN);
 }
 
 static void take_sample(drive *d, const gsid_frame *frame) {
@@ -95,6 +95,12 @@ static void lose_sample(drive *d) {
     }
 }
 
+/* An axis of this version of the protocol, in the session that was opened last. */
+static int is_answer(const drive *d, const gsid_frame *hello) {
+    return hello->flags == GSID_LINK_VERSION && hello->tick == d->link.session &&
+           fabsf(hello->a - EXPERIMENT_FS_HZ) < 0.5f;
+}
+
 static void take_frame(drive *d, const gsid_frame *frame) {
     const int running = d->state == DRIVE_RUNNING;
     if (frame->kind == GSID_FRAME_SAMPLE && running)
@@ -103,7 +109,7 @@ static void take_frame(drive *d, const gsid_frame *frame) {
         end(d, DRIVE_ASKED);
     else if (frame->kind == GSID_FRAME_HELLO && running)
         end(d, DRIVE_RESTARTED);
-    else if (frame->kind == GSID_FRAME_HELLO && fabsf(frame->a - EXPERIMENT_FS_HZ) < 0.5f)
+    else if (frame->kind == GSID_FRAME_HELLO && is_answer(d, frame))
         d->axis_answered = 1;
 }
 
@@ -135,8 +141,8 @@ void drive_tick(drive *d, int by_timer) {
 
 static void report_state(const drive *d) {
     const gsid_guard *guard = &d->experiment.guard;
-    send(GSID_FRAME_RESULT, DRIVE_RESULT_TRIP, (uint32_t)guard->reason, guard->value, guard->angle);
-    send(GSID_FRAME_RESULT, DRIVE_RESULT_STATE, d->why_tick, (float)d->why, (float)d->experiment.frf.n_periods);
+    send(d, GSID_FRAME_RESULT, DRIVE_RESULT_TRIP, (uint32_t)guard->reason, guard->value, guard->angle);
+    send(d, GSID_FRAME_RESULT, DRIVE_RESULT_STATE, d->why_tick, (float)d->why, (float)d->experiment.frf.n_periods);
 }
 
 static void start(drive *d) {
@@ -158,12 +164,18 @@ static void start(drive *d) {
     d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
 }
 
+/* A rig that may be reset in the middle of a run takes the first id from something that a reset does not repeat. */
+static void open_session(drive *d) {
+    d->link.session = (uint16_t)(d->link.session < GSID_LINK_SESSION_MAX ? d->link.session + 1u : 1u);
+    send(d, GSID_FRAME_HELLO, GSID_LINK_VERSION, d->link.session, 0.0f, 0.0f);
+}
+
 static void wait(drive *d) {
     if (d->axis_answered) {
         start(d);
     } else if (d->hello_due) {
         d->hello_due = 0;
-        send(GSID_FRAME_HELLO, 0, 0, 0.0f, 0.0f);
+        open_session(d);
     }
 }
 
@@ -179,19 +191,19 @@ static int report_next(const drive *d, uint32_t i) {
     if (i < 2 * EXPERIMENT_N_LINES) {
         const uint32_t line = i / 2;
         if (i % 2 == 0)
-            send(GSID_FRAME_RESULT, DRIVE_RESULT_G, e->line[line], e->g[line].re, e->g[line].im);
+            send(d, GSID_FRAME_RESULT, DRIVE_RESULT_G, e->line[line], e->g[line].re, e->g[line].im);
         else
-            send(GSID_FRAME_RESULT, DRIVE_RESULT_SIGMA, e->line[line], e->f_hz[line], e->sigma[line]);
+            send(d, GSID_FRAME_RESULT, DRIVE_RESULT_SIGMA, e->line[line], e->f_hz[line], e->sigma[line]);
         return 1;
     }
     i -= 2 * EXPERIMENT_N_LINES;
     if (i <= EXPERIMENT_N_ZEROS)
-        send(GSID_FRAME_RESULT, DRIVE_RESULT_NUM, i, m->num[i], m->scale_rad_s);
+        send(d, GSID_FRAME_RESULT, DRIVE_RESULT_NUM, i, m->num[i], m->scale_rad_s);
     else if (i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES)
-        send(GSID_FRAME_RESULT, DRIVE_RESULT_DEN, i - EXPERIMENT_N_ZEROS - 1, m->den[i - EXPERIMENT_N_ZEROS - 1],
+        send(d, GSID_FRAME_RESULT, DRIVE_RESULT_DEN, i - EXPERIMENT_N_ZEROS - 1, m->den[i - EXPERIMENT_N_ZEROS - 1],
              m->scale_rad_s);
     else
-        send(GSID_FRAME_RESULT, DRIVE_RESULT_FIT, (uint32_t)(d->fit_status + 128), m->delay_s, e->cost);
+        send(d, GSID_FRAME_RESULT, DRIVE_RESULT_FIT, (uint32_t)(d->fit_status + 128), m->delay_s, e->cost);
     return i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES;
 }
 

@@ -83,7 +83,8 @@ class Axis:
             self.axis.reset()
             self.n_hello += 1
             self.running, self.ticks, self.n_lost, self.held = True, 0, 0, 0.0
-            return self._encode(lib.GSID_FRAME_HELLO, 0, 0, self.axis.fs_hz, 1)
+            self._link.session = frame.tick
+            return self._encode(lib.GSID_FRAME_HELLO, lib.GSID_LINK_VERSION, frame.tick, self.axis.fs_hz, 1)
         if frame.kind == lib.GSID_FRAME_STOP:
             self.running = False
             self.n_stop += 1
@@ -109,7 +110,7 @@ class Axis:
     def _encode(self, kind: int, flags: int, tick: int, a: float, b: float) -> bytes:
         f = self._frame
         f.kind, f.flags, f.tick, f.a, f.b = kind, flags, tick, a, b
-        return bytes(ffi.buffer(self._bytes, lib.gsid_link_encode(f, self._bytes)))
+        return bytes(ffi.buffer(self._bytes, lib.gsid_link_encode(f, self._link.session, self._bytes)))
 
     def finished(self) -> bool:
         """Whether the whole report of a run is in."""

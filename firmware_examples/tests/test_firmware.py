@@ -34,7 +34,7 @@ def model_of(run):
 @pytest.fixture(scope="session")
 def desktop(runs):
     """What the desktop makes, in double precision, of the samples that the drive got."""
-    got = Receiver().decode(bytes(runs["first"].said))
+    got = Receiver(follows_hello=True).decode(bytes(runs["first"].said))
     got = got[got["kind"] == SAMPLE][: (1 + N_GOOD) * N_PERIOD]
     assert (got["tick"] == np.arange(len(got))).all()
     u, y = got["a"].astype(float), got["b"].astype(float)

@@ -117,7 +117,7 @@ def test_the_guard_stops_the_excitation_within_a_tick(tmp_path, undisturbed, bum
         line, axis = connect(path), Axis(three_pole_axis())
         axis.bump = (MIDDLE, bump_deg_s)
         serve(axis, line, lambda: axis.n_stop > 0)
-        heard = Receiver().decode(bytes(axis.heard))
+        heard = Receiver(follows_hello=True).decode(bytes(axis.heard))
         last = np.flatnonzero(heard["kind"] == COMMAND)[-1]
         assert heard["tick"][last] == MIDDLE  # whose sample has the bump
         assert heard["kind"][last + 1] == STOP

@@ -11,12 +11,19 @@ extern "C" {
 /* At 921600 baud 8N1 the line carries 30.72 bytes per tick of 3 kHz each way; a frame is at most 30. */
 #define GSID_LINK_FRAME_MAX 30
 
+/* Of the protocol, in the flags of HELLO. Version 1 had none: 0. */
+#define GSID_LINK_VERSION 2u
+
+/* Ids of sessions are 1 to this. 0: no session has been opened. */
+#define GSID_LINK_SESSION_MAX 65534u
+
 typedef enum {
     GSID_FRAME_COMMAND = 1, /* host to axis: a = command for this tick, b = command for the next one */
     GSID_FRAME_SAMPLE = 2,  /* axis to host: a = command in force at this tick, b = output at this tick */
-    GSID_FRAME_HELLO = 3,   /* host to axis: start again at tick 0, at rest; the axis answers with its own */
-    GSID_FRAME_STOP = 4,    /* host to axis: command zero, forget what is queued; answered with the same */
-    GSID_FRAME_RESULT = 5   /* from a drive that measures by itself: flags = what a and b are, tick = which of them */
+    GSID_FRAME_HELLO = 3, /* host to axis: start again at tick 0, at rest; flags = version, tick = id of the session.
+                               The axis answers with both, a = ticks per second [Hz], b = commands it can queue */
+    GSID_FRAME_STOP = 4, /* host to axis: command zero, forget what is queued; answered with the same */
+    GSID_FRAME_RESULT = 5 /* from a drive that measures by itself: flags = what a and b are, tick = which of them */
 } gsid_frame_kind;
 
 /* Flags of a sample frame. The count tells of a lost command whose own sample was lost too. */
@@ -25,33 +32,37 @@ typedef enum {
 
 /* Always single precision: it is what the line carries. */
 typedef struct {
-    uint8_t kind;  /* gsid_frame_kind */
+    uint8_t kind; /* gsid_frame_kind */
     uint8_t flags;
-    uint32_t tick; /* sequence number: the tick the frame speaks of */
+    uint32_t tick; /* the tick that the frame is about; HELLO: the session's id */
     float a, b;
 } gsid_frame;
 
-/* Receiver: resynchronises after garbage, counts what it throws away. */
+/* Receiver: resynchronises after garbage, counts what it throws away. HELLO is accepted always, other frames of this
+ * session only: one of another session counts as damaged. */
 typedef struct {
-    uint32_t n_frames;  /* good frames */
+    uint32_t n_frames; /* good frames */
     uint32_t n_damaged; /* sync found, check failed */
     uint32_t n_garbage; /* bytes thrown away outside frames */
-    uint32_t n_held;    /* private: bytes in held */
+    uint32_t n_held; /* private: bytes in held */
     uint8_t held[GSID_LINK_FRAME_MAX]; /* private */
+    uint16_t session; /* set by the caller: the host before it sends HELLO, the axis when HELLO has come */
 } gsid_link;
 
 /** Write a frame as bytes.
  *  @param[in]  frame
+ *  @param[in]  session  id of the session, from which the check starts; HELLO's check does not depend on it
  *  @param[out] bytes  [GSID_LINK_FRAME_MAX]
  *  @return number of bytes written; 0 for a NULL pointer or an unknown kind
  *  Cost: one table step per half byte for the check.  Context: ISR-safe. */
-size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes);
+size_t gsid_link_encode(const gsid_frame *frame, uint16_t session, uint8_t *bytes);
 
-/** Empty a receiver and zero its counts: before the first byte, unless it is static.  NULL: nothing happens. */
+/** Empty a receiver, zero its counts and forget its session: before the first byte, unless it is static.  NULL: nothing
+ *  happens. */
 void gsid_link_reset(gsid_link *link);
 
-/** Take bytes off the line and give whole, checked frames. Bytes not consumed because `frames` was full are not taken:
- *  call again with the rest.
+/** Take bytes off the line and give whole, checked frames. It ends when `frames` is full, and after a HELLO, so that an
+ *  axis can set the session of the frames behind it: call again with the bytes not consumed.
  *  @param[in]  n_bytes, bytes  [n_bytes]
  *  @param[in]  capacity        entries in frames
  *  @param[out] frames          [capacity]

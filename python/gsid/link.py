@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ STOP = lib.GSID_FRAME_STOP
 RESULT = lib.GSID_FRAME_RESULT
 COMMAND_LOST = lib.GSID_FLAG_COMMAND_LOST
 LOST_COUNT = lib.GSID_FLAG_LOST_COUNT
+VERSION = lib.GSID_LINK_VERSION
+SESSION_MAX = lib.GSID_LINK_SESSION_MAX
 
 #: numpy's view of the C struct gsid_frame.
 FRAME = np.dtype([("kind", "u1"), ("flags", "u1"), ("tick", "u4"), ("a", "f4"), ("b", "f4")], align=True)
@@ -34,6 +37,8 @@ assert FRAME.itemsize == ffi.sizeof("gsid_frame")
 WINDOW = 512  # commands under way: 170 ms at 3 kHz, more than an operating system sleeps
 QUIET_S = 2.0  # without a reply for so long, what is under way is sent again
 SILENT_S = 10.0  # without a reply for so long, the axis is given up
+STOP_WAIT_S = 0.5  # for the answer to STOP
+KEEP_ALIVE_S = 0.05  # the host sends something at least so often: an axis stops after 0.2 s without a frame
 GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
 BAD_IN_A_ROW = 8  # periods
 BAD_FACTOR = 4  # periods measured over periods asked for
@@ -71,7 +76,7 @@ def frames(kind: int, tick=0, a=0.0, b=0.0, flags=0) -> np.ndarray:
     kind : int
         COMMAND, SAMPLE, HELLO, STOP or RESULT.
     tick : (n,) array_like of int, or int
-        Tick the frame speaks of, modulo 2^32.
+        Tick that the frame is about, modulo 2^32; of HELLO the session's id.
     a, b : (n,) array_like, or float
         Values, unit of the command or of the output.
     flags : (n,) array_like of int, or int
@@ -85,12 +90,31 @@ def frames(kind: int, tick=0, a=0.0, b=0.0, flags=0) -> np.ndarray:
     return made
 
 
-def encode(block: np.ndarray) -> bytes:
+def hello_frame(session: int, a: float = 0.0, b: float = 0.0) -> np.ndarray:
+    """Make a HELLO of this version of the protocol.
+
+    Parameters
+    ----------
+    session : int
+        1 .. SESSION_MAX.
+    a, b : float
+        In an axis's answer: ticks per second [Hz], and commands it can queue.
+
+    Returns
+    -------
+    (1,) ndarray of FRAME
+    """
+    return frames(HELLO, session, a, b, VERSION)
+
+
+def encode(block: np.ndarray, session: int) -> bytes:
     """Write frames as bytes.
 
     Parameters
     ----------
     block : (n,) ndarray of FRAME
+    session : int
+        Id of the session, from which the check starts.
 
     Returns
     -------
@@ -105,7 +129,7 @@ def encode(block: np.ndarray) -> bytes:
     out = bytearray(len(block) * lib.GSID_LINK_FRAME_MAX)
     source, target, size = ffi.from_buffer("gsid_frame[]", block), ffi.from_buffer("uint8_t[]", out), 0
     for i in range(len(block)):
-        written = lib.gsid_link_encode(source + i, target + size)
+        written = lib.gsid_link_encode(source + i, session, target + size)
         if written == 0:
             raise ValueError(f"frame {i} is of unknown kind {block['kind'][i]}")
         size += written
@@ -113,20 +137,38 @@ def encode(block: np.ndarray) -> bytes:
 
 
 class Receiver:
-    """Find the frames in a stream of bytes.
+    """Find the frames in a stream of bytes: HELLO always, others of one session.
+
+    Parameters
+    ----------
+    session : int
+        Id of the session; 0 before there is one.
+    follows_hello : bool
+        At an axis: each HELLO of this version of the protocol sets the session.
 
     Attributes
     ----------
     n_frames, n_damaged, n_garbage : int
-        Good frames, frames whose check failed, bytes thrown away.
+        Good frames, frames whose check failed (those of other sessions too), bytes thrown away.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, session: int = 0, follows_hello: bool = False) -> None:
         self._link = ffi.new("gsid_link *")
+        self._follows_hello = follows_hello
+        self.session = session
 
     n_frames = property(lambda self: self._link.n_frames)
     n_damaged = property(lambda self: self._link.n_damaged)
     n_garbage = property(lambda self: self._link.n_garbage)
+
+    @property
+    def session(self) -> int:
+        """Id of the session whose frames are accepted."""
+        return self._link.session
+
+    @session.setter
+    def session(self, session: int) -> None:
+        self._link.session = session
 
     def __repr__(self) -> str:
         return (
@@ -147,19 +189,23 @@ class Receiver:
             The good frames that ended in this piece.
         """
         found = np.zeros((self._link.n_held + len(data)) // FRAME_BYTES + 1, FRAME)
-        n_found = ffi.new("size_t *")
-        lib.gsid_link_decode(
-            self._link,
-            len(data),
-            ffi.from_buffer(data),
-            len(found),
-            ffi.from_buffer("gsid_frame[]", found),
-            n_found,
-        )
-        return found[: n_found[0]]
+        source, target = ffi.from_buffer("uint8_t[]", data), ffi.from_buffer("gsid_frame[]", found)
+        used, n_found, n_new = 0, 0, ffi.new("size_t *")
+        while used < len(data):  # more than once when there is a HELLO in it
+            used += lib.gsid_link_decode(
+                self._link, len(data) - used, source + used, len(found) - n_found, target + n_found, n_new
+            )
+            n_found += n_new[0]
+            if n_new[0] and self._follows_hello:
+                self._follow(found[n_found - 1])
+        return found[:n_found]
+
+    def _follow(self, frame: np.void) -> None:
+        if frame["kind"] == HELLO and frame["flags"] == VERSION and 1 <= frame["tick"] <= SESSION_MAX:
+            self.session = int(frame["tick"])
 
 
-FRAME_BYTES = len(encode(frames(STOP)))
+FRAME_BYTES = len(encode(frames(STOP), 0))
 
 
 class Transport(Protocol):
@@ -212,6 +258,11 @@ class SerialTransport:
         self._serial.close()
 
 
+def new_session(last: int) -> int:
+    """Draw the id of a session, other than the last one."""
+    return (last + 1 + secrets.randbelow(SESSION_MAX - 1)) % SESSION_MAX or SESSION_MAX
+
+
 class Link:
     """The host's end of the line.
 
@@ -226,6 +277,7 @@ class Link:
         self._transport = transport
         self.name = name
         self.receiver = Receiver()
+        self.longest_silence_s = 0.0  # of this end, while the axis runs
 
     @classmethod
     def open(cls, port: str) -> Link:
@@ -244,7 +296,7 @@ class Link:
     def send(self, block: np.ndarray) -> None:
         """Send frames, (n,) of FRAME; LinkError when the port is gone."""
         try:
-            self._transport.write(encode(block))
+            self._transport.write(encode(block, self.receiver.session))
         except OSError as error:
             raise self._gone(error) from error
 
@@ -261,7 +313,7 @@ class Link:
         )
 
     def hello(self) -> tuple[float, int]:
-        """Ask the axis to start again at tick 0.
+        """Open a session: the axis starts again at tick 0.
 
         Returns
         -------
@@ -273,13 +325,15 @@ class Link:
         Raises
         ------
         LinkError
-            No answer in 10 s, or the port is gone.
+            No answer in 10 s, an axis of another version of the protocol, one whose rate or queue is not a
+            positive number, or the port is gone.
         """
+        self.receiver.session = new_session(self.receiver.session)
         for _ in range(round(SILENT_S / QUIET_S)):
-            self.send(frames(HELLO))
-            answer = self._wait_for(HELLO, QUIET_S)
+            self.send(hello_frame(self.receiver.session))
+            answer = self._wait_for(HELLO, QUIET_S, self._is_answer)
             if answer is not None:
-                return float(answer["a"]), int(answer["b"])
+                return self._read_hello(answer)
         raise LinkError(
             f"the axis does not answer within {SILENT_S:g} s",
             self.name,
@@ -287,20 +341,44 @@ class Link:
             "is it powered, at 921600 baud, and is nobody else using the port?",
         )
 
+    def _is_answer(self, hello: np.void) -> bool:
+        """Whether a HELLO answers ours; an axis of another version does not know of sessions."""
+        return hello["tick"] == self.receiver.session or hello["flags"] != VERSION
+
+    def _read_hello(self, answer: np.void) -> tuple[float, int]:
+        if answer["flags"] != VERSION:
+            raise LinkError(
+                "the axis uses another version of the protocol",
+                self.name,
+                f"version {max(1, answer['flags'])}, not {VERSION}",
+                "update the link.h and link.c of its firmware, or gsid: docs/protocol.md, Versions",
+            )
+        fs_hz, n_queue = float(answer["a"]), float(answer["b"])
+        if not (0 < fs_hz < np.inf and 1 <= n_queue < np.inf):
+            raise LinkError(
+                "the axis states no usable rate or queue",
+                self.name,
+                f"{fs_hz:g} Hz, {n_queue:g} commands",
+                "its HELLO carries ticks per second in a and commands it can queue in b: docs/protocol.md",
+            )
+        return fs_hz, int(n_queue)
+
     def stop(self) -> bool:
         """Set the command to zero; True when the axis has confirmed it."""
         for _ in range(3):
             self.send(frames(STOP))
-            if self._wait_for(STOP, 0.5) is not None:
+            if self._wait_for(STOP, STOP_WAIT_S) is not None:
                 return True
         return False
 
-    def _wait_for(self, kind: int, timeout_s: float) -> np.void | None:
+    def _wait_for(
+        self, kind: int, timeout_s: float, wanted: Callable[[np.void], bool] = lambda frame: True
+    ) -> np.void | None:
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
-            got = self.receive()
-            if (got["kind"] == kind).any():
-                return got[got["kind"] == kind][-1]
+            for frame in self.receive():
+                if frame["kind"] == kind and wanted(frame):
+                    return frame
         return None
 
 
@@ -314,15 +392,86 @@ class Progress:
     asked: int
 
 
+class _Echo:
+    """The command as the axis reports it: the one sent, clipped and rounded, the same in every period."""
+
+    def __init__(self, table: np.ndarray) -> None:
+        self.sent = table.astype(np.float32)
+        self.known = np.full(len(table), np.nan, np.float32)  # echo of each sample of the period
+        self.other = np.full(len(table), np.nan, np.float32)  # another one, seen last: twice, and it is right
+        self.n_wrong = 0
+        self.is_judged = False  # whether a whole period was compared with what was sent
+
+    def check(self, tick: np.ndarray, echo: np.ndarray) -> np.ndarray:
+        """Whether each of these samples, of rising ticks, has the echo of its sample in other periods."""
+        good = np.empty(len(tick), bool)
+        first = 0
+        while first < len(tick):
+            end = int(np.searchsorted(tick, tick[first] + len(self.sent)))
+            good[first:end] = self._check_period(tick[first:end] % len(self.sent), echo[first:end])
+            first = end
+        self.n_wrong += int(np.count_nonzero(~good))
+        return good
+
+    def _check_period(self, phase: np.ndarray, echo: np.ndarray) -> np.ndarray:
+        known = self.known[phase]
+        good = np.isnan(known) | (echo == known) | (echo == self.other[phase])
+        self.known[phase[good]] = echo[good]
+        self.other[phase] = np.where(good, np.nan, echo)
+        return good
+
+    def judge(self, name: str) -> np.ndarray:
+        """Compare a whole period with what was sent; LinkError when they differ by more than single samples.
+
+        Returns
+        -------
+        (m,) ndarray of int
+            Samples of the period that cannot be right.
+        """
+        lo, hi = np.quantile(self.known, [0.005, 0.995])  # where it clips
+        step = _step_of(self.known)
+        error = np.abs(np.clip(self.known, lo, hi) - np.clip(self.sent, lo, hi))
+        wrong = np.flatnonzero(error > 0.999 * step + 1e-6 * np.abs(self.sent).max())
+        if np.ptp(self.known) == 0 and np.ptp(self.sent) > 0:
+            wrong = np.arange(len(self.sent))
+        if len(wrong) > max(1, 0.01 * len(self.sent)):
+            worst = wrong[np.argmax(np.abs(self.known - self.sent)[wrong])]
+            example = f"{self.known[worst]:g} at tick {worst} for {self.sent[worst]:g}"
+            raise LinkError(
+                "the axis reports another command than the one sent",
+                name,
+                f"{len(wrong)} samples of a period, {example}",
+                "is the drive enabled? SAMPLE carries the command in force at its tick, in the unit in which "
+                "it was sent, clipped and rounded at most: docs/protocol.md",
+            )
+        self.known[wrong] = np.nan
+        self.n_wrong += len(wrong)
+        self.is_judged = True
+        return wrong
+
+
+def _step_of(values: np.ndarray) -> float:
+    """The step to which values are rounded, with a few wrong ones among them; near 0 when they are not."""
+    levels, n = np.unique(values, return_counts=True)
+    if n[n > 1].sum() > len(values) / 2:
+        levels = levels[n > 1]
+        n_wrong = 0
+    else:
+        n_wrong = 1 + len(levels) // 100  # each makes two small differences
+    steps = np.sort(np.diff(levels))
+    return float(steps[min(2 * n_wrong, len(steps) - 1)]) if len(steps) else 0.0
+
+
 class _Samples:
     """What has come back, by tick, and which periods of it are good."""
 
-    def __init__(self, period: int, settle: int, asked: int) -> None:
-        capacity = settle + (BAD_FACTOR * asked + 1) * period
-        self.period, self.settle, self.asked = period, settle, asked
+    def __init__(self, table: np.ndarray, settle: int, asked: int, name: str = "") -> None:
+        capacity = settle + (BAD_FACTOR * asked + 1) * len(table)
+        self.period, self.settle, self.asked, self.name = len(table), settle, asked, name
         self.u = np.zeros(capacity)
         self.y = np.zeros(capacity)
         self.valid = np.zeros(capacity, bool)
+        self.echo = _Echo(table)
         self.end = 0
         self.good: list[bool] = []
         self.n_held = 0
@@ -333,17 +482,27 @@ class _Samples:
         """Enter frames as they came, of ticks below `limit`; True when there was a new sample among them."""
         limit = min(limit, len(self.u))
         got = got[(got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < limit)]
+        got = got[np.diff(np.maximum.accumulate(got["tick"].astype(np.int64)), prepend=self.end - 1) > 0]
         if not len(got):
             return False
         tick = got["tick"].astype(np.int64)
-        settled = tick - self._held_before(tick, got["flags"]) > self.settle
-        good = settled & np.isfinite(got["a"]) & np.isfinite(got["b"])
-        self.u[tick[good]], self.y[tick[good]], self.valid[tick[good]] = got["a"][good], got["b"][good], True
+        held_before = self._held_before(tick, got["flags"])
+        finite = np.isfinite(got["a"]) & np.isfinite(got["b"])
+        self.u[tick[finite]], self.y[tick[finite]] = got["a"][finite], got["b"][finite]
+        good = finite & (tick - held_before > self.settle)
+        good[good] = self.echo.check(tick[good], got["a"][good])
+        self.valid[tick] = good
         self.end = int(tick[-1]) + 1
+        self._judge_echo()
         while self.settle + (len(self.good) + 1) * self.period <= self.end:
             first = self.settle + len(self.good) * self.period
             self.good.append(bool(self.valid[first : first + self.period].all()))
         return True
+
+    def _judge_echo(self) -> None:
+        if not self.echo.is_judged and not np.isnan(self.echo.known).any():
+            for sample in self.echo.judge(self.name):
+                self.valid[sample : self.end : self.period] = False
 
     def _held_before(self, tick: np.ndarray, flags: np.ndarray) -> np.ndarray:
         """The last tick, up to each sample, at which a lost command is known to have disturbed the axis."""
@@ -384,9 +543,10 @@ def run(
 ) -> Record:
     """Drive an axis with a periodic excitation until so many good periods are measured.
 
-    A lost or damaged sample spoils its period only. A lost command (the axis holds the one before, and says
-    so) disturbs the axis: the `settle` samples that follow it are left out too, as at the start. The command
-    is set to zero at the end, whatever happens.
+    A lost or damaged sample spoils its period only; so does one whose echo of the command differs from that
+    of other periods. A lost command (the axis holds the one before, and reports it) disturbs the axis: the
+    `settle` samples that follow it are left out too, as at the start. The command is set to zero at the end,
+    whatever happens.
 
     Parameters
     ----------
@@ -418,9 +578,10 @@ def run(
     ValueError
         `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
     LinkError
-        The port cannot be opened, the axis does not answer or runs at another rate, the port disappears, or
-        too many periods are lost (8 in a row, or the asked number is not reached in 4 times as many). Its
-        `record` is what was measured until then.
+        The port cannot be opened, the axis does not answer, runs at another rate, uses another version of the
+        protocol or reports another command than the one sent, the port disappears, or too many periods are
+        lost (8 in a row, or the asked number is not reached in 4 times as many). Its `record` is what was
+        measured until then.
     Stopped
         Ctrl-C; its `record` is what was measured until then.
     """
@@ -428,7 +589,7 @@ def run(
     settle = 2 * len(table) if settle is None else settle
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
-    samples = _Samples(len(table), settle, periods)
+    samples = _Samples(table, settle, periods, port if isinstance(port, str) else "")
     failure: LinkError | Stopped | None = None
     with Link.open(port) if isinstance(port, str) else Link(port) as link:
         n_queue = _start(link, fs_hz)
@@ -458,7 +619,7 @@ def _one_period(excitation: Multisine | np.ndarray, fs_hz: float) -> tuple[np.nd
 
 def _start(link: Link, fs_hz: float) -> int:
     axis_hz, n_queue = link.hello()
-    if abs(axis_hz - fs_hz) > 1e-6 * fs_hz:  # the line carries single precision
+    if not abs(axis_hz - fs_hz) <= 1e-6 * fs_hz:  # the line carries single precision
         raise LinkError(
             "the axis runs at another rate",
             link.name,
@@ -490,19 +651,22 @@ def _exchange(
     `n_ahead` ticks further are believed.
     """
     window = max(1, min(WINDOW, n_queue // 2))
-    sent, heard = 0, time.monotonic()
-    resend = heard + QUIET_S
+    sent, fed, heard = 0, 0, time.monotonic()
+    sent_at, resend = heard, heard + QUIET_S
     while samples.n_good < samples.asked:
         if samples.hopeless():
             raise _too_many_lost(link, samples)
         room = samples.end + window - sent
-        if room > window // 4:  # not frame by frame
+        now = time.monotonic()
+        if room > window // 4 or (room > 0 and now > sent_at + KEEP_ALIVE_S):  # not frame by frame
             sent = _send_commands(link, table, max(sent, samples.end), samples.end + window)
-        first = samples.end
+            link.longest_silence_s = max(link.longest_silence_s, now - sent_at)
+            sent_at = now
         if samples.take(link.receive(), sent + n_ahead):
-            new = slice(first, samples.end)
-            if frf is not None:
+            if frf is not None and samples.echo.is_judged:
+                new = slice(fed, samples.end)
                 frf.step(samples.u[new], samples.y[new], samples.valid[new])
+                fed = samples.end
             heard = time.monotonic()
             resend = heard + QUIET_S
             if on_progress:
@@ -517,6 +681,7 @@ def _exchange(
         elif time.monotonic() > resend:
             # Commands may be lost, or their samples: then the axis waits for commands that were never sent.
             sent = _send_commands(link, table, samples.end, min(sent + window, samples.end + n_queue))
+            sent_at = time.monotonic()
             resend += QUIET_S
 
 
@@ -531,7 +696,8 @@ def _too_many_lost(link: Link, samples: _Samples) -> LinkError:
         "too many periods are lost on the line",
         link.name,
         f"{samples.n_good} good of {len(samples.good)}, {samples.asked} asked for; "
-        f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost",
+        f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost, "
+        f"{samples.echo.n_wrong} wrong echoes",
         "mend the line (cable, grounding, baud rate), or shorten the period: one lost sample spoils it",
     )
 
@@ -555,6 +721,8 @@ def _record(
         "spoiled_periods": samples.n_lost,
         "lost_samples": int(np.count_nonzero(~samples.valid[:n])),
         "lost_commands": samples.n_held,
+        "wrong_echoes": samples.echo.n_wrong,
+        "longest_host_silence_s": f"{link.longest_silence_s:.3f}",
         "link_frames": link.receiver.n_frames,
         "link_damaged": link.receiver.n_damaged,
         "link_garbage_bytes": link.receiver.n_garbage,

@@ -15,11 +15,24 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.effects import find
 from gsid.errors import InputError, close
-from gsid.link import COMMAND, COMMAND_LOST, FRAME_BYTES, HELLO, SAMPLE, STOP, Receiver, encode, frames
+from gsid.link import (
+    COMMAND,
+    COMMAND_LOST,
+    FRAME_BYTES,
+    HELLO,
+    SAMPLE,
+    SESSION_MAX,
+    STOP,
+    VERSION,
+    Receiver,
+    encode,
+    frames,
+    hello_frame,
+)
 
 QUEUE = 8192  # commands kept
 LEAD_S = 0.02  # paced: from the first command to tick 0, time for the host to get ahead
-WATCHDOG_S = 0.25  # paced: no frame for so long, and the command is zero
+WATCHDOG_S = 0.2  # paced: no frame for so long, and the command is zero; 0.25 s with the delays of a desktop
 WAKE_S = 0.002  # paced: ticks are served in bursts
 OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
 
@@ -263,7 +276,8 @@ class Server:
         self.axis = axis
         self.paced = paced
         self.served = Served()
-        self.receiver = Receiver()
+        self.receiver = Receiver(follows_hello=True)
+        self.session = 0
         self.running = False
         self._restart()
 
@@ -300,17 +314,22 @@ class Server:
         for last in [*np.flatnonzero((got["kind"] == HELLO) | (got["kind"] == STOP)), len(got)]:
             out.append(self._commands(got[first:last], now_s))
             if last < len(got):
-                out.append(self._control(int(got["kind"][last])))
+                out.append(self._control(got[last]))
             first = last + 1
         return b"".join(out)
 
-    def _control(self, kind: int) -> bytes:
-        if kind == HELLO:
+    def _control(self, frame: np.void) -> bytes:
+        """Answer HELLO or STOP; a host of another version gets the answer that says so, and no run."""
+        if frame["kind"] == HELLO:
             self._restart()
-            self.running = True
-            return encode(frames(HELLO, 0, self.axis.fs_hz, QUEUE))
+            self.session = int(frame["tick"])
+            self.running = frame["flags"] == VERSION and 1 <= self.session <= SESSION_MAX
+            return self._encode(hello_frame(self.session, self.axis.fs_hz, QUEUE))
         self.running = False
-        return encode(frames(STOP, self._tick))
+        return self._encode(frames(STOP, self._tick))
+
+    def _encode(self, block: np.ndarray) -> bytes:
+        return encode(block, self.session & 0xFFFF)  # where the id is none, nothing but HELLO is sent
 
     def _commands(self, got: np.ndarray, now_s: float) -> bytes:
         tick = got["tick"].astype(np.int64)
@@ -359,7 +378,7 @@ class Server:
         self._held, self._n_lost, self._tick = u[-1], int(n_lost[-1]), int(tick[-1]) + 1
         self.served.ticks += len(tick)
         self.served.commands_lost += int(np.count_nonzero(~there))
-        return encode(frames(SAMPLE, tick, u_applied, y, flags))
+        return self._encode(frames(SAMPLE, tick, u_applied, y, flags))
 
 
 @contextlib.contextmanager

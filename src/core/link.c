@@ -17,12 +17,13 @@
 typedef char frame_fits_the_line[FRAME_BYTES <= GSID_LINK_FRAME_MAX ? 1 : -1];
 typedef char float_is_four_bytes[sizeof(float) == 4 ? 1 : -1];
 
-/* CRC-16/CCITT: x^16 + x^12 + x^5 + 1, start 0xFFFF, high bit first, no final inversion. Every error of up to three
- * bits, and every burst of up to 16 bits, is found in a frame of this length. */
-static uint16_t check_of(const uint8_t *bytes, size_t n_bytes) {
+/* CRC-16/CCITT: x^16 + x^12 + x^5 + 1, high bit first, no final inversion. Every error of up to three bits, and every burst
+ * of up to 16 bits, is found in a frame of this length. Frames that start from different values never have the same check:
+ * a frame of another session is always found. */
+static uint16_t check_of(uint32_t start, const uint8_t *bytes, size_t n_bytes) {
     static const uint16_t step[16] = {0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50A5, 0x60C6, 0x70E7,
                                       0x8108, 0x9129, 0xA14A, 0xB16B, 0xC18C, 0xD1AD, 0xE1CE, 0xF1EF};
-    uint32_t crc = 0xFFFFu;
+    uint32_t crc = start;
     for (size_t i = 0; i < n_bytes; i++) {
         crc = ((crc << 4) & 0xFFFFu) ^ step[(crc >> 12) ^ (uint32_t)(bytes[i] >> 4)];
         crc = ((crc << 4) & 0xFFFFu) ^ step[(crc >> 12) ^ (uint32_t)(bytes[i] & 0x0Fu)];
@@ -59,7 +60,12 @@ static int is_known(uint8_t kind) {
     return kind >= GSID_FRAME_COMMAND && kind <= GSID_FRAME_RESULT;
 }
 
-size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes) {
+/* HELLO opens a session, so that nobody knows its id before. */
+static uint32_t start_of(uint8_t kind, uint16_t session) {
+    return kind == GSID_FRAME_HELLO ? 0xFFFFu : session;
+}
+
+size_t gsid_link_encode(const gsid_frame *frame, uint16_t session, uint8_t *bytes) {
     if (!frame || !bytes || !is_known(frame->kind))
         return 0;
     bytes[0] = SYNC_0;
@@ -69,7 +75,7 @@ size_t gsid_link_encode(const gsid_frame *frame, uint8_t *bytes) {
     put_u32(bytes + AT_TICK, frame->tick);
     put_float(bytes + AT_A, frame->a);
     put_float(bytes + AT_B, frame->b);
-    uint16_t check = check_of(bytes + AT_KIND, AT_CHECK - AT_KIND);
+    uint16_t check = check_of(start_of(frame->kind, session), bytes + AT_KIND, AT_CHECK - AT_KIND);
     bytes[AT_CHECK] = (uint8_t)(check & 0xFFu);
     bytes[AT_CHECK + 1] = (uint8_t)(check >> 8);
     return FRAME_BYTES;
@@ -98,7 +104,8 @@ static int take(gsid_link *link, gsid_frame *frame) {
     if (link->n_held < FRAME_BYTES)
         return 0;
     uint32_t check = (uint32_t)held[AT_CHECK] | (uint32_t)held[AT_CHECK + 1] << 8;
-    if (check != check_of(held + AT_KIND, AT_CHECK - AT_KIND) || !is_known(held[AT_KIND])) {
+    const uint32_t start = start_of(held[AT_KIND], link->session);
+    if (check != check_of(start, held + AT_KIND, AT_CHECK - AT_KIND) || !is_known(held[AT_KIND])) {
         link->n_damaged++;
         drop(link, 1);
         return 0;
@@ -118,11 +125,15 @@ size_t gsid_link_decode(gsid_link *link, size_t n_bytes, const uint8_t *bytes, s
     if (!link || !bytes || !frames || !n_frames || link->n_held >= FRAME_BYTES)
         return 0;
     size_t used = 0, found = 0;
-    for (; used < n_bytes && found < capacity; used++) {
-        link->held[link->n_held++] = bytes[used];
+    int opened = 0;
+    while (used < n_bytes && found < capacity && !opened) {
+        link->held[link->n_held++] = bytes[used++];
         if (link->n_held <= 2)
             drop(link, 0);
-        found += (size_t)take(link, &frames[found]);
+        if (take(link, &frames[found])) {
+            opened = frames[found].kind == GSID_FRAME_HELLO;
+            found++;
+        }
     }
     *n_frames = found;
     return used;

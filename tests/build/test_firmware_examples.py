@@ -92,6 +92,67 @@ def test_the_lines_to_copy_stand_a_sample_that_is_no_number(run, root, tmp_path)
     np.testing.assert_allclose(re_im @ [1, 1j], late, rtol=0, atol=4e-6)
 
 
+SILENT_LINE = """
+#include <stdio.h>
+#include "drive.h"
+
+static drive d;
+static gsid_frame last;
+static gsid_link at_axis;
+
+size_t line_room(void) {
+    return 4 * GSID_LINK_FRAME_MAX;
+}
+
+void line_send(const uint8_t *bytes, size_t n_bytes) {
+    size_t n_frames;
+    gsid_link_decode(&at_axis, n_bytes, bytes, 1, &last, &n_frames);
+    if (last.kind == GSID_FRAME_HELLO)
+        at_axis.session = (uint16_t)last.tick;
+}
+
+static void answer(uint8_t kind, uint8_t flags, uint32_t tick, float a) {
+    const gsid_frame frame = {.kind = kind, .flags = flags, .tick = tick, .a = a};
+    uint8_t bytes[GSID_LINK_FRAME_MAX];
+    const size_t n_bytes = gsid_link_encode(&frame, at_axis.session, bytes);
+    for (size_t i = 0; i < n_bytes; i++)
+        drive_receive(&d, bytes[i]);
+    drive_tick(&d, 0);
+}
+
+int main(void) {
+    int n_silent = 0;
+    if (drive_init(&d) != GSID_OK)
+        return 1;
+    drive_background(&d);
+    answer(GSID_FRAME_HELLO, GSID_LINK_VERSION, last.tick, EXPERIMENT_FS_HZ);
+    drive_background(&d);
+    drive_tick(&d, 0);
+    while (last.kind == GSID_FRAME_COMMAND && last.tick < 200)
+        answer(GSID_FRAME_SAMPLE, 0, last.tick, last.a);
+    if (last.kind != GSID_FRAME_COMMAND)
+        return 2;
+    for (; last.kind != GSID_FRAME_STOP && n_silent < 100000; n_silent++)
+        drive_tick(&d, 1); /* the timer's turn */
+    printf("%d\\n", n_silent);
+}
+"""
+
+
+def test_the_drive_stops_a_quarter_of_a_second_after_the_line_falls_silent(run, root, tmp_path):
+    """It went on for three seconds: one for each sample that the guard stands."""
+    (tmp_path / "silent.c").write_text(SILENT_LINE)
+    rate_loop = root / "firmware_examples/rate_loop"
+    flags = ["-std=c99", "-Wall", "-Wextra", "-DGSID_SINGLE", "-DEXPERIMENT_SHORT", f"-I{root / 'include'}"]
+    sources = [tmp_path / "silent.c", rate_loop / "drive.c", rate_loop / "experiment.c"]
+    library = root / "build/float/libgsid_core.a"
+    compiled = run("cc", *flags, f"-I{rate_loop}", "-o", tmp_path / "silent", *sources, library, "-lm")
+    assert compiled.returncode == 0, compiled.stderr
+    result = run(tmp_path / "silent")
+    assert result.returncode == 0
+    assert 0 < int(result.stdout) <= 0.25 * FS_HZ
+
+
 def test_posix_measures_and_fits_its_axis(printed):
     keys, table = printed("posix")
     f, g, std = table["f_hz"], table["g_re"] + 1j * table["g_im"], table["std_g"]

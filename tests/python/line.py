@@ -12,6 +12,7 @@ import numpy as np
 from gsid.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver
 from gsid.simulate import Server, SimulatedAxis
 
+SESSION = 7  # of tests that speak the protocol by hand
 GSID = [sys.executable, "-m", "gsid.cli.main"]
 
 
@@ -69,6 +70,6 @@ def multisine(n_period: int = 600, n_lines: int = 40, amplitude: float = 3.0) ->
     return amplitude * np.cos(2 * np.pi * np.outer(n, k) / n_period + phase).sum(axis=1)
 
 
-def frames_in(data: bytes) -> np.ndarray:
-    """All frames in a string of bytes."""
-    return Receiver().decode(data)
+def frames_in(data: bytes, session: int = SESSION) -> np.ndarray:
+    """All frames of a session in a string of bytes."""
+    return Receiver(session).decode(data)

@@ -3,14 +3,31 @@
 import binascii
 import struct
 import threading
+import time
 
 import numpy as np
 import pytest
-from line import Loopback, frames_in, multisine, quiet_axis
+from line import SESSION, Loopback, frames_in, multisine, quiet_axis
 
 from gsid import link
 from gsid.errors import InputError
-from gsid.link import COMMAND, HELLO, SAMPLE, STOP, Link, LinkError, Receiver, Stopped, encode, frames, run
+from gsid.link import (
+    COMMAND,
+    HELLO,
+    SAMPLE,
+    SESSION_MAX,
+    STOP,
+    VERSION,
+    Link,
+    LinkError,
+    Receiver,
+    Stopped,
+    encode,
+    frames,
+    hello_frame,
+    new_session,
+    run,
+)
 from gsid.simulate import Server
 from gsid.streaming import StreamingFrf
 
@@ -30,21 +47,25 @@ def test_frames_are_those_of_the_protocol():
     want = b""
     for tick, a, b, flags in ((7, 1.5, 0.1, 3), (2**32 - 1, -3.0, 1e-30, 0)):
         body = struct.pack("<BBIff", SAMPLE, flags, tick, a, b)
-        want += b"\xa5\x5a" + body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
-    assert encode(frame) == want
-    receiver = Receiver()
+        want += b"\xa5\x5a" + body + struct.pack("<H", binascii.crc_hqx(body, SESSION))
+    assert encode(frame, SESSION) == want
+    hello = struct.pack("<BBIff", HELLO, VERSION, SESSION, 0.0, 0.0)
+    assert encode(hello_frame(SESSION), 5) == b"\xa5\x5a" + hello + struct.pack(
+        "<H", binascii.crc_hqx(hello, 0xFFFF)
+    )
+    receiver = Receiver(SESSION)
     np.testing.assert_array_equal(receiver.decode(b"garbage" + want), frame)
     assert (receiver.n_frames, receiver.n_damaged, receiver.n_garbage) == (2, 0, 7)
     assert "2 frames" in repr(receiver)
 
 
 def test_a_frame_in_pieces_and_an_unknown_kind():
-    data = encode(frames(COMMAND, np.arange(100), 1.0, 2.0))
-    receiver = Receiver()
+    data = encode(frames(COMMAND, np.arange(100), 1.0, 2.0), SESSION)
+    receiver = Receiver(SESSION)
     got = np.concatenate([receiver.decode(data[at : at + 7]) for at in range(0, len(data), 7)])
     np.testing.assert_array_equal(got["tick"], np.arange(100))
     with pytest.raises(ValueError, match="frame 0 is of unknown kind 9"):
-        encode(frames(9))
+        encode(frames(9), SESSION)
 
 
 def test_the_record_is_what_the_axis_did():
@@ -120,9 +141,9 @@ def test_a_long_silence_counts_as_a_disturbance():
 def test_a_sample_that_is_no_number_is_lost():
     class Odd(Server):
         def take(self, data, now_s=0.0):
-            out = frames_in(super().take(data, now_s)).copy()
+            out = frames_in(super().take(data, now_s), self.session).copy()
             out["b"][(out["kind"] == SAMPLE) & (out["tick"] == SETTLE + 3)] = np.nan
-            return encode(out)
+            return encode(out, self.session)
 
     record = run(Loopback(Odd(quiet_axis())), multisine(N), periods=2)
     assert np.flatnonzero(~record.valid).tolist() == [SETTLE + 3]
@@ -265,7 +286,7 @@ def test_a_paced_axis_that_went_on_without_the_host_is_caught_up_with():
 
 def test_link_by_hand():
     line = Loopback(Server(quiet_axis()))
-    line.waiting = b"\xa5\x5a\x02 old rubbish" + encode(frames(SAMPLE, 99))
+    line.waiting = b"\xa5\x5a\x02 old rubbish" + encode(frames(SAMPLE, 99), SESSION)
     with Link(line, "here") as host:
         fs_hz, n_queue = host.hello()
         assert fs_hz == 3000.0
@@ -275,6 +296,174 @@ def test_link_by_hand():
         assert host.stop()
         assert "here" in repr(host)
     assert HELLO != STOP
+
+
+class Altered(Server):
+    """An axis whose frames are changed on their way out by `alter(frames)`."""
+
+    def __init__(self, alter, axis=None, **options):
+        super().__init__(axis or quiet_axis(), **options)
+        self.alter = alter
+
+    def take(self, data, now_s=0.0):
+        out = frames_in(super().take(data, now_s), self.session).copy()
+        return encode(self.alter(out), self.session)
+
+
+def test_a_frame_of_an_earlier_run_in_a_good_period_is_not_believed():
+    """A frame left in a buffer, of a tick inside the batch, put y off by 7.5 times its peak."""
+    stale = encode(frames(SAMPLE, SETTLE + 100, 2.0, 1e3), SESSION)
+
+    class Buffered(Loopback):
+        def read(self):
+            whole = self.waiting[: 4086 // link.FRAME_BYTES * link.FRAME_BYTES]
+            self.waiting = self.waiting[len(whole) :]
+            return whole[: len(whole) // 2 // 18 * 18] + stale + whole[len(whole) // 2 // 18 * 18 :]
+
+    record = run(Buffered(Server(quiet_axis())), multisine(N), periods=3)
+    np.testing.assert_array_equal(record.y, expected_run(5 * N, multisine(N))[1])
+    assert record.valid.all()
+    assert int(record.meta["link_damaged"]) > 0
+
+
+def test_a_frame_of_this_run_that_comes_twice_changes_nothing():
+    def repeat(out):
+        odd = out[(out["kind"] == SAMPLE) & (out["tick"] % 100 == 7)].copy()
+        odd["b"] = 1e3
+        return np.concatenate([out, odd])
+
+    record = run(Loopback(Altered(repeat)), multisine(N), periods=3)
+    np.testing.assert_array_equal(record.y, expected_run(5 * N, multisine(N))[1])
+    assert record.valid.all()
+
+
+def test_sessions_differ_from_the_last_and_are_in_their_range():
+    drawn = [new_session(last) for last in (0, 1, SESSION_MAX) for _ in range(20_000)]
+    assert min(drawn) >= 1
+    assert max(drawn) <= SESSION_MAX
+    assert 1 not in drawn[20_000:40_000]
+    assert SESSION_MAX not in drawn[40_000:]
+
+
+@pytest.mark.parametrize("flags", [0, 1, VERSION + 1])
+def test_an_axis_of_another_version_is_refused(flags):
+    """Version 1 answered HELLO with flags and tick zero, and knew of no sessions."""
+
+    class Old(Loopback):
+        def write(self, data):
+            for frame in Receiver().decode(data):
+                self.waiting += encode(frames(HELLO, 0, 3000.0, 512.0, flags), 0)
+                assert frame["kind"] == HELLO  # nothing else is sent
+
+    with pytest.raises(
+        LinkError, match=f"another version .*version {max(1, flags)}, not {VERSION}"
+    ) as caught:
+        Link(Old(Server(quiet_axis()))).hello()
+    assert "protocol.md" in caught.value.hint
+
+
+@pytest.mark.parametrize("rate", [np.nan, np.inf, 0.0, -3000.0])
+def test_a_rate_that_is_none_is_refused(rate):
+    """Compared with another number, NaN was the excitation's rate."""
+
+    def alter(out):
+        out["a"][out["kind"] == HELLO] = rate
+        return out
+
+    with pytest.raises(LinkError, match="no usable rate"):
+        run(Loopback(Altered(alter)), multisine(N), periods=1)
+
+
+@pytest.mark.parametrize("queue", [np.nan, np.inf, 0.0])
+def test_a_queue_that_is_none_is_refused(queue):
+    def alter(out):
+        out["b"][out["kind"] == HELLO] = queue
+        return out
+
+    with pytest.raises(LinkError, match="no usable rate or queue"):
+        run(Loopback(Altered(alter)), multisine(N), periods=1)
+
+
+@pytest.mark.parametrize("at", [17, SETTLE + N + 17])
+def test_a_wrong_echo_spoils_its_period_only(at):
+    """In the first period too, before the echoes of others are known."""
+
+    def alter(out):
+        out["a"][(out["kind"] == SAMPLE) & (out["tick"] == at)] += 5.0
+        return out
+
+    frf = StreamingFrf(3000.0, N, np.arange(1, 41), settle_samples=0)
+    record = run(Loopback(Altered(alter)), multisine(N), periods=5, settle=0, frf=frf)
+    assert not record.valid[at]
+    assert set(np.flatnonzero(~record.valid) // N) <= {at // N, at // N + 1}
+    assert record.meta["wrong_echoes"] != "0"
+    assert record.meta["good_periods"] == "5"
+    assert frf.n_periods == 5
+
+
+def shifted(out):
+    """The firmware reports the command of the tick before."""
+    samples = np.flatnonzero(out["kind"] == SAMPLE)
+    out["a"][samples] = np.roll(out["a"][samples], 1)
+    return out
+
+
+def counts(out):
+    """The firmware reports what its converter gets."""
+    out["a"][out["kind"] == SAMPLE] *= 2047 / 127
+    return out
+
+
+def dead(out):
+    """The drive is not enabled."""
+    out["a"][out["kind"] == SAMPLE] = 0
+    return out
+
+
+@pytest.mark.parametrize("alter", [shifted, counts, dead])
+def test_an_axis_that_applies_another_command_is_refused(alter):
+    line = Loopback(Altered(alter))
+    with pytest.raises(LinkError, match="another command than the one sent") as caught:
+        run(line, multisine(N), periods=3)
+    assert "in force" in caught.value.hint
+    assert line.stopped
+
+
+@pytest.mark.parametrize(
+    "axis", [{"command_limit": 20.0}, {"command_limit": 4.0, "command_bits": 3}, {"command_limit": 0.0}]
+)
+def test_a_command_clipped_and_rounded_is_the_one_sent(axis):
+    for u in (multisine(N), 5 * np.sign(multisine(N)), multisine(N) + 3):
+        record = run(Loopback(Server(quiet_axis(**axis))), u, periods=2, settle=N)
+        assert record.valid.all()
+        assert record.meta["wrong_echoes"] == "0"
+
+
+def test_a_slow_loop_is_never_silent_for_long():
+    """At 100 Hz the host waited for a quarter of its window, 1.3 s, before it sent again."""
+
+    class Slow(Loopback):
+        now_s = 0.0
+        last_s = 0.0
+        longest_s = 0.0
+
+        def write(self, data):
+            if self.last_s > 0 and self.server.running:
+                self.longest_s = max(self.longest_s, self.now_s - self.last_s)
+            self.last_s = self.now_s
+            self.waiting += self.server.take(data, self.now_s)
+
+        def read(self):
+            self.now_s = time.monotonic()
+            time.sleep(0.01)
+            self.waiting += self.server.keep_time(self.now_s)
+            return super().read()
+
+    line = Slow(Server(quiet_axis(fs_hz=100.0), paced=True))
+    record = run(line, multisine(50, 10), periods=2, settle=50, fs_hz=100.0)
+    assert record.meta["lost_commands"] == "0"
+    assert line.longest_s < 0.15
+    assert float(record.meta["longest_host_silence_s"]) == pytest.approx(line.longest_s, abs=0.02)
 
 
 def test_two_lines_at_once():

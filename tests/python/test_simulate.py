@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from line import frames_in, quiet_axis
+from line import SESSION, frames_in, quiet_axis
 from scipy import signal
 
 from gsid.demo.missing import BELIEVED
@@ -16,8 +16,10 @@ from gsid.link import (
     HELLO,
     SAMPLE,
     STOP,
+    VERSION,
     encode,
     frames,
+    hello_frame,
 )
 from gsid.plant import Effect, Param, PlantModel
 from gsid.simulate import (
@@ -34,11 +36,11 @@ from gsid.simulate import (
 
 
 def hello(server: Server) -> np.ndarray:
-    return frames_in(server.take(encode(frames(HELLO))))
+    return frames_in(server.take(encode(hello_frame(SESSION), SESSION)))
 
 
 def command(server: Server, tick, a, b=0.0, now_s=0.0) -> np.ndarray:
-    return frames_in(server.take(encode(frames(COMMAND, tick, a, b)), now_s))
+    return frames_in(server.take(encode(frames(COMMAND, tick, a, b), SESSION), now_s))
 
 
 def test_parameters_have_names_and_ranges():
@@ -122,6 +124,33 @@ def test_hello_answers_with_rate_and_queue():
     assert answer["kind"].tolist() == [HELLO]
     assert answer["a"][0] == 2500.0
     assert answer["b"][0] == QUEUE
+    assert (answer["flags"][0], answer["tick"][0]) == (VERSION, SESSION)
+
+
+def test_commands_of_another_session_move_nothing():
+    """A host that was killed leaves commands in a buffer: the next run begins without them."""
+    server = Server(quiet_axis())
+    hello(server)
+    stale = encode(frames(COMMAND, np.arange(50), 9.0, 9.0), SESSION)
+    assert len(frames_in(server.take(stale))) == 50
+    answer = frames_in(server.take(stale + encode(hello_frame(SESSION + 1), 0) + stale), SESSION + 1)
+    assert answer["kind"].tolist() == [HELLO]
+    got = frames_in(server.take(encode(frames(COMMAND, [0, 1], 2.0, 2.0), SESSION + 1)), SESSION + 1)
+    assert got["tick"].tolist() == [0, 1]
+    assert (got["a"] == got["a"][0]).all()
+    assert abs(got["a"][0] - 2.0) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("version", "session"), [(0, 0), (VERSION + 1, SESSION), (VERSION, 0xFFFF), (VERSION, 1 << 20)]
+)
+def test_a_host_of_another_version_is_answered_and_moves_nothing(version, session):
+    server = Server(quiet_axis())
+    answer = frames_in(server.take(encode(frames(HELLO, session, flags=version), 0)))
+    assert (answer["kind"].tolist(), answer["flags"].tolist()) == ([HELLO], [VERSION])
+    for its_own in {0, session & 0xFFFF, 0xFFFF}:
+        assert server.take(encode(frames(COMMAND, [0, 1], 1.0), its_own)) == b""
+    assert server.served.ticks == 0
 
 
 def test_nothing_moves_before_hello_or_after_stop():
@@ -129,7 +158,7 @@ def test_nothing_moves_before_hello_or_after_stop():
     assert len(command(server, [0, 1], 1.0)) == 0
     hello(server)
     assert command(server, [0, 1], 1.0)["tick"].tolist() == [0, 1]
-    answer = frames_in(server.take(encode(frames(STOP))))
+    answer = frames_in(server.take(encode(frames(STOP), SESSION)))
     assert (answer["kind"].tolist(), answer["tick"].tolist()) == ([STOP], [2])
     assert not server.running
     assert len(command(server, [2, 3], 1.0)) == 0
@@ -157,7 +186,7 @@ def test_commands_of_the_past_of_the_far_future_and_of_no_number_are_ignored():
     assert len(command(server, [2 + QUEUE], 9.0)) == 0
     got = command(server, [3], np.nan, np.nan)
     assert (got["tick"].tolist(), got["a"].tolist()) == ([3], [1.0])  # the copy of tick 2 stands
-    assert len(frames_in(server.take(encode(frames(SAMPLE, 4))))) == 0
+    assert len(frames_in(server.take(encode(frames(SAMPLE, 4), SESSION)))) == 0
 
 
 def test_commands_ahead_wait_for_their_tick():
@@ -196,7 +225,7 @@ def test_the_watchdog_sets_the_command_to_zero():
 
 
 def test_damage_is_of_the_asked_rate_and_does_not_depend_on_the_pieces():
-    data = encode(frames(COMMAND, np.arange(20000), 1.0, 2.0))
+    data = encode(frames(COMMAND, np.arange(20000), 1.0, 2.0), SESSION)
     whole = Damage(0.01, seed=3)
     damaged = whole.apply(data)
     assert abs(whole.n_hits - 200) < 5 * np.sqrt(200)
