@@ -154,7 +154,8 @@ def mat_values(model: RationalModel) -> dict[str, object]:
     """What `save_mat` writes, by name."""
     zeros, poles, gain = to_zpk(model)
     values = {"num": model.num, "den": model.den, "delay_s": model.delay_s, "domain": model.domain}
-    values |= {"hold": model.hold, "fs_hz": np.nan if model.fs_hz is None else model.fs_hz}
+    values |= {"hold": model.hold, "hold_assumed": model.hold_assumed}
+    values |= {"fs_hz": np.nan if model.fs_hz is None else model.fs_hz}
     values |= {"zeros": zeros, "poles": poles, "gain": gain, "u_unit": model.u_unit, "y_unit": model.y_unit}
     if len(zeros) <= len(poles):
         values |= dict(zip("ABCD", to_state_space(model), strict=True))

@@ -12,6 +12,7 @@ from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.bands import in_band
 from gsid.confidence import unwrapped_phase_deg
+from gsid.hold import fit_both
 from gsid.model import RationalModel
 
 if TYPE_CHECKING:
@@ -72,8 +73,10 @@ def fit(
         Lines to use [Hz]; default all.
     domain : "s" or "z"
     hold : "zoh" or "none", optional
-        Whether the input was held over each sample; default what the record says. With "zoh" the model is of
-        what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
+        Whether the input was held over each sample; default what the record states. With "zoh" the model is
+        of what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
+        Where nothing states it, both are fitted, and the likelier is taken ("none" within 2 in -2 log
+        likelihood): see `RationalModel.hold_assumed`.
     allow_unstable : bool
         Take the model of least cost even when it is unstable.
     min_delay_s : float, optional
@@ -104,6 +107,16 @@ def fit(
     check_response(frf)
     n_poles, n_zeros = parse_order(order)
     _check_choices(method, domain, solver)
+    if hold is None and domain == "s" and frf.hold is None:
+
+        def under(reading: str) -> RationalModel:
+            return fit(
+                frf, order, delay=delay, method=method, band=band, domain=domain, hold=reading,
+                allow_unstable=allow_unstable, min_delay_s=min_delay_s, exponent=exponent, solver=solver,
+                start=start, seed=seed,
+            )  # fmt: skip
+
+        return fit_both(under, weights(frf, in_band(frf.f_hz, band))[1])
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
     if hold not in ("zoh", "none"):
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")

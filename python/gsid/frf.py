@@ -68,8 +68,8 @@ class Frf:
         Good periods of all realisations.
     n_realisations, n_spoiled, settle_samples, period_samples : int
     fs_hz : float
-    hold : {"zoh", "none"}
-        "zoh": u is a command that was held over each sample.
+    hold : {"zoh", "none"} or None
+        As in `gsid.record.Record`.
     u_unit, y_unit, name : str
     removed : tuple of Tone
         Periodic disturbances that were taken off the output first.
@@ -98,7 +98,7 @@ class Frf:
     settle_samples: int
     period_samples: int
     fs_hz: float
-    hold: str = "none"
+    hold: str | None = "none"
     u_unit: str = ""
     y_unit: str = ""
     name: str = ""

@@ -47,7 +47,7 @@ class Unsettled:
     settle_samples: int
     period_samples: int
     fs_hz: float
-    hold: str
+    hold: str | None
     u_unit: str
     y_unit: str
     name: str

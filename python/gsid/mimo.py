@@ -70,7 +70,7 @@ class MimoRecord:
     valid: np.ndarray | None = None
     u_units: list[str] = field(default_factory=list)
     y_units: list[str] = field(default_factory=list)
-    hold: str = "none"
+    hold: str | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -122,6 +122,7 @@ def read_mimo_record(
     fs_hz: float | None = None,
     period: int | None = None,
     settle: int | None = None,
+    hold: str | None = None,
 ) -> MimoRecord:
     """Read one experiment from a file that has a column or array for each channel.
 
@@ -135,6 +136,8 @@ def read_mimo_record(
         Sample rate [Hz], where the file has neither times nor the rate.
     period, settle : int, optional
         Samples; take the place of what the file states.
+    hold : {"zoh", "none"}, optional
+        As `gsid.read_record`.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def read_mimo_record(
     InputError
         As `gsid.read_record`.
     """
-    how = {"fs_hz": fs_hz, "period": period, "settle": settle}
+    how = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
     us = [read_record(path, u=name, y=outputs[0], **how) for name in inputs]
     ys = [us[0]] + [read_record(path, u=inputs[0], y=name, **how) for name in outputs[1:]]
     first = us[0]
@@ -207,7 +210,7 @@ class MimoFrf:
     outputs: list[str]
     u_units: list[str]
     y_units: list[str]
-    hold: str = "none"
+    hold: str | None = "none"
 
     @property
     def n_y(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib
 from gsid.fit import DOF_WANTED
+from gsid.hold import fit_both
 from gsid.mimo import MimoFrf
 from gsid.mimo_model import MimoModel, hold_response
 
@@ -45,7 +46,8 @@ def fit_mimo(
     band : (lo, hi), optional
         Lines to use [Hz]; default all.
     domain : "s" or "z"
-        In "s" a held input (what the records say) is taken as such: the model is of what follows the hold.
+        In "s" a held input (what the records state) is taken as such: the model is of what follows the hold.
+        Where they state nothing, both are fitted, as in `gsid.fit.fit`.
     delay_max_s : float
         Free delays are searched from 0 to here [s]; 0: three periods of the highest frequency.
     allow_unstable : bool
@@ -66,6 +68,15 @@ def fit_mimo(
     """
     n_poles, direct = _order(order)
     _check_choices(method, domain, delay)
+    if domain == "s" and frf.hold is None:
+
+        def under(reading: str) -> MimoModel:
+            return fit_mimo(
+                replace(frf, hold=reading), order, delay=delay, method=method, band=band, domain=domain,
+                delay_max_s=delay_max_s, allow_unstable=allow_unstable,
+            )  # fmt: skip
+
+        return fit_both(under, _smoothed(frf.in_band(band))[1])
     hold = frf.hold if domain == "s" else "none"
     if hold == "zoh" and direct:
         raise ValueError(

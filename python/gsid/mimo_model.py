@@ -38,6 +38,10 @@ class MimoModel:
     domain : "s" or "z"
     hold : "zoh" or "none"
         "zoh": the inputs are held over each sample, and :meth:`response` is that of hold and model together.
+    hold_assumed : bool
+        The records of the fit do not state `hold`: it is the likelier of the two.
+    other_delay_s : (n_y, n_u) array_like or None
+        Delays [s] of the same fit with the other hold; None: `hold` is stated, or the other has no fit.
     fs_hz : float or None
         Sampling frequency [Hz]; needed in domain "z" and with a hold.
     cov : (p, p) array_like or None
@@ -57,6 +61,8 @@ class MimoModel:
     delay_s: np.ndarray
     domain: str = "s"
     hold: str = "none"
+    hold_assumed: bool = False
+    other_delay_s: np.ndarray | None = None
     fs_hz: float | None = None
     cov: np.ndarray | None = None
     delay_of: np.ndarray | None = None
@@ -374,6 +380,11 @@ class MimoModel:
             covariances.append(parts @ self.cov[where, where] @ parts.T)
         return np.array(covariances)
 
+    @property
+    def delay_hold_uncertainty_s(self) -> np.ndarray | None:
+        """By how much each delay depends on the assumed hold [s], (n_y, n_u); None where it was stated."""
+        return None if self.other_delay_s is None else np.abs(self.delay_s - np.asarray(self.other_delay_s))
+
     # ---- files and pictures ------------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, Any]:
@@ -381,6 +392,8 @@ class MimoModel:
         common = {
             "domain": self.domain,
             "hold": self.hold,
+            "hold_assumed": self.hold_assumed,
+            "other_delay_s": None if self.other_delay_s is None else np.asarray(self.other_delay_s).tolist(),
             "sections": self.sections.tolist(),
             "num": self.num.tolist(),
             "delay_s": self.delay_s.tolist(),
@@ -421,6 +434,8 @@ class MimoModel:
                 delay_s=common["delay_s"],
                 domain=common.get("domain", "s"),
                 hold=common.get("hold", "none"),
+                hold_assumed=bool(common.get("hold_assumed", False)),
+                other_delay_s=common.get("other_delay_s"),
                 fs_hz=data.get("fs_hz"),
                 cov=common.get("covariance"),
                 delay_of=common.get("delay_of"),

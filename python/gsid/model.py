@@ -42,6 +42,10 @@ class RationalModel:
         Sampling frequency [Hz]; needed in domain "z" and with a hold.
     hold : "zoh" or "none"
         "zoh": the input is held over each sample, and :meth:`response` is that of hold and model together.
+    hold_assumed : bool
+        The records of the fit do not state `hold`: it is the likelier of the two.
+    other_delay_s : float or None
+        The delay [s] of the same fit with the other hold; None: `hold` is stated, or the other has no fit.
     cov : (p, p) array_like or None
         Covariance of (den[1:], num, delay if free), in the units of those numbers.
     free_delay : bool
@@ -59,6 +63,8 @@ class RationalModel:
     domain: str = "s"
     fs_hz: float | None = None
     hold: str = "none"
+    hold_assumed: bool = False
+    other_delay_s: float | None = None
     cov: np.ndarray | None = None
     free_delay: bool = False
     method: str | None = None
@@ -128,6 +134,11 @@ class RationalModel:
         if self.domain == "s":
             return bool(np.all(self.poles.real < 0))
         return bool(np.all(np.abs(self.poles) < 1))
+
+    @property
+    def delay_hold_uncertainty_s(self) -> float | None:
+        """By how much the delay depends on the hold that was assumed [s]; None where it was not."""
+        return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     def _to_c(self) -> Any:
         c = ffi.new("gsid_rational *")
@@ -283,6 +294,8 @@ class RationalModel:
             "den": self.den.tolist(),
             "delay_s": self.delay_s,
             "hold": self.hold,
+            "hold_assumed": self.hold_assumed,
+            "other_delay_s": self.other_delay_s,
             "free_delay": self.free_delay,
             "covariance": None if self.cov is None else self.cov.tolist(),
         }
@@ -339,6 +352,8 @@ class RationalModel:
                 domain=rational.get("domain", "s"),
                 fs_hz=data.get("fs_hz"),
                 hold=rational.get("hold", "none"),
+                hold_assumed=bool(rational.get("hold_assumed", False)),
+                other_delay_s=rational.get("other_delay_s"),
                 cov=rational.get("covariance"),
                 free_delay=bool(rational.get("free_delay", False)),
                 band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),

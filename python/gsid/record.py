@@ -46,8 +46,9 @@ class Record:
         False where the sample was lost: u and y hold a filler there, not data (0 for what is not finite).
         Default: all True.
     u_unit, y_unit : str
-    hold : {"zoh", "none"}
-        "zoh": u is a command that was held over each sample.
+    hold : {"zoh", "none"} or None
+        "zoh": u is a command that was held over each sample; "none": u is a signal without lines above half
+        the sample rate; None: not known, and what depends on it is fitted both ways (`gsid.hold`).
     name : str
     columns : dict of (n,) arrays
         Other columns of the file, `theta_deg` for instance.
@@ -71,7 +72,7 @@ class Record:
     valid: np.ndarray | None = None
     u_unit: str = ""
     y_unit: str = ""
-    hold: str = "none"
+    hold: str | None = None
     name: str = ""
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     meta: dict[str, str] = field(default_factory=dict)
@@ -94,7 +95,7 @@ class Record:
             raise InputError(
                 "the sample rate is not a positive number", self.name, self.fs_hz, "give it with --fs [Hz]"
             )
-        if self.hold not in ("zoh", "none"):
+        if self.hold not in ("zoh", "none", None):
             raise InputError("unknown hold", self.name, self.hold, "write zoh (a held command) or none")
         self.period_samples = whole_samples("period_samples", self.period_samples)
         self.settle_samples = whole_samples("settle_samples", self.settle_samples)

@@ -47,7 +47,8 @@ class Spectra:
     settle_samples : int
     excited : (K,) bool
         See `gsid.excited.excited_lines`.
-    hold : {"zoh", "none"}
+    hold : {"zoh", "none"} or None
+        As in `gsid.record.Record`.
     u_unit, y_unit, name : str
     """
 
@@ -59,7 +60,7 @@ class Spectra:
     n_spoiled: int
     settle_samples: int
     excited: np.ndarray
-    hold: str = "none"
+    hold: str | None = "none"
     u_unit: str = ""
     y_unit: str = ""
     name: str = ""
@@ -240,7 +241,7 @@ class Realisation:
     settle_samples: int
     period_samples: int
     fs_hz: float
-    hold: str
+    hold: str | None
     u_unit: str
     y_unit: str
     name: str

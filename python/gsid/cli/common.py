@@ -104,8 +104,21 @@ READING_OPTIONS = (
         type=click.IntRange(0),
         help="Samples thrown away first. [default: what the data show is needed]",
     ),
+    click.option(
+        "--hold",
+        type=click.Choice(["zoh", "none"]),
+        help="Whether u is held over each sample. [default: as the file states, else both are tried]",
+    ),
 )
-HOW_READ = ("u_name", "y_name", "fs_hz", "period", "settle", "band")  # what another verb has to be told again
+HOW_READ = (
+    "u_name",
+    "y_name",
+    "fs_hz",
+    "period",
+    "settle",
+    "hold",
+    "band",
+)  # what another verb has to be told again
 
 
 @dataclass
@@ -323,6 +336,7 @@ def reading_options(command: Callable) -> Callable:
         fs_hz: float | None,
         period: int | None,
         settle: int | None,
+        hold: str | None,
         **kwargs: object,
     ) -> object:
         def read(
@@ -330,7 +344,7 @@ def reading_options(command: Callable) -> Callable:
         ) -> list[Record] | list[MimoRecord]:
             from gsid.io import read_record
 
-            given = {"fs_hz": fs_hz, "period": period, "settle": settle}
+            given = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
             if matrix and "," in f"{u_name}{y_name}":
                 from gsid.mimo import read_mimo_record
 
@@ -555,6 +569,14 @@ def print_ladder(ladder: Ladder) -> None:
     unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
     header = ["step", "cost per d.o.f.", f"rms error fitted{unit}", f"kept out{unit}", f"noise alone{unit}"]
     print_table(header, ladder.rows(), left=["step"])
+
+
+def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
+    """Note that the records do not state their hold, what was taken, and how to settle it."""
+    if is_assumed:
+        from gsid.hold import words
+
+        say(f"note: {words(hold, other_delay_s)}")
 
 
 def suggest(text: str) -> None:

@@ -28,6 +28,7 @@ from gsid.cli.common import (
     records_argument,
     reference_option,
     say,
+    say_assumed_hold,
     working,
 )
 from gsid.cli.fit_matrix import fit_matrix
@@ -210,6 +211,7 @@ def fit(
     with working(f"fitting {order} to {name}"), options_as_arguments():
         model = fit_model(measured, order, method=method, **options)
         judged = validate(model, new) if new else None
+    say_assumed_hold(model.hold_assumed, model.hold, model.other_delay_s)
     _say_what_is_ill_determined(model, "" if choice else ": try --order auto")
     _tell(model, measured, choice, judged, output, picture, as_json)
 
@@ -389,7 +391,8 @@ def _fit_all(
 # fmt: off
 JSON_KEYS = (
     "method", "num", "den", "delay_s", "cost", "cost_expected", "poles", "zeros", "converged", "stable",
-    "domain", "hold", "fs_hz", "n_lines", "n_parameters", "band_hz", "u_unit", "y_unit",
+    "domain", "hold", "hold_assumed", "delay_hold_uncertainty_s", "other_delay_s",
+    "fs_hz", "n_lines", "n_parameters", "band_hz", "u_unit", "y_unit",
 )
 # fmt: on
 

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import describe, draw, options_as_arguments, print_json, print_table, say, working
+from gsid.cli.common import (
+    describe,
+    draw,
+    options_as_arguments,
+    print_json,
+    print_table,
+    say,
+    say_assumed_hold,
+    working,
+)
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 
 if TYPE_CHECKING:
@@ -45,6 +54,7 @@ def fit_matrix(
         order = choice.chosen.order
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_mimo(measured, order, method=method, **options)
+    say_assumed_hold(model.hold_assumed, model.hold)
     _say_what_is_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
     errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
@@ -62,7 +72,8 @@ def fit_matrix(
 # fmt: off
 JSON_KEYS = (
     "method", "inputs", "outputs", "sections", "num", "delay_s", "delay_range_s", "cost", "cost_expected",
-    "poles", "converged", "stable", "domain", "hold", "fs_hz", "n_lines", "n_poles", "n_zeros",
+    "poles", "converged", "stable", "domain", "hold", "hold_assumed", "delay_hold_uncertainty_s",
+    "fs_hz", "n_lines", "n_poles", "n_zeros",
     "n_parameters", "band_hz", "u_units", "y_units",
 )
 # fmt: on

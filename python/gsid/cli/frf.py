@@ -149,7 +149,8 @@ def _write(path: str, frf: Frf) -> None:
 
     from gsid.files import kind_of, write_atomically
 
-    columns, keys = _columns(frf), _keys(frf)
+    columns = _columns(frf)
+    keys = {key: value for key, value in _keys(frf).items() if value is not None}  # a hold may be unknown
 
     def write_csv(part: Path) -> None:
         head = [f"# {key}: {value}" for key, value in keys.items()] + [",".join(columns)]

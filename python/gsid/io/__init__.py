@@ -39,6 +39,7 @@ def read_record(
     fs_hz: float | None = None,
     period: int | None = None,
     settle: int | None = None,
+    hold: str | None = None,
     zero_input: bool = False,
 ) -> Record:
     """Read one realisation from a file.
@@ -58,6 +59,9 @@ def read_record(
         of a step.
     period, settle : int, optional
         Samples; take the place of what the file states.
+    hold : {"zoh", "none"}, optional
+        Whether the input was held over each sample; takes the place of what the file states. Where neither
+        states it, it is not known (None).
     zero_input : bool
         A file without an input has one of zero; else the input must be there.
 
@@ -87,6 +91,8 @@ def read_record(
     if is_optional and u not in raw.columns and y in raw.columns:
         raw.columns[u] = np.zeros(np.size(raw.columns[y]))
     add_keys_from_beside(path, raw, u, y, fs_hz, period)
+    if hold is not None:
+        raw.keys["hold"] = hold
     record = to_record(path, raw, u, y, fs_hz)
     record.period_samples = record.period_samples if period is None else period
     record.settle_samples = record.settle_samples if settle is None else settle

@@ -1,0 +1,94 @@
+"""Was the input held between the samples? Both readings of a record that does not state it.
+
+A command that is held over each sample is half a sample late, falls as a sinc and has images; a signal
+without lines above half the sample rate has none of that. Up to about 0.08 of the sample rate a lag or a far
+mode more makes up for the difference, so that data cannot tell the two apart there. What depends on the
+reading is therefore fitted under both (docs/decisions.md, "A record that does not state its hold").
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
+
+from gsid.errors import GsidError
+
+if TYPE_CHECKING:
+    from gsid.mimo_model import MimoModel
+    from gsid.model import RationalModel
+    from gsid.spectra import Spectra
+
+Rational = TypeVar("Rational", "RationalModel", "MimoModel")
+READINGS = ("none", "zoh")  # the first where the data tell no difference
+ALIKE = 2.0  # -2 log likelihood: a smaller difference tells none
+DECLARE = "state it in the records, `# hold: zoh` or `# hold: none`, or give --hold zoh|none"
+MEANING = {"zoh": "held over each sample", "none": "not held between samples"}
+
+
+def other_reading(hold: str) -> str:
+    """The reading that was not taken."""
+    return READINGS[hold == READINGS[0]]
+
+
+def likelier(deviance: Mapping[str, float]) -> str:
+    """Reading of least -2 log likelihood; "none" where it is worse by no more than `ALIKE`."""
+    zoh_by = deviance.get("none", float("inf")) - deviance.get("zoh", float("inf"))
+    return "zoh" if zoh_by > ALIKE else "none"
+
+
+def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
+    """The likelier of the fits of a response under both readings, marked as assumed.
+
+    Parameters
+    ----------
+    under : callable
+        From a reading to the fit under it.
+    dof : float
+        Degrees of freedom of the variances that weigh: their scatter raises a cost.
+
+    Returns
+    -------
+    RationalModel or MimoModel
+
+    Raises
+    ------
+    ValueError, GsidError
+        Of the first fit, where neither can be made.
+    """
+    found: dict[str, Rational] = {}
+    failures: list[Exception] = []
+    for reading in READINGS:
+        try:
+            found[reading] = under(reading)
+        except (GsidError, ValueError) as error:  # more zeros than a held input allows, no stable model
+            failures.append(error)
+    if not found:
+        raise failures[0]
+    scatter = 1 - 1 / dof if dof > 1 else 1.0
+    taken = likelier({reading: 2 * model.cost * scatter for reading, model in found.items()})
+    model, other = found[taken], found.get(other_reading(taken))
+    model.hold_assumed, model.other_delay_s = True, None if other is None else other.delay_s
+    return model
+
+
+def is_open(measured: Sequence[Spectra]) -> bool:
+    """Whether a record does not say whether its input was held."""
+    return any(one.hold is None for one in measured)
+
+
+def read_as(measured: Sequence[Spectra], hold: str) -> list[Spectra]:
+    """The records, with those that do not say it read one way."""
+    taken = [copy.copy(one) if one.hold is None else one for one in measured]
+    for one in taken:
+        one.hold = hold if one.hold is None else one.hold
+    return taken
+
+
+def words(hold: str, other_delay_s: float | None = None) -> str:
+    """What to tell a person of a reading that was assumed: the other one's delay, and how to settle it."""
+    taken, other = MEANING[hold], MEANING[other_reading(hold)]
+    delay = "" if other_delay_s is None else f"; {other}, the delay would be {1e3 * other_delay_s:.5g} ms"
+    return (
+        f"the records do not say whether the input was held: taken as {taken}{delay}. To settle it, {DECLARE}"
+    )

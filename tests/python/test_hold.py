@@ -1,0 +1,75 @@
+"""Records that do not state whether their input was held: both readings are fitted."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gsid import Record, read_record
+from gsid.fit import fit
+from gsid.frf import Frf
+from gsid.io import write_record
+from gsid.model import RationalModel
+
+SEED = 20261122
+FS_HZ = 3000.0
+
+
+def response(truth: RationalModel, rng, f_hz, noise=1e-4) -> Frf:
+    """A response with circular noise of a known size, of a record that does not state its hold."""
+    g = truth.response(f_hz)
+    sigma = noise * np.max(np.abs(g)) * np.ones(len(g))
+    error = sigma * (rng.standard_normal(len(g)) + 1j * rng.standard_normal(len(g))) / np.sqrt(2)
+    return dataclasses.replace(Frf.from_arrays(f_hz, g + error, sigma**2, fs_hz=FS_HZ), hold=None)
+
+
+def axis(hold: str) -> RationalModel:
+    return RationalModel([40.0, 900.0], [1.0, 30.0, 2000.0], 2e-3, fs_hz=FS_HZ, hold=hold)
+
+
+@pytest.mark.parametrize("hold", [None, "zoh", "none"])
+@pytest.mark.parametrize("ending", ["csv", "npz", "mat", "h5"])
+def test_bug_a_file_that_does_not_state_its_hold_was_read_as_not_held(tmp_path, ending, hold):
+    u = np.tile(np.random.default_rng(SEED).standard_normal(100), 4)
+    write_record(tmp_path / f"r.{ending}", Record(u, u, FS_HZ, 100, 0, hold=hold))
+    assert read_record(tmp_path / f"r.{ending}").hold == hold
+    for stated in ("zoh", "none"):
+        assert read_record(tmp_path / f"r.{ending}", hold=stated).hold == stated
+
+
+@pytest.mark.parametrize("truth", ["zoh", "none"])
+def test_above_a_tenth_of_the_rate_the_data_tell_the_hold(truth):
+    """Bug: a held command of a silent record got half a sample too much delay, and a wrong shape."""
+    f_hz = np.arange(1, 300) * 2.0  # to 0.2 of the rate
+    model = fit(response(axis(truth), np.random.default_rng(SEED), f_hz), "2/1")
+    assert (model.hold, model.hold_assumed) == (truth, True)
+    assert model.cost == pytest.approx(model.cost_expected, rel=0.2)
+    assert model.delay_s == pytest.approx(2e-3, abs=3 * model.std_delay_s)
+    assert model.delay_hold_uncertainty_s == pytest.approx(0.5 / FS_HZ, rel=0.5)
+
+
+@pytest.mark.parametrize("truth", ["zoh", "none"])
+def test_far_below_the_rate_the_fit_takes_none_and_names_the_other_delay(truth):
+    f_hz = np.arange(1, 50) * 1.0
+    model = fit(response(axis(truth), np.random.default_rng(SEED), f_hz, noise=1e-2), "2/1")
+    assert (model.hold, model.hold_assumed) == ("none", True)
+    assert model.other_delay_s == pytest.approx(model.delay_s - 0.5 / FS_HZ, abs=1e-5)
+    stated = fit(response(axis(truth), np.random.default_rng(SEED), f_hz, noise=1e-2), "2/1", hold="zoh")
+    assert stated.delay_s == model.other_delay_s
+    assert not stated.hold_assumed
+    assert stated.delay_hold_uncertainty_s is None
+
+
+def test_the_model_file_keeps_that_the_hold_was_assumed(tmp_path):
+    f_hz = np.arange(1, 50) * 1.0
+    model = fit(response(axis("zoh"), np.random.default_rng(SEED), f_hz), "2/1")
+    model.save(tmp_path / "m.json")
+    again = RationalModel.load(tmp_path / "m.json")
+    assert again.hold_assumed
+    assert again.other_delay_s == model.other_delay_s
+
+
+def test_an_order_that_a_held_input_cannot_have_is_fitted_as_not_held():
+    f_hz = np.arange(1, 50) * 1.0
+    model = fit(response(axis("none"), np.random.default_rng(SEED), f_hz), "1/2")
+    assert (model.hold, model.hold_assumed, model.other_delay_s) == ("none", True, None)
