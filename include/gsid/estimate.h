@@ -37,15 +37,19 @@ gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model,
 typedef struct {
     uint32_t n_iterations; /* reweightings after the first solution; 0: plain linear least squares, eq. 7.9 */
     gsid_real exponent;    /* r of eq. 7.16; 0: 1 */
+    gsid_real tolerance;   /* >= 0. 0: the iterate with the least cost V, a start for gsid_estimate_ml. Above: the fixed point of
+                              the reweighting, reached when a reweighting changes the response by less than this share of the
+                              data, both root mean squares weighted by 1/sigma; n_iterations is then a limit */
+    int from_model;        /* 1: the first solution is weighted by the denominator of the model given, too */
 } gsid_iwls_cfg;
 
 /** Linear least squares, reweighted by the last denominator; the delay of the model is taken as known.
- *  Eq: EST-1, EST-2 (source, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The iterate with the least
- *  cost V is kept. The highest denominator coefficient (domain z: the lowest) is 1.
+ *  Eq: EST-1, EST-2 (source, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The highest denominator
+ *  coefficient (domain z: the lowest) is 1. Where no fixed point is reached the iterate with the least cost V is kept.
  *  @param[in,out] model  in: domain, orders, scale, delay; out: coefficients
  *  @param[out]    cost   V of the model; may be NULL
- *  @return GSID_OK; GSID_RANK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_NONFINITE;
- *          GSID_E_MEMORY
+ *  @return GSID_OK; GSID_RANK; GSID_MAX_ITER no fixed point within the limit; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW;
+ *          GSID_E_SINGULAR; GSID_E_NONFINITE; GSID_E_MEMORY
  *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block with n_poles + n_zeros + 1 columns.  Context: background. */
 gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
                                void *mem, size_t mem_size);

@@ -120,3 +120,18 @@ gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model,
     *cost = v;
     return GSID_OK;
 }
+
+int gsid_equations_are_alike(const gsid_frd *data, const gsid_rational *a, const gsid_rational *b,
+                             gsid_real tolerance) {
+    gsid_real difference = 0, size = 0;
+    for (uint32_t k = 0; k < data->n_lines; k++) {
+        const gsid_real weight = gsid_residual_weight(data, k);
+        gsid_cplx g[2];
+        if (gsid_rational_eval(a, 1, &data->f_hz[k], &g[0]) != GSID_OK ||
+            gsid_rational_eval(b, 1, &data->f_hz[k], &g[1]) != GSID_OK)
+            return 0;
+        difference += gsid_cplx_abs2(gsid_cplx_scale(weight, gsid_cplx_sub(g[0], g[1])));
+        size += gsid_cplx_abs2(gsid_cplx_scale(weight, data->g[k]));
+    }
+    return difference <= tolerance * tolerance * size;
+}

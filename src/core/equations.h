@@ -10,6 +10,7 @@
 #define gsid_equations_set GSID_NAME(gsid_equations_set)
 #define gsid_equations_check GSID_NAME(gsid_equations_check)
 #define gsid_equations_cost GSID_NAME(gsid_equations_cost)
+#define gsid_equations_are_alike GSID_NAME(gsid_equations_are_alike)
 
 /* The unknowns, in the order of the columns: den without the coefficient held at 1, num, delay when it is free. */
 typedef struct {
@@ -48,5 +49,8 @@ gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *mode
 
 /** V, infinite where the model cannot be evaluated.  Eq: EST-3 */
 gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model);
+
+/** Whether the responses of two models differ by no more than this share of the data, both root mean squares over sigma. */
+int gsid_equations_are_alike(const gsid_frd *data, const gsid_rational *a, const gsid_rational *b, gsid_real tolerance);
 
 #endif

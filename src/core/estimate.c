@@ -49,29 +49,41 @@ static gsid_status solve_reweighted(gsid_equations *q, const gsid_frd *data, gsi
     return status;
 }
 
-gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
-                               void *mem, size_t mem_size) {
+static gsid_status check_iwls(const gsid_iwls_cfg *cfg) {
     if (cfg == NULL)
         return GSID_E_NULL;
-    if (!(cfg->exponent >= 0) || !gsid_is_finite(cfg->exponent))
+    if (!(cfg->exponent >= 0) || !gsid_is_finite(cfg->exponent) || !(cfg->tolerance >= 0) ||
+        !gsid_is_finite(cfg->tolerance))
         return GSID_E_CONFIG;
+    return GSID_OK;
+}
+
+gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
+                               void *mem, size_t mem_size) {
+    gsid_status status = check_iwls(cfg);
+    if (status != GSID_OK)
+        return status;
     const gsid_real exponent = cfg->exponent > 0 ? cfg->exponent : GSID_R(1.0);
     gsid_equations q;
-    gsid_status status = gsid_equations_init(&q, data, model, 0, mem, mem_size);
+    status = gsid_equations_init(&q, data, model, 0, mem, mem_size);
     if (status != GSID_OK)
         return status;
 
     gsid_rational trial = *model, best = *model;
     gsid_real best_cost = INFINITY;
     gsid_status best_status = GSID_E_SINGULAR;
-    for (uint32_t i = 0; i <= cfg->n_iterations; i++) {
-        status = solve_reweighted(&q, data, exponent, i > 0, &trial);
+    int settled = 0;
+    for (uint32_t i = 0; i <= cfg->n_iterations && !settled; i++) {
+        const gsid_rational last = trial;
+        status = solve_reweighted(&q, data, exponent, i > 0 || cfg->from_model, &trial);
         if (status < 0 && i == 0)
             return status;
         if (status < 0)
             break; /* a denominator that vanishes on a line: what was found before stands */
         const gsid_real v = gsid_equations_cost(data, &trial);
-        if (v < best_cost) {
+        settled = (i > 0 || cfg->from_model) && cfg->tolerance > 0 &&
+                  gsid_equations_are_alike(data, &last, &trial, cfg->tolerance);
+        if (v < best_cost || (settled && gsid_is_finite(v))) {
             best = trial;
             best_cost = v;
             best_status = status;
@@ -82,5 +94,5 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     *model = best;
     if (cost != NULL)
         *cost = best_cost;
-    return best_status;
+    return cfg->tolerance > 0 && !settled ? GSID_MAX_ITER : best_status;
 }

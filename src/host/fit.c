@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "../core/complex_math.h"
+#include "../core/equations.h"
 #include "fit_run.h"
 #include "fit_stable.h"
 
@@ -14,6 +15,7 @@
 #define HOPELESS 2 /* times the least cost so far: a start still above it after the first iterations is given up */
 #define HOLD_ROUNDS_MAX 12
 #define HOLD_SETTLED 0.005 /* of V, or of V per line where that is less: as in gsid_estimate_ml */
+#define HOLD_SETTLED_LINEAR 1e-6 /* of the response: linear methods stop at a fixed point, not at the least V */
 
 static void run_free(fit_run *r) {
     free(r->g);
@@ -240,10 +242,26 @@ static gsid_status estimate(fit_run *r, fit_candidate *best) {
 }
 
 static gsid_status fit_again(fit_run *r, fit_candidate *c) {
-    if (gsid_fit_is_linear(r))
-        return gsid_fit_linear(r, c);
     const fit_candidate start = *c;
     return refine_best(r, 1, &start, c);
+}
+
+/* Linear methods: fit again with the model's images taken off, until the model changes no further. */
+static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candidate *best) {
+    int settled = 0;
+    for (int i = 0; i < HOLD_ROUNDS_MAX && !settled && how >= 0; i++) {
+        const gsid_rational last = best->model;
+        gsid_status status = gsid_fit_take_images(r, &last, 0);
+        if (status == GSID_OK)
+            status = how = gsid_fit_linear_again(r, best);
+        if (status < 0)
+            return status;
+        settled = gsid_equations_are_alike(&r->work, &last, &best->model, HOLD_SETTLED_LINEAR);
+    }
+    gsid_status status = gsid_fit_take_images(r, &best->model, 1);
+    if (status == GSID_OK)
+        status = gsid_estimate_cost(&r->work, &best->model, &best->cost);
+    return status != GSID_OK ? status : settled ? how : GSID_MAX_ITER;
 }
 
 /* Fit again with the model's images taken off, until V falls no further. V is that of a model with its own images off. `how` is
@@ -287,7 +305,7 @@ gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit
     if (status == GSID_OK)
         status = how = estimate(&r, &best);
     if (status >= 0 && cfg->hold)
-        status = how = settle_images(&r, how, &best);
+        status = how = gsid_fit_is_linear(&r) ? settle_images_linear(&r, how, &best) : settle_images(&r, how, &best);
     if (status >= 0)
         status = gsid_fit_answer(&r, &best, answer);
     if (status == GSID_OK && !gsid_fit_is_admissible(&r, &answer->model))

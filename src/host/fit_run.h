@@ -53,6 +53,7 @@ void gsid_fit_forget(uint32_t n, fit_candidate *kept);
 void gsid_fit_plan_scan(fit_run *r);
 gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept);
 gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best);
+gsid_status gsid_fit_linear_again(fit_run *r, fit_candidate *best); /* from a fit to nearly the same data */
 
 /* ---- fit_numerator.c: numerator of least |g - G|^2 / sigma^2 for the poles and the delay of a model, over every stride-th line.
  * `equations` is for n_zeros + 1 columns. */

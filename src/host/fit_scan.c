@@ -3,13 +3,18 @@
 #include <string.h>
 
 #include "../core/complex_math.h"
+#include "backend/backend.h"
 #include "fit_run.h"
 
 #define DELAY_MAX_S 0.012
 #define SCAN_LINES_PER_PARAMETER 8
 #define SCAN_REWEIGHTINGS 8
 #define REWEIGHTINGS 30
+#define REWEIGHTINGS_MAX 200 /* on the way to the fixed point of IWLS */
+#define FIXED_POINT 1e-9 /* of the response: a reweighting that changes it by less has reached the fixed point */
 #define STARTS_MAX 8
+#define LS_STEPS 4 /* the basins of LS, which does not reweight, are narrower by this */
+#define SEARCHES 5 /* minima of the scan that LS and IWLS search */
 
 static int ascending(const void *a, const void *b) {
     const double x = *(const double *)a, y = *(const double *)b;
@@ -55,6 +60,26 @@ static gsid_status linear_fit(fit_run *r, const gsid_frd *lines, double delay_s,
     c->model.delay_s = delay_s;
     if (status == GSID_OK)
         status = gsid_estimate_iwls(lines, &iwls, &c->model, &c->cost, r->mem, r->mem_size);
+    return status;
+}
+
+/* LS; IWLS at its fixed point, looked for from a model near by, or without one from LS. */
+static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *near, fit_candidate *c) {
+    if (r->cfg.method == GSID_METHOD_LS)
+        return linear_fit(r, &r->work, delay_s, 0, c);
+    const gsid_iwls_cfg iwls = {.n_iterations = REWEIGHTINGS_MAX,
+                                .exponent = r->cfg.exponent,
+                                .tolerance = FIXED_POINT,
+                                .from_model = near != NULL};
+    gsid_status status = GSID_OK;
+    c->cost = HUGE_VAL;
+    if (near != NULL)
+        c->model = *near;
+    else
+        status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, gsid_fit_rate(r));
+    c->model.delay_s = delay_s;
+    if (status == GSID_OK)
+        status = gsid_estimate_iwls(&r->work, &iwls, &c->model, &c->cost, r->mem, r->mem_size);
     return status;
 }
 
@@ -113,29 +138,136 @@ gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     return linear_fit(r, &r->work, r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : 0, REWEIGHTINGS, kept);
 }
 
-/* LS and IWLS have no delay of their own: the delay of least output error, by golden section around the scan's best. */
-gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best) {
-    const gsid_status status = gsid_fit_starts(r, 1, best);
-    if (status < 0 || r->cfg.delay != GSID_DELAY_FREE)
-        return status < 0 ? status : GSID_OK;
-    const double step_s = r->delay_limit_s / n_scan_steps(r);
-    const double golden = 0.3819660112501051;
-    double lo = fmax(best->model.delay_s - step_s, 0), hi = best->model.delay_s + step_s;
-    fit_candidate a, b;
-    linear_fit(r, &r->work, lo + golden * (hi - lo), REWEIGHTINGS, &a);
-    linear_fit(r, &r->work, hi - golden * (hi - lo), REWEIGHTINGS, &b);
-    while (hi - lo > 1e-6 * step_s) {
-        if (a.cost < b.cost) {
-            hi = b.model.delay_s;
-            b = a;
-            linear_fit(r, &r->work, lo + golden * (hi - lo), REWEIGHTINGS, &a);
-        } else {
-            lo = a.model.delay_s;
-            a = b;
-            linear_fit(r, &r->work, hi - golden * (hi - lo), REWEIGHTINGS, &b);
-        }
+/* The search of a linear method for its delay, between bounds. */
+typedef struct {
+    fit_run *r;
+    double lower_s, upper_s, unit; /* unit: cost of the start, so that the search sees numbers about 1 */
+    const gsid_rational *near;     /* where fixed points are looked for; NULL: a few reweightings will do */
+    fit_candidate best;
+    gsid_status how; /* of best */
+} delay_search;
+
+static double cost_at_delay(delay_search *s, double delay_s) {
+    fit_candidate c;
+    const gsid_rational *near = s->best.cost < HUGE_VAL ? &s->best.model : s->near;
+    const gsid_status how = s->near != NULL ? settled_fit(s->r, delay_s, near, &c)
+                                            : linear_fit(s->r, &s->r->work, delay_s, SCAN_REWEIGHTINGS, &c);
+    if (how >= 0 && c.cost < s->best.cost) {
+        s->best = c;
+        s->how = how;
     }
-    gsid_fit_keep_best(&a, 1, best);
-    gsid_fit_keep_best(&b, 1, best);
-    return GSID_OK;
+    return how < 0 ? HUGE_VAL : c.cost;
+}
+
+#ifdef GSID_WITH_NLOPT
+
+#define EVALUATIONS_MAX 100
+#define NO_FIT 1e6 /* times the cost of the start, where there is no fit: a number that the search can bear */
+
+static double objective(unsigned n, const double *share, double *gradient, void *user) {
+    delay_search *s = user;
+    (void)n;
+    (void)gradient;
+    const double cost = cost_at_delay(s, s->lower_s + *share * (s->upper_s - s->lower_s));
+    return cost < HUGE_VAL ? cost / s->unit : NO_FIT;
+}
+
+static gsid_status search_delay(delay_search *s, double start_s, double tolerance) {
+    double share = (start_s - s->lower_s) / (s->upper_s - s->lower_s), least;
+    const gsid_status status = gsid_nlopt_minimise_scalar(objective, s, tolerance, EVALUATIONS_MAX, &share, &least);
+    return status < 0 ? status : status == GSID_MAX_ITER ? GSID_MAX_ITER : s->how;
+}
+
+#else
+
+/* The grid alone: the delay is known to a step of it, and has not settled. */
+static gsid_status search_delay(delay_search *s, double start_s, double tolerance) {
+    (void)s;
+    (void)start_s;
+    (void)tolerance;
+    return GSID_MAX_ITER;
+}
+
+#endif
+
+/* The delay of least output error beside that of a start; to_the_end: of fits that have settled. */
+static gsid_status search_beside(fit_run *r, const fit_candidate *start, double step_s, int to_the_end,
+                                 fit_candidate *found) {
+    const double least_s = r->cfg.bound_delay ? r->cfg.delay_min_s : -HUGE_VAL;
+    delay_search s = {.r = r,
+                      .lower_s = fmax(start->model.delay_s - step_s, least_s),
+                      .upper_s = start->model.delay_s + step_s,
+                      .near = to_the_end ? &start->model : NULL,
+                      .best.cost = HUGE_VAL,
+                      .how = GSID_E_SINGULAR};
+    if (!(s.lower_s < s.upper_s))
+        return GSID_E_UNSTABLE;
+    const double start_s = fmax(start->model.delay_s, s.lower_s);
+    const double cost = cost_at_delay(&s, start_s);
+    gsid_status status = s.how;
+    s.unit = cost > 0 ? cost : 1;
+    if (cost < HUGE_VAL && status != GSID_MAX_ITER) /* without a fixed point there is nothing to search for */
+        status = search_delay(&s, start_s, to_the_end ? 1e-6 : 1e-3);
+    *found = s.best;
+    return status;
+}
+
+/* The minima of the cost over the delay, best first, by linear fits to a few lines. */
+static gsid_status scan_minima(fit_run *r, uint32_t n_steps, uint32_t n_kept, fit_candidate *kept) {
+    gsid_status last = GSID_E_SINGULAR;
+    fit_candidate c[3]; /* at the delay before the last, at the last, and at this one */
+    gsid_fit_thin_out(r);
+    gsid_fit_forget(n_kept, kept);
+    gsid_fit_forget(3, c);
+    for (uint32_t i = 0; i <= n_steps + 1; i++) {
+        c[0] = c[1];
+        c[1] = c[2];
+        c[2].cost = HUGE_VAL;
+        const gsid_status status =
+            i > n_steps ? GSID_OK : linear_fit(r, &r->thin, r->delay_limit_s * i / n_steps, SCAN_REWEIGHTINGS, &c[2]);
+        last = status < 0 ? status : last;
+        if (c[1].cost <= c[0].cost && c[1].cost <= c[2].cost)
+            gsid_fit_keep_best(&c[1], n_kept, kept);
+    }
+    return kept[0].cost < HUGE_VAL ? GSID_OK : last;
+}
+
+/* The step of the scan of a linear method. */
+static double linear_step(const fit_run *r) {
+    return r->delay_limit_s / n_scan_steps(r) / (r->cfg.method == GSID_METHOD_LS ? LS_STEPS : 1);
+}
+
+gsid_status gsid_fit_linear_again(fit_run *r, fit_candidate *best) {
+    const fit_candidate start = *best;
+    const gsid_status status = r->cfg.delay == GSID_DELAY_FREE
+                                   ? search_beside(r, &start, linear_step(r) / 4, 1, best)
+                                   : settled_fit(r, start.model.delay_s, &start.model, best);
+    return status == GSID_RANK ? GSID_OK : status; /* gsid_fit_answer refuses what the data do not determine */
+}
+
+/* The admissible fit of least output error beside the minima of the scan: linear methods have no delay of their own. */
+static gsid_status scan_linear(fit_run *r, fit_candidate *best) {
+    fit_candidate minima[SEARCHES], unstable = {.cost = HUGE_VAL}, c;
+    const double step_s = linear_step(r);
+    gsid_status status = scan_minima(r, (uint32_t)lround(r->delay_limit_s / step_s), SEARCHES, minima);
+    if (status != GSID_OK)
+        return status;
+    best->cost = HUGE_VAL;
+    for (uint32_t i = 0; i < SEARCHES && minima[i].cost < HUGE_VAL; i++) {
+        status = search_beside(r, &minima[i], step_s, 0, &c);
+        if (status >= 0)
+            gsid_fit_keep_best(&c, 1, gsid_fit_is_admissible(r, &c.model) ? best : &unstable);
+    }
+    if (!(best->cost < HUGE_VAL)) /* none is: gsid_fit_run refuses it */
+        *best = unstable;
+    return best->cost < HUGE_VAL ? gsid_fit_linear_again(r, best) : status;
+}
+
+/* LS and IWLS. */
+gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best) {
+    if (r->cfg.delay == GSID_DELAY_FREE)
+        return scan_linear(r, best);
+    const double delay_s = r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : 0;
+    const gsid_status status = settled_fit(r, delay_s, NULL, best);
+    return status == GSID_RANK ? GSID_OK : status;
 }

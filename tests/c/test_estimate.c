@@ -127,6 +127,37 @@ static void ls_and_iwls_solve_their_normal_equations(void **state) {
     }
 }
 
+/* Bug: the iterate of least V was kept, which is not the one that the reweighting leads to. */
+static void iwls_stops_at_its_fixed_point(void **state) {
+    (void)state;
+    const gsid_real tolerance = (gsid_real)(sizeof(gsid_real) == 4 ? 1e-4 : 1e-10);
+    for (int domain = GSID_DOMAIN_S; domain <= GSID_DOMAIN_Z; domain++) {
+        seed = 4;
+        const gsid_rational truth = second_order((gsid_domain)domain);
+        for (int k = 0; k < 40; k++)
+            sigma[k] = (gsid_real)0.1;
+        measure(&truth, 40, 2.5, 1);
+        const gsid_frd data = data_of(40, sigma);
+        gsid_rational found = truth, again = truth, beside = truth;
+        gsid_real cost, least;
+        gsid_iwls_cfg cfg = {.n_iterations = 100, .tolerance = tolerance};
+        assert_int_equal(gsid_estimate_iwls(&data, &cfg, &found, &cost, memory, sizeof memory), GSID_OK);
+        assert_near(cost, cost_of(&data, &found), 1e4L * EPSILON * cost);
+        equation_error(&data, &again, &found, 1);
+        /* coefficients move about as the response does, and it by what is left of a contraction */
+        assert_same_model(&found, &again, 10 * tolerance);
+        /* and from itself at once */
+        cfg.n_iterations = 0;
+        cfg.from_model = 1;
+        assert_int_equal(gsid_estimate_iwls(&data, &cfg, &found, &cost, memory, sizeof memory), GSID_OK);
+        /* too few reweightings: the best iterate, and the status says so */
+        const gsid_iwls_cfg few = {.n_iterations = 1, .tolerance = tolerance}, best = {.n_iterations = 1};
+        assert_int_equal(gsid_estimate_iwls(&data, &few, &beside, &cost, memory, sizeof memory), GSID_MAX_ITER);
+        assert_int_equal(gsid_estimate_iwls(&data, &best, &beside, &least, memory, sizeof memory), GSID_OK);
+        assert_true(cost == least);
+    }
+}
+
 static void exact_data_give_the_exact_model(void **state) {
     (void)state;
     gsid_rational truths[3] = {second_order(GSID_DOMAIN_S), second_order(GSID_DOMAIN_Z), axis()};
@@ -388,6 +419,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cost_is_the_weighted_sum_of_squares),
         cmocka_unit_test(ls_and_iwls_solve_their_normal_equations),
+        cmocka_unit_test(iwls_stops_at_its_fixed_point),
         cmocka_unit_test(exact_data_give_the_exact_model),
         cmocka_unit_test(ml_of_a_polynomial_is_linear_regression),
         cmocka_unit_test(ml_ends_where_nothing_is_left_to_gain),

@@ -138,7 +138,8 @@ static void failures_leave_the_outputs(void **state) {
     assert_int_equal(gsid_estimate_cost(NULL, &m, &cost), GSID_E_NULL);
     assert_int_equal(gsid_estimate_cost(&good, NULL, &cost), GSID_E_NULL);
     const gsid_ml_cfg bad_ml = {.tolerance = (gsid_real)NAN};
-    const gsid_iwls_cfg bad_iwls[2] = {{.exponent = -1}, {.exponent = (gsid_real)INFINITY}};
+    const gsid_iwls_cfg bad_iwls[4] = {
+        {.exponent = -1}, {.exponent = (gsid_real)INFINITY}, {.tolerance = -1}, {.tolerance = (gsid_real)NAN}};
     assert_int_equal(gsid_estimate_ml(&good, &bad_ml, &m, &cost, memory, size), GSID_E_CONFIG);
     for (int i = 0; i < 2; i++)
         assert_int_equal(gsid_estimate_iwls(&good, &bad_iwls[i], &m, &cost, memory, size), GSID_E_CONFIG);

@@ -15,6 +15,12 @@
 
 #include "../../src/host/fit_stable.h"
 
+#ifdef GSID_WITH_NLOPT
+#define WITH_NLOPT 1
+#else
+#define WITH_NLOPT 0
+#endif
+
 #define PI 3.14159265358979323846
 
 typedef double complex cplx;
@@ -283,16 +289,53 @@ static void every_method_answers(void **state) {
             cfg.hold = hold;
             gsid_fit_result r;
             const gsid_status status = run(&cfg, &r);
-            if (status != GSID_OK)
+            const int on_grid = !WITH_NLOPT && method <= GSID_METHOD_IWLS; /* delay to a step of the scan only */
+            if (status != (on_grid ? GSID_MAX_ITER : GSID_OK))
                 fail_msg("%s: status %d", names[method], status);
-            assert_int_equal(r.converged, 1);
+            assert_int_equal(r.converged, !on_grid);
             assert_true(isfinite(r.cost) && r.cost > 0 && isfinite(r.cost_ml));
             for (uint32_t i = 0; i < r.n_parameters; i++)
                 assert_true(r.cov[i * (r.n_parameters + 1)] > 0);
             /* the output error methods come near the best there is; LS weighs errors at high frequency too much */
-            assert_true(r.cost_ml < (method == GSID_METHOD_LS ? 1000 : 1.3) * cost_of(truth));
             const double off = fabs(r.model.delay_s - 0.002);
+            if (on_grid) {
+                assert_true(off < 0.5 / (8 * f_hz[n_lines - 1]) + 1e-6);
+                continue;
+            }
+            assert_true(r.cost_ml < (method == GSID_METHOD_LS ? 1000 : 1.3) * cost_of(truth));
             assert_true(off < (method == GSID_METHOD_LS ? 5e-4 : 5 * delay_sigma(&r)));
+        }
+    }
+}
+
+static cplx thesis_axis(cplx s) { /* eq. 7.30: a slow pair, and a pole at 161 Hz */
+    return (7617 * s + 87680) / (((s + 1027) * s + 11530) * s + 173500);
+}
+
+/* Bug: one start of the scan was kept, stable or not: LS refused the data at 12 of 41 delays. */
+static void linear_methods_find_a_stable_model_at_any_delay(void **state) {
+    (void)state;
+    const int step = repeats(1, 8);
+    for (int i = 0; i <= 40; i += step) {
+        const double delay_s = 0.0003 * i + (i % 2 ? 0.00011 : 0);
+        measure(thesis_axis, delay_s, 0, N_LINES, 0.5, 200 + (uint64_t)i);
+        for (int method = GSID_METHOD_LS; method <= GSID_METHOD_IWLS; method++) {
+            gsid_fit_cfg cfg = ml(3, 2);
+            cfg.method = (gsid_method)method;
+            gsid_fit_result r;
+            const gsid_status status = run(&cfg, &r);
+            double limit_s = 2.5e-4; /* what the noise makes of it: the third pole trades against the delay */
+#if !WITH_NLOPT
+            limit_s = method == GSID_METHOD_LS ? 4e-4 : 1e-3; /* the grid alone, and it says so */
+            assert_int_equal(status, GSID_MAX_ITER);
+            assert_int_equal(r.converged, 0);
+#else
+            if (status != GSID_OK)
+                fail_msg("method %d, delay %g: status %d", method, delay_s, status);
+#endif
+            assert_poles_are_stable(&r);
+            if (!(fabs(r.model.delay_s - delay_s) < limit_s))
+                fail_msg("method %d, delay %g: %g found", method, delay_s, r.model.delay_s);
         }
     }
 }
@@ -363,9 +406,10 @@ static void an_unstable_model_is_returned_only_when_asked_for(void **state) {
             if (hold)
                 continue;
             cfg.allow_unstable = 1;
-            assert_int_equal(run(&cfg, &r), GSID_OK);
+            const int on_grid = !WITH_NLOPT && method <= GSID_METHOD_IWLS;
+            assert_int_equal(run(&cfg, &r), on_grid ? GSID_MAX_ITER : GSID_OK);
             assert_int_equal(r.is_stable, 0);
-            assert_true(distance(2, r.poles, 20) < 0.5);
+            assert_true(distance(2, r.poles, 20) < (on_grid ? 5 : 0.5));
         }
     }
 }
@@ -536,6 +580,10 @@ static void failures_leave_the_result(void **state) {
  * and opposite phase. Between the signs the logarithmic V is infinite, so that the search ended at 6 times V. */
 static void a_reflected_start_is_left_only_for_a_lower_cost(void **state) {
     (void)state;
+    if (!WITH_NLOPT) {
+        print_message("skipped without NLopt, which searches among stable models\n");
+        skip();
+    }
     n_lines = 20;
     for (uint32_t k = 0; k < n_lines; k++) {
         f_hz[k] = 1e-3 * (k + 1);
@@ -567,6 +615,7 @@ int main(void) {
         cmocka_unit_test(surplus_poles_stay_stable),
         cmocka_unit_test(a_held_input_is_taken_into_account),
         cmocka_unit_test(every_method_answers),
+        cmocka_unit_test(linear_methods_find_a_stable_model_at_any_delay),
         cmocka_unit_test(nls_does_not_depend_on_the_unit),
         cmocka_unit_test(a_delay_that_is_given_stays),
         cmocka_unit_test(an_unstable_model_is_returned_only_when_asked_for),

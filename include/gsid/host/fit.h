@@ -62,7 +62,8 @@ typedef struct {
 } gsid_fit_result;
 
 /** Fit.  Eq: EST-1 to EST-6. A free delay is scanned in steps of at most 1/(8 f_max), the best starts are refined. Where a
- *  start of NLS or ML ends unstable, the search goes on among stable models; LS and IWLS are taken as they come.
+ *  start of NLS or ML ends unstable, the search goes on among stable models; LS and IWLS take the best stable one of the
+ *  minima over the delay. Without NLopt a free delay of LS and IWLS is one of the scan: GSID_MAX_ITER.
  *  @param[in]  data  sigma is the standard deviation of g (complex, of the mean), needed for every method's covariance
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_SINGULAR; GSID_E_UNSTABLE;
  *          GSID_E_NO_MEMORY; GSID_E_NONFINITE; GSID_E_BACKEND every start ends unstable, and the build has no NLopt

@@ -56,6 +56,15 @@ typedef struct {
 gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
                                 const double *lower, const double *upper, double *x, double *least);
 
+/** Minimise over one number from 0 to 1, without derivatives (NLopt's LN_BOBYQA).
+ *  @param[in]     tolerance  stop when the number moves by less
+ *  @param[in]     n_max      evaluations at most
+ *  @param[in,out] x          start; least point found
+ *  @param[out]    least      value there
+ *  @return as gsid_nlopt_minimise */
+gsid_status gsid_nlopt_minimise_scalar(gsid_objective f, void *user, double tolerance, int n_max, double *x,
+                                       double *least);
+
 /** Descend without bounds (NLopt's LD_LBFGS).
  *  @param[in]     n_max  evaluations at most
  *  @param[in,out] x      [n] start; where it stopped

@@ -10,6 +10,17 @@ static nlopt_opt create(const gsid_nlopt_search *how, unsigned n) {
     return nlopt_create(ALGORITHM[how->algorithm], n);
 }
 
+static gsid_status status_of(nlopt_result result) {
+    if (result == NLOPT_OUT_OF_MEMORY)
+        return GSID_E_NO_MEMORY;
+    if (result == NLOPT_MAXEVAL_REACHED)
+        return GSID_MAX_ITER;
+    /* Limited by rounding: the least point is as good as it gets. */
+    if (result > 0 || result == NLOPT_ROUNDOFF_LIMITED)
+        return GSID_OK;
+    return GSID_E_SINGULAR;
+}
+
 gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
                                 const double *lower, const double *upper, double *x, double *least) {
     nlopt_opt opt = create(how, n);
@@ -33,14 +44,27 @@ gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_o
         result = nlopt_optimize(opt, x, &best);
     nlopt_destroy(opt);
     *least = best;
-    if (result == NLOPT_OUT_OF_MEMORY)
+    return status_of(result);
+}
+
+gsid_status gsid_nlopt_minimise_scalar(gsid_objective f, void *user, double tolerance, int n_max, double *x,
+                                       double *least) {
+    nlopt_opt opt = nlopt_create(NLOPT_LN_BOBYQA, 1);
+    if (opt == NULL)
         return GSID_E_NO_MEMORY;
-    if (result == NLOPT_MAXEVAL_REACHED)
-        return GSID_MAX_ITER;
-    /* Limited by rounding: the least point is as good as it gets. */
-    if (result > 0 || result == NLOPT_ROUNDOFF_LIMITED)
-        return GSID_OK;
-    return GSID_E_SINGULAR;
+    nlopt_result result = nlopt_set_min_objective(opt, f, user);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_set_lower_bounds1(opt, 0);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_set_upper_bounds1(opt, 1);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_set_xtol_abs1(opt, tolerance);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_set_maxeval(opt, n_max);
+    if (result == NLOPT_SUCCESS)
+        result = nlopt_optimize(opt, x, least);
+    nlopt_destroy(opt);
+    return status_of(result);
 }
 
 enum { N_STORED = 12 }; /* earlier steps from which the curvature is built */
