@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gsid._lib import version
+from gsid.c_text import comment, literal, refused_name
 from gsid.errors import InputError
 from gsid.model import RationalModel
 from gsid.piecewise import PiecewiseModel
 from gsid.plant import Effect, PlantModel
 from gsid.units import RADIANS
 
+#: Longest delay [samples]: each takes four bytes of the target's memory.
+DELAY_MAX = 1_000_000
 #: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
 ROUNDING_RAD_S = 1e-6
 
@@ -34,10 +37,14 @@ TORQUES = {
 MAPS = {
     "drive_saturation": "u > {limit} ? {limit} : u < -{limit} ? -{limit} : u",
     "drive_dead_zone": "u > {half_width} ? u - {half_width} : u < -{half_width} ? u + {half_width} : 0.0f",
-    "drive_quantization": "{step} * floorf(u / {step} + 0.5f)",
-}
+    "drive_quantization": "copysignf({step} * floorf(fabsf(u) / {step} + 0.5f), u)",
+}  # none of them changes the command where its parameter is zero
 LINEAR = {"rigid_body", "viscous_friction", "cable_spring", "transport_delay", "motor_lag", "sensor_lag",
           "flexible_mode"}  # fmt: skip
+
+
+class _NoLiteral(ValueError):
+    """A number that single precision does not hold."""
 
 
 @dataclass
@@ -105,22 +112,28 @@ def export_c(
     Raises
     ------
     ValueError
-        `name` is not a C identifier.
+        `name` is not a C identifier, or one that C or C++ use; `fs_hz` is not a positive number.
     InputError
         The model is not stable, answers before it is asked, has no rate, is in z and has another, or an
-        effect that is not exported.
+        effect that is not exported; a number of it is beyond single precision, its delay beyond `DELAY_MAX`.
     """
-    if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise ValueError(f"name must be a C identifier, not {name!r}")
+    if reason := refused_name(name):
+        raise ValueError(f"{name!r} cannot be a name in C: {reason}; name the source otherwise, as rig.c")
+    if fs_hz is not None and not (math.isfinite(fs_hz) and fs_hz > 0):
+        raise ValueError(f"fs_hz must be a positive number, not {fs_hz}")
     fs_hz = fs_hz or model.fs_hz
     if not fs_hz:
         raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
     if isinstance(model, PiecewiseModel):
         hint = "export one of its pieces: PiecewiseModel.pieces[0].save(...)"
         raise InputError("a set of models answers at a frequency, not in time", where, None, hint)
-    if isinstance(model, PlantModel):
-        return _export_plant(model, name, fs_hz, where)
-    return _write(model, name, fs_hz, _rational_step(model, fs_hz, where), "", [], [])
+    try:
+        if isinstance(model, PlantModel):
+            return _export_plant(model, name, fs_hz, where)
+        return _write(model, name, fs_hz, _rational_step(model, fs_hz, where), "", [], [])
+    except _NoLiteral as error:
+        hint = "the code is in single precision: use units in which the numbers are of ordinary size"
+        raise InputError("the model has a number that cannot be exported", where, error, hint) from error
 
 
 # ---- the linear part ---------------------------------------------------------------------------------------
@@ -137,6 +150,7 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
         if delay < 0 or abs(delay - round(delay)) > 1e-6:
             hint = "fit with --domain s, or with --delay of whole samples"
             raise InputError("a model in z is exported with whole samples of delay", where, delay, hint)
+        _refuse_long(delay, where)
         n = max(len(model.num), len(model.den))
         padded = [np.pad(row, (0, n - len(row))) for row in (model.num, model.den)]
         a, b, c, d = _schur(signal.tf2ss(*padded))
@@ -185,6 +199,8 @@ def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     from scipy import linalg
 
     a, b, c, d = (np.asarray(part, dtype=float) for part in system)
+    if not all(np.isfinite(part).all() for part in (a, b, c, d)):
+        raise _NoLiteral("a state of the model is beyond the range of numbers")
     if not len(a):
         return a.reshape(0, 0), np.zeros(0), np.zeros(0), float(d.ravel()[0])
     a, scale = linalg.matrix_balance(a)
@@ -204,6 +220,7 @@ def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
         hint = "such a model predicts its input; fit with a delay >= 0 (half a sample without hold)"
         raise InputError("the delay behind the hold is negative", where, f"{delay_s:.3g} s", hint)
     n_delay, part = divmod(max(delay_s, 0.0) * fs_hz, 1.0)
+    _refuse_long(n_delay, where)
     if part < 1e-9:
         part = 0.0
 
@@ -215,6 +232,12 @@ def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
 
     (_, early), (rest, late) = over(part), over(1 - part)
     return _Step(over(1.0)[0], rest @ early, late, c, d, int(n_delay), 1, n_delay + part)
+
+
+def _refuse_long(delay: float, where: str) -> None:
+    if delay > DELAY_MAX:
+        hint = "lower the rate with --fs"
+        raise InputError(f"a delay of more than {DELAY_MAX} samples", where, f"{delay:.6g} samples", hint)
 
 
 def _refuse_unstable(outside: np.ndarray, poles: np.ndarray, where: str) -> None:
@@ -233,9 +256,16 @@ def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSo
             known = ", ".join(sorted(LINEAR | MAPS.keys() | TORQUES.keys()))
             raise InputError("this effect is not exported as C", where, effect.id, f"exported are {known}")
     gain = next(effect for effect in model.effects if effect.id == "rigid_body").params["gain"].value
-    maps = [_fill(MAPS[e.id], e, model) for e in model.effects if e.id in MAPS]
+    changed = [e for e in model.effects if e.id in MAPS and any(p.value for p in e.params.values())]
+    maps = [_fill(MAPS[e.id], e, model) for e in changed]
     laws = [(e.id, _fill(TORQUES[e.id], e, model)) for e in model.effects if e.id in TORQUES]
-    return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), _number(1 / gain), maps, laws)
+    if laws and not gain:
+        hint = "remove the effects that are not linear, or give the gain"
+        raise InputError(
+            "without a gain no command takes the friction away", where, "rigid_body.gain 0", hint
+        )
+    per_torque = _number(1 / gain) if laws else ""
+    return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), per_torque, maps, laws)
 
 
 def _fill(law: str, effect: Effect, model: PlantModel) -> str:
@@ -247,15 +277,22 @@ def _fill(law: str, effect: Effect, model: PlantModel) -> str:
 
 
 def _number(value: float) -> str:
-    """A float literal that reads back as the same float."""
-    text = f"{np.float32(value):.9g}"
-    text = text if re.search(r"[.e]", text) else text + ".0"
-    return f"{text}f" if value >= 0 else f"({text}f)"
+    try:
+        text = literal(value)
+    except ValueError as error:
+        raise _NoLiteral(error) from error
+    return text if value >= 0 else f"({text})"
+
+
+def _rounded(value: float) -> bool:
+    """Whether anything is left of a factor in single precision."""
+    with np.errstate(over="ignore"):
+        return np.float32(value) != 0
 
 
 def _sum(terms: list[tuple[float, str]]) -> str:
     """sum factor * variable, without the terms that are zero."""
-    said = [f"{_number(factor)} * {variable}" for factor, variable in terms if np.float32(factor) != 0]
+    said = [f"{_number(factor)} * {variable}" for factor, variable in terms if _rounded(factor)]
     return " + ".join(said) or "0.0f"
 
 
@@ -268,7 +305,7 @@ def _write(
     maps: list[str],
     laws: list[tuple[str, str]],
 ) -> CSource:
-    units = f"{model.u_unit or 'command'} to {model.y_unit or 'output'}"
+    units = f"{comment(model.u_unit or 'command')} to {comment(model.y_unit or 'output')}"
     made = f"Made by gsid {version()} export-c: {units}, {fs_hz:g} calls a second."
     angle_unit = model.angle_unit if isinstance(model, PlantModel) and laws else None
     header = _header(made, name, len(step.c), step.n_delay, angle_unit)

@@ -29,12 +29,13 @@ def compiled(tmp_path):
         (tmp_path / "rig.h").write_text(made.header)
         (tmp_path / "rig.c").write_text(made.source)
         compiler = shlex.split(os.environ.get("CC", "cc"))
+        library = tmp_path / f"rig{len(list(tmp_path.iterdir()))}.so"  # one name would be loaded once
         subprocess.run(
-            [*compiler, *FLAGS.split(), "-O2", "-fPIC", "-shared", "-o", "rig.so", "rig.c", "-lm"],
+            [*compiler, *FLAGS.split(), "-O2", "-fPIC", "-shared", "-o", library, "rig.c", "-lm"],
             cwd=tmp_path,
             check=True,
         )
-        library = ctypes.CDLL(str(tmp_path / "rig.so"))
+        library = ctypes.CDLL(str(library))
         library.rig_step.restype = ctypes.c_float
         library.rig_step.argtypes = [ctypes.c_void_p, ctypes.c_float]
         state = ctypes.create_string_buffer(4096)
@@ -221,3 +222,32 @@ def test_a_cpp_program_links_it(tmp_path):
 def test_a_name_that_is_none():
     with pytest.raises(ValueError, match="C identifier"):
         export_c(RationalModel([1], [1, 2], 0.1, fs_hz=FS_HZ), "2fast")
+
+
+def drive(**effects):
+    stack = [
+        {"effect": "rigid_body", "params": {"gain": 7.4}},
+        {"effect": "viscous_friction", "params": {"rate": 3}},
+    ]
+    stack += [{"effect": f"drive_{name}", "params": params} for name, params in effects.items()]
+    return PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS_HZ, "effects": stack})
+
+
+@pytest.mark.parametrize("effect", [{"saturation": {"limit": 0}}, {"quantization": {"step": 0}}])
+def test_a_drive_without_a_limit_or_step_passes_the_command(compiled, effect):
+    """Bug: a limit of 0, which is none, was exported as a clip to 0; a step of 0 as a division by it."""
+    u = np.array([1, -2, 3.7, 0], np.float32)
+    as_it_is = compiled(drive())[0](u)
+    np.testing.assert_array_equal(compiled(drive(**effect))[0](u), as_it_is)
+
+
+def test_halves_of_a_step_are_rounded_as_on_the_desktop(compiled):
+    """Bug: -1 with steps of 2 was rounded to 0, on the desktop and in the core to -2."""
+    commands = np.array([1, -1, 3, -3, 0, 5, -5], np.float32)
+    rounded = np.array([2, -2, 4, -4, 0, 6, -6], np.float32)
+    exact = compiled(drive())[0](rounded)
+    np.testing.assert_array_equal(compiled(drive(quantization={"step": 2}))[0](commands), exact)
+    periodic = np.repeat(commands, 10).astype(float)
+    on_desktop = drive(quantization={"step": 2}).simulate(periodic)
+    without_steps = drive().simulate(np.repeat(rounded, 10).astype(float))
+    np.testing.assert_allclose(on_desktop.Y, without_steps.Y, atol=1e-12)

@@ -349,11 +349,11 @@ def _write(path: str, signal: Periodic) -> None:
 
 def _c_table(stem: str, signal: Periodic) -> str:
     """One period as a C99 header; single precision, which is what a drive takes."""
-    name = re.sub(r"\W", "_", stem)
-    name = f"u_{name}" if name[:1].isdigit() else name
-    # rounded to float first: nine digits of the double would be rounded twice
-    numbers = [f"{value:.9g}" for value in signal.table().astype("float32")]
-    numbers = [f"{number}{'' if re.search('[.e]', number) else '.0'}f" for number in numbers]
+    from gsid.c_text import literal, refused_name
+
+    name = re.sub(r"[^A-Za-z0-9]+", "_", stem)
+    name = f"u_{name}" if refused_name(name) else name
+    numbers = [literal(value) for value in signal.table()]
     starts = range(0, len(numbers), NUMBERS_PER_LINE)
     rows = ",\n".join("    " + ", ".join(numbers[i : i + NUMBERS_PER_LINE]) for i in starts)
     guard = f"{name.upper()}_H"
