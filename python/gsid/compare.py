@@ -1,17 +1,13 @@
 """Is the model adequate, and where is it not? Measured mean spectra against the model's, line by line.
 
 At each line the model's output error of every period is E[p] = Y[p] - G U[p]; for a plant, whose answer is
-not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. When
-the model is right and the noise is Gaussian, T = P |mean E|^2 / s^2, s^2 the sample variance of E over the P
-periods, follows F(2, 2 nu), nu = P - 1, exactly: P(T > t) = (1 + t/nu)^-nu. (A wandering output scatters more
-from period to period than its mean; where the input repeats, s^2 is taken from what lies between the lines:
-`gsid.spectra.variance_between_lines`.) So q = nu ln(1 + T/nu) is
-exponential with mean 1 for any P >= 2, and twice the sum of q over n lines is chi-square with 2 n degrees of
-freedom (CMP-1). The line at 0, which counts for plants when the band begins there, is real: T follows
-F(1, nu), and q = -ln P(T > t). The test therefore keeps its false-alarm rate with few periods, where one that
-takes s^2 for the true variance would not. Each parameter fitted to these very records takes a degree of
-freedom, which only the caller can know (`fitted`). The uncertainty of a model fitted elsewhere is left out:
-it is judged a little severely.
+not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. The
+mean over the P periods, with its sample variance s^2 / P of nu = P - 1 degrees of freedom, is judged by
+`gsid.misfit` (CMP-1), together with the covariance of the model where it has one: a model that was fitted
+to other records carries their noise into these. (A wandering output scatters more from period to period
+than its mean; where the input repeats, s^2 is taken from what lies between the lines:
+`gsid.spectra.variance_between_lines`.) Each parameter fitted to these very records takes a degree of
+freedom instead, which only the caller can know (`fitted`).
 """
 
 from __future__ import annotations
@@ -27,11 +23,14 @@ from scipy import stats
 
 from gsid._callable import callable_as
 from gsid.bands import in_band
+from gsid.greybox_problem import least_size
+from gsid.misfit import Errors, misfit
+from gsid.model import half_of
 from gsid.plant import PlantModel
 from gsid.sampling import at_rate_of
 from gsid.spectra import Spectra, spectra_of
 from gsid.units import check_units
-from gsid.weights import UNSETTLED, lines_used
+from gsid.weights import UNSETTLED, for_weights, lines_used
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -61,9 +60,13 @@ class Comparison:
     alpha : float
         False-alarm rate of the test.
     cost_per_dof : float
-        Mean of T over its mean when only noise is left: 1 for a right model.
-    rms_error, noise_floor_rms : float
-        Rms of the mean output's error in the band and what noise alone leaves of it, in the output's unit.
+        Misfit over its mean when the model is right, which is 1.
+    rms_error, noise_floor_rms, model_uncertainty_rms : float
+        Rms of the mean output's error in the band, what noise alone leaves of it, and what the model's
+        covariance adds on average to a right model's; in the output's unit.
+    model_uncertainty : {"included", "none", "fitted"}
+        Whether the model's own uncertainty is allowed for: by its covariance; not, as it has none; or not, as
+        it was fitted to these records.
     where : list of dict
         Bands in which the model fails, largest share of the excess first: f_lo_hz, f_hi_hz, lines
         ("excited", "odd", "even"), share (of the excess cost), p_value (within the band, corrected for the
@@ -72,12 +75,15 @@ class Comparison:
         Line number, Hz, and what the line is: "excited", or a detection line, "odd" or "even".
     error, y : (k,) complex ndarrays
         Mean output minus model output, and mean output; of several records, of that which moves most.
-    sigma : (k,) ndarray
-        Standard deviation of that error when the model is right.
+    sigma, sigma_model : (k,) ndarray
+        Standard deviation of that error when the model is right, and the part of it by the model's
+        uncertainty.
     n_dof : int
-        Degrees of freedom of sigma^2: good periods of that record less one.
+        Degrees of freedom of the noise's variance, sigma^2 - sigma_model^2: good periods of that record less
+        one.
     cost : (k,) ndarray
-        T averaged over the records.
+        T averaged over the records, of the error that is left beside the best change of the model within its
+        uncertainty.
     n_periods, n_records : int
         Good periods in all, and records.
     """
@@ -88,6 +94,8 @@ class Comparison:
     cost_per_dof: float
     rms_error: float
     noise_floor_rms: float
+    model_uncertainty_rms: float
+    model_uncertainty: str
     where: list[dict[str, Any]]
     line: np.ndarray
     f_hz: np.ndarray
@@ -95,6 +103,7 @@ class Comparison:
     error: np.ndarray
     y: np.ndarray
     sigma: np.ndarray
+    sigma_model: np.ndarray
     n_dof: int
     cost: np.ndarray
     n_periods: int
@@ -107,6 +116,8 @@ class Comparison:
         """One sentence for people."""
         floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
         size = f"rms error {self.rms_error:.3g} where noise alone leaves {floor}"
+        if self.model_uncertainty == "included":
+            size += f" and the model's uncertainty {self.model_uncertainty_rms:.3g}"
         if self.adequate:
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
             return f"Adequate: what is left is noise ({size}; {rate})."
@@ -129,6 +140,8 @@ class Comparison:
             "cost_per_dof",
             "rms_error",
             "noise_floor_rms",
+            "model_uncertainty_rms",
+            "model_uncertainty",
             "where",
             "n_periods",
         )
@@ -170,27 +183,17 @@ class _Lines:
     line: np.ndarray
     f_hz: np.ndarray
     kind: np.ndarray
-    error: np.ndarray
     y: np.ndarray
-    var_mean: np.ndarray  # of the mean error
-    dof: int
-
-    @property
-    def t(self) -> np.ndarray:
-        return np.abs(self.error) ** 2 / np.maximum(self.var_mean, np.finfo(float).tiny)
-
-    @property
-    def q(self) -> np.ndarray:
-        q = self.dof * np.log1p(self.t / self.dof)
-        real = self.line == 0
-        if np.any(real):
-            q[real] = -np.log(np.maximum(stats.f.sf(self.t[real], 1, self.dof), np.finfo(float).tiny))
-        return q
+    errors: Errors
 
     @property
     def power(self) -> np.ndarray:
         """Factor from a line's |amplitude|^2 to its share of the mean square."""
         return np.where(self.line == 0, 1.0, 0.5)
+
+    def mean_square(self, squares: np.ndarray) -> float:
+        """Of a signal with these |amplitude|^2."""
+        return float(np.sum(self.power * squares))
 
 
 def compare(
@@ -218,7 +221,9 @@ def compare(
         False-alarm rate of the test.
     fitted : bool
         Whether the free parameters were fitted to these very records in this band. The test of the whole band
-        allows for them; where the misfit is, is still told mildly.
+        allows for them by their number; where the misfit is, is still told mildly. A model fitted to other
+        records, as by default, is allowed the covariance of its fit; one without covariance is judged as if
+        it were known exactly.
 
     Returns
     -------
@@ -241,29 +246,39 @@ def compare(
     measured = spectra_of(records, period=period, settle=settle)
     if not isinstance(model, PlantModel) and not hasattr(model, "response"):
         raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
-    parts = [_lines(model, s, band) for s in measured]
+    parts = [_lines(model, s, band, with_uncertainty=not fitted) for s in measured]
+    errors = Errors.joined([part.errors for part in parts])
+    found = misfit(errors)
 
-    n = sum(len(part.line) for part in parts)
-    q_sum = sum(float(np.sum(part.q)) for part in parts)
-    left = max(2 * n - (_n_parameters(model) if fitted else 0), 1)
-    p_value = float(stats.chi2.sf(2 * q_sum, left))
-    shown = max(parts, key=lambda part: float(np.sum(np.abs(part.y) ** 2)))
+    n, n_fitted = len(errors), _n_parameters(model) if fitted else 0
+    n_dof = max(found.n_dof - n_fitted, 1)
+    p_value = float(stats.chi2.sf(found.chi2, n_dof))
+    left = _by_record(parts, found.left)
+    shown = int(np.argmax([np.sum(np.abs(part.y) ** 2) for part in parts]))
+    of = parts[shown]
+
+    def rms(name: str) -> float:
+        return float(np.sqrt(np.mean([part.mean_square(getattr(part.errors, name)) for part in parts])))
+
     return Comparison(
         adequate=p_value >= alpha,
         p_value=p_value,
         alpha=alpha,
-        cost_per_dof=_cost_per_dof(parts) * 2 * n / left,
-        rms_error=float(np.sqrt(np.mean([np.sum(part.power * np.abs(part.error) ** 2) for part in parts]))),
-        noise_floor_rms=float(np.sqrt(np.mean([np.sum(part.power * part.var_mean) for part in parts]))),
-        where=_where(parts, alpha),
-        line=shown.line,
-        f_hz=shown.f_hz,
-        kind=shown.kind,
-        error=shown.error,
-        y=shown.y,
-        sigma=np.sqrt(shown.var_mean),
-        n_dof=shown.dof,
-        cost=np.mean([part.t for part in parts], axis=0) if _same_lines(parts) else shown.t,
+        cost_per_dof=(_mean_cost(left) + found.moved / (2 * n)) * 2 * n / max(2 * n - n_fitted, 1),
+        rms_error=rms("squares"),
+        noise_floor_rms=rms("var_mean"),
+        model_uncertainty_rms=rms("var_model"),
+        model_uncertainty="fitted" if fitted else "included" if has_covariance(model) else "none",
+        where=_where(parts, errors, alpha),
+        line=of.line,
+        f_hz=of.f_hz,
+        kind=of.kind,
+        error=of.errors.error,
+        y=of.y,
+        sigma=np.sqrt(of.errors.var_mean + of.errors.var_model),
+        sigma_model=np.sqrt(of.errors.var_model),
+        n_dof=measured[shown].n_periods - 1,
+        cost=np.mean([one.t for one in left], axis=0) if _same_lines(parts) else left[shown].t,
         n_periods=sum(s.n_periods for s in measured),
         n_records=len(parts),
         y_unit=measured[0].y_unit,
@@ -279,8 +294,24 @@ def _same_lines(parts: list[_Lines]) -> bool:
     return all(np.array_equal(part.line, parts[0].line) for part in parts)
 
 
+def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
+    """Whether the uncertainty of all of a model is known."""
+    pieces = getattr(model, "pieces", (model,))
+    return all(piece.cov is not None and bool(np.all(np.isfinite(piece.cov))) for piece in pieces)
+
+
+def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
+    """Errors of all records, cut where they were joined."""
+    ends = np.cumsum([len(part.line) for part in parts])
+    return [errors[end - len(part.line) : end] for part, end in zip(parts, ends, strict=True)]
+
+
 def _lines(
-    model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, band: tuple[float, float] | None
+    model: RationalModel | PiecewiseModel | PlantModel,
+    s: Spectra,
+    band: tuple[float, float] | None,
+    *,
+    with_uncertainty: bool,
 ) -> _Lines:
     check_units(model, s)
     if isinstance(model, PlantModel):
@@ -292,39 +323,67 @@ def _lines(
         use = inside.copy()
         use[inside] = in_band(s.f_hz[inside], band if band is not None else (f_excited[0], f_excited[-1]))
     known_input = isinstance(model, PlantModel) or not np.any(s.U - s.U[0])
-    errors = s.Y[:, use] - _answer(model, s, use)
-    kind = np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even"))
+    answer, by_model = _answer(model, s, use, with_uncertainty and has_covariance(model))
+    errors = s.Y[:, use] - answer
+    variance, dof = s.noise_y[use] if known_input else np.var(errors, axis=0, ddof=1), s.n_periods - 1
+    real = s.line[use] == 0
+    for_weight = variance.copy()
+    for_weight[~real] = for_weights(variance[~real], dof)
     return _Lines(
         line=s.line[use],
         f_hz=s.f_hz[use],
-        kind=kind,
-        error=errors.mean(axis=0),
+        kind=np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even")),
         y=s.Y[:, use].mean(axis=0),
-        var_mean=(s.noise_y[use] if known_input else np.var(errors, axis=0, ddof=1)) / s.n_periods,
-        dof=s.n_periods - 1,
+        errors=Errors(
+            error=errors.mean(axis=0),
+            var_mean=variance / s.n_periods,
+            dof=np.full(len(real), float(dof)),
+            var_weight=for_weight / s.n_periods,
+            real=real,
+            by_model=by_model,
+        ),
     )
 
 
-def _answer(model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, use: np.ndarray) -> np.ndarray:
-    """The model's output lines, of every period or of all alike."""
-    if isinstance(model, PlantModel):
-        answer = model.predict(s)
-        noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
-        if not answer.settled and answer.residual > UNSETTLED * noise_rms:
-            _log.warning("no steady state was found for %s: the comparison is not to be trusted", s.name)
-        return answer.Y[use]
-    return model.response(s.f_hz[use]) * s.U[:, use]
+def _answer(
+    model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, use: np.ndarray, with_uncertainty: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """The model's output lines, of every period or of all alike, and how its uncertainty moves them."""
+    none = np.zeros((int(np.count_nonzero(use)), 0), complex)
+    if not isinstance(model, PlantModel):
+        by_model = model.deviations(s.f_hz[use]) * s.u[use, None] if with_uncertainty else none
+        return model.response(s.f_hz[use]) * s.U[:, use], by_model
+    answer = model.predict(s, sensitivities=with_uncertainty)
+    noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
+    if not answer.settled and answer.residual > UNSETTLED * noise_rms:
+        _log.warning("no steady state was found for %s: the comparison is not to be trusted", s.name)
+    return answer.Y[use], answer.dY[:, use].T @ _plant_deviations(model) if with_uncertainty else none
 
 
-def _cost_per_dof(parts: list[_Lines]) -> float:
+def _plant_deviations(model: PlantModel) -> np.ndarray:
+    """(n_free, r) one standard deviation of the parameters along each independent direction.
+
+    What the fit left undetermined, or found for each of its records apart, may have any value of its size.
+    """
+    of_records = (model.fit or {}).get("per_record") or []
+    own = {name for record in of_records for name in record}
+    cov = np.array(model.cov)
+    for i, name in enumerate(model.free_names):
+        param = model[name]
+        if name in own or (param.std is not None and np.isnan(param.std)):
+            cov[i, i] += max(abs(param.value), least_size(model.parameter(name))) ** 2
+    return half_of(cov)
+
+
+def _mean_cost(records: list[Errors]) -> float:
     """Mean of T over its expectation nu / (nu - 1). It has none with nu = 1: all variances stand in."""
     total = 0.0
-    for part in parts:
-        if part.dof > 1:
-            total += float(np.mean(part.t)) * (part.dof - 1) / part.dof
+    for one in records:
+        if one.dof[0] > 1:
+            total += float(np.mean(one.t / one.t_expected))
         else:
-            total += float(np.sum(np.abs(part.error) ** 2) / max(np.sum(part.var_mean), np.finfo(float).tiny))
-    return total / len(parts)
+            total += float(np.sum(one.squares) / max(np.sum(one.var_mean), np.finfo(float).tiny))
+    return total / len(records)
 
 
 def _third_octaves(f_lo: float, f_hi: float) -> np.ndarray:
@@ -333,26 +392,34 @@ def _third_octaves(f_lo: float, f_hi: float) -> np.ndarray:
     return f_lo * 2 ** (np.arange(n + 2) / 3) * 2 ** (-1 / 6)
 
 
-def _where(parts: list[_Lines], alpha: float) -> list[dict[str, Any]]:
-    """Third-octave bands, of each kind of line, that fail at level alpha all together (Holm)."""
-    join = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("f_hz", "kind", "q", "error", "y")
-    }
-    excess = np.concatenate([part.t - (part.dof / (part.dof - 1) if part.dof > 1 else 1.0) for part in parts])
+def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, Any]]:
+    """Third-octave bands, of each kind of line, that fail at level alpha all together (Holm).
+
+    Each is judged by itself, with all of the model's uncertainty: what that allows there is no failure.
+    """
+    join = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("f_hz", "kind", "y")}
     edges = _third_octaves(join["f_hz"][join["f_hz"] > 0].min(), join["f_hz"].max())
     edges = np.insert(edges, 0, 0.0)  # the line at 0, where it counts, is a band of its own
     cells = []
     for kind in KINDS:
         for lo, hi in itertools.pairwise(edges):
-            cell = (join["kind"] == kind) & (join["f_hz"] >= lo) & (join["f_hz"] < hi)
-            if np.any(cell):
-                p = float(stats.chi2.sf(2 * np.sum(join["q"][cell]), 2 * np.sum(cell)))
-                density = max(float(np.mean(excess[cell])), np.finfo(float).tiny)
-                cells.append({"kind": kind, "index": len(cells), "lines": cell, "p": p, "density": density})
+            lines = (join["kind"] == kind) & (join["f_hz"] >= lo) & (join["f_hz"] < hi)
+            if np.any(lines):
+                found = misfit(errors[lines])
+                excess = float(np.sum(found.left.t - found.left.t_expected)) + found.moved / 2
+                cells.append(
+                    {
+                        "kind": kind,
+                        "index": len(cells),
+                        "lines": lines,
+                        "p": found.p_value,
+                        "excess": excess,
+                        "density": max(excess / np.count_nonzero(lines), np.finfo(float).tiny),
+                    }
+                )
     failing = _holm(cells, alpha)
-    total = float(sum(max(np.sum(excess[cell["lines"]]), 0.0) for cell in cells))
-    bands = [_band(group, join, excess, total) for group in _joined(failing)]
+    total = float(sum(max(cell["excess"], 0.0) for cell in cells))
+    bands = [_band(group, join, errors, total) for group in _joined(failing)]
     return sorted(bands, key=lambda band: -band["share"])
 
 
@@ -380,18 +447,18 @@ def _joined(cells: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
 
 
 def _band(
-    group: list[dict[str, Any]], join: dict[str, np.ndarray], excess: np.ndarray, total: float
+    group: list[dict[str, Any]], join: dict[str, np.ndarray], errors: Errors, total: float
 ) -> dict[str, Any]:
     lines = np.any([cell["lines"] for cell in group], axis=0)
     f = join["f_hz"][lines]
     nearby = (join["f_hz"] >= f.min()) & (join["f_hz"] <= f.max())
     response = float(np.sum(np.abs(join["y"][nearby]) ** 2))
-    error = float(np.sum(np.abs(join["error"][lines]) ** 2))
+    error = float(np.sum(errors.squares[lines]))
     return {
         "f_lo_hz": float(f.min()),
         "f_hi_hz": float(f.max()),
         "lines": group[0]["kind"],
-        "share": float(np.sum(excess[lines])) / total if total > 0 else 0.0,
+        "share": sum(cell["excess"] for cell in group) / total if total > 0 else 0.0,
         "p_value": min(cell["p_corrected"] for cell in group),
         "db": 10 * float(np.log10(max(error, 1e-300) / max(response, 1e-300))),
     }

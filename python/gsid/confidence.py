@@ -22,13 +22,13 @@ LEVEL = 0.95
 NORMAL_95 = 1.959964  # two-sided 95 % of a real normal variable
 
 
-def complex_bound(sigma, *, n_dof: int | None = None, level: float = LEVEL):
+def complex_bound(sigma, *, n_dof: float | np.ndarray | None = None, level: float = LEVEL):
     """Bound that the error of a complex number stays below with the given probability.
 
     Parameters
     ----------
     sigma : (F,) array_like, standard deviation of the complex number: sigma^2 = E|e|^2
-    n_dof : int, optional
+    n_dof : float or (F,) array_like, optional
         Degrees of freedom of sigma^2 when it is a sample variance (periods - realisations); None: sigma is
         known.
     level : float, probability, 0 .. 1
@@ -49,7 +49,7 @@ def complex_bound(sigma, *, n_dof: int | None = None, level: float = LEVEL):
     tail = 1.0 - level
     if n_dof is None:
         return np.asarray(sigma) * np.sqrt(-np.log(tail))
-    if n_dof < 1:
+    if np.any(np.less(n_dof, 1)):
         raise ValueError(f"a bound needs n_dof of 1 or more (n_dof: {n_dof})")
     return np.asarray(sigma) * np.sqrt(n_dof * np.expm1(-np.log(tail) / n_dof))
 

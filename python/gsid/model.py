@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -241,6 +241,41 @@ class RationalModel:
         x = self.gradient(f)
         std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", x, self.cov, x.conj()).real, 0))
         return std * np.abs(np.sinc(f / self.fs_hz)) if self.hold == "zoh" else std
+
+    def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Change of the response by one standard deviation along each independent direction of `cov`.
+
+        Parameters
+        ----------
+        f_hz : (k,) array_like
+            Hz; below fs/2 with a hold.
+
+        Returns
+        -------
+        (k, r) complex ndarray, unit of the response
+            Times its conjugate transpose it is the covariance of the response, r at most the number of
+            parameters; no column for a model without covariance.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        if self.cov is None:
+            return np.zeros((len(f), 0), complex)
+        half = half_of(self.cov)
+        if self.hold == "none":
+            return self.gradient(f) @ half
+        # By differences: what folds back from above fs/2 changes too.
+        step = 1e-2
+        moved = [[self._moved(sign * step * column).response(f) for sign in (1, -1)] for column in half.T]
+        return np.array([(plus - minus) / (2 * step) for plus, minus in moved]).reshape(-1, len(f)).T
+
+    def _moved(self, by: np.ndarray) -> RationalModel:
+        """The model with its free parameters changed, in the order of `cov`."""
+        den, num = np.split(by[: self.n_poles + len(self.num)], [self.n_poles])
+        return replace(
+            self,
+            den=self.den + np.concatenate([[0.0], den]),
+            num=self.num + num,
+            delay_s=self.delay_s + (by[-1] if self.free_delay else 0.0),
+        )
 
     def _std(self) -> np.ndarray:
         if self.cov is None:
@@ -550,6 +585,26 @@ def load_model(path: str | Path) -> RationalModel | PiecewiseModel | MimoModel |
 
         return PiecewiseModel.from_dict(data, str(path))
     return RationalModel.from_dict(data, str(path))
+
+
+def half_of(cov: np.ndarray) -> np.ndarray:
+    """C^(1/2): (p, r) of which each column is one standard deviation along an independent direction.
+
+    Parameters
+    ----------
+    cov : (p, p) ndarray
+        Covariance; rows of 0 for what is known, and it may be singular.
+
+    Returns
+    -------
+    (p, r) ndarray
+        Times its transpose it is `cov`; r <= p.
+    """
+    size = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    scale = np.where(size > 0, size, 1.0)
+    squares, directions = np.linalg.eigh(cov / np.outer(scale, scale))
+    there = squares > np.finfo(float).eps * max(len(cov), 1)
+    return scale[:, None] * directions[:, there] * np.sqrt(squares[there])
 
 
 def _roots(coef: np.ndarray) -> np.ndarray:

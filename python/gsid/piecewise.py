@@ -169,6 +169,13 @@ class PiecewiseModel:
         """Standard deviation of the complex response by the piece's covariance, (k,)."""
         return self._by_piece(f_hz, RationalModel.response_std, float)
 
+    def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """As `RationalModel.deviations`: (k, r) complex, the directions of each piece in turn."""
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        number = self.piece_at(f)
+        each = [piece.deviations(f) * (number == i)[:, None] for i, piece in enumerate(self.pieces)]
+        return np.hstack(each)
+
     def _by_piece(self, f_hz, of, kind: type) -> np.ndarray:
         f = np.atleast_1d(np.asarray(f_hz, dtype=float))
         out, number = np.empty(len(f), kind), self.piece_at(f)

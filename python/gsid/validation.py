@@ -5,7 +5,8 @@ On new data of the same kind the cost of eq. 7.28 is that of the new noise and o
     V = sum of |g - G|^2 / s^2,   E V = (F + tr(A C)) nu / (nu - 1),   A = sum of Re(x^H x) / s^2  (VAL-1)
 
 with x the derivatives of G by the parameters, C their covariance. A model of too high an order, whose cost on
-its own data is lower than the truth's, shows here.
+its own data is lower than the truth's, shows here. Whether it is adequate is judged by `gsid.misfit` as in
+`gsid.compare` (CMP-1), with the response in the place of the output.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from scipy import stats
 from gsid.bands import in_band
 from gsid.confidence import NORMAL_95
 from gsid.fit import check_response, inflation, weights
+from gsid.misfit import Errors, misfit
 from gsid.sampling import at_rate_of
+from gsid.weights import for_weights
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
     from gsid.model import RationalModel
 
 LAGS = 10
-HELD_OUT = ("held-out cost", "of right model", "error [dB]", "noise [dB]")
+ALPHA = 0.05  # false-alarm rate of the test for adequacy
+HELD_OUT = ("held-out cost", "of right model", "p", "error [dB]", "noise [dB]")
 """Columns of tables that compare models."""
 
 
@@ -42,6 +46,8 @@ class Validation:
         V, and what it is on average when the model is right.
     interval : (float, float)
         In which V lies 95 times in 100 when the model is right.
+    p_value : float
+        Probability of a misfit this large or larger when the model is right, its uncertainty allowed for.
     error_db, noise_db : float
         Root mean squares over the lines of the complex error over the response, and of what the noise of
         these data leaves of it [dB].
@@ -53,14 +59,15 @@ class Validation:
     cost: float
     cost_expected: float
     interval: tuple[float, float]
+    p_value: float
     error_db: float
     noise_db: float
     whiteness: float
 
     @property
     def adequate(self) -> bool:
-        """Whether nothing but noise is left: the cost is not above its interval."""
-        return self.cost <= self.interval[1]
+        """Whether nothing but noise and the model's uncertainty is left, at a false-alarm rate of 5 %."""
+        return self.p_value >= ALPHA
 
 
 def validate(model: RationalModel, held_out: Frf) -> Validation:
@@ -88,13 +95,10 @@ def validate(model: RationalModel, held_out: Frf) -> Validation:
     f, g = held_out.f_hz[use], held_out.g[use]
     sigma, dof = weights(held_out, use)
     error = g - model.response(f)
-    n, by_model, scatter = len(f), 0.0, 0.0
-    if model.cov is not None:
-        x = model.gradient(f) / sigma[:, None]
-        if model.hold == "zoh":
-            x = x * np.sinc(f / model.fs_hz)[:, None]
-        moved = (x.conj().T @ x).real @ model.cov
-        by_model, scatter = float(np.trace(moved)), float(np.trace(moved @ moved))
+    n, deviations = len(f), model.deviations(f)
+    x = deviations / sigma[:, None]
+    moved = (x.conj().T @ x).real
+    by_model, scatter = float(np.trace(moved)), float(np.sum(moved**2))
     factor = inflation(dof) if dof > 1 else np.nan
     expected = factor * (n + by_model)
     spread = NORMAL_95 * factor * np.sqrt(n * relative_variance(factor) + 2 * by_model + 2 * scatter)
@@ -103,9 +107,25 @@ def validate(model: RationalModel, held_out: Frf) -> Validation:
         cost=float(np.sum(np.abs(error / sigma) ** 2)),
         cost_expected=float(expected),
         interval=(float(expected - spread), float(expected + spread)),
+        p_value=misfit(_errors(error, g, held_out, use, deviations)).p_value,
         error_db=_rms_db(error / g),
         noise_db=_rms_db(sigma / g),
         whiteness=whiteness(model, held_out),
+    )
+
+
+def _errors(
+    error: np.ndarray, g: np.ndarray, held_out: Frf, use: np.ndarray, deviations: np.ndarray
+) -> Errors:
+    dof = float(held_out.n_dof)
+    variance = np.maximum(held_out.var_g[use], (np.finfo(float).eps * np.abs(g)) ** 2)
+    return Errors(
+        error=error,
+        var_mean=variance,
+        dof=np.full(len(error), dof),
+        var_weight=for_weights(variance, dof),
+        real=np.zeros(len(error), bool),
+        by_model=deviations,
     )
 
 
@@ -151,7 +171,7 @@ def held_out_text(validation: Validation | None) -> list[str]:
         return [""] * len(HELD_OUT)
     v = validation
     interval = f"{v.interval[0]:.0f} .. {v.interval[1]:.0f}"
-    return [f"{v.cost:.5g}", interval, f"{v.error_db:.1f}", f"{v.noise_db:.1f}"]
+    return [f"{v.cost:.5g}", interval, f"{v.p_value:.2g}", f"{v.error_db:.1f}", f"{v.noise_db:.1f}"]
 
 
 def without_empty(

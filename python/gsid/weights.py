@@ -67,17 +67,53 @@ def _pool(group: list[Spectra], drift: bool) -> tuple[np.ndarray, float]:
     dof = float(sum(one.n_periods - 1 for one in group))
     each = [one.var_y if drift else one.noise_y for one in group]
     variance = sum((one.n_periods - 1) * own for one, own in zip(group, each, strict=True)) / dof
-    if dof < DOF_WANTED:
-        inner = variance[1:-1]  # the ends, real lines, have variances of their own size
-        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(inner) - 1) // 2)
-        variance[1:-1] = ndimage.uniform_filter1d(inner, 2 * half + 1, mode="reflect")
-        dof *= 2 * half + 1
+    # The ends, real lines, have variances of their own size.
+    variance[1:-1], dof = smoothed(variance[1:-1], dof)
     if dof <= 2:
         hint = "measure more periods: at least 3 in all, or longer ones"
         raise InputError(
             "too few periods and lines for a variance", group[0].name, f"{dof:g} degrees of freedom", hint
         )
     return variance, dof
+
+
+def smoothed(variance: np.ndarray, dof: float) -> tuple[np.ndarray, float]:
+    """Variances of neighbouring lines, pooled over them where they have less than 20 degrees of freedom.
+
+    Parameters
+    ----------
+    variance : (k,) ndarray
+        Sample variances.
+    dof : float
+        Degrees of freedom of each; inf where they are known.
+
+    Returns
+    -------
+    (k,) ndarray, float
+        Pooled, and their degrees of freedom.
+    """
+    if dof >= DOF_WANTED:
+        return variance, dof
+    half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(variance) - 1) // 2)
+    return ndimage.uniform_filter1d(variance, 2 * half + 1, mode="reflect"), dof * (2 * half + 1)
+
+
+def for_weights(variance: np.ndarray, dof: float) -> np.ndarray:
+    """Variances of neighbouring lines of which the mean of 1/variance is that of the true ones.
+
+    Parameters
+    ----------
+    variance : (k,) ndarray
+        Sample variances.
+    dof : float
+        Degrees of freedom of each; inf where they are known.
+
+    Returns
+    -------
+    (k,) ndarray
+    """
+    variance, dof = smoothed(variance, dof)
+    return variance if np.isinf(dof) or dof <= 1 else variance * dof / (dof - 1)
 
 
 def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:

@@ -85,7 +85,8 @@ class Study:
     Attributes
     ----------
     window : (float, float) or None
-        Rates as multiples of the nominal level within which each cell must lie too.
+        Rates as multiples of the nominal level within which each cell must lie too, once it has all its
+        seeds: few ones scatter more.
     pooled : bool
         Whether cells are judged together too: the pooled rate needs independent experiments.
     never : tuple of str
@@ -278,7 +279,7 @@ def _rates(study: Study, cell: Cell, outcomes: list[Outcome], confidence: float)
             hits = sum(value <= level for value in values)
             low, high = interval(hits, len(values), confidence)
             met = low <= level and (cell.at_most or level <= high)
-            if study.window and cell.name != POOLED:
+            if study.window and cell.name != POOLED and len(values) >= study.n_seeds:
                 met = met and study.window[0] * level <= hits / len(values) <= study.window[1] * level
             yield Rate(cell.name, name, level, len(values), hits, low, high, bool(met), cell.at_most)
 

@@ -1,5 +1,6 @@
 """The adequacy test: its false-alarm rate, its power, and whether it says where."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -10,6 +11,8 @@ from scipy import stats
 from gsid.compare import compare
 from gsid.errors import InputError
 from gsid.excitation import Multisine
+from gsid.fit import fit
+from gsid.frf import frf
 from gsid.greybox import fit_plant
 from gsid.model import RationalModel
 from gsid.piecewise import PiecewiseModel
@@ -173,6 +176,74 @@ def test_misuse_is_a_value_error(arguments, what):
         compare(MODEL, [])
 
 
+@pytest.mark.parametrize("kind", ["s", "z", "zoh", "pieces"])
+def test_a_fitted_model_is_allowed_its_covariance_on_new_records(kind):
+    """A bug: the noise of the fit was left out, and most right models of 4 periods rejected by 40."""
+    print("seed", SEED, kind)
+    rng, n = np.random.default_rng([SEED, len(kind)]), 60
+    p_values, as_known, costs = [], [], []
+    truth, hold = MODEL, "zoh" if kind == "zoh" else "none"
+    if kind == "z":
+        truth = RationalModel([0.1, 0.05], [1, -1.6, 0.7], domain="z", fs_hz=FS)
+    elif kind == "zoh":
+        truth = HELD
+    for _ in range(n):
+        ours, new = (dataclasses.replace(measured(rng, periods=p, truth=truth), hold=hold) for p in (4, 40))
+        options = {"domain": "z", "delay": "none"} if kind == "z" else {}
+        if kind == "pieces":
+            bands = (0.0, 12.0), (12.0, 40.0)
+            model = PiecewiseModel(tuple(fit(frf(ours), "2/0", band=band) for band in bands), (12.0,))
+            bare = PiecewiseModel(tuple(dataclasses.replace(m, cov=None) for m in model.pieces), (12.0,))
+        else:
+            model = fit(frf(ours), "2/1" if kind == "z" else "2/0", **options)
+            bare = dataclasses.replace(model, cov=None)
+        result = compare(model, new)
+        assert result.model_uncertainty == "included"
+        p_values.append(result.p_value)
+        costs.append(result.cost_per_dof)
+        as_known.append(compare(bare, new).p_value)
+    assert np.sum(np.array(p_values) < 0.05) <= stats.binom.interval(0.999, n, 0.05)[1]
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    assert np.mean(costs) == pytest.approx(1, abs=0.07)  # of 60 lines with a scatter of 0.13
+    assert np.mean(np.array(as_known) < 0.05) > 0.5
+
+
+def test_what_the_model_is_allowed_is_reported():
+    """The rms that its covariance adds is what its error has beyond the noise of the record."""
+    rng = np.random.default_rng(SEED)
+    ours, new = measured(rng, periods=4), measured(rng, periods=40)
+    model = fit(frf(ours), "2/0")
+    included = compare(model, new)
+    bare = compare(dataclasses.replace(model, cov=None), new)
+    of_fit = compare(model, ours, fitted=True)
+    assert [r.model_uncertainty for r in (included, bare, of_fit)] == ["included", "none", "fitted"]
+    assert included.to_dict()["model_uncertainty"] == "included"
+    assert included.model_uncertainty_rms > 0 == bare.model_uncertainty_rms == of_fit.model_uncertainty_rms
+    assert included.noise_floor_rms == bare.noise_floor_rms
+    assert "the model's uncertainty" in included.verdict
+    expected = np.hypot(included.noise_floor_rms, included.model_uncertainty_rms)
+    rms = [
+        compare(fit(frf(measured(rng, periods=4)), "2/0"), measured(rng, periods=40)).rms_error
+        for _ in range(30)
+    ]
+    assert np.sqrt(np.mean(np.square(rms))) == pytest.approx(expected, rel=0.15)
+    np.testing.assert_allclose(included.sigma**2 - included.sigma_model**2, bare.sigma**2, rtol=1e-9)
+
+
+def test_bands_do_not_blame_what_the_covariance_allows():
+    """A gain off by two standard deviations fails nowhere, one off by twenty at every line that shows it."""
+    rng = np.random.default_rng(SEED)
+    cov = np.zeros((3, 3))
+    cov[2, 2] = 9.0**2
+    new = measured(rng, periods=40)
+    for off, adequate in ((18.0, True), (180.0, False)):
+        model = RationalModel([900.0 + off], MODEL.den, MODEL.delay_s, cov=cov)
+        result = compare(model, new)
+        assert result.adequate == adequate
+        assert bool(result.where) == (not adequate)
+        assert not compare(dataclasses.replace(model, cov=None), new).adequate
+
+
 # ---- plants ---------------------------------------------------------------------------------------------
 
 STACK = {
@@ -226,6 +297,47 @@ def test_false_alarm_rate_on_the_record_of_the_fit():
     assert np.mean([r.cost_per_dof for r in results]) == pytest.approx(1, abs=0.1)  # scatters by 0.02
 
 
+def test_a_fitted_plant_is_allowed_its_covariance_on_new_records(command):
+    """A bug: the noise of the fit was left out, and 83 % of right plants of 4 periods rejected by 40."""
+    print("seed", SEED)
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    results, as_known = [], []
+    for _ in range(60):
+        model = fit_plant(plant(STACK), noisy(rng, command, y, 4)).model
+        new = noisy(rng, command, y, 40)
+        results.append(compare(model, new))
+        model.cov = None
+        as_known.append(compare(model, new).adequate)
+    assert np.sum([not r.adequate for r in results]) <= stats.binom.interval(0.999, 60, 0.05)[1]
+    assert stats.kstest([r.p_value for r in results], "uniform").pvalue > 1e-3
+    assert np.mean([r.cost_per_dof for r in results]) == pytest.approx(1, abs=0.07)
+    assert np.mean(as_known) < 0.5
+
+
+def test_a_wrong_plant_is_rejected_beside_its_uncertainty(command):
+    rng = np.random.default_rng(SEED)
+    y = axis_period(command, coulomb_level=1.0, **AXIS)
+    model = fit_plant(plant(STACK), noisy(rng, command, y, 4)).model
+    result = compare(model, noisy(rng, command, y, 40))
+    assert result.model_uncertainty == "included"
+    assert not result.adequate
+    assert result.where
+
+
+def test_what_the_fit_left_open_may_have_any_value(command):
+    """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    new = noisy(rng, command, y, 40)
+    model = fit_plant(plant(STACK), noisy(rng, command, y, 4)).model
+    model["cable_spring.stiffness"].value *= 1.01
+    assert not compare(model, new).adequate
+    undetermined, of_each = copy.deepcopy(model), copy.deepcopy(model)
+    undetermined["cable_spring.stiffness"].std = float("nan")
+    of_each.fit["per_record"] = [{"name": "", "cable_spring.stiffness": [170.0, 1.0]}]
+    for one in (undetermined, of_each):
+        assert compare(one, new).p_value > 1e-3
+
+
 def test_friction_is_seen_in_a_plant_without_it(command):
     rng = np.random.default_rng(SEED)
     y = axis_period(command, coulomb_level=2.0, **AXIS)
@@ -255,8 +367,10 @@ def test_an_answer_that_is_not_steady_is_told(command, monkeypatch, caplog, shar
     noise_rms = compare(plant(STACK), seen).noise_floor_rms
     predict = PlantModel.predict
 
-    def moving(self, spectra):
-        return dataclasses.replace(predict(self, spectra), residual=share * noise_rms, settled=False)
+    def moving(self, spectra, **options):
+        return dataclasses.replace(
+            predict(self, spectra, **options), residual=share * noise_rms, settled=False
+        )
 
     monkeypatch.setattr(PlantModel, "predict", moving)
     compare(plant(STACK), seen)

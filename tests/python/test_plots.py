@@ -234,13 +234,31 @@ def test_comparison_bounds_the_noise_by_the_periods_of_the_record_shown():
     loud = simulate(line=np.arange(1, 126, 4))
     loud = dataclasses.replace(loud, u=3 * loud.u, y=3 * loud.y)
     long = simulate(line=np.arange(1, 126, 4), n_periods=30)
-    result = compare(axis(), [long, loud])
-    assert result.n_dof == compare(axis(), loud).n_dof == 7
+    known = axis(cov=None)
+    result = compare(known, [long, loud])
+    assert result.n_dof == compare(known, loud).n_dof == 7
     lines = plots.comparison(result).axes[0].lines
     drawn = next(line for line in lines if line.get_label() == "95 % noise bound")
     use = result.kind == "excited"
     want = complex_bound(result.sigma[use], n_dof=7)
     np.testing.assert_allclose(drawn.get_ydata(), 20 * np.log10(want))
+
+
+def test_the_bound_of_a_comparison_includes_the_model_s_uncertainty():
+    record = simulate(line=np.arange(1, 126, 4))
+    result, known = compare(axis(), record), compare(axis(cov=None), record)
+    figure = plots.comparison(result)
+    assert "a right model: 5 %" in labels(figure)
+    drawn, noise = (
+        next(line for line in one.axes[0].lines if line.get_label().startswith("95 %"))
+        for one in (figure, plots.comparison(known))
+    )
+    assert drawn.get_label() == "95 % bound of noise and the model's uncertainty"
+    excited = result.kind == "excited"
+    ratio = 10 ** ((drawn.get_ydata() - noise.get_ydata()) / 20)
+    model, sigma = result.sigma_model[excited], known.sigma[excited]
+    assert np.all(ratio < np.sqrt(1 + (model / sigma) ** 2) + 1e-9)  # more degrees of freedom
+    assert np.all(ratio[model > 0.5 * sigma] > 1)
 
 
 def test_pole_zero_map():
@@ -327,7 +345,7 @@ def test_objects_draw_themselves(record, measured):
         (measured.plot(), "σ of the noise on G"),
         (multisine.plot("A"), "input u [A]"),
         (axis().plot(measured), "95 % band, model"),
-        (compare(axis(), record).plot(), "95 % noise bound"),
+        (compare(axis(cov=None), record).plot(), "95 % noise bound"),
     ):
         assert word in labels(drawn)
 

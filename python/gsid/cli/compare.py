@@ -43,7 +43,10 @@ if TYPE_CHECKING:
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option
 @click.option(
-    "--fitted", is_flag=True, help="The model was fitted to these records: allow for its parameters."
+    "--fitted",
+    is_flag=True,
+    help="The model was fitted to these records: allow for the number of its parameters, "
+    "not for their covariance.",
 )
 @click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
 @picture_option
@@ -62,7 +65,9 @@ def compare(
 ) -> None:
     """Compare the model's output with the measured mean, line by line, in units of its noise.
 
-    The lines that were not excited count too: what stands there is distortion. The verdict is an answer, not
+    A fitted model is uncertain itself, by the noise of the records of its fit: the test allows for the
+    covariance in its file. With --fitted the records given are those of the fit. The lines that were not
+    excited count too: what stands there is distortion. The verdict is an answer, not
     a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
     """
     from gsid.compare import compare as compare_model
@@ -91,12 +96,23 @@ def _cost_means(model: RationalModel | PlantModel) -> str:
     return COST_MEANS.get(method, COST_MEANS["ml"])
 
 
+def _uncertainty(result: Comparison, rms: str) -> str:
+    """Whether and how the test allows for the model's uncertainty."""
+    match result.model_uncertainty:
+        case "included":
+            return f"{result.model_uncertainty_rms:.4g} {rms}, allowed for"
+        case "fitted":
+            return "not added: the model was fitted to these records"
+    return "left out: the model has no covariance, and is judged as if it were known exactly"
+
+
 def _print(result: Comparison, unit: str, cost_means: str) -> None:
     verdict = "adequate" if result.adequate else "not adequate"
     print(f"The model is {verdict}: p = {result.p_value:.3g} at a level of {result.alpha:g}.")
     print(f"Cost per degree of freedom {result.cost_per_dof:.4g} ({cost_means}).")
     rms = f"{unit} rms".strip()
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
+    print(f"Model uncertainty {_uncertainty(result, rms)}.")
     print_table(
         ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
         (

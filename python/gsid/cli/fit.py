@@ -426,6 +426,8 @@ def _print_held_out(v: Validation) -> None:
     low, high = v.interval
     print()
     print(f"on data kept out: cost {v.cost:.5g}, {low:.0f} to {high:.0f} (95 %) of a right model")
+    verdict = "adequate" if v.adequate else "not adequate"
+    print(f"the model is {verdict} there: p = {v.p_value:.3g}, its own uncertainty allowed for")
     print(f"error {v.error_db:.1f} dB of the response, {v.noise_db:.1f} dB of it noise of these data")
 
 

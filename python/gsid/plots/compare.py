@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from gsid.confidence import complex_bound
 from gsid.plots.style import (
+    BOUND_OF_NOISE,
     EXCESS,
     KINDS,
     NOISE,
@@ -34,10 +35,13 @@ if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.ladder import Ladder
 
+BOUND_OF_BOTH = "95 % bound of noise and the model's uncertainty"
+
 
 @styled
 def comparison(comparison: Comparison) -> Figure:
-    """Error at the output against the noise: excited, odd and even lines apart, failing bands shaded.
+    """Error at the output against noise and the model's uncertainty: excited, odd and even lines apart,
+    failing bands shaded.
 
     Parameters
     ----------
@@ -49,6 +53,9 @@ def comparison(comparison: Comparison) -> Figure:
     """
     kind, f = np.asarray(comparison.kind), np.asarray(comparison.f_hz)
     error, sigma, y = (np.abs(np.asarray(a)) for a in (comparison.error, comparison.sigma, comparison.y))
+    bound = _bound(comparison)
+    included = comparison.model_uncertainty == "included"
+    label, right = (BOUND_OF_BOTH, "a right model") if included else (BOUND_OF_NOISE, "noise alone")
     kinds = [k for k in KINDS if np.any((kind == k) & (f > 0.0))] or ["excited"]
     figure = new_figure(1.0 + 2.1 * len(kinds))
     axes = np.atleast_1d(figure.subplots(len(kinds), 1, sharex=True, sharey=True))
@@ -56,14 +63,12 @@ def comparison(comparison: Comparison) -> Figure:
         use = (kind == name) & (f > 0.0)
         if name == "excited":
             ax.plot(f[use], db(y[use]), color=NOISE, linewidth=0.9, label="|Y measured|")
-        bound = complex_bound(sigma[use], n_dof=comparison.n_dof)
-        draw_error(ax, f[use], error[use], bound, "|Y measured − model|")
+        draw_error(ax, f[use], error[use], bound[use], "|Y measured − model|", label)
         for band in comparison.where:
             if band["lines"] == name and band["f_hi_hz"] > 0.0:  # a log axis has no place for an offset
                 _draw_failing_band(ax, band)
-        ax.set_title(
-            f"{name.capitalize()} lines: {above_text(error[use], bound)}" if use.any() else "No lines"
-        )
+        counted = above_text(error[use], bound[use], right)
+        ax.set_title(f"{name.capitalize()} lines: {counted}" if use.any() else "No lines")
         ax.set_ylabel(db_label("|Y|", plain_text(comparison.y_unit)))
         frequency_axis(ax, f[f > 0.0], label=ax is axes[-1])
     shown = f > 0.0
@@ -71,6 +76,16 @@ def comparison(comparison: Comparison) -> Figure:
     axes[0].set_ylim(top=axes[0].get_ylim()[1] + 10.0)  # for the shares
     legend_below(figure, axes)
     return figure
+
+
+def _bound(comparison: Comparison) -> np.ndarray:
+    """95 % bound of each line's error when the model is right, (k,).
+
+    The sum of an estimated and a known variance has more degrees of freedom than the first (Satterthwaite).
+    """
+    variance = np.maximum(comparison.sigma**2, np.finfo(float).tiny)
+    share_of_noise = np.maximum(1 - comparison.sigma_model**2 / variance, 1e-3)
+    return complex_bound(comparison.sigma, n_dof=comparison.n_dof / share_of_noise**2)
 
 
 def _draw_failing_band(ax: Axes, band: dict) -> None:

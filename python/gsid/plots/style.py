@@ -201,21 +201,25 @@ def order_text(model: RationalModel) -> str:
     return f"{len(model.den) - 1}/{len(model.num) - 1}"
 
 
-def draw_error(ax: Axes, f, error, bound, label: str) -> None:
+BOUND_OF_NOISE = "95 % noise bound"
+
+
+def draw_error(ax: Axes, f, error, bound, label: str, bound_label: str = BOUND_OF_NOISE) -> None:
     """Error of every line, those above the bound in another colour."""
     above = error > bound
-    ax.plot(f, db(bound), color=EXCESS, linewidth=1.0, label="95 % noise bound")
+    ax.plot(f, db(bound), color=EXCESS, linewidth=1.0, label=bound_label)
     draw_points(ax, f[~above], db(error[~above]), MODEL, label)
     if above.any():
         draw_points(ax, f[above], db(error[above]), EXCESS, "above the bound", markersize=3.2)
 
 
-def above_text(error, bound) -> str:
+def above_text(error, bound, right: str = "noise alone") -> str:
+    """How many lines lie above their bound, beside what is left by noise, or by what `right` says."""
     if not np.any(np.isfinite(bound)):
         return "the noise is not known"
     above = error > bound
     share = 100.0 * np.mean(above)
-    return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; noise alone: 5 %)"
+    return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; {right}: 5 %)"
 
 
 def legend_below(figure: FigureBase, axes: Sequence[Axes]) -> None:
