@@ -46,7 +46,7 @@ def block(study: Study, results: Results, n_seeds: int) -> str:
 
 
 def _row(rate: Rate) -> list[str]:
-    verdict = {None: "", True: "met", False: "MISSED"}[rate.met]
+    verdict = {None: "not judged", True: "met", False: "MISSED"}[rate.met]
     return [
         rate.cell,
         rate.outcome.replace("_", " "),

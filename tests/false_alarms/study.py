@@ -64,11 +64,19 @@ class Cell:
         What `run` needs.
     at_most : bool
         The test only promises a rate no larger than the nominal one here. Such a cell is not pooled.
+    judged : bool
+        False where the records are not what the test assumes: the rate is shown, not judged, and not pooled.
     """
 
     name: str
     setting: Any = None
     at_most: bool = False
+    judged: bool = True
+
+    @property
+    def pooled(self) -> bool:
+        """Whether it counts in the pooled rate."""
+        return self.judged and not self.at_most
 
     def rng(self, seed: int) -> np.random.Generator:
         """Random numbers of one experiment, independent of those of other cells and seeds."""
@@ -260,8 +268,8 @@ def rates(study: Study, outcomes: dict[tuple[str, int], Outcome], n_seeds: int |
         for cell in study.cells
     ]
     found = [rate for cell, part in parts for rate in _rates(study, cell, part, study.confidence)]
-    pool = [out for cell, part in parts if not cell.at_most for out in part]
-    if study.pooled and sum(not cell.at_most for cell in study.cells) > 1:
+    pool = [out for cell, part in parts if cell.pooled for out in part]
+    if study.pooled and sum(cell.pooled for cell in study.cells) > 1:
         found += _rates(study, Cell(POOLED), pool, POOLED_CONFIDENCE)
     return found
 
@@ -281,7 +289,8 @@ def _rates(study: Study, cell: Cell, outcomes: list[Outcome], confidence: float)
             met = low <= level and (cell.at_most or level <= high)
             if study.window and cell.name != POOLED and len(values) >= study.n_seeds:
                 met = met and study.window[0] * level <= hits / len(values) <= study.window[1] * level
-            yield Rate(cell.name, name, level, len(values), hits, low, high, bool(met), cell.at_most)
+            verdict = bool(met) if cell.judged else None
+            yield Rate(cell.name, name, level, len(values), hits, low, high, verdict, cell.at_most)
 
 
 def interval(hits: int, n: int, confidence: float) -> tuple[float, float]:

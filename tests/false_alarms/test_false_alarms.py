@@ -75,6 +75,14 @@ def test_events_that_must_not_happen_and_rates_that_are_bounds():
     assert (studying.POOLED, 0.05) not in found
 
 
+def test_cells_outside_of_what_a_test_assumes_are_shown_only():
+    study = a_study(cells=(Cell("right", 1.0), Cell("wrong", 1.5, judged=False)))
+    found = {(rate.cell, rate.level): rate for rate in rates(study, outcomes_of(study))}
+    assert found["wrong", 0.05].met is None
+    assert found["wrong", 0.05].low > 0.05
+    assert (studying.POOLED, 0.05) not in found
+
+
 def test_experiments_of_cells_are_independent():
     """With the same noise in two cells the pooled rate would rest on fewer experiments than it states."""
     a, b = ([Cell(name).rng(seed).random() for seed in range(300)] for name in ("a", "b"))

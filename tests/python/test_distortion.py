@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from nonlinear_axis import FS_HZ, LINE, N, NonlinearAxis, coverage
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 from gsid.distortion import StreamingDistortion, distortion, excess_kurtosis, from_responses
 from gsid.errors import GsidError, InputError
@@ -265,6 +265,68 @@ def test_superposition_tells_two_levels_apart():
     assert np.median(cubic.change_db) == pytest.approx(want_db, abs=0.3)
     with pytest.raises(InputError, match="different input levels"):
         distortion(NonlinearAxis(rms=1).records(rng, 1, 3) + NonlinearAxis(rms=2).records(rng, 1, 3))
+
+
+def two_levels(rng, m, p, *, repeats, noise=(0.1, 0.1), **axis):
+    """Superposition of so many experiments at rms 1 and 2."""
+    levels = [NonlinearAxis(rms=rms, noise=size, **axis) for rms, size in zip((1.0, 2.0), noise, strict=True)]
+    return [superposition(*(distortion(x.records(rng, m, p)) for x in levels)) for _ in range(repeats)]
+
+
+@pytest.mark.parametrize(("m", "p"), [(1, 2), (1, 4), (6, 4)])
+def test_a_linear_axis_is_not_rejected_at_two_levels(m, p):
+    """The law of the mean of ratios was wrong: 97 % were rejected at 1 % with 4 periods.
+
+    At 1 % more than 5 of 60 come once in 10 000 (binomial). All cells: tests/false_alarms.
+    """
+    results = two_levels(np.random.default_rng(SEED), m, p, repeats=60)
+    assert sum(s.p_value <= 0.01 for s in results) <= 5
+    assert 10 < sum(s.p_value <= 0.5 for s in results) < 50
+
+
+@pytest.mark.parametrize(("cubic", "p", "least"), [(0.006, 8, 0.8), (0.02, 2, 0.8)])
+def test_a_cubic_axis_is_found_nearly_as_often_as_with_known_noise(cubic, p, least):
+    """At 1 %, of 60: as many as a test that knows the variance finds, less the cost of estimating it."""
+    results = two_levels(np.random.default_rng(SEED), 1, p, repeats=60, cubic=cubic)
+    variance = sum(NonlinearAxis(rms=rms, noise=0.1).noise_std(p) ** 2 for rms in (1.0, 2.0))
+    known = [chi2.sf(2 * np.sum(np.abs(s.change) ** 2) / variance, 2 * len(s.line)) for s in results]
+    found, possible = (
+        np.mean(np.array(p_values) <= 0.01) for p_values in ([s.p_value for s in results], known)
+    )
+    assert possible > 0.9
+    assert found > least * possible
+
+
+def test_noise_that_changes_with_the_level_is_allowed_for():
+    rng = np.random.default_rng(SEED)
+    results = two_levels(rng, 1, 8, repeats=60, noise=(0.1, 0.05))
+    assert np.median([s.noise_ratio for s in results]) == pytest.approx(0.25, rel=0.1)
+    assert sum(s.one_noise_ratio for s in results) > 55
+    assert all(s.n_dof == 14 for s in results if s.one_noise_ratio)
+    assert sum(s.p_value <= 0.01 for s in results) <= 5
+
+
+def test_noise_that_changes_differently_from_line_to_line_gives_a_bound():
+    """The bound of each line is F(2, 2 nu) of the fewer degrees of freedom, with the unpooled variances."""
+    rng = np.random.default_rng(SEED)
+    line = np.arange(1, 33)
+    std = np.where(line < 17, 4.0, 0.25)
+    shape = (3, 8, len(line))
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    first, second = from_responses(line, 1 + noise[:1]), from_responses(line, 1 + std * noise[1:2])
+    s = superposition(first, second)
+    assert not s.one_noise_ratio
+    assert s.n_dof == 7
+    t = np.abs(second.bla - first.bla) ** 2 / (first.var_noise + second.var_noise)
+    assert s.p_value == pytest.approx(chi2.sf(2 * np.sum(7 * np.log(1 + t / 7)), 2 * len(line)))
+
+
+def test_records_without_noise_have_a_p_value():
+    rng = np.random.default_rng(SEED)
+    (linear,) = two_levels(rng, 1, 2, repeats=1, noise=(0.0, 0.0))
+    (cubic,) = two_levels(rng, 1, 2, repeats=1, noise=(0.0, 0.0), cubic=1e-3)
+    assert linear.p_value > 0.5
+    assert cubic.p_value < 1e-6
 
 
 def test_coherence_is_scipy_s():

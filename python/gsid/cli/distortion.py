@@ -109,6 +109,9 @@ def _change(change: Superposition) -> dict:
             "change_deg": change.change_deg,
             "std": change.std,
             "p_value": change.p_value,
+            "n_dof": change.n_dof,
+            "noise_ratio": change.noise_ratio,
+            "one_noise_ratio": change.one_noise_ratio,
             "sentence": change.sentence,
         }
     }
