@@ -7,7 +7,7 @@ import os
 import select
 import time
 import tty
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from gsid.link import (
     HELLO,
     SAMPLE,
     SESSION_MAX,
+    SILENCE_STOP_S,
     STOP,
     VERSION,
     Receiver,
@@ -32,7 +33,7 @@ from gsid.link import (
 
 QUEUE = 8192  # commands kept
 LEAD_S = 0.02  # paced: from the first command to tick 0, time for the host to get ahead
-WATCHDOG_S = 0.2  # paced: no frame for so long, and the command is zero; 0.25 s with the delays of a desktop
+WATCHDOG_S = SILENCE_STOP_S  # paced; 0.25 s with the delays of a desktop
 WAKE_S = 0.002  # paced: ticks are served in bursts
 OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
 
@@ -270,11 +271,21 @@ class Server:
     axis : SimulatedAxis
     paced : bool
         False: lock-step, the axis advances when commands come. True: by the clock.
+    on_applied : callable, optional
+        Called with the time [s], the first tick and the commands as applied, (n,) float64, whenever the axis
+        advances; after HELLO and STOP with one zero.
     """
 
-    def __init__(self, axis: SimulatedAxis, paced: bool = False) -> None:
+    def __init__(
+        self,
+        axis: SimulatedAxis,
+        paced: bool = False,
+        on_applied: Callable[[float, int, np.ndarray], None] | None = None,
+    ) -> None:
         self.axis = axis
         self.paced = paced
+        self.on_applied = on_applied
+        self._now_s = 0.0
         self.served = Served()
         self.receiver = Receiver(follows_hello=True)
         self.session = 0
@@ -300,7 +311,7 @@ class Server:
         ----------
         data : bytes
         now_s : float
-            Monotonic clock [s]; looked at only when paced.
+            Monotonic clock [s]; in lock-step for `on_applied` only.
 
         Returns
         -------
@@ -308,6 +319,7 @@ class Server:
             To send: in lock-step also the samples of all ticks up to the last command.
         """
         got = self.receiver.decode(data)
+        self._now_s = now_s
         if len(got):
             self._heard_s = now_s
         out, first = [], 0
@@ -320,6 +332,8 @@ class Server:
 
     def _control(self, frame: np.void) -> bytes:
         """Answer HELLO or STOP; a host of another version gets the answer that says so, and no run."""
+        if self.on_applied:
+            self.on_applied(self._now_s, self._tick, np.zeros(1))
         if frame["kind"] == HELLO:
             self._restart()
             self.session = int(frame["tick"])
@@ -351,6 +365,7 @@ class Server:
         """Paced: advance to the clock, and return the samples to send."""
         if not self.running or self._start_s is None or now_s < self._start_s:
             return b""
+        self._now_s = now_s
         if now_s - self._heard_s > WATCHDOG_S:
             self._forget()
             self._held = 0.0
@@ -373,6 +388,8 @@ class Server:
         index = np.maximum.accumulate(np.where(there, np.arange(len(tick)), -1))
         u = np.where(index >= 0, self._queue[tick[np.maximum(index, 0)] % QUEUE], self._held)
         u_applied, y, _ = self.axis.step(u)
+        if self.on_applied:
+            self.on_applied(self._now_s, self._tick, u_applied)
         n_lost = self._n_lost + np.cumsum(~there)
         flags = np.where(there, 0, COMMAND_LOST) | (n_lost % 128) << 1
         self._held, self._n_lost, self._tick = u[-1], int(n_lost[-1]), int(tick[-1]) + 1
@@ -397,20 +414,31 @@ def pseudo_terminal() -> Iterator[tuple[int, int, str]]:
 
 @contextlib.contextmanager
 def symlink(link: str | None, target: str) -> Iterator[None]:
-    """Have a symlink to `target` for a while; InputError when something else stands there."""
+    """Have a symlink to `target` for a while; InputError when there is something of that name."""
     if link is None:
         yield
         return
-    if os.path.lexists(link) and not os.path.islink(link):
-        raise InputError("there is a file of that name", link, None, "give --link another path")
-    with contextlib.suppress(FileNotFoundError):
-        os.unlink(link)
-    os.symlink(target, link)
+    try:
+        os.symlink(target, link)
+    except FileExistsError:
+        raise _occupied(link) from None
     try:
         yield
     finally:
         if os.path.islink(link) and os.readlink(link) == target:
             os.unlink(link)
+
+
+def _occupied(link: str) -> InputError:
+    if not os.path.islink(link):
+        return InputError("there is a file of that name", link, None, "give --link another path")
+    to = os.readlink(link)
+    hint = "give --link another path"
+    if to.startswith("/dev/pts/") and not os.path.exists(to):
+        hint += ", or remove the link: the pseudo-terminal it led to is gone"
+    return InputError(
+        "there is a link of that name, and not of this simulation", link, f"leads to {to}", hint
+    )
 
 
 def serve_line(

@@ -5,11 +5,16 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from gsid.cli.common import FILE_OUTPUT, Value, json_option, options_as_arguments, print_json, say
+
+if TYPE_CHECKING:
+    from gsid.simulate import Server
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -41,6 +46,12 @@ from gsid.cli.common import FILE_OUTPUT, Value, json_option, options_as_argument
 )
 @click.option("--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Any parameter of the axis.")
 @click.option("--truth", metavar="FILE", type=FILE_OUTPUT, help="Write the true parameters as JSON.")
+@click.option(
+    "--log",
+    metavar="FILE",
+    type=FILE_OUTPUT,
+    help="Write the command as applied: t_s of the monotonic clock, tick, u. It is 0 after HELLO and STOP.",
+)
 @json_option
 def simulate(
     paced: bool,
@@ -55,6 +66,7 @@ def simulate(
     damage: float,
     assignments: tuple[str, ...],
     truth: str | None,
+    log: str | None,
     as_json: bool,
 ) -> None:
     """Serve the source's inner azimuth axis on a pseudo-terminal, for `gsid run --port`.
@@ -62,6 +74,7 @@ def simulate(
     The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
     """
     from gsid.errors import GsidError
+    from gsid.files import write_atomically
     from gsid.simulate import (
         Damage,
         Server,
@@ -95,21 +108,39 @@ def simulate(
     random = int(axis.parameters["seed"])
     damage_in, damage_out = Damage(damage, random), Damage(damage, random + 1)
     server = Server(axis, paced)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with pseudo_terminal() as (axis_fd, host_fd, path), symlink(link, path):
-        if as_json:
-            print_json({"port": path, "paced": paced, "damage": damage, "parameters": axis.parameters})
-        else:
-            print(path)
-        click.get_text_stream("stdout").flush()
-        with contextlib.suppress(KeyboardInterrupt):
-            serve_line(server, axis_fd, host_fd, damage_in, damage_out, once)
+    for name in ("SIGTERM", "SIGHUP"):
+        signal.signal(getattr(signal, name), signal.default_int_handler)
+
+    def serve() -> None:
+        with pseudo_terminal() as (axis_fd, host_fd, path), symlink(link, path):
+            if as_json:
+                print_json({"port": path, "paced": paced, "damage": damage, "parameters": axis.parameters})
+            else:
+                print(path)
+            click.get_text_stream("stdout").flush()
+            with contextlib.suppress(KeyboardInterrupt):
+                serve_line(server, axis_fd, host_fd, damage_in, damage_out, once)
+
+    if log is None:
+        serve()
+    else:
+        write_atomically(log, lambda part: _logged(part, server, serve))
     served = server.served
     say(
         f"served {served.ticks} ticks, {served.commands_lost} commands lost"
         + (f", latest sample {1e3 * served.late_s:.1f} ms behind the clock" if paced else "")
         + (f", {damage_in.n_hits + damage_out.n_hits} frames damaged on purpose" if damage else "")
     )
+
+
+def _logged(path: Path, server: Server, serve: Callable[[], None]) -> None:
+    """Serve, with a line in the file for every tick and every stop."""
+    with path.open("w") as file:
+        file.write("t_s,tick,u\n")
+        server.on_applied = lambda t_s, first, u: file.writelines(
+            f"{t_s:.6f},{tick},{value:.9g}\n" for tick, value in enumerate(u.tolist(), first)
+        )
+        serve()
 
 
 def _scaled_noise(factor: float) -> dict[str, float]:
