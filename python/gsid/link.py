@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import os
 import secrets
 import time
 from collections.abc import Callable
@@ -13,7 +14,9 @@ import numpy as np
 
 from gsid._lib import ffi, lib
 from gsid.errors import InputError
+from gsid.journal import Journal, JournalError, RunDescription
 from gsid.record import Record
+from gsid.watch import ROUNDING, RunLimits, Watch
 
 if TYPE_CHECKING:
     from gsid.excitation import Multisine
@@ -37,9 +40,11 @@ assert FRAME.itemsize == ffi.sizeof("gsid_frame")
 WINDOW = 512  # commands under way: 170 ms at 3 kHz, more than an operating system sleeps
 QUIET_S = 2.0  # without a reply for so long, what is under way is sent again
 SILENT_S = 10.0  # without a reply for so long, the axis is given up
+SILENCE_STOP_S = 0.2  # an axis that gets no frame for so long sets its command to zero
 STOP_WAIT_S = 0.5  # for the answer to STOP
-KEEP_ALIVE_S = 0.05  # the host sends something at least so often: an axis stops after 0.2 s without a frame
+KEEP_ALIVE_S = 0.05  # the host sends something at least so often
 GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
+REST_S = 0.5  # of command zero before a run with a limit on travel: what the gyro shows then is its offset
 BAD_IN_A_ROW = 8  # periods
 BAD_FACTOR = 4  # periods measured over periods asked for
 
@@ -56,8 +61,12 @@ class LinkError(InputError):
     record: Record | None = None
 
 
+class LimitError(LinkError):
+    """The planned command, or what the axis does, passes a limit of the run; the command is zero."""
+
+
 class Stopped(KeyboardInterrupt):
-    """The user stopped a run with Ctrl-C; the command is zero.
+    """A run was stopped by Ctrl-C, another signal or `should_stop`; the command is zero.
 
     Attributes
     ----------
@@ -271,18 +280,23 @@ class Link:
     transport : Transport
     name : str
         Of the port, for messages.
+    should_stop : callable, optional
+        True: what waits for the axis ends with `Stopped`.
     """
 
-    def __init__(self, transport: Transport, name: str = "") -> None:
+    def __init__(
+        self, transport: Transport, name: str = "", should_stop: Callable[[], bool] | None = None
+    ) -> None:
         self._transport = transport
+        self._should_stop = should_stop
         self.name = name
         self.receiver = Receiver()
         self.longest_silence_s = 0.0  # of this end, while the axis runs
 
     @classmethod
-    def open(cls, port: str) -> Link:
+    def open(cls, port: str, should_stop: Callable[[], bool] | None = None) -> Link:
         """Open a serial port or a pseudo-terminal; LinkError when that fails."""
-        return cls(SerialTransport(port), port)
+        return cls(SerialTransport(port), port, should_stop)
 
     def __repr__(self) -> str:
         return f"Link({self.name}: {self.receiver!r})"
@@ -306,6 +320,11 @@ class Link:
             return self.receiver.decode(self._transport.read())
         except OSError as error:
             raise self._gone(error) from error
+
+    def check_stop(self) -> None:
+        """Raise `Stopped` when `should_stop` says so."""
+        if self._should_stop is not None and self._should_stop():
+            raise Stopped("stopped")
 
     def _gone(self, error: OSError) -> LinkError:
         return LinkError(
@@ -331,7 +350,7 @@ class Link:
         self.receiver.session = new_session(self.receiver.session)
         for _ in range(round(SILENT_S / QUIET_S)):
             self.send(hello_frame(self.receiver.session))
-            answer = self._wait_for(HELLO, QUIET_S, self._is_answer)
+            answer = self._wait_for(HELLO, QUIET_S, self._is_answer, self.check_stop)
             if answer is not None:
                 return self._read_hello(answer)
         raise LinkError(
@@ -372,10 +391,15 @@ class Link:
         return False
 
     def _wait_for(
-        self, kind: int, timeout_s: float, wanted: Callable[[np.void], bool] = lambda frame: True
+        self,
+        kind: int,
+        timeout_s: float,
+        wanted: Callable[[np.void], bool] = lambda frame: True,
+        check: Callable[[], None] = lambda: None,
     ) -> np.void | None:
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
+            check()
             for frame in self.receive():
                 if frame["kind"] == kind and wanted(frame):
                     return frame
@@ -420,7 +444,7 @@ class _Echo:
         self.other[phase] = np.where(good, np.nan, echo)
         return good
 
-    def judge(self, name: str) -> np.ndarray:
+    def judge(self) -> np.ndarray:
         """Compare a whole period with what was sent; LinkError when they differ by more than single samples.
 
         Returns
@@ -439,7 +463,7 @@ class _Echo:
             example = f"{self.known[worst]:g} at tick {worst} for {self.sent[worst]:g}"
             raise LinkError(
                 "the axis reports another command than the one sent",
-                name,
+                "",
                 f"{len(wrong)} samples of a period, {example}",
                 "is the drive enabled? SAMPLE carries the command in force at its tick, in the unit in which "
                 "it was sent, clipped and rounded at most: docs/protocol.md",
@@ -465,14 +489,16 @@ def _step_of(values: np.ndarray) -> float:
 class _Samples:
     """What has come back, by tick, and which periods of it are good."""
 
-    def __init__(self, table: np.ndarray, settle: int, asked: int, name: str = "") -> None:
+    def __init__(self, table: np.ndarray, settle: int, asked: int) -> None:
         capacity = settle + (BAD_FACTOR * asked + 1) * len(table)
-        self.period, self.settle, self.asked, self.name = len(table), settle, asked, name
+        self.period, self.settle, self.asked = len(table), settle, asked
         self.u = np.zeros(capacity)
         self.y = np.zeros(capacity)
         self.valid = np.zeros(capacity, bool)
+        self.came = np.zeros(capacity, bool)  # with numbers, valid or not
         self.echo = _Echo(table)
         self.end = 0
+        self.kept = 0  # samples below are in the journal
         self.good: list[bool] = []
         self.n_held = 0
         self._lost_count = 0
@@ -489,6 +515,7 @@ class _Samples:
         held_before = self._held_before(tick, got["flags"])
         finite = np.isfinite(got["a"]) & np.isfinite(got["b"])
         self.u[tick[finite]], self.y[tick[finite]] = got["a"][finite], got["b"][finite]
+        self.came[tick] = finite
         good = finite & (tick - held_before > self.settle)
         good[good] = self.echo.check(tick[good], got["a"][good])
         self.valid[tick] = good
@@ -501,8 +528,9 @@ class _Samples:
 
     def _judge_echo(self) -> None:
         if not self.echo.is_judged and not np.isnan(self.echo.known).any():
-            for sample in self.echo.judge(self.name):
+            for sample in self.echo.judge():
                 self.valid[sample : self.end : self.period] = False
+                self.kept = 0
 
     def _held_before(self, tick: np.ndarray, flags: np.ndarray) -> np.ndarray:
         """The last tick, up to each sample, at which a lost command is known to have disturbed the axis."""
@@ -540,6 +568,9 @@ def run(
     meta: dict[str, str] | None = None,
     frf: StreamingFrf | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    journal: str | os.PathLike | None = None,
+    should_stop: Callable[[], bool] | None = None,
+    limits: RunLimits | None = None,
 ) -> Record:
     """Drive an axis with a periodic excitation until so many good periods are measured.
 
@@ -567,6 +598,15 @@ def run(
         Given every sample as it comes, so that the response is measured while the axis runs.
     on_progress : callable, optional
         Given a `Progress` whenever samples have come.
+    journal : path_like, optional
+        New file for the samples as they come; `gsid.journal.recover` makes a record of it. It is left for the
+        caller to remove once the record is written, and removed here when it holds no sample.
+    should_stop : callable, optional
+        Called many times a second: True ends the run with `Stopped`. For handlers of signals that set a flag.
+    limits : RunLimits, optional
+        Of the planned command, checked before the start, and of the command in force, rate and travel as the
+        samples come. The travel is the integral of the rate less its mean during half a second of command
+        zero before the start, in which the axis has to stand still; the rate is taken to be in deg/s.
 
     Returns
     -------
@@ -582,30 +622,135 @@ def run(
         protocol or reports another command than the one sent, the port disappears, or too many periods are
         lost (8 in a row, or the asked number is not reached in 4 times as many). Its `record` is what was
         measured until then.
+    LimitError
+        The planned command or the axis passes a limit. Its `record` is what was measured until then.
+    JournalError
+        The journal cannot be written; its `record` is what was measured until then.
     Stopped
-        Ctrl-C; its `record` is what was measured until then.
+        Ctrl-C, or `should_stop`; its `record` is what was measured until then.
     """
     table, fs_hz = _one_period(excitation, fs_hz)
     settle = 2 * len(table) if settle is None else settle
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
-    samples = _Samples(table, settle, periods, port if isinstance(port, str) else "")
-    failure: LinkError | Stopped | None = None
-    with Link.open(port) if isinstance(port, str) else Link(port) as link:
-        n_queue = _start(link, fs_hz)
-        try:
-            _exchange(link, samples, table, n_queue, int(SILENT_S * fs_hz), frf, on_progress)
-        except LinkError as error:
-            failure = error
-        except KeyboardInterrupt:
-            failure = Stopped("stopped")
-        finally:
-            confirmed = _stop(link)
-    record = _record(samples, link, confirmed, fs_hz, u_unit, y_unit, meta or {}) if samples.end else None
+    samples = _Samples(table, settle, periods)
+    name = port if isinstance(port, str) else ""
+    description = RunDescription(
+        fs_hz,
+        len(table),
+        settle,
+        len(samples.u),
+        u_unit,
+        y_unit,
+        name,
+        (meta or {}) | {"date": _now(), "port": name},
+    )
+    if limits and limits.command is not None and np.abs(table).max() > limits.command * ROUNDING:
+        raise LimitError(
+            "the planned command passes its limit",
+            name,
+            f"peak {np.abs(table).max():.4g}, limit {limits.command:g}",
+            "lower --amplitude, or `gsid design --limit-command` makes a command that stays within it",
+        )
+    kept = Journal(journal, description) if journal is not None else None
+    failure: BaseException | None = None
+    statistics: dict[str, str] = {}
+    try:
+        with Link.open(port, should_stop) if isinstance(port, str) else Link(port, "", should_stop) as link:
+            try:
+                watch = _watch(link, limits, fs_hz) if limits else None
+                consumers = _Consumers(link.name, kept, watch, frf, on_progress)
+                _exchange(link, samples, table, _start(link, fs_hz), int(SILENT_S * fs_hz), consumers.take)
+            finally:
+                statistics = _statistics(samples, link, _stop(link))
+    except KeyboardInterrupt as error:
+        failure = error if isinstance(error, Stopped) else Stopped("stopped")
+    except BaseException as error:
+        failure = error
+    failure = _close(kept, samples) or failure
+    n = samples.end
+    record = description.record(samples.u[:n], samples.y[:n], samples.valid[:n], statistics) if n else None
     if failure is not None:
-        failure.record = record
+        failure.record = record  # type: ignore[attr-defined]
         raise failure
+    assert record is not None
     return record
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _close(journal: Journal | None, samples: _Samples) -> BaseException | None:
+    """Finish the journal; why it is not whole."""
+    if journal is None:
+        return None
+    try:
+        _keep(journal, samples)
+        journal.close()
+    except JournalError as error:
+        return error
+    finally:
+        if not samples.end:
+            journal.path.unlink(missing_ok=True)
+    return None
+
+
+def _keep(journal: Journal, samples: _Samples) -> None:
+    """Append what the journal does not have yet."""
+    new = slice(samples.kept, samples.end)
+    if new.start < new.stop:
+        journal.append(new.start, samples.u[new], samples.y[new], samples.valid[new])
+        samples.kept = samples.end
+
+
+@dataclass
+class _Consumers:
+    """Who takes the samples as they come."""
+
+    name: str
+    journal: Journal | None
+    watch: Watch | None
+    frf: StreamingFrf | None
+    on_progress: Callable[[Progress], None] | None
+    n_watched: int = 0
+    n_fed: int = 0
+
+    def take(self, samples: _Samples) -> None:
+        """Pass on what is new; LimitError when a limit is passed."""
+        if self.journal is not None:
+            _keep(self.journal, samples)
+        if self.watch is not None:
+            self._check_limits(self.watch, samples)
+        if self.frf is not None and samples.echo.is_judged:
+            new = slice(self.n_fed, samples.end)
+            self.frf.step(samples.u[new], samples.y[new], samples.valid[new])
+            self.n_fed = samples.end
+        if self.on_progress:
+            self.on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.asked))
+
+    def _check_limits(self, watch: Watch, samples: _Samples) -> None:
+        first, new = self.n_watched, slice(self.n_watched, samples.end)
+        found = watch.check(samples.u[new], samples.y[new], samples.came[new])
+        self.n_watched = samples.end
+        if found is not None:
+            raise LimitError(
+                "the axis passes a limit: stopped",
+                self.name,
+                f"{found[1]}, at sample {first + found[0]}",
+                "lower the amplitude, or raise the limit where the rig stands it",
+            )
+
+
+def _watch(link: Link, limits: RunLimits, fs_hz: float) -> Watch:
+    """Limits, and for the travel the rate that the gyro shows at rest."""
+    if limits.travel_deg is None:
+        return Watch(limits, fs_hz)
+    n_queue = _start(link, fs_hz)
+    table = np.zeros(max(2, round(REST_S * fs_hz)))
+    rest = _Samples(table, 0, 1)
+    _exchange(link, rest, table, n_queue, int(SILENT_S * fs_hz), lambda samples: None)
+    return Watch(limits, fs_hz, float(rest.y[rest.valid].mean()))
 
 
 def _one_period(excitation: Multisine | np.ndarray, fs_hz: float) -> tuple[np.ndarray, float]:
@@ -642,18 +787,18 @@ def _exchange(
     table: np.ndarray,
     n_queue: int,
     n_ahead: int,
-    frf: StreamingFrf | None,
-    on_progress: Callable[[Progress], None] | None,
+    take: Callable[[_Samples], None],
 ) -> None:
-    """Keep a window of commands under way, and take what comes back, until there are enough good periods.
+    """Keep a window of commands under way, and `take` what comes back, until there are enough good periods.
 
     A paced axis may have gone on beyond the last command sent while the host was stalled: samples up to
     `n_ahead` ticks further are believed.
     """
     window = max(1, min(WINDOW, n_queue // 2))
-    sent, fed, heard = 0, 0, time.monotonic()
+    sent, heard = 0, time.monotonic()
     sent_at, resend = heard, heard + QUIET_S
     while samples.n_good < samples.asked:
+        link.check_stop()
         if samples.hopeless():
             raise _too_many_lost(link, samples)
         room = samples.end + window - sent
@@ -663,14 +808,9 @@ def _exchange(
             link.longest_silence_s = max(link.longest_silence_s, now - sent_at)
             sent_at = now
         if samples.take(link.receive(), sent + n_ahead):
-            if frf is not None and samples.echo.is_judged:
-                new = slice(fed, samples.end)
-                frf.step(samples.u[new], samples.y[new], samples.valid[new])
-                fed = samples.end
             heard = time.monotonic()
             resend = heard + QUIET_S
-            if on_progress:
-                on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.asked))
+            take(samples)
         elif time.monotonic() > heard + SILENT_S:
             raise LinkError(
                 f"no sample from the axis for {SILENT_S:g} s",
@@ -702,24 +842,9 @@ def _too_many_lost(link: Link, samples: _Samples) -> LinkError:
     )
 
 
-def _record(
-    samples: _Samples,
-    link: Link,
-    confirmed: bool,
-    fs_hz: float,
-    u_unit: str,
-    y_unit: str,
-    meta: dict[str, str],
-) -> Record:
-    n = samples.end
-    if samples.good:
-        n = samples.settle + len(samples.good) * samples.period
-    statistics = {
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "port": link.name,
-        "good_periods": samples.n_good,
-        "spoiled_periods": samples.n_lost,
-        "lost_samples": int(np.count_nonzero(~samples.valid[:n])),
+def _statistics(samples: _Samples, link: Link, confirmed: bool) -> dict[str, str]:
+    """How the line behaved."""
+    values = {
         "lost_commands": samples.n_held,
         "wrong_echoes": samples.echo.n_wrong,
         "longest_host_silence_s": f"{link.longest_silence_s:.3f}",
@@ -728,16 +853,4 @@ def _record(
         "link_garbage_bytes": link.receiver.n_garbage,
         "command_zero_confirmed": "yes" if confirmed else "no",
     }
-    return Record(
-        u=samples.u[:n].copy(),
-        y=samples.y[:n].copy(),
-        valid=samples.valid[:n].copy(),
-        fs_hz=fs_hz,
-        period_samples=samples.period,
-        settle_samples=samples.settle,
-        u_unit=u_unit,
-        y_unit=y_unit,
-        hold="zoh",
-        name=link.name,
-        meta=meta | {key: str(value) for key, value in statistics.items()},
-    )
+    return {key: str(value) for key, value in values.items()}

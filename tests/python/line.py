@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from gsid.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver
+from gsid.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver, encode
 from gsid.simulate import Server, SimulatedAxis
 
 SESSION = 7  # of tests that speak the protocol by hand
@@ -48,6 +48,18 @@ class Loopback:
 
     def close(self) -> None:
         self.stopped = not self.server.running
+
+
+class Altered(Server):
+    """An axis whose frames are changed on their way out by `alter(frames)`."""
+
+    def __init__(self, alter: Callable[[np.ndarray], np.ndarray]) -> None:
+        super().__init__(quiet_axis())
+        self.alter = alter
+
+    def take(self, data: bytes, now_s: float = 0.0) -> bytes:
+        out = frames_in(super().take(data, now_s), self.session).copy()
+        return encode(self.alter(out), self.session)
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from line import SESSION, Loopback, frames_in, multisine, quiet_axis
+from line import SESSION, Altered, Loopback, frames_in, multisine, quiet_axis
 
 from gsid import link
 from gsid.errors import InputError
@@ -296,18 +296,6 @@ def test_link_by_hand():
         assert host.stop()
         assert "here" in repr(host)
     assert HELLO != STOP
-
-
-class Altered(Server):
-    """An axis whose frames are changed on their way out by `alter(frames)`."""
-
-    def __init__(self, alter, axis=None, **options):
-        super().__init__(axis or quiet_axis(), **options)
-        self.alter = alter
-
-    def take(self, data, now_s=0.0):
-        out = frames_in(super().take(data, now_s), self.session).copy()
-        return encode(self.alter(out), self.session)
 
 
 def test_a_frame_of_an_earlier_run_in_a_good_period_is_not_believed():

@@ -3,8 +3,10 @@
 import contextlib
 import json
 import os
+import pty
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -161,6 +163,151 @@ def test_ctrl_c_leaves_the_command_at_zero_and_the_record(folder):
     assert record.meta["command_zero_confirmed"] == "yes"
 
 
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_leaves_the_command_at_zero_and_the_record(folder, name):
+    """SIGHUP and Ctrl-\\ sent no STOP, and lost everything."""
+    server = Server(quiet_axis(), paced=True)
+    with pseudo_terminal() as (axis_fd, host_fd, port):
+        line = Thread(target=serve_line, args=(server, axis_fd, host_fd, Damage(0), Damage(0), True))
+        line.start()
+        process = started(port, "-o", "half.csv")
+        wait_until(lambda: server.served.ticks > 3000)
+        process.send_signal(getattr(signal, name))
+        _, words = process.communicate(timeout=120)
+        line.join()
+    assert not server.running
+    assert process.returncode == 130
+    assert f"{name}: the run is stopped" in words
+    assert len(read_record("half.csv")) >= 2400
+    assert not Path("half.csv.journal").exists()
+
+
+def test_a_second_ctrl_c_loses_nothing(folder):
+    """It came while STOP was under way or the record was written: both were in vain."""
+    with simulator("--paced") as (_, port):
+        process = started(port, "-o", "half.csv")
+        wait_until(
+            lambda: Path("half.csv.journal").is_file() and Path("half.csv.journal").stat().st_size > 30_000
+        )
+        for _ in range(40):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.01)
+        process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert len(read_record("half.csv")) >= 2400
+    assert read_record("half.csv").meta["command_zero_confirmed"] == "yes"
+    assert os.listdir() == ["half.csv"]
+
+
+def test_a_killed_run_is_recovered_from_its_journal(folder):
+    with simulator("--paced", "--log", "applied.csv") as (axis, port):
+        process = started(port, "-o", "half.csv")
+        wait_until(
+            lambda: Path("half.csv.journal").is_file() and Path("half.csv.journal").stat().st_size > 30_000
+        )
+        process.kill()
+        killed_s = time.monotonic()
+        process.communicate(timeout=120)
+        time.sleep(0.5)
+        axis.terminate()
+        axis.wait()
+    t_s, _, u = np.loadtxt("applied.csv", delimiter=",", skiprows=1).T
+    assert t_s[u != 0].max() < killed_s + 0.25
+    assert t_s.max() > killed_s + 0.3
+    again = gsid("run", "--port", "nowhere", "-o", "half.csv")
+    assert (again.returncode, "journal of an earlier run" in again.stderr) == (3, True)
+    assert "gsid run --recover half.csv.journal" in again.stderr
+    done = gsid("run", "--recover", "half.csv.journal", "--json")
+    assert done.returncode == 0, done.stderr
+    record = read_record("half.csv")
+    assert json.loads(done.stdout)["n_periods"] == int(record.meta["good_periods"]) >= 1
+    assert (len(record) - record.settle_samples) % 600 == 0
+    assert record.meta["recovered_from"] == "half.csv.journal"
+    twice = gsid("run", "--recover", "half.csv.journal")
+    assert (twice.returncode, "name the record with -o" in twice.stderr) == (3, True)
+
+
+def test_a_record_that_cannot_be_written_leaves_the_journal(folder):
+    """A disk that is full at the end: the record is five times as large as the journal."""
+    limited = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (60000, -1));"
+        "from gsid.cli.main import main; sys.exit(main())"
+    )
+    with simulator() as (_, port):
+        done = subprocess.run(
+            [sys.executable, "-c", limited, "run", "--port", port, *EXCITE, "--periods", "6", "-o", "a.csv"],
+            capture_output=True,
+            text=True,
+        )
+    assert done.returncode == 3, done.stderr
+    assert "the record cannot be written" in done.stderr
+    assert "gsid run --recover a.csv.journal -o REC" in done.stderr
+    assert os.listdir() == ["a.csv.journal"]
+    assert gsid("run", "--recover", "a.csv.journal", "-o", "b.npz").returncode == 0
+    record = read_record("b.npz")
+    assert (record.meta["good_periods"], len(record)) == ("6", 8 * 600)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--recover", "none.journal"), 3, "none.journal"),
+        (("--recover", "text.journal"), 3, "no journal of gsid run"),
+        (("--recover", "text.journal", "--period", "600"), 2, "leave out --period"),
+        (("--recover", "text.journal", "--port", "nowhere"), 2, "leave out --port"),
+        (("--recover", "text.journal", "-o", "text.journal"), 3, "text"),
+    ],
+)
+def test_what_cannot_be_recovered_is_refused(folder, arguments, code, words):
+    Path("text.journal").write_text("u,y\n")
+    done = gsid("run", *arguments)
+    assert (done.returncode, words in done.stderr) == (code, True), done.stderr
+    assert Path("text.journal").read_text() == "u,y\n"
+
+
+def test_a_terminal_that_is_closed_does_not_lose_the_record(folder):
+    """Its end sends SIGHUP, and every word to it fails from then on."""
+    with simulator("--paced") as (_, port):
+        terminal, end = pty.openpty()
+        process = subprocess.Popen(
+            [*GSID, "run", "--port", port, *EXCITE, "--periods", "1000", "-o", "half.csv"],
+            stdin=end,
+            stdout=end,
+            stderr=end,
+            start_new_session=True,
+        )
+        os.close(end)
+        wait_until(
+            lambda: Path("half.csv.journal").is_file() and Path("half.csv.journal").stat().st_size > 30_000
+        )
+        os.close(terminal)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(timeout=60) == 130
+    assert read_record("half.csv").meta["command_zero_confirmed"] == "yes"
+    assert os.listdir() == ["half.csv"]
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (("--limit-command", "5"), "the planned command passes its limit"),
+        (("--limit-rate", "2"), "rate "),
+        (("--limit-travel-deg", "0.05"), "travel [deg] "),
+    ],
+)
+def test_a_limit_ends_the_run(folder, limit, words):
+    with simulator("--log", "applied.csv") as (axis, port):
+        done = gsid("run", "--port", port, *EXCITE, "--periods", "4", "-o", "a.csv", *limit)
+        axis.terminate()
+        axis.wait()
+    assert (done.returncode, words in done.stderr) == (3, True), done.stderr
+    assert "limit" in done.stderr
+    u = np.array([line.split(",")[2] for line in Path("applied.csv").read_text().splitlines()[1:]], float)
+    assert np.count_nonzero(u) < 3000
+    assert Path("a.csv").exists() == (limit[0] != "--limit-command")
+    assert not Path("a.csv.journal").exists()
+
+
 def test_an_axis_that_disappears_is_a_clear_error(folder):
     with simulator("--paced") as (axis, port):
         process = started(port, "-o", "half.npz")
@@ -233,12 +380,16 @@ def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, wo
         (("--set", "gain=x"), 2, "is not a number"),
         (("--coulomb", "-1"), 2, "out of its range"),
         (("--link", "."), 3, "there is a file of that name"),
+        (("--link", "mine"), 3, "there is a link of that name, and not of this simulation"),
     ],
 )
 def test_what_is_wrong_with_the_simulator_is_said(folder, arguments, code, words):
+    """A link of another was deleted."""
+    os.symlink("/dev/pts/999999", "mine")
     done = gsid("simulate", *arguments)
     assert (done.returncode, words in done.stderr) == (code, True), done.stderr
     assert done.stdout == ""
+    assert os.readlink("mine") == "/dev/pts/999999"
 
 
 def test_one_port_is_for_one_host(folder):

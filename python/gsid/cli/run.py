@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +23,8 @@ from gsid.cli.common import (
     print_table,
     say,
 )
+from gsid.cli.stopping import Stopping, tell
+from gsid.files import is_stdout
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from gsid.record import Record
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
+JOURNAL = ".journal"  # behind the record's name
+LIMIT = click.FloatRange(0, min_open=True)
 DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape")
 
 
@@ -54,7 +57,7 @@ class Settle(click.ParamType):
 
 
 @click.command(short_help="Drive an axis over a serial line and record it.")
-@click.option("--port", metavar="PATH", required=True, help="Serial port, or what `gsid simulate` printed.")
+@click.option("--port", metavar="PATH", help="Serial port, or what `gsid simulate` printed.")
 @click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
 @click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
 @click.option("--band", type=Band(), default=(1.0, 250.0), help="Of the multisine [Hz]. [default: 1:250]")
@@ -79,11 +82,32 @@ class Settle(click.ParamType):
     help="Samples, or periods as in 2p, left out at the start and after a lost command. [default: 2p]",
 )
 @click.option(
+    "--limit-command",
+    metavar="C",
+    type=LIMIT,
+    help="Stop when |command| passes C; checked before the start too.",
+)
+@click.option(
+    "--limit-travel-deg",
+    metavar="D",
+    type=LIMIT,
+    help="Stop when the axis has turned by D from where it stood [deg]: the integral of the rate in deg/s, "
+    "less its mean in half a second at rest before the start.",
+)
+@click.option("--limit-rate", metavar="R", type=LIMIT, help="Stop when |rate| passes R, unit of the output.")
+@click.option(
     "-o", "--output", metavar="REC", type=OUTPUT, help="Record to write. [default: run_DATE_TIME.csv]"
+)
+@click.option(
+    "--recover",
+    "journal_file",
+    metavar="JOURNAL",
+    type=INPUT,
+    help="Make REC of the journal of a run that was cut off; needs no port. [REC: JOURNAL without .journal]",
 )
 @json_option
 def run(
-    port: str,
+    port: str | None,
     fs_hz: float,
     period: int,
     band: tuple[float, float],
@@ -92,19 +116,31 @@ def run(
     u_file: str | None,
     periods: int,
     settle: tuple[int, bool],
+    limit_command: float | None,
+    limit_travel_deg: float | None,
+    limit_rate: float | None,
     output: str | None,
+    journal_file: str | None,
     as_json: bool,
 ) -> None:
     """Excite an axis periodically until enough good periods are measured, and write the record.
 
     A lost or damaged sample spoils its period only; the run goes on. When too many are lost it stops, and
     what was measured is kept. The command is zero at the end, whatever happens.
+
+    Samples are written to REC.journal while they come. It is removed once the record is on the disk; what a
+    crash or a full disk leaves behind becomes a record by `gsid run --recover REC.journal`.
     """
     from gsid.excitation import Multisine
-    from gsid.link import LinkError, Stopped
     from gsid.link import run as drive
     from gsid.streaming import StreamingFrf
+    from gsid.watch import RunLimits
 
+    if journal_file is not None:
+        _recover(journal_file, output, as_json)
+        return
+    if port is None:
+        raise click.UsageError("Missing option '--port', or --recover", click.get_current_context())
     excitation: Multisine | np.ndarray
     with options_as_arguments():
         if u_file is not None:
@@ -115,30 +151,104 @@ def run(
             line, meta = excitation.line, {"excitation": repr(excitation)}
     n_period = len(excitation) if u_file is not None else period
     n_settle = settle[0] * n_period if settle[1] else settle[0]
-    path = Path(output or f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv")
+    default = f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv"
+    path = Path(output or default)
+    journal = Path(f"{default if is_stdout(path) else path}{JOURNAL}")
     _try_out(path)
     frf = StreamingFrf(fs_hz, n_period, line, settle_samples=n_settle)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a kill leaves the command at zero too
-    try:
-        with options_as_arguments(), _bar(periods) as show:
-            record = drive(
-                port,
-                excitation,
-                periods=periods,
-                settle=n_settle,
-                fs_hz=fs_hz,
-                meta=meta,
-                frf=frf,
-                on_progress=show,
-            )
-    except (LinkError, Stopped) as stopped:
-        if stopped.record is not None:
-            _write(path, stopped.record)
-        raise
-    _write(path, record)
-    if record.meta["command_zero_confirmed"] != "yes":
-        say("warning: the axis has not confirmed that its command is zero")
+    stopping = Stopping()
+    with stopping.caught():
+        failure: BaseException | None = None
+        try:
+            with options_as_arguments(), _bar(periods) as show:
+                record = drive(
+                    port,
+                    excitation,
+                    periods=periods,
+                    settle=n_settle,
+                    fs_hz=fs_hz,
+                    meta=meta,
+                    frf=frf,
+                    on_progress=show,
+                    journal=journal,
+                    should_stop=stopping,
+                    limits=RunLimits(limit_command, limit_travel_deg, limit_rate),
+                )
+        except BaseException as error:  # what was measured is written first, whatever happened
+            failure, record = error, getattr(error, "record", None)
+        if stopping():
+            tell(f"{stopping.name()}: the run is stopped")
+        if record is not None:
+            _keep(path, record, journal, failure)
+    if failure is not None:
+        raise failure
+    _warn(record.meta)
     _print(path, record, frf.result() if frf.n_periods >= 2 else None, as_json)
+
+
+def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
+    """Write the record, then remove the journal; a record that cannot be written leaves the journal."""
+    from gsid.errors import InputError
+
+    try:
+        _write(path, record)
+    except (OSError, InputError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        hint = (
+            f"what was measured is in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
+        )
+        if failure is None:
+            raise InputError("the record cannot be written", str(path), reason, hint) from error
+        tell(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
+        return
+    journal.unlink(missing_ok=True)
+
+
+def _warn(meta: dict[str, str]) -> None:
+    """What a run that reached its end is not quite sure of."""
+    from gsid.link import SILENCE_STOP_S
+
+    if meta["command_zero_confirmed"] != "yes":
+        say("warning: the axis has not confirmed that its command is zero")
+    silence_s = float(meta["longest_host_silence_s"])
+    if silence_s > SILENCE_STOP_S:
+        say(
+            f"warning: this computer sent nothing for {silence_s:g} s, and the axis stopped meanwhile: "
+            "the periods that this disturbed are left out"
+        )
+
+
+def _recover(journal: str, output: str | None, as_json: bool) -> None:
+    """The record of a journal; the journal stays."""
+    from gsid.errors import InputError
+    from gsid.files import refuse_overwrite
+    from gsid.journal import recover
+
+    context = click.get_current_context()
+    given = [
+        param.opts[0]
+        for param in context.command.params
+        if param.name not in ("journal_file", "output", "as_json") and is_given(context, str(param.name))
+    ]
+    if given:
+        raise click.UsageError(f"--recover measures nothing: leave out {', '.join(given)}", context)
+    path = Path(output or journal.removesuffix(JOURNAL))
+    if output is None and (path.exists() or str(path) == journal):
+        raise InputError("there is a file of that name", str(path), None, "name the record with -o REC")
+    refuse_overwrite(path, [journal], "the record would replace the journal")
+    got = recover(journal)
+    if got.n_torn or got.n_damaged:
+        say(
+            f"warning: {journal}: {got.n_torn} bytes at the end are no whole block and are left out"
+            + (f", and {got.n_damaged} damaged ones before: their samples are lost" if got.n_damaged else "")
+        )
+    _write(path, got.record)
+    say(f"{journal} is left as it is: remove it when the record is good")
+    if as_json:
+        meta = got.record.meta
+        counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
+        lost = {"n_torn_bytes": got.n_torn, "n_damaged_bytes": got.n_damaged}
+        print_json({"record": str(path), **counts, "lost_samples": int(meta["lost_samples"]), **lost})
 
 
 def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
@@ -181,7 +291,7 @@ def _write(path: Path, record: Record) -> None:
 
     write_record(path, record)
     good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]
-    say(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
+    tell(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
 
 
 @contextlib.contextmanager
@@ -199,9 +309,20 @@ def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
         rich.TextColumn("{task.fields[ticks]} ticks"),
         rich.TimeElapsedColumn(),
     )
-    with rich.Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=asked, lost=0, ticks=0)
-        yield lambda now: bar.update(task, completed=now.good, lost=now.lost, ticks=now.ticks)
+    bar = rich.Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("", total=asked, lost=0, ticks=0)
+    gone = contextlib.suppress(OSError)  # the terminal was closed: no reason to end the run
+
+    def show(now: Progress) -> None:
+        with gone:
+            bar.update(task, completed=now.good, lost=now.lost, ticks=now.ticks)
+
+    bar.start()
+    try:
+        yield show
+    finally:
+        with gone:
+            bar.stop()
 
 
 def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:

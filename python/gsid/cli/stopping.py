@@ -1,0 +1,70 @@
+"""Signals that end a run: the first one begins the end, later ones do not disturb it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+
+from gsid.cli.common import say
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")  # those that the system has
+PATIENCE_S = (
+    30.0  # after so long another signal ends what hangs, a file system that does not answer for instance
+)
+
+
+class Stopping:
+    """Whether a signal has come; called, it tells.
+
+    Attributes
+    ----------
+    number : int or None
+        The first signal.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._since_s = 0.0
+
+    def __call__(self) -> bool:
+        return self.number is not None
+
+    @contextlib.contextmanager
+    def caught(self) -> Iterator[Stopping]:
+        """Catch the signals, but for those that whoever started the process has it ignore (nohup)."""
+        numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+        before = {number: signal.getsignal(number) for number in numbers}
+        caught = [number for number in numbers if before[number] is not signal.SIG_IGN]
+        for number in caught:
+            signal.signal(number, self._handle)
+        try:
+            yield self
+        finally:
+            for number in caught:  # a late one must not change how a run that was stopped ends
+                signal.signal(number, signal.SIG_IGN if self() else before[number])
+
+    def _handle(self, number: int, frame: object) -> None:
+        now_s = time.monotonic()
+        if self.number is None:
+            self.number, self._since_s = number, now_s
+        elif now_s > self._since_s + PATIENCE_S:
+            raise KeyboardInterrupt
+
+    def name(self) -> str:
+        """Of the signal that came."""
+        return signal.Signals(self.number).name if self.number is not None else ""
+
+
+def tell(text: str) -> None:
+    """Talk, while there is a terminal: after SIGHUP there may be none, and that is no reason to end early."""
+    try:
+        say(text)
+    except OSError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(nowhere, sys.stderr.fileno())
+        os.close(nowhere)

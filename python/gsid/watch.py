@@ -1,0 +1,91 @@
+"""Limits of a run, watched on the samples as they come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDING = 1 + 1e-6  # the line carries single precision
+
+
+@dataclass(frozen=True)
+class RunLimits:
+    """What an axis must not pass during a run; None: not watched.
+
+    Attributes
+    ----------
+    command : float or None
+        Largest |command|, unit of the command.
+    travel_deg : float or None
+        Largest travel to each side of where the axis stood at the start [deg].
+    rate : float or None
+        Largest |rate|, unit of the output.
+
+    Raises
+    ------
+    ValueError
+        A limit is not positive.
+    """
+
+    command: float | None = None
+    travel_deg: float | None = None
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, limit in vars(self).items():
+            if limit is not None and not limit > 0:
+                raise ValueError(f"the limit of {name} must be positive, not {limit}")
+
+
+class Watch:
+    """Compare samples with limits.
+
+    Parameters
+    ----------
+    limits : RunLimits
+    fs_hz : float
+        Sample rate [Hz].
+    rate_offset : float
+        What the gyro shows at rest, unit of the output; the travel is the integral of what is above it.
+    """
+
+    def __init__(self, limits: RunLimits, fs_hz: float, rate_offset: float = 0.0) -> None:
+        self.limits = limits
+        self.fs_hz = fs_hz
+        self.rate_offset = rate_offset
+        self.angle_deg = 0.0
+        self._rate = rate_offset
+
+    def check(self, u: np.ndarray, y: np.ndarray, came: np.ndarray) -> tuple[int, str] | None:
+        """Take the next samples.
+
+        Parameters
+        ----------
+        u, y : (n,) float64
+            Command in force and rate.
+        came : (n,) bool
+            False: the sample was lost, and the rate before it is held.
+
+        Returns
+        -------
+        (int, str) or None
+            First of these samples that passes a limit, and which one.
+        """
+        last = np.maximum.accumulate(np.where(came, np.arange(len(y)), -1))
+        rate = np.where(last >= 0, y[np.maximum(last, 0)], self._rate)
+        angle = self.angle_deg + np.cumsum(rate - self.rate_offset) / self.fs_hz
+        self._rate, self.angle_deg = float(rate[-1]), float(angle[-1])
+        found = [
+            self._first(np.where(came, u, 0.0), self.limits.command, "command"),
+            self._first(rate, self.limits.rate, "rate"),
+            self._first(angle, self.limits.travel_deg, "travel [deg]"),
+        ]
+        return min((one for one in found if one is not None), default=None)
+
+    @staticmethod
+    def _first(values: np.ndarray, limit: float | None, what: str) -> tuple[int, str] | None:
+        beyond = np.flatnonzero(np.abs(values) > limit * ROUNDING) if limit is not None else np.array([])
+        if not len(beyond):
+            return None
+        return int(beyond[0]), f"{what} {values[beyond[0]]:.4g}, limit {limit:g}"

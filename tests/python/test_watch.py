@@ -1,0 +1,78 @@
+"""Limits of a run, on samples whose first excess is known."""
+
+import numpy as np
+import pytest
+from line import Loopback, multisine, quiet_axis
+
+from gsid.link import LimitError, run
+from gsid.simulate import Server, SimulatedAxis
+from gsid.watch import RunLimits, Watch
+
+FS_HZ = 100.0
+
+
+def first_excess(limits, u, y, came=None, offset=0.0, piece=7):
+    """Sample and words of the first excess, with the samples in pieces."""
+    watch = Watch(limits, FS_HZ, offset)
+    came = np.ones(len(y), bool) if came is None else came
+    for first in range(0, len(y), piece):
+        part = slice(first, first + piece)
+        if found := watch.check(u[part], y[part], came[part]):
+            return first + found[0], found[1]
+    return None
+
+
+def test_the_first_sample_beyond_a_limit_is_found():
+    u, y = np.linspace(0, 10, 101), np.linspace(0, -5, 101)
+    assert first_excess(RunLimits(), u, y) is None
+    assert first_excess(RunLimits(command=7.0, rate=5.0, travel_deg=50.0), u, y) == (
+        71,
+        "command 7.1, limit 7",
+    )
+    assert first_excess(RunLimits(command=10.0, rate=4.0), u, y) == (81, "rate -4.05, limit 4")
+    angle = np.cumsum(y) / FS_HZ
+    at = int(np.flatnonzero(np.abs(angle) > 1.0)[0])
+    assert first_excess(RunLimits(travel_deg=1.0), u, y)[0] == at
+
+
+def test_the_offset_at_rest_is_no_travel():
+    """0.01 deg/s are 0.6 deg in a minute."""
+    n = int(60 * FS_HZ)
+    y = 0.01 + np.random.default_rng(1).normal(0, 0.01, n)
+    assert first_excess(RunLimits(travel_deg=0.5), np.zeros(n), y, offset=0.01) is None
+    assert first_excess(RunLimits(travel_deg=0.5), np.zeros(n), y) is not None
+
+
+def test_a_lost_sample_holds_the_rate():
+    y = np.full(300, 1.0)
+    came = np.ones(300, bool)
+    came[20:80] = False
+    y[~came] = 0.0
+    assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, came)[0] == 100
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
+def test_a_limit_that_is_none_is_refused(limit):
+    with pytest.raises(ValueError, match="must be positive"):
+        RunLimits(rate=limit)
+
+
+def test_a_run_within_its_limits_is_not_disturbed_by_the_offset_of_the_gyro():
+    class Biased(SimulatedAxis):
+        def step(self, u):
+            u, y, angle = super().step(u)
+            return u, y + 0.5, angle
+
+    axis = Biased(noise_rms=0, noise_low_rms=0, fan_amplitude=0)
+    u = multisine(600, 40, 0.5)
+    record = run(Loopback(Server(axis)), u, periods=20, limits=RunLimits(20.0, 1.0, 50.0))
+    assert record.meta["good_periods"] == "20"
+    assert record.y.mean() == pytest.approx(0.5, abs=0.1)  # 2.2 deg in these 4.4 s
+    with pytest.raises(LimitError, match="passes a limit: stopped") as caught:
+        run(Loopback(Server(quiet_axis())), u, periods=20, limits=RunLimits(rate=0.05))
+    assert len(caught.value.record) > 0
+
+
+def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():
+    with pytest.raises(LimitError, match="planned command passes its limit"):
+        run("nowhere", multisine(600, 40, 3.0), periods=1, limits=RunLimits(command=1.0))
