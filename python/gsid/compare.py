@@ -295,9 +295,13 @@ def _same_lines(parts: list[_Lines]) -> bool:
 
 
 def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
-    """Whether the uncertainty of all of a model is known."""
+    """Whether the uncertainty of all of a model is known, of the parameters that are free now."""
+
+    def known(cov: np.ndarray | None, n_free: int) -> bool:
+        return cov is not None and cov.shape == (n_free, n_free) and bool(np.all(np.isfinite(cov)))
+
     pieces = getattr(model, "pieces", (model,))
-    return all(piece.cov is not None and bool(np.all(np.isfinite(piece.cov))) for piece in pieces)
+    return all(known(piece.cov, _n_parameters(piece)) for piece in pieces)
 
 
 def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg, special, stats
 
 TINY = float(np.finfo(float).tiny)
 
@@ -125,7 +125,7 @@ class Misfit:
     @property
     def p_value(self) -> float:
         """Probability of a misfit this large or larger when the model is right."""
-        return float(stats.chi2.sf(self.chi2, self.n_dof))
+        return float(special.chdtrc(self.n_dof, self.chi2))
 
 
 def misfit(errors: Errors) -> Misfit:

@@ -324,6 +324,14 @@ def test_a_wrong_plant_is_rejected_beside_its_uncertainty(command):
     assert result.where
 
 
+def test_a_covariance_of_other_parameters_is_not_used(command):
+    """A parameter fixed after the fit leaves a covariance of another shape."""
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    model = fit_plant(plant(STACK), noisy(rng, command, y, 4)).model
+    model["rigid_body.gain"].free = False
+    assert compare(model, noisy(rng, command, y, 4)).model_uncertainty == "none"
+
+
 def test_what_the_fit_left_open_may_have_any_value(command):
     """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
