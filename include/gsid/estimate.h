@@ -16,7 +16,8 @@ typedef struct {
     const gsid_cplx *g;     /* [n_lines] finite */
     const gsid_real *sigma; /* [n_lines] standard deviation of g (complex), > 0, as sqrt(gsid_frf_out.var_g); NULL: all 1 */
     /* Errors of the input too, NULL without: variance of its error and covariance of output and input error, E{N_Y conj(N_U)},
-     * both over |U|^2, >= 0 and complex. sigma is then that of g as measured, and V takes what it is at the model's G. */
+     * both over |U|^2, >= 0 and complex. sigma is then that of g as measured, and V takes what it is at the model's G.
+     * |cov_yu - g var_u|^2 is at most sigma^2 var_u: above, the variance would be negative at some G (GSID_E_CONFIG). */
     const gsid_real *var_u;  /* [n_lines] */
     const gsid_cplx *cov_yu; /* [n_lines] */
     int logarithmic; /* 1: errors are |g|/sigma (without sigma: 1) times ln(G/g), phase to the nearest turn; g is not 0 */
@@ -30,8 +31,8 @@ size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd says.  Eq: EST-3, EST-8, EST-9
  *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, an order or a rate out of range;
- *          GSID_E_NONFINITE */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, covariances that contradict each
+ *          other, an order or a rate out of range; GSID_E_NONFINITE */
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
 
 typedef struct {

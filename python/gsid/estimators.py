@@ -82,6 +82,8 @@ class Estimators:
     def best(self) -> Estimate:
         """Return the stable, converged estimate of least cost, "ml-io" aside, whose cost is another one.
 
+        Where noise biases that estimate it is the one of the method that is right instead.
+
         Raises
         ------
         ValueError
@@ -90,7 +92,9 @@ class Estimators:
         good = [row for row in self.rows if not row.note and row.method != "ml-io"]
         if not good:
             raise ValueError("no estimator converged to a stable model")
-        return min(good, key=lambda row: row.cost)
+        least = min(good, key=lambda row: row.cost)
+        right = [warning.use for warning in least.model.warnings]
+        return next((row for row in self.rows if row.method in right and not row.note), least)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Return the head and the rows as text."""
@@ -179,12 +183,13 @@ def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict
     began = time.perf_counter()
     model, note = None, ""
     try:
-        model = fit(frf, order, method=method, band=band, **options)
+        model = fit(frf, order, method=method, band=band, quiet=True, **options)
         note = "" if model.converged else "not converged"
     except GsidError as error:
         note = str(error)
         try:  # to show what it found
-            model = fit(frf, order, method=method, band=band, **{**options, "allow_unstable": True})
+            unstable = {**options, "allow_unstable": True, "quiet": True}
+            model = fit(frf, order, method=method, band=band, **unstable)
             note = "UNSTABLE"
         except GsidError:
             pass
@@ -253,6 +258,7 @@ def bootstrap(model: RationalModel, frf: Frf, *, n: int = 200, seed: int = 0) ->
             hold=model.hold,
             start=None if model.method in ("ls", "iwls", "ga") else model,
             allow_unstable=True,
+            quiet=True,
         )
         parameters.append([*one.den[1:], *one.num, *([one.delay_s] if model.free_delay else [])])
     return np.std(parameters, axis=0, ddof=1)
@@ -265,4 +271,7 @@ def _rms(x: np.ndarray) -> float:
 def _text(row: Estimate) -> list[str]:
     numbers = [f"{row.amplitude_db:.3g}", f"{row.phase_deg:.3g}", f"{row.error_db:.1f}", f"{row.cost:.5g}"]
     delay = "-" if row.model is None else f"{1e3 * row.model.delay_s:.4g}"
-    return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, *held_out_text(row.held_out), row.note]
+    warnings = () if row.model is None else row.model.warnings
+    biased = (f"biased by {w.bias_over_std:.2g} sigma: use {w.use}" for w in warnings)
+    remarks = "; ".join(filter(None, [row.note, *biased]))
+    return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, *held_out_text(row.held_out), remarks]

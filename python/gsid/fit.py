@@ -12,6 +12,8 @@ from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.bands import in_band
 from gsid.confidence import unwrapped_phase_deg
+from gsid.errors import GsidError
+from gsid.fit_warnings import FitWarning, equation_error, noisy_input
 from gsid.hold import fit_both
 from gsid.model import RationalModel
 
@@ -35,6 +37,8 @@ SOLVERS = {"gauss-newton": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVE
 # Sample variances with fewer degrees of freedom than this are averaged over neighbouring lines before they
 # weigh.
 DOF_WANTED = 8
+ROUNDING = 1e-3
+"""Of the product of two variances, which may have been measured in single precision."""
 
 
 def fit(
@@ -52,6 +56,7 @@ def fit(
     solver: str = "gauss-newton",
     start: RationalModel | None = None,
     seed: int = 0,
+    quiet: bool = False,
 ) -> RationalModel:
     """Fit a rational transfer function with delay to a measured frequency response.
 
@@ -89,16 +94,20 @@ def fit(
         Nonlinear methods: search from this model only; default: from the best of a scan of delays.
     seed : int
         Of the evolutionary search.
+    quiet : bool
+        Do not log the warnings that the model carries: for one of many fits.
 
     Returns
     -------
     RationalModel
-        With covariance. The covariance accounts for weights that are estimates themselves (EST-5).
+        With covariance. The covariance accounts for weights that are estimates themselves (EST-5). Where
+        noise biases the method its `warnings` say so, and name the method that is right.
 
     Raises
     ------
     ValueError
-        Wrong arguments, too few lines or periods.
+        Wrong arguments, too few lines or periods, (co)variances of input and output that contradict each
+        other.
     TypeError
         No response, as a record.
     GsidError
@@ -113,10 +122,10 @@ def fit(
             return fit(
                 frf, order, delay=delay, method=method, band=band, domain=domain, hold=reading,
                 allow_unstable=allow_unstable, min_delay_s=min_delay_s, exponent=exponent, solver=solver,
-                start=start, seed=seed,
+                start=start, seed=seed, quiet=True,
             )  # fmt: skip
 
-        return fit_both(under, weights(frf, in_band(frf.f_hz, band))[1])
+        return _report(fit_both(under, weights(frf, in_band(frf.f_hz, band))[1]), quiet)
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
     if hold not in ("zoh", "none"):
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
@@ -139,12 +148,51 @@ def fit(
         if (start.n_poles, start.n_zeros, start.domain) != (n_poles, n_zeros, domain):
             raise ValueError(f"start has order {start.n_poles}/{start.n_zeros} in {start.domain}")
         cfg.start = c_start = start._to_c()  # noqa: F841  (keeps it alive)
+    if method == "ml-io":
+        _check_covariances(frf, use)
     amplitude = np.ascontiguousarray(np.abs(frf.u[use]))
     cfg.input = ffi.from_buffer("double[]", amplitude)
     data, _keep_alive = _c_lines(frf, use, sigma)
     result = ffi.new("gsid_fit_result *")
-    check(lib.gsid_fit_run(data, cfg, result), f"fit of order {n_poles}/{n_zeros}")
-    return _answer(result, frf, use, dof, method=method, domain=domain, hold=hold, free_delay=delay == "free")
+    _run(data, cfg, result, f"fit of order {n_poles}/{n_zeros}", method)
+    facts = {"method": method, "domain": domain, "hold": hold, "free_delay": delay == "free"}
+    model, bias = _answer(result, frf, use, dof, **facts)
+    model.warnings = _warnings(model, bias, frf, use, sigma)
+    return _report(model, quiet)
+
+
+def _run(data: Any, cfg: Any, result: Any, doing: str, method: str) -> None:
+    try:
+        check(lib.gsid_fit_run(data, cfg, result), doing)
+    except GsidError as error:
+        if error.code == lib.GSID_E_UNSTABLE and method in ("ls", "iwls"):
+            hint = f"{method} cannot be kept to stable models, and noise makes it unstable: method ml can"
+            raise GsidError(error.code, error.message, hint) from error
+        raise
+
+
+def _report(model: RationalModel, quiet: bool) -> RationalModel:
+    """The model, its warnings logged."""
+    for warning in () if quiet else model.warnings:
+        _log.warning("%s", warning.text)
+    return model
+
+
+def _warnings(
+    model: RationalModel, bias: np.ndarray, frf: Frf, use: np.ndarray, sigma: np.ndarray
+) -> tuple[FitWarning, ...]:
+    """What noise does to the method that the intervals do not contain."""
+    f_hz, found = frf.f_hz[use], None
+    if model.method in ("ls", "iwls"):
+        found = equation_error(model, bias, f_hz)
+    elif model.method in ("ml", "nls-output"):
+        var_u, cov_yu = _input_errors(frf, use, sigma)
+        common = cov_yu - var_u * frf.g[use]  # of the error of the response with the input's, over |U|^2
+        if model.method == "ml":
+            found = noisy_input(model, f_hz, 2 * common, 1 / sigma)
+        else:
+            found = noisy_input(model, f_hz, common / _own_share(frf, use), np.abs(frf.u[use]))
+    return () if found is None else (found,)
 
 
 def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
@@ -235,12 +283,9 @@ def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
         raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
     if dof < 1:
         raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
-    var = np.array(frf.var_g[use], dtype=float)
-    if dof < DOF_WANTED:
-        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(var) - 1) // 2)
-        window = np.ones(2 * half + 1)
-        var = np.convolve(var, window, "same") / np.convolve(np.ones(len(var)), window, "same")
-        dof *= 2 * half + 1
+    half = _neighbours(dof, np.count_nonzero(use))
+    var = _averaged(np.array(frf.var_g[use], dtype=float), half)
+    dof *= 2 * half + 1
     if not np.all(var > 0):
         # Exactly repeating data (a noise-free simulation): every line weighs the same relative to its size.
         floor = np.finfo(float).eps * np.abs(frf.g[use])
@@ -248,15 +293,52 @@ def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     return np.ascontiguousarray(np.sqrt(var)), dof
 
 
+def _neighbours(dof: float, n_lines: int) -> int:
+    """How many lines on each side lend their sample variances to a line."""
+    return 0 if dof >= DOF_WANTED else min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (n_lines - 1) // 2)
+
+
+def _averaged(x: np.ndarray, half: int) -> np.ndarray:
+    """Each value averaged with those of so many lines on each side."""
+    if half == 0:
+        return x
+    window = np.ones(2 * half + 1)
+    return np.convolve(x, window, "same") / np.convolve(np.ones(len(x)), window, "same")
+
+
+def _own_share(frf: Frf, use: np.ndarray) -> np.ndarray:
+    """Part of a line in its own variance."""
+    n_lines = np.count_nonzero(use)
+    half = _neighbours(float(frf.n_dof), n_lines)
+    return 1 / np.convolve(np.ones(n_lines), np.ones(2 * half + 1), "same")
+
+
+def _check_covariances(frf: Frf, use: np.ndarray) -> None:
+    """Refuse (co)variances that would make the variance of Y - G U negative for some G."""
+    f_hz, var_u, var_y, cov_yu = frf.f_hz[use], frf.var_u[use], frf.var_y[use], frf.cov_yu[use]
+    product = var_u * var_y * (1 + ROUNDING)
+    bad = np.flatnonzero((np.abs(cov_yu) ** 2 > product) | (var_u < 0) | (var_y < 0))
+    if bad.size:
+        k = bad[0]
+        raise ValueError(
+            f"variances of input and output contradict their covariance at {f_hz[k]:g} Hz: "
+            f"var_u {var_u[k]:g}, var_y {var_y[k]:g}, |cov_yu|^2 {abs(cov_yu[k]) ** 2:g}; "
+            "method ml takes var_g alone"
+        )
+
+
 def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Variance of the input's error and covariance with the output's, over |U|^2, in scale with sigma.
 
-    The scale is that of the sum they are part of: the variance of g (source, eq. 7.29).
+    The scale is that of the sum they are part of, the variance of g (source, eq. 7.29). Of a variance that is
+    averaged over neighbouring lines only the line's own part follows the model: the sum stays positive.
     """
-    g, var_u, cov_yu = frf.g[use], frf.var_u[use], frf.cov_yu[use]
-    whole = frf.var_y[use] + var_u * np.abs(g) ** 2 - 2 * (cov_yu * g.conj()).real
-    scale = np.divide(sigma**2, whole, out=np.zeros(len(g)), where=whole > 0)
-    return np.ascontiguousarray(var_u * scale), np.ascontiguousarray(cov_yu * scale, dtype=complex)
+    g, size = frf.g[use], np.abs(frf.u[use]) ** 2
+    whole = frf.var_y[use] + frf.var_u[use] * np.abs(g) ** 2 - 2 * (frf.cov_yu[use] * g.conj()).real
+    averaged = _averaged(np.maximum(whole, 0) / size, _neighbours(float(frf.n_dof), len(g)))
+    scale = np.divide(sigma**2, averaged, out=np.zeros(len(g)), where=averaged > 0) * _own_share(frf, use)
+    var_u, cov_yu = frf.var_u[use] / size * scale, frf.cov_yu[use] / size * scale
+    return np.ascontiguousarray(var_u), np.ascontiguousarray(cov_yu, dtype=complex)
 
 
 def _c_lines(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[Any, list[np.ndarray]]:
@@ -305,14 +387,14 @@ def inflation(dof: float) -> float:
 
 def _answer(
     result: Any, frf: Frf, use: np.ndarray, dof: float, *, method: str, **facts: Any
-) -> RationalModel:
-    """The model found; `facts` are what it was asked to be."""
+) -> tuple[RationalModel, np.ndarray]:
+    """The model found, `facts` being what it was asked to be, and the bias of its parameters."""
     f = frf.f_hz[use]
-    num, den, cov = _plain(result, facts["domain"])
+    num, den, cov, bias = _plain(result, facts["domain"])
     is_ml = method in ("ml", "ml-io")
     if is_ml and 2 < dof < np.inf:
         cov = cov * dof / (dof - 2)
-    return RationalModel(
+    model = RationalModel(
         num=num,
         den=den,
         delay_s=result.model.delay_s,
@@ -328,17 +410,18 @@ def _answer(
         y_unit=frf.y_unit,
         **facts,
     )
+    return model, bias
 
 
-def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """num, den and covariance in plain s, highest power first; in domain z as they stand."""
+def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """num, den, covariance and bias in plain s, highest power first; in domain z as they stand."""
     model, p = result.model, result.n_parameters
     n, m = model.n_poles, model.n_zeros
     num = np.array([model.num[i] for i in range(m + 1)])
     den = np.array([model.den[i] for i in range(n + 1)])
-    cov = np.array(ffi.unpack(result.cov, p * p)).reshape(p, p)
+    cov, bias = np.array(ffi.unpack(result.cov, p * p)).reshape(p, p), np.array(ffi.unpack(result.bias, p))
     if domain == "z":
-        return num, den, cov
+        return num, den, cov, bias
     scale_den = model.scale_rad_s ** (n - np.arange(n + 1.0))
     scale_num = model.scale_rad_s ** (n - np.arange(m + 1.0))
     scale = np.concatenate([scale_den[:-1], scale_num, np.ones(p - n - m - 1)])
@@ -346,7 +429,7 @@ def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
         int
     )
     cov = (cov * scale[:, None] * scale)[np.ix_(order, order)]
-    return (num * scale_num)[::-1], (den * scale_den)[::-1], cov
+    return (num * scale_num)[::-1], (den * scale_den)[::-1], cov, (bias * scale)[order]
 
 
 callable_as(fit)

@@ -12,6 +12,7 @@ import numpy as np
 from gsid._lib import check, ffi, lib, version
 from gsid.errors import InputError
 from gsid.files import write_atomically
+from gsid.fit_warnings import FitWarning
 
 if TYPE_CHECKING:
     import control
@@ -53,6 +54,8 @@ class RationalModel:
     method, cost, cost_expected, n_lines, converged, band_hz
         How the model was fitted; None for a model that was not. `cost` is V of eq. 7.28, `cost_expected`
         what it is on average when only noise is left.
+    warnings : tuple of FitWarning
+        Why the intervals of the fit do not hold the truth, and the method that is right; empty as a rule.
     u_unit, y_unit : str
         Units of input and output.
     """
@@ -73,6 +76,7 @@ class RationalModel:
     n_lines: int | None = None
     converged: bool | None = None
     band_hz: tuple[float, float] | None = None
+    warnings: tuple[FitWarning, ...] = ()
     u_unit: str = ""
     y_unit: str = ""
 
@@ -341,6 +345,7 @@ class RationalModel:
             "n_lines": self.n_lines,
             "converged": self.converged,
             "band_hz": None if self.band_hz is None else list(self.band_hz),
+            "warnings": [warning.to_dict() for warning in self.warnings],
         }
         return {
             "gsid_model": FORMAT,
@@ -392,6 +397,7 @@ class RationalModel:
                 cov=rational.get("covariance"),
                 free_delay=bool(rational.get("free_delay", False)),
                 band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),
+                warnings=tuple(FitWarning(**warning) for warning in fit.get("warnings", ())),
                 u_unit=data.get("u_unit", ""),
                 y_unit=data.get("y_unit", ""),
                 **{key: fit.get(key) for key in ("method", "cost", "cost_expected", "n_lines", "converged")},
@@ -523,7 +529,7 @@ class RationalModel:
                 else f", {self.cost_expected:.1f} expected when only noise is left"
             )
             lines.append(f"  {self.method}: cost {self.cost:.1f} over {self.n_lines} lines{expected}")
-        return lines
+        return lines + [f"  warning: {warning.text}" for warning in self.warnings]
 
     def _repr_html_(self) -> str:
         import html

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -197,7 +198,7 @@ def _try_all(
     frf: Frf | MimoFrf, orders: Sequence[str], tried: list[Candidate], until_worse: bool, band, options: dict
 ) -> None:
     is_matrix = isinstance(frf, MimoFrf)
-    fit_any, patience = (fit_mimo, MATRIX_PATIENCE) if is_matrix else (fit, PATIENCE)
+    fit_any, patience = (fit_mimo, MATRIX_PATIENCE) if is_matrix else (partial(fit, quiet=True), PATIENCE)
     for order in orders:
         try:
             model = fit_any(frf, order, band=band, **{**options, "method": "ml"})

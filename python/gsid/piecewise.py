@@ -372,7 +372,7 @@ class _Bands:
         if (lo, hi) not in self._models:
             band = (self.f_hz[lo], self.f_hz[hi - 1])
             try:
-                model = fit(self.frf, self.order, band=band, **{**self.options, "method": "ml"})
+                model = fit(self.frf, self.order, band=band, quiet=True, **{**self.options, "method": "ml"})
             except GsidError as error:
                 if error.code not in (lib.GSID_E_UNSTABLE, lib.GSID_E_SINGULAR):
                     raise

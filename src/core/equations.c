@@ -2,6 +2,15 @@
 
 #include "residual.h"
 
+/* Whether the variance of g - G is positive for every G: the error of g and that of the input have no more in common than their
+ * variances allow, but for rounding. */
+static int is_covariance(const gsid_frd *data, uint32_t k) {
+    const gsid_real var_u = data->var_u[k], size = gsid_hypot(data->g[k].re, data->g[k].im);
+    const gsid_cplx common = gsid_cplx_sub(data->cov_yu[k], gsid_cplx_scale(var_u, data->g[k]));
+    const gsid_real rounding = 64 * GSID_EPSILON * (gsid_hypot(data->cov_yu[k].re, data->cov_yu[k].im) + size * var_u);
+    return gsid_hypot(common.re, common.im) <= GSID_R(1.0001) * data->sigma[k] * gsid_sqrt(var_u) + rounding;
+}
+
 static gsid_status check_errors(const gsid_frd *data, uint32_t k) {
     if (data->sigma != NULL && !(data->sigma[k] > 0 && gsid_is_finite(data->sigma[k])))
         return GSID_E_CONFIG;
@@ -11,7 +20,7 @@ static gsid_status check_errors(const gsid_frd *data, uint32_t k) {
         return GSID_OK;
     if (!gsid_is_finite(data->var_u[k]) || !gsid_cplx_is_finite(data->cov_yu[k]))
         return GSID_E_NONFINITE;
-    return data->var_u[k] >= 0 ? GSID_OK : GSID_E_CONFIG;
+    return data->var_u[k] >= 0 && is_covariance(data, k) ? GSID_OK : GSID_E_CONFIG;
 }
 
 static gsid_status check_data(const gsid_frd *data) {

@@ -38,7 +38,7 @@ static inline void gsid_residual_tilt(const gsid_frd *data, uint32_t k, gsid_cpl
     const gsid_cplx cov = data->cov_yu[k];
     const gsid_real more = var_u * (gsid_cplx_abs2(g) - gsid_cplx_abs2(data->g[k]));
     const gsid_real variance = sigma * sigma + more - 2 * (cov.re * error.re + cov.im * error.im);
-    const gsid_real weight = 1 / gsid_sqrt(variance); /* not a number where the covariances contradict each other */
+    const gsid_real weight = 1 / gsid_sqrt(variance); /* not a number where rounding makes it negative */
     e->value = gsid_cplx_scale(weight, error);
     e->by_model.re = weight;
     e->by_data.re = -weight;

@@ -6,7 +6,7 @@
 #include "fit_run.h"
 
 /* Weight of the output error that a method amounts to: 1/sigma, but |A|^(1 - r) for the linear ones, where LS has r = 0. */
-static double equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k) {
+double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k) {
     if (!gsid_fit_is_linear(r))
         return 1 / r->sigma[k];
     const double given = r->cfg.exponent > 0 ? r->cfg.exponent : 1;
@@ -25,7 +25,7 @@ static gsid_status weighted_sums(const fit_run *r, const gsid_rational *model, u
         gsid_status status = gsid_rational_gradient(model, r->data->f_hz[k], &g, x);
         for (uint32_t i = 0; i < n; i++)
             x[i] = gsid_cplx_sub(x[i], r->drift[k * (r->cfg.n_poles + r->cfg.n_zeros + 2) + i]);
-        const double w = equivalent_weight(r, model, k);
+        const double w = gsid_fit_equivalent_weight(r, model, k);
         const double noise = w * r->data->sigma[k] / sqrt(gsid_cplx_abs2(r->hold[k]));
         for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
             re[i] = w * x[i].re;
@@ -118,5 +118,7 @@ gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_resu
     gsid_status status = roots_of(model, model->n_poles, model->den, result->poles, &n_poles);
     if (status >= 0)
         status = roots_of(model, model->n_zeros, model->num, result->zeros, &result->n_zeros_found);
-    return status < 0 ? status : covariance(r, model, result);
+    if (status < 0)
+        return status;
+    return gsid_fit_is_linear(r) ? gsid_fit_influence(r, model, result) : covariance(r, model, result);
 }

@@ -23,8 +23,10 @@ void gsid_fit_free_of_hold(fit_run *r) {
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         r->g[k] = gsid_cplx_div(gsid_cplx_sub(r->data->g[k], r->images[k]), r->hold[k]);
         r->sigma[k] = sigma_of(r, k, sqrt(gsid_cplx_abs2(r->hold[k])));
-        if (r->work.cov_yu != NULL)
-            r->cov_yu[k] = gsid_cplx_div(r->data->cov_yu[k], r->hold[k]);
+        if (r->work.cov_yu != NULL) { /* of the output less the images' part of it */
+            const gsid_cplx of_images = gsid_cplx_scale(r->data->var_u[k], r->images[k]);
+            r->cov_yu[k] = gsid_cplx_div(gsid_cplx_sub(r->data->cov_yu[k], of_images), r->hold[k]);
+        }
     }
 }
 

@@ -63,7 +63,11 @@ gsid_status gsid_fit_numerator(const gsid_frd *data, uint32_t stride, gsid_lsq *
 /* ---- fit_evolve.c: starts by an evolutionary search */
 gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept);
 
+/* ---- fit_influence.c: covariance and bias of linear methods, whose free delay is that of least output error */
+gsid_status gsid_fit_influence(const fit_run *r, const gsid_rational *model, gsid_fit_result *result);
+
 /* ---- fit_answer.c: costs, roots, covariance */
+double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);
 gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_result *result);
 
 #endif

@@ -123,6 +123,23 @@ static void input_and_output_errors_cost_what_their_equation_errors_do(void **st
     assert_true(fabsl(cost - want) <= 1000 * (long double)EPSILON * want);
 }
 
+/* Bug: such covariances made the variance of the error negative, and its root not a number, at some models only. */
+static void covariances_that_contradict_each_other_are_refused(void **state) {
+    (void)state;
+    const gsid_frd data = with_input(measure(0.1));
+    const gsid_rational m = truth();
+    const double most = (double)sigma[3] * sqrt((double)var_u[3]);
+    const gsid_cplx kept = cov_yu[3];
+    gsid_real cost;
+    for (int above = 0; above < 2; above++) { /* of the common part with the error of g, beside the most there can be */
+        const double common = most * (above ? 1.01 : 0.99);
+        cov_yu[3].re = (gsid_real)((double)g[3].re * (double)var_u[3] + 0.6 * common);
+        cov_yu[3].im = (gsid_real)((double)g[3].im * (double)var_u[3] - 0.8 * common);
+        assert_int_equal(gsid_estimate_cost(&data, &m, &cost), above ? GSID_E_CONFIG : GSID_OK);
+    }
+    cov_yu[3] = kept;
+}
+
 /* However the errors are measured, exact data have one model. */
 static void exact_data_give_the_exact_model(void **state) {
     (void)state;
@@ -198,6 +215,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(logarithmic_cost_is_that_of_unwrapped_phases),
         cmocka_unit_test(input_and_output_errors_cost_what_their_equation_errors_do),
+        cmocka_unit_test(covariances_that_contradict_each_other_are_refused),
         cmocka_unit_test(exact_data_give_the_exact_model),
         cmocka_unit_test(the_search_ends_where_v_is_flat),
         cmocka_unit_test(refused),

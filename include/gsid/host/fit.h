@@ -56,6 +56,9 @@ typedef struct {
     int is_stable;
     double cov[GSID_RATIONAL_PARAMETERS_MAX * GSID_RATIONAL_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
                                 scaled variable; row length n_parameters */
+    double bias[GSID_RATIONAL_PARAMETERS_MAX]; /* [n_parameters] LS and IWLS: how far noise shifts the estimate on average, to
+                                first order (EST-11); beside the roots of the diagonal of cov it says whether cov can be
+                                believed. 0 for the others */
     gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
     gsid_cplx zeros[GSID_ORDER_MAX]; /* [n_zeros_found] */
     uint32_t n_zeros_found;          /* fewer than n_zeros when leading coefficients are zero */

@@ -399,7 +399,8 @@ JSON_KEYS = (
 
 def _as_json(model: RationalModel) -> dict:
     std = {"num": model.std_num, "den": model.std_den, "delay_s": model.std_delay_s}
-    return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std}
+    warnings = [warning.to_dict() for warning in model.warnings]
+    return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "warnings": warnings}
 
 
 def _print(model: RationalModel) -> None:
@@ -409,6 +410,8 @@ def _print(model: RationalModel) -> None:
     print(f"{model.method} fit, {numbers}, {converged}, {stable}")
     print(f"cost {model.cost:.5g}{_expected(model)}")
     print(_delay(model))
+    for warning in model.warnings:
+        print(f"intervals leave out a bias of up to {warning.bias_over_std:.2g} sigma: use {warning.use}")
     print()
     print_table(["power", "num", "sigma", "den", "sigma "], _coefficients(model))
     print()

@@ -1,0 +1,146 @@
+"""Fits whose intervals do not hold the truth because noise biases the method, and the method that is right.
+
+An estimate that noise shifts by more than a part of its standard deviation has intervals around the wrong
+place. Both biases below follow from the measured variances alone, to first order in them:
+
+    ls, iwls            noise of the response stands in the regressors of the equation error (EST-11)
+    ml, log, nls-output noise of the input stands in the response and in its weight alike (EST-12)
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from gsid.model import RationalModel
+
+BIAS_MOST = 0.5
+"""Standard deviations: shifted by so much, an interval of 95 % holds the truth in 92 %."""
+
+
+@dataclass(frozen=True)
+class FitWarning:
+    """Why the intervals of a fit do not hold the truth.
+
+    Attributes
+    ----------
+    what : str
+        "equation_error_bias" or "noisy_input_bias".
+    bias_over_std : float
+        Largest expected shift of a parameter, or of the response at a fitted line, over its standard
+        deviation.
+    use : str
+        The method that is right here.
+    text : str
+        The same as a sentence.
+    """
+
+    what: str
+    bias_over_std: float
+    use: str
+    text: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """The warning as JSON has it."""
+        return asdict(self)
+
+
+def largest_shift(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> float:
+    """Largest of a bias over its standard deviation.
+
+    Parameters
+    ----------
+    model : RationalModel
+        With covariance.
+    bias : (p,) ndarray
+        Of the parameters, in the order of `model.cov`.
+    f_hz : (F,) ndarray
+        Lines at which the response counts, too [Hz].
+
+    Returns
+    -------
+    float
+    """
+    std = np.sqrt(np.maximum(np.diag(model.cov), 0))
+    by_parameter = model.gradient(f_hz)
+    shift = np.abs(by_parameter @ bias)
+    spread = np.sqrt(np.maximum(_variance(by_parameter, model.cov), 0))
+    shifts, spreads = np.concatenate([np.abs(bias), shift]), np.concatenate([std, spread])
+    known = spreads > 0
+    return float(np.max(shifts[known] / spreads[known], initial=0.0))
+
+
+def _variance(slope: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Variance of each response, columns scaled so that the powers of s do not swamp one another."""
+    scale = np.sqrt(np.maximum(np.diag(cov), np.finfo(float).tiny))
+    slope = slope * scale
+    return np.einsum("ki,ij,kj->k", slope, cov / np.outer(scale, scale), slope.conj()).real
+
+
+def equation_error(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> FitWarning | None:
+    """The warning of a linear fit that noise biases (EST-11), None where it does not matter.
+
+    Parameters
+    ----------
+    model : RationalModel
+        By "ls" or "iwls".
+    bias : (p,) ndarray
+        Expected shift of its parameters, in the order of `model.cov`.
+    f_hz : (F,) ndarray
+        Fitted lines [Hz].
+
+    Returns
+    -------
+    FitWarning or None
+    """
+    size = largest_shift(model, bias, f_hz)
+    if size <= BIAS_MOST:
+        return None
+    text = (
+        f"noise shifts this {model.method} fit by up to {size:.2g} standard deviations, since it is in the "
+        "regressors of the equation error: its intervals do not hold the truth; method ml has no such bias"
+    )
+    return FitWarning("equation_error_bias", size, "ml", text)
+
+
+def noisy_input(
+    model: RationalModel, f_hz: np.ndarray, pull: np.ndarray, weight: np.ndarray
+) -> FitWarning | None:
+    """The warning of a fit that noise in the measured input biases (EST-12), None where it does not matter.
+
+    Parameters
+    ----------
+    model : RationalModel
+        By "ml" or "nls-output".
+    f_hz : (F,) ndarray
+        Fitted lines [Hz].
+    pull : (F,) complex ndarray
+        What correlation of error and weight adds to the response on average, as the estimator sees it.
+    weight : (F,) ndarray
+        Of the error of the response.
+
+    Returns
+    -------
+    FitWarning or None
+    """
+    if not np.any(pull):
+        return None
+    hold = np.sinc(f_hz / model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
+    slope = model.gradient(f_hz) * (weight * np.abs(hold))[:, None]
+    right = weight * pull
+    rows, right = np.concatenate([slope.real, slope.imag]), np.concatenate([right.real, right.imag])
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    bias = np.linalg.lstsq(rows / scale, right, rcond=None)[0] / scale
+    size = largest_shift(model, bias, f_hz)
+    if size <= BIAS_MOST:
+        return None
+    text = (
+        f"noise in the measured input shifts this {model.method} fit by up to {size:.2g} standard "
+        "deviations: its intervals do not hold the truth; method ml-io counts that noise, and a recorded "
+        "reference (--r) has none"
+    )
+    return FitWarning("noisy_input_bias", size, "ml-io", text)
