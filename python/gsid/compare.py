@@ -113,7 +113,13 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """One sentence for people."""
+        """What was found, for people, and whether the model's uncertainty is unknown."""
+        if self.model_uncertainty != "none":
+            return self._verdict
+        return f"{self._verdict} The model has no covariance: it is judged as if it were known exactly."
+
+    @property
+    def _verdict(self) -> str:
         floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
         size = f"rms error {self.rms_error:.3g} where noise alone leaves {floor}"
         if self.model_uncertainty == "included":
@@ -246,6 +252,8 @@ def compare(
     measured = spectra_of(records, period=period, settle=settle)
     if not isinstance(model, PlantModel) and not hasattr(model, "response"):
         raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
+    if isinstance(model, PlantModel) and not fitted:
+        _say_what_is_open(model)
     parts = [_lines(model, s, band, with_uncertainty=not fitted) for s in measured]
     errors = Errors.joined([part.errors for part in parts])
     found = misfit(errors)
@@ -367,16 +375,27 @@ def _answer(
 def _plant_deviations(model: PlantModel) -> np.ndarray:
     """(n_free, r) one standard deviation of the parameters along each independent direction.
 
-    What the fit left undetermined, or found for each of its records apart, may have any value of its size.
+    What the fit left open may have any value of its size.
     """
-    of_records = (model.fit or {}).get("per_record") or []
-    own = {name for record in of_records for name in record}
     cov = np.array(model.cov)
-    for i, name in enumerate(model.free_names):
-        param = model[name]
-        if name in own or (param.std is not None and np.isnan(param.std)):
-            cov[i, i] += max(abs(param.value), least_size(model.parameter(name))) ** 2
+    for name in _open_parameters(model):
+        i = model.free_names.index(name)
+        cov[i, i] += max(abs(model[name].value), least_size(model.parameter(name))) ** 2
     return half_of(cov)
+
+
+def _open_parameters(model: PlantModel) -> list[str]:
+    """Free parameters that the fit left undetermined, or found for each of its records apart."""
+    own = {name for record in (model.fit or {}).get("per_record") or [] for name in record}
+    stds = {name: model[name].std for name in model.free_names}
+    return [name for name, std in stds.items() if name in own or (std is not None and np.isnan(std))]
+
+
+def _say_what_is_open(model: PlantModel) -> None:
+    found = _open_parameters(model) if has_covariance(model) else []
+    if found:
+        text = "the fit says nothing of %s in other records: any value of its size is allowed, to first order"
+        _log.warning(text, ", ".join(found))
 
 
 def _mean_cost(records: list[Errors]) -> float:

@@ -221,6 +221,7 @@ def test_what_the_model_is_allowed_is_reported():
     assert included.model_uncertainty_rms > 0 == bare.model_uncertainty_rms == of_fit.model_uncertainty_rms
     assert included.noise_floor_rms == bare.noise_floor_rms
     assert "the model's uncertainty" in included.verdict
+    assert ["no covariance" in r.verdict for r in (included, bare, of_fit)] == [False, True, False]
     expected = np.hypot(included.noise_floor_rms, included.model_uncertainty_rms)
     rms = [
         compare(fit(frf(measured(rng, periods=4)), "2/0"), measured(rng, periods=40)).rms_error
@@ -332,7 +333,7 @@ def test_a_covariance_of_other_parameters_is_not_used(command):
     assert compare(model, noisy(rng, command, y, 4)).model_uncertainty == "none"
 
 
-def test_what_the_fit_left_open_may_have_any_value(command):
+def test_what_the_fit_left_open_may_have_any_value(command, caplog):
     """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
     new = noisy(rng, command, y, 40)
@@ -343,7 +344,9 @@ def test_what_the_fit_left_open_may_have_any_value(command):
     undetermined["cable_spring.stiffness"].std = float("nan")
     of_each.fit["per_record"] = [{"name": "", "cable_spring.stiffness": [170.0, 1.0]}]
     for one in (undetermined, of_each):
+        caplog.clear()
         assert compare(one, new).p_value > 1e-3
+        assert "says nothing of cable_spring.stiffness in other records" in caplog.text
 
 
 def test_friction_is_seen_in_a_plant_without_it(command):
