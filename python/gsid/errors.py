@@ -24,6 +24,11 @@ class GsidError(RuntimeError):
         self.hint = hint
         _note(self, hint)
 
+    @property
+    def of_data(self) -> bool:
+        """Whether the numbers given are at fault: not finite, too few, singular, unstable or too steep."""
+        return self.code in (-4, -6, -7, -8, -11)
+
     def __str__(self) -> str:
         return f"{self.message} (status {self.code})"
 

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid.json_files import number, text
+
 if TYPE_CHECKING:
     from gsid.model import RationalModel
 
@@ -46,6 +48,18 @@ class FitWarning:
     def to_dict(self) -> dict[str, Any]:
         """The warning as JSON has it."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> FitWarning:
+        """A warning out of a model file.
+
+        Raises
+        ------
+        ValueError
+            A value is missing or of another kind.
+        """
+        words = {key: text(data, key) for key in ("what", "use", "text")}
+        return cls(bias_over_std=number(data, "bias_over_std", 0.0), **words)
 
 
 def largest_shift(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> float:

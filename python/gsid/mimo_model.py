@@ -11,6 +11,7 @@ import numpy as np
 from gsid._lib import lib, version
 from gsid.confidence import NORMAL_95, root_quantities
 from gsid.errors import InputError
+from gsid.json_files import flag, how_fitted, number, text, texts
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
 if TYPE_CHECKING:
@@ -86,6 +87,8 @@ class MimoModel:
             setattr(self, name, values)
         if self.num.ndim != 3 or self.num.shape[2] - self.n_poles not in (0, 1) or self.n_poles == 0:
             raise ValueError(f"num has shape {self.num.shape}, sections {self.sections.shape}")
+        if self.n_poles > lib.GSID_MIMO_POLES_MAX:
+            raise ValueError(f"{self.n_poles} poles, at most {lib.GSID_MIMO_POLES_MAX}")
         if self.delay_s.shape != self.num.shape[:2]:
             raise ValueError(f"delay_s has shape {self.delay_s.shape}, not {self.num.shape[:2]}")
         if self.domain not in ("s", "z"):
@@ -98,6 +101,11 @@ class MimoModel:
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.delay_of is not None:
             self.delay_of = np.asarray(self.delay_of, dtype=int)
+            n_delays = self.delay_s.size
+            if self.delay_of.shape != self.delay_s.shape or not np.all(
+                (self.delay_of >= 0) & (self.delay_of < n_delays)
+            ):
+                raise ValueError(f"delay_of must count the delays of {self.delay_s.shape} channels from 0")
         if self.delay_range_s is None:
             self.delay_range_s = np.stack([self.delay_s, self.delay_s], axis=-1)
         self.delay_range_s = np.asarray(self.delay_range_s, dtype=float)
@@ -426,30 +434,26 @@ class MimoModel:
         hint = "write it again by `gsid fit -o` with several inputs"
         if not isinstance(data, dict) or "common_denominator" not in data:
             raise InputError("not a model of several inputs and outputs", where, None, hint)
-        common, fit = data["common_denominator"], data.get("fit") or {}
+        common = data["common_denominator"]
         try:
             return cls(
                 sections=common["sections"],
                 num=common["num"],
                 delay_s=common["delay_s"],
-                domain=common.get("domain", "s"),
-                hold=common.get("hold", "none"),
-                hold_assumed=bool(common.get("hold_assumed", False)),
+                domain=text(common, "domain", "s"),
+                hold=text(common, "hold", "none"),
+                hold_assumed=flag(common, "hold_assumed"),
                 other_delay_s=common.get("other_delay_s"),
-                fs_hz=data.get("fs_hz"),
+                fs_hz=number(data, "fs_hz"),
                 cov=common.get("covariance"),
                 delay_of=common.get("delay_of"),
                 delay_range_s=common.get("delay_range_s"),
-                band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),
-                inputs=data.get("inputs") or [],
-                outputs=data.get("outputs") or [],
-                u_units=data.get("u_units") or [],
-                y_units=data.get("y_units") or [],
-                **{name: fit.get(name) for name in _FIT_KEYS},
+                **{name: texts(data, name) for name in ("inputs", "outputs", "u_units", "y_units")},
+                **how_fitted(data),
             )
         except KeyError as error:
             raise InputError("a key is missing in the model file", where, error.args[0], hint) from error
-        except (TypeError, ValueError) as error:
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
             raise InputError(f"the model file is not usable: {error}", where, None, hint) from error
 
     def save(self, path: str | Path) -> None:

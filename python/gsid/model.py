@@ -13,6 +13,7 @@ from gsid._lib import check, ffi, lib, version
 from gsid.errors import InputError
 from gsid.files import write_atomically
 from gsid.fit_warnings import FitWarning
+from gsid.json_files import flag, how_fitted, listed, number, read_json, text
 
 if TYPE_CHECKING:
     import control
@@ -383,24 +384,25 @@ class RationalModel:
         if "rational" not in data:
             hint = 'a fitted transfer function ("rational") is needed here'
             raise InputError("the model file has no transfer function", where, ", ".join(data), hint)
-        rational, fit = data["rational"], data.get("fit") or {}
+        rational = data["rational"]
         try:
             return cls(
                 num=rational["num"],
                 den=rational["den"],
-                delay_s=rational.get("delay_s", 0.0),
-                domain=rational.get("domain", "s"),
-                fs_hz=data.get("fs_hz"),
-                hold=rational.get("hold", "none"),
-                hold_assumed=bool(rational.get("hold_assumed", False)),
-                other_delay_s=rational.get("other_delay_s"),
+                delay_s=number(rational, "delay_s", 0.0),
+                domain=text(rational, "domain", "s"),
+                fs_hz=number(data, "fs_hz"),
+                hold=text(rational, "hold", "none"),
+                hold_assumed=flag(rational, "hold_assumed"),
+                other_delay_s=number(rational, "other_delay_s"),
                 cov=rational.get("covariance"),
-                free_delay=bool(rational.get("free_delay", False)),
-                band_hz=None if fit.get("band_hz") is None else tuple(fit["band_hz"]),
-                warnings=tuple(FitWarning(**warning) for warning in fit.get("warnings", ())),
-                u_unit=data.get("u_unit", ""),
-                y_unit=data.get("y_unit", ""),
-                **{key: fit.get(key) for key in ("method", "cost", "cost_expected", "n_lines", "converged")},
+                free_delay=flag(rational, "free_delay"),
+                u_unit=text(data, "u_unit"),
+                y_unit=text(data, "y_unit"),
+                warnings=tuple(
+                    FitWarning.from_dict(warning) for warning in listed(data.get("fit"), "warnings")
+                ),
+                **how_fitted(data),
             )
         except KeyError as error:
             raise InputError(
@@ -561,7 +563,7 @@ def read_model_file(path: str | Path) -> Any:
     """
     hint = "`gsid fit -o` writes one"
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        return read_json(path)
     except OSError as error:
         what = f"the model file cannot be read: {error.strerror}"
         raise InputError(what, str(path), None, hint) from error

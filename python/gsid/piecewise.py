@@ -219,11 +219,15 @@ class PiecewiseModel:
         InputError
             Something is missing or has the wrong form.
         """
-        pieces = tuple(RationalModel.from_dict(piece, where) for piece in data["pieces"])
+        hint = "write it again by `gsid fit --piecewise`"
+        entries = data["pieces"]
+        if not isinstance(entries, list) or len(entries) > PIECES_MAX:
+            found = f"{len(entries)}, at most {PIECES_MAX}" if isinstance(entries, list) else "no list"
+            raise InputError("the set of models is not usable: pieces", where, found, hint)
+        pieces = tuple(RationalModel.from_dict(piece, where) for piece in entries)
         try:
             return cls(pieces, tuple(float(f) for f in data["breaks_hz"]))
         except (KeyError, TypeError, ValueError) as error:
-            hint = "write it again by `gsid fit --piecewise`"
             raise InputError(f"the set of models is not usable: {error}", where, None, hint) from error
 
     def save(self, path: str | Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import html
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import version
+from gsid.arguments import printable_text
 from gsid.effects import EffectParameter, EffectType, entry_keys, find, of_entry
 from gsid.errors import InputError, close
 from gsid.model import FORMAT, read_model_file, write_model_file
@@ -111,6 +113,8 @@ class PlantModel:
         ):
             if value not in known:
                 raise InputError(f"{name} must be one of {', '.join(known)}", where, value)
+        for name, value in (("u_unit", self.u_unit), ("y_unit", self.y_unit)):
+            printable_text(name, value, where)
         for effect in self.effects:
             _check_params(effect, where)
         n_bodies = sum(effect.id == "rigid_body" for effect in self.effects)
@@ -304,6 +308,9 @@ class PlantModel:
         if not isinstance(entries, list):
             raise InputError("the model file has no list of effects", where, ", ".join(data), EXAMPLE)
         _check_keys(data, KEYS, where)
+        if len(entries) > EFFECTS_MOST:
+            most = f"{len(entries)}, at most {EFFECTS_MOST}"
+            raise InputError("the model file has too many effects", where, most, "join those of one kind")
         model = cls.__new__(cls)
         model.fs_hz, model.effects = (
             data.get("fs_hz"),
@@ -377,13 +384,15 @@ KEYS = (
     *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),
     *("effects", "covariance", "fit", "history"),
 )
+EFFECTS_MOST = 100  # the whole catalogue four times over
 PARAM_KEYS = ("value", "free", "std", "limits")
 
 EXAMPLE = 'write "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}, ...]'
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= sys.float_info.max  # whole numbers may be larger than any double
 
 
 def _check_keys(entry: Mapping[str, Any], known: Sequence[str], where: str) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gsid.arguments import real_number, whole_samples
+from gsid.arguments import printable_text, real_number, whole_samples
 from gsid.errors import InputError, NotPeriodicError
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("gsid.record")
 
+LARGEST = 1e100  # of a sample: beyond it, and below its inverse, squares and their sums leave the doubles
 MIN_PERIOD = 4  # samples: the shortest period with an excited line below N/2 and one beside it
 SHARE_FOUND = 0.75  # share of u's power that must repeat before a period is believed
 SHARE_GIVEN = 0.5  # the same for a period that the user states: unrelated data have a share near 0
@@ -97,6 +98,8 @@ class Record:
             )
         if self.hold not in ("zoh", "none", None):
             raise InputError("unknown hold", self.name, self.hold, "write zoh (a held command) or none")
+        for name in ("u_unit", "y_unit"):
+            printable_text(name, getattr(self, name), self.name)
         self.period_samples = whole_samples("period_samples", self.period_samples)
         self.settle_samples = whole_samples("settle_samples", self.settle_samples)
 
@@ -249,31 +252,29 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     period = record.period_samples if period is None else whole_samples("period", period)
     settle = record.settle_samples if settle is None else whole_samples("settle", settle)
     label = record.name or "record"
+    check_range(record)
     if period is None:
         period = find_period(record.u, valid=record.valid, name=record.name)
         _log.info("%s: period of %d samples found from u", label, period)
-    if settle is None:
-        settle = find_settling(record, period)
-        if len(record) < 3 * period:
-            _log.info("%s: fewer than three periods do not show whether it has settled: all is used", label)
-        else:
-            _log.info("%s: settling of %d samples found from the data", label, settle)
-    if period < MIN_PERIOD or settle < 0:
+    if period < MIN_PERIOD or (settle is not None and settle < 0):
         raise InputError(
             "period or settling is out of range",
             record.name,
             f"period {period}, settle {settle}",
             f"the period is at least {MIN_PERIOD} samples, the settling at least 0",
         )
+    if period > len(record):
+        raise _too_few_periods(record, period, settle or 0, 0)
+    if settle is None:
+        settle = find_settling(record, period)
+        if len(record) < 3 * period:
+            _log.info("%s: fewer than three periods do not show whether it has settled: all is used", label)
+        else:
+            _log.info("%s: settling of %d samples found from the data", label, settle)
     u, y, good = _rows(record, period, settle)
     n_good = int(np.count_nonzero(good))
     if n_good < 2:
-        raise InputError(
-            "less than two good periods after settling",
-            record.name,
-            f"{len(record)} samples, period {period}, settle {settle}, {len(good) - n_good} spoiled",
-            "measure longer, or give a shorter --settle or the right --period",
-        )
+        raise _too_few_periods(record, period, settle, len(good) - n_good)
     n_spoiled = len(good) - n_good
     kept = np.flatnonzero(good)
     if n_spoiled:  # only then: choosing rows copies the record
@@ -290,6 +291,31 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     if not np.any(y - y[0, 0]):
         _log.warning("%s: y is constant: nothing was measured", label)
     return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
+
+
+def check_range(record: Record) -> None:
+    """Refuse samples whose squares leave the range of doubles.
+
+    Raises
+    ------
+    InputError
+        The largest sample of u or y is above 1e100, or below 1e-100 and not 0.
+    """
+    for name, samples in (("u", record.u), ("y", record.y)):
+        peak = float(np.max(np.abs(samples), initial=0.0))
+        if peak > LARGEST or 0 < peak < 1 / LARGEST:
+            size = "large" if peak > LARGEST else "small"
+            hint = f"write {name} in another unit, within 1e-100 .. 1e100"
+            raise InputError(f"the samples of {name} are too {size}", record.name, f"peak {peak:.3g}", hint)
+
+
+def _too_few_periods(record: Record, period: int, settle: int, n_spoiled: int) -> InputError:
+    return InputError(
+        "less than two good periods after settling",
+        record.name,
+        f"{len(record)} samples, period {period}, settle {settle}, {n_spoiled} spoiled",
+        "measure longer, or give a shorter --settle or the right --period",
+    )
 
 
 def _other_period(record: Record) -> str:

@@ -165,6 +165,20 @@ def test_failure_of_the_library_is_code_4(gsid, rec_csv, monkeypatch):
     assert result.err == "error: transforming: out of memory (status -9)\n"
 
 
+@pytest.mark.parametrize("status", [-4, -6, -7, -8, -11])
+def test_data_that_the_library_refuses_are_bad_input(gsid, rec_csv, monkeypatch, status):
+    """A bug: a fit to a constant output was an internal error, since its equations are singular."""
+    from gsid.errors import GsidError
+
+    def fail(*args, **kwargs):
+        raise GsidError(status, "fit")
+
+    monkeypatch.setattr("gsid.frf.frf", fail)
+    result = gsid("frf", rec_csv)
+    assert result.code == 3
+    assert "hint: " in result.err
+
+
 def test_faults_of_gsid_are_code_4_and_traced_when_asked(gsid, rec_csv, monkeypatch):
     monkeypatch.setattr("gsid.frf.frf", lambda *args, **kwargs: 1 / 0)
     result = gsid("frf", rec_csv)

@@ -300,3 +300,9 @@ def test_a_fork_starts_a_worker_of_its_own(tmp_path, sound):
     thread.join()
     assert codes == [0] * 10
     assert np.array_equal(read_record(sound).u, U)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "rec.npz")
+    with pytest.raises(InputError, match="no regular file"):
+        read_record(tmp_path / "rec.npz")

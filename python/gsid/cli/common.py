@@ -467,9 +467,32 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty()
 
 
-def say(text: str) -> None:
-    """Talk: a line on stderr."""
-    click.echo(text, err=True, color=is_terminal(sys.stderr) and "NO_COLOR" not in os.environ)
+TEXT_MOST = 1000  # characters of a text that is printed
+
+
+def visible(text: str) -> str:
+    """Text as it can be printed: names and values in files may hold codes that a terminal obeys.
+
+    What is not printable is escaped, and what is too long is cut. A line break stays where the next line is
+    indented by four spaces, as in the errors of expressions: no line of ours is.
+    """
+    if len(text) > TEXT_MOST:
+        text = f"{text[:TEXT_MOST]} ... ({len(text)} characters)"
+    if text.isprintable():
+        return text
+    lines = re.split(r"\n(?=    )", text)
+    return "\n".join("".join(map(_visible_character, line)) for line in lines)
+
+
+def _visible_character(char: str) -> str:
+    return char if char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode()
+
+
+def say(text: str, mark: str = "", colour: str = "") -> None:
+    """Talk: a line on stderr, behind a coloured mark where there is one."""
+    mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
+    show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
+    click.echo(mark + visible(text), err=True, color=show)
 
 
 @contextlib.contextmanager
@@ -514,7 +537,7 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: S
     left : sequence of str
         Columns of text; the others are numbers, aligned to the right.
     """
-    rows = [list(row) for row in rows]
+    header, *rows = ([visible(cell) for cell in row] for row in (header, *rows))
     if is_terminal(sys.stdout):
         from rich.console import Console
         from rich.table import Table
@@ -528,7 +551,7 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: S
         Console().print(table)
         return
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in [list(header), *rows]:
+    for row in [header, *rows]:
         cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
         print("  ".join(cells).rstrip())
 
@@ -581,7 +604,7 @@ def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = 
 
 def suggest(text: str) -> None:
     """Say what comes next."""
-    say(f"{click.style('hint:', fg='cyan')} {text}")
+    say(text, "hint:", "cyan")
 
 
 def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:

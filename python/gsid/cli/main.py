@@ -21,6 +21,7 @@ from gsid.cli.common import (
     library_option,
     say,
     version,
+    visible,
 )
 from gsid.errors import GsidError, InputError, SimulationError
 
@@ -121,8 +122,10 @@ def main(argv: list[str] | None = None) -> int:
         say("stopped")
         return EXIT_INTERRUPT
     except GsidError as error:
-        _error(str(error), "", error.hint)
-        return EXIT_INPUT if isinstance(error, SimulationError) else EXIT_INTERNAL
+        of_data = isinstance(error, SimulationError) or error.of_data
+        hint = "look for numbers that are too large or too small in the files" if of_data else ""
+        _error(str(error), "", error.hint or hint)
+        return EXIT_INPUT if of_data else EXIT_INTERNAL
     except ImportError as error:
         _error(str(error), "", "`gsid doctor` lists what is missing")
         return EXIT_INTERNAL
@@ -142,6 +145,13 @@ def _run(argv: list[str] | None) -> int:
         raise
 
 
+class _Visible(logging.Formatter):
+    """Names of files, columns and topics stand in what is logged."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return visible(super().format(record))
+
+
 def _talk_on_stderr() -> None:
     """What the library notes (a period found, a file beside the record used) is said too, each thing once."""
     said: set[str] = set()
@@ -156,7 +166,7 @@ def _talk_on_stderr() -> None:
     logging.addLevelName(logging.INFO, "note")
     logging.addLevelName(logging.WARNING, "warning")
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    handler.setFormatter(_Visible("%(levelname)s: %(message)s"))
     handler.addFilter(is_new)
     logger = logging.getLogger("gsid")
     logger.handlers = [handler]
@@ -166,7 +176,7 @@ def _talk_on_stderr() -> None:
 
 def _usage(error: click.UsageError) -> None:
     if isinstance(error, NoArgsIsHelpError):
-        say(error.format_message())
+        click.echo(error.format_message(), err=True)
         return
     close = getattr(error, "possibilities", None)
     hint = f"did you mean {' or '.join(close)}? " if close else ""
@@ -176,11 +186,11 @@ def _usage(error: click.UsageError) -> None:
 
 
 def _error(what: str, where: str, hint: str) -> None:
-    say(f"{click.style('error:', fg='red', bold=True)} {what}")
+    say(what, "error:", "red")
     if where:
         say(f"  where: {where}")
     if hint:
-        say(f"  {click.style('hint:', fg='cyan')} {hint}")
+        say(hint, "  hint:", "cyan")
 
 
 if __name__ == "__main__":

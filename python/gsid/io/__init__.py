@@ -129,6 +129,8 @@ def write_record(path: str | os.PathLike, record: Record) -> None:
 
 def _check_readable(path: Path) -> None:
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError(0, "it is no regular file")
         with open(path, "rb") as file:
             empty = not file.read(1)
     except OSError as error:

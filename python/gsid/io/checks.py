@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 from pathlib import Path
@@ -12,9 +11,12 @@ import numpy as np
 from gsid.arguments import real_number
 from gsid.errors import InputError, choose
 from gsid.io.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Raw
-from gsid.record import Record
+from gsid.json_files import read_json
+from gsid.record import LARGEST, Record
 
 _log = logging.getLogger(__name__)
+LEAST = {"period_samples": 1, "settle_samples": 0}
+SAMPLES_MOST = 2**53  # beyond it a double does not count
 
 
 def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Record:
@@ -144,12 +146,16 @@ def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
     Where the user states the rate, their jitter is believed to be that of a clock beside the samples'; a gap
     is one all the same.
     """
-    step = float(np.median(np.diff(t)))
+    with np.errstate(over="ignore"):  # differences of huge times are checked below
+        step = float(np.median(np.diff(t)))
     if step <= 0:
         back = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 1
         raise InputError(
             "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
         )
+    if not 1 / LARGEST < step < LARGEST:
+        hint = "write the times in seconds, or give the rate with --fs and leave them out"
+        raise InputError("the time step is out of range", raw.where("t_s", 1), f"{step:.3g} s", hint)
     resolution = _resolution(t)
     tolerance = JITTER_STATED if is_stated else STEP_TOLERANCE
     off = np.abs(np.diff(t) - step) > min(tolerance * step + resolution, 0.5 * step)
@@ -186,11 +192,11 @@ def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | Non
         value = float(raw.keys[key])
         if kind is float:
             return value
-        if value != int(value) or value < 0:
+        if value != int(value) or not LEAST[key] <= value <= SAMPLES_MOST:
             raise ValueError
         return int(value)
     except (TypeError, ValueError, OverflowError):
-        expected = "a number" if kind is float else "a whole number of samples"
+        expected = "a number" if kind is float else f"a whole number of samples, {LEAST[key]} or more"
         raise InputError(
             f"{key} is not {expected}", str(path), raw.keys[key], f"write `# {key}: ...` anew"
         ) from None
@@ -200,18 +206,33 @@ def add_keys_from_beside(
     path: Path, raw: Raw, u: str, y: str, fs_hz: float | None, period: int | None
 ) -> None:
     """Take rate, period and units from a meta.json in the same folder where it names this file."""
+    place = path.parent / "meta.json"
     try:
-        beside = json.loads((path.parent / "meta.json").read_text(encoding="utf-8"))
+        beside = read_json(place)
         if path.name not in beside["files"]:
             return
     except (OSError, ValueError, KeyError, TypeError):
-        return
+        return  # there is none, or it is somebody else's
     has_time = any(name in raw.columns for name in TIME_NAMES)
     for key, given in (("fs_hz", fs_hz is not None or has_time), ("period_samples", period is not None)):
         if key in beside and key not in raw.keys and not given:
             raw.keys[key] = beside[key]
             _log.info("%s: %s = %s from meta.json beside it", path.name, key, beside[key])
-    units = {c.get("name"): c.get("unit", "") for c in beside.get("channels", []) if isinstance(c, dict)}
+    units = _units_of(beside.get("channels", []), str(place))
     for key, name in (("u_unit", u), ("y_unit", y)):
         if name in units:
             raw.keys.setdefault(key, units[name])
+
+
+def _units_of(channels: object, place: str) -> dict[str, str]:
+    """Units of the channels by their names."""
+    units = {}
+    for channel in channels if isinstance(channels, list) else [channels]:
+        name, unit = (
+            (channel.get("name"), channel.get("unit", "")) if isinstance(channel, dict) else (None, "")
+        )
+        if not isinstance(name, str) or not isinstance(unit, str):
+            hint = 'write "channels": [{"name": "u", "unit": "A"}, ...], or leave it out'
+            raise InputError("channels is not a list of names and units", place, repr(channel)[:60], hint)
+        units[name] = unit
+    return units

@@ -143,9 +143,23 @@ def _is_number(text: str) -> bool:
     return "_" not in text
 
 
+def _check_writable(record: Record, keys: dict[str, object]) -> None:
+    """Refuse texts that would be read as other lines, columns or keys."""
+    hint = "rename it, or write .npz, .mat or .h5"
+    for name in record.columns:
+        if not name.isprintable() or name != name.strip().strip('"') or set(name) & set(',"') or not name:
+            raise InputError("CSV cannot hold the name of a column", record.name, repr(name), hint)
+    for key, value in keys.items():
+        if not str(value).isprintable():
+            raise InputError(f"CSV cannot hold the value of {key}", record.name, repr(value)[:60], hint)
+        if not key.isprintable() or ":" in key or not key.strip():
+            raise InputError("CSV cannot hold the name of a key", record.name, repr(key), hint)
+
+
 def write_csv(path: Path, record: Record) -> None:
     columns = {"t_s": record.t_s, "u": record.u, "y": record.y, **record.columns}
     keys = keys_of(record) | record.meta
+    _check_writable(record, keys)
     # repr of a Python float is the shortest text that reads back as the same number
     texts = [map(repr, np.asarray(c, np.float64).tolist()) for c in columns.values()]
     names = list(columns)

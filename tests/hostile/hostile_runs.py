@@ -1,0 +1,171 @@
+"""Run the corpus of bad input through the command, each run in a process with limits: status, time, memory.
+
+python tests/hostile/hostile_runs.py --verbs 2 --out runs.json         # forks of one process: quick
+python tests/hostile/hostile_runs.py --processes --out runs.json       # a process of its own each
+"""
+
+import argparse
+import collections
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hostile_corpus import SEED, corpus, sound_files
+
+SECONDS, MEGABYTES = 10.0, 500.0
+PATIENCE = 60  # s: until a run is ended
+CONTROL = bytes([*range(9), *range(11, 32), 127])
+
+
+def run(argv, folder, own_process):
+    """Run one command in a folder: exit code (negative: signal), seconds of the processor, memory, output."""
+    out = folder / "printed"
+    start = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        _in_child(argv, folder, out, own_process)
+    _, status, used = os.wait4(child, 0)
+    wall, seconds = time.monotonic() - start, used.ru_utime + used.ru_stime
+    code = os.waitstatus_to_exitcode(status)
+    printed = out.read_bytes()
+    return {
+        "code": code,
+        "seconds": seconds,
+        "wall": wall,
+        "megabytes": used.ru_maxrss / 1024,
+        "printed": printed,
+    }
+
+
+def _in_child(argv, folder, out, own_process):
+    code = 99
+    try:
+        signal.alarm(PATIENCE)
+        os.chdir(folder)
+        fd = os.open(out, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(fd, 1)
+        os.dup2(fd, 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if own_process:
+            os.execv(sys.executable, [sys.executable, "-m", "gsid.cli.main", *argv])
+        from gsid.cli.main import main
+
+        code = main(argv)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def faults(result):
+    """What a run did that no bad input may cause."""
+    found = []
+    if result["code"] not in (0, 3):
+        found.append(f"exit {result['code']}")
+    if result["code"] == 3 and b"hint:" not in result["printed"]:
+        found.append("no hint")
+    if b"Traceback" in result["printed"]:
+        found.append("traceback")
+    if any(byte in CONTROL for byte in result["printed"]):
+        found.append("control characters")
+    if result["seconds"] > SECONDS:
+        found.append(f"{result['seconds']:.0f} s")
+    if result["megabytes"] > MEGABYTES:
+        found.append(f"{result['megabytes']:.0f} MB")
+    return found
+
+
+def run_corpus(entries, n_verbs, own_process, show=None):
+    """Run every entry through some of its commands."""
+    if not own_process:  # what every fork then has
+        import h5py  # noqa: F401
+        import matplotlib.figure  # noqa: F401
+        import scipy.optimize
+        import scipy.signal
+        import scipy.stats  # noqa: F401
+
+        import gsid.cli.main
+        import gsid.diagnose
+        import gsid.io
+        import gsid.report  # noqa: F401
+    results = []
+    with tempfile.TemporaryDirectory() as place:
+        for entry in entries:
+            folder = Path(place) / "run"
+            folder.mkdir()
+            for name, content in (sound_files() | entry.files).items():
+                (folder / name).parent.mkdir(exist_ok=True)
+                (folder / name).write_bytes(content)
+            for argv in entry.commands[:n_verbs]:
+                result = run(argv, folder, own_process)
+                wrong = faults(result)
+                printed = result.pop("printed").decode(errors="backslashreplace")[:600]
+                results.append(
+                    {"kind": entry.kind, "name": entry.name, "argv": argv, "faults": wrong, **result}
+                )
+                if wrong:
+                    results[-1]["printed"] = printed
+                    if show:
+                        print(
+                            entry.kind,
+                            "|",
+                            entry.name[:60],
+                            "|",
+                            " ".join(argv),
+                            "|",
+                            wrong,
+                            "|",
+                            printed[:300],
+                            file=show,
+                        )
+                        show.flush()
+            shutil.rmtree(folder)
+    return results
+
+
+def table(results):
+    """One row for each class of fault, as Markdown."""
+    rows = [
+        "| class | inputs | runs | exit 0 | exit 3 | others | longest [s] | largest [MB] |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    by_kind = collections.defaultdict(list)
+    for result in results:
+        by_kind[result["kind"]].append(result)
+    for kind, runs in [*by_kind.items(), ("all", results)]:
+        codes = collections.Counter(r["code"] if r["code"] in (0, 3) else "other" for r in runs)
+        inputs = len({(r["kind"], r["name"]) for r in runs})
+        longest, largest = (max(r[key] for r in runs) for key in ("seconds", "megabytes"))
+        counts = [len(runs), codes[0], codes[3], codes["other"], f"{longest:.1f}", f"{largest:.0f}"]
+        rows.append(f"| {' | '.join(map(str, [kind, inputs, *counts]))} |")
+    return "\n".join(rows)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--verbs", type=int, default=99, help="commands of each entry, at most")
+    parser.add_argument("--processes", action="store_true", help="each run is a process of its own")
+    parser.add_argument("--all", action="store_true", help="every bad value at every place of a model")
+    parser.add_argument("--part", default="0/1", help="I/N: every N-th entry from I on")
+    parser.add_argument("--only", default="", help="entries of this class")
+    parser.add_argument("--out", help="write the runs as JSON")
+    arguments = parser.parse_args()
+    part, parts = map(int, arguments.part.split("/"))
+    entries = [e for e in corpus(arguments.all) if arguments.only in ("", e.kind)][part::parts]
+    print(f"seed {SEED}, {len(entries)} inputs", file=sys.stderr)
+    results = run_corpus(entries, arguments.verbs, arguments.processes, sys.stderr)
+    if arguments.out:
+        Path(arguments.out).write_text(json.dumps(results))
+    print(table(results))
+    return any(r["faults"] for r in results)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""Texts out of files: none may steer a terminal, fake a line of ours, or become a key of the file written."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gsid.cli.common import visible
+from gsid.cli.main import main
+from gsid.errors import InputError
+from gsid.io import read_record, write_record
+from gsid.json_files import DEPTH_MOST, parse_json
+from gsid.model import load_model
+from gsid.record import Record, split_periods
+
+ESCAPE = "\x1b[31mred\x07"
+U = np.tile(np.sin(np.arange(20) * 0.9), 6)
+
+
+def record(**more):
+    return Record(U, U * 0.5, 100.0, **more)
+
+
+# ---------------------------------------------------------------- what is printed
+
+
+def test_what_a_terminal_obeys_is_printed_as_an_escape():
+    assert visible(ESCAPE) == r"\x1b[31mred\x07"
+    assert visible("a\nerror: b\r\u202e\ud800\u2028") == r"a\nerror: b\r\u202e\ud800\u2028"
+    assert visible("\n    c*w\n    ^") == "\n    c*w\n    ^"  # the caret under an expression
+    assert visible("deg/s °/s µ") == "deg/s °/s µ"
+    assert len(visible("x" * 10**6)) < 1100
+
+
+def test_escape_codes_in_names_do_not_reach_the_terminal(tmp_path, monkeypatch, capsys):
+    """A bug: the name of a column, a key or an effect was printed as it stood."""
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{u},{u},word\n" for u in U)
+    (tmp_path / "rec.csv").write_text(f"# fs_hz: 100\nu,y,{ESCAPE}\n{rows}")
+    assert main(["frf", "rec.csv"]) == 0
+    (tmp_path / "names.csv").write_text(f"# fs_hz: 100\nu,{ESCAPE}\n{rows}")
+    assert main(["frf", "names.csv"]) == 3
+    (tmp_path / "hold.csv").write_text(f"# fs_hz: 100\n# hold: {ESCAPE}\nu,y\n{rows.replace(',word', '')}")
+    assert main(["frf", "hold.csv"]) == 3
+    effect = {"effect": f"{ESCAPE}\nhint: all is well", "params": {}}
+    (tmp_path / "m.json").write_text(json.dumps({"gsid_model": 1, "fs_hz": 100.0, "effects": [effect]}))
+    assert main(["compare", "--model", "m.json", "rec.csv"]) == 3
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err
+    assert "\x07" not in out + err
+    assert "\nhint: all is well" not in err
+    assert r"\x1b[31mred" in err
+
+
+@pytest.mark.parametrize("unit", [ESCAPE, "deg/s\n# fs_hz: 7", 5, None])
+def test_units_that_cannot_be_printed_are_refused(unit):
+    """They stand in tables, plots, reports and exported C."""
+    with pytest.raises(InputError, match="y_unit"):
+        record(y_unit=unit)
+
+
+# ---------------------------------------------------------------- what is written
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        ({"meta": {"note": "a\n# fs_hz: 7"}}, "value of note"),
+        ({"meta": {"a\nfs_hz": "7"}}, "name of a key"),
+        ({"meta": {"fs_hz": "7"}}, "name of another value"),
+        ({"meta": {"a: b": "7"}}, "name of a key"),
+        ({"columns": {"a,b": U}}, "name of a column"),
+        ({"columns": {"a\nb": U}}, "name of a column"),
+        ({"columns": {'"a"': U}}, "name of a column"),
+        ({"columns": {"": U}}, "name of a column"),
+        ({"columns": {"u": U}}, "name of another value"),
+        ({"columns": {"valid": U}}, "name of another value"),
+    ],
+)
+def test_texts_that_would_be_read_as_something_else_are_not_written(tmp_path, more, what):
+    """A bug: a line break in a value became a key of the header, a comma in a name another column."""
+    with pytest.raises(InputError, match=what) as caught:
+        write_record(tmp_path / "rec.csv", record(**more))
+    assert caught.value.hint
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_arrays_hold_any_text(tmp_path, suffix):
+    made = record(meta={"note": "a\n# fs_hz: 7"}, columns={"a,b": U})
+    write_record(tmp_path / f"rec{suffix}", made)
+    back = read_record(tmp_path / f"rec{suffix}")
+    assert back.meta == made.meta
+    assert back.fs_hz == 100.0
+    np.testing.assert_array_equal(back.columns["a,b"], U)
+
+
+# ---------------------------------------------------------------- what is read
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("[" * 100_000, "nested deeper"),
+        ('{"a":' * 100_000, "nested deeper"),
+        ("[" * (DEPTH_MOST + 1) + "]" * (DEPTH_MOST + 1), "nested deeper"),
+        ("NaN", "no number of JSON"),
+        ("[-Infinity]", "no number of JSON"),
+        ("1e400", "out of range"),
+        ("-1e999", "out of range"),
+        ("1" * 400, "400 digits"),
+        ("{", "Expecting"),
+    ],
+)
+def test_json_that_no_model_file_has_is_refused(tmp_path, text, what):
+    """Bugs: deep JSON was an internal error; so was a number that is no double."""
+    with pytest.raises(ValueError, match=what):
+        parse_json(text)
+    (tmp_path / "m.json").write_text(text)
+    with pytest.raises(InputError, match=what):
+        load_model(tmp_path / "m.json")
+
+
+def test_json_of_a_stated_depth_is_read():
+    assert parse_json("[" * DEPTH_MOST + "]" * DEPTH_MOST)
+
+
+def test_many_effects_are_refused_at_once(tmp_path):
+    """A bug: 70 000 effects took more than a minute."""
+    effects = [{"effect": "viscous_friction", "params": {"rate": 0.1}}] * 70_000
+    (tmp_path / "m.json").write_text(json.dumps({"gsid_model": 1, "fs_hz": 100.0, "effects": effects}))
+    with pytest.raises(InputError, match=r"too many effects.*70000, at most 100"):
+        load_model(tmp_path / "m.json")
+
+
+@pytest.mark.parametrize("key", ["u_unit", "y_unit", "fs_hz", "fit"])
+@pytest.mark.parametrize("value", [[], [1, "x"], {"a": 1}, True, ESCAPE])
+@pytest.mark.parametrize("kind", ["rational", "matrix"])
+def test_values_of_the_wrong_kind_are_bad_input(tmp_path, kind, key, value):
+    """Bugs: a list for a unit was an internal error, a list for the rate a usage error."""
+    if key == "fit" and value in ([], {"a": 1}):
+        return
+    of_kind = {
+        "rational": {"rational": {"num": [1.0], "den": [1.0, 1.0]}},
+        "matrix": {"common_denominator": {"sections": [1.0], "num": [[[1.0]]], "delay_s": [[0.0]]}},
+    }
+    name = {"u_unit": "u_units", "y_unit": "y_units"}.get(key, key) if kind == "matrix" else key
+    value = [value] if name.endswith("units") else value
+    (tmp_path / "m.json").write_text(json.dumps({"gsid_model": 1, **of_kind[kind], name: value}))
+    with pytest.raises(InputError, match="not usable"):
+        load_model(tmp_path / "m.json")
+
+
+@pytest.mark.parametrize("value", ["0", "-60", "1e30", "nan", "inf", "0.5", "", "9" * 20])
+def test_a_period_that_none_can_have_is_bad_input(tmp_path, value):
+    """Bugs: 0 was an internal error, 1e30 a usage error."""
+    rows = "".join(f"{u},{u}\n" for u in U)
+    (tmp_path / "rec.csv").write_text(f"# fs_hz: 100\n# period_samples: {value}\nu,y\n{rows}")
+    with pytest.raises(InputError, match="period_samples is not a whole number"):
+        read_record(tmp_path / "rec.csv")
+
+
+@pytest.mark.parametrize("period", [0, 3, -5, 121, 10**6, 2**62])
+def test_a_period_beyond_the_record_is_bad_input(period):
+    with pytest.raises(InputError, match=r"out of range|less than two good periods"):
+        split_periods(record(period_samples=period))
+
+
+@pytest.mark.parametrize(
+    "channels", [None, -1, "u", {"a": 1}, [None], [{"name": ["u"]}], [{"name": "u", "unit": 5}]]
+)
+def test_channels_of_the_wrong_kind_are_bad_input(tmp_path, channels):
+    """A bug: `channels: null` was an internal error."""
+    beside = {"fs_hz": 100.0, "files": ["rec.csv"], "channels": channels}
+    (tmp_path / "meta.json").write_text(json.dumps(beside))
+    (tmp_path / "rec.csv").write_text("u,y\n" + "".join(f"{u},{u}\n" for u in U))
+    with pytest.raises(InputError, match="channels is not a list") as caught:
+        read_record(tmp_path / "rec.csv")
+    assert "meta.json" in caught.value.where
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e120, 1e-120, 1e-310])
+@pytest.mark.parametrize("name", ["u", "y"])
+def test_samples_whose_squares_are_no_doubles_are_bad_input(name, scale):
+    samples = {"u": U, "y": U * 0.5}
+    samples[name] = samples[name] * scale
+    with pytest.raises(InputError, match=f"samples of {name} are too"):
+        split_periods(Record(**samples, fs_hz=100.0))
