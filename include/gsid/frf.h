@@ -129,8 +129,12 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines);
  *  Cost: one pass over the lines.  Context: background, between periods. */
 gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other);
 
-/** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there.
- *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no variance is asked)
+/** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there. Nor is it where
+ *  the variance would need squares beyond the range of numbers: var_g is infinite, and the line's other variances say nothing. In
+ *  float that is so for |U| below 1e-12, for |Y| below 1e-12 with deviations below 1e-19, for lines above 1e19, |g| below 1e-19
+ *  and var_g below 1e-38 or above 1e38.
+ *  @return GSID_OK; GSID_RANGE a line's squares are beyond the range of numbers: scale u and y; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no
+ *          variance is asked)
  *  Cost: one pass over the lines, with the division of eq. 4.10.  Context: background. Beside a running interrupt: within
  *  n_period - 1 ticks (direct) or spread.n_ticks ticks (spread) after a GSID_DONE; the next period begins to enter the
  *  mean after that. */

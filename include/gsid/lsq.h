@@ -62,14 +62,16 @@ gsid_status gsid_lsq_solve(gsid_lsq *q, gsid_real rank_tol, gsid_real *x, gsid_r
 /** Solve A'A x = c.
  *  @param[in]  c  [n_columns] finite
  *  @param[out] x  [n_columns]; may be c
- *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned;
+ *          GSID_E_NONFINITE the solution overflows: outputs untouched
  *  Cost: 3 n_columns^2 flops. */
 gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_real *x);
 
 /** Inverse of A'A: the covariance of x when the rows have unit variance.
  *  @param[out] cov  [n_columns][n_columns]
- *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned
- *  Cost: n_columns^3 / 2 flops. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_SINGULAR, also when unknowns are pinned;
+ *          GSID_E_NONFINITE a variance is beyond the range of numbers: outputs untouched
+ *  Cost: n_columns^3 flops. */
 gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov);
 
 #ifdef __cplusplus

@@ -49,7 +49,7 @@ typedef struct {
     gsid_sweep_kind kind;
     uint32_t n_period;    /* N, samples, 2 .. 2^30 */
     gsid_real line_start; /* frequency at the start and the end of a period, as (fractions of) lines: f N / fs; */
-    gsid_real line_stop;  /*   > 0, < N/2, not the same; may fall */
+    gsid_real line_stop;  /*   > 0, < N/2, not the same; may fall. Logarithmic: 126 octaves apart at most (double: 1022) */
     gsid_real amplitude;  /* unit of the command */
     gsid_real phase_rad;  /* of the sine at the start of a period */
 } gsid_sweep_cfg;

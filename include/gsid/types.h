@@ -36,6 +36,8 @@ typedef struct {
     X(GSID_RANK, 5, "the data do not determine every parameter: the rest were set to zero",                            \
       "lower the order, or widen the band")                                                                            \
     X(GSID_TRIPPED, 6, "the guard has switched the excitation off", "gsid_trip_str names its reason")                  \
+    X(GSID_RANGE, 7, "the squares of a line are beyond the range of numbers: its variance is given as infinite",        \
+      "scale input and output so that they are near 1, or use double")                                                 \
     X(GSID_E_NULL, -1, "a required pointer is NULL", "")                                                               \
     X(GSID_E_CONFIG, -2, "a configuration value is out of its range", "the header states each field's range")          \
     X(GSID_E_MEMORY, -3, "the memory block is too small or not aligned", "ask the object's _mem_size for the bytes")   \

@@ -162,17 +162,51 @@ static gsid_cplx response_between(const gsid_distortion *d, uint32_t line, uint3
     return gsid_cplx_add(low, gsid_cplx_scale(share, gsid_cplx_sub(high, low)));
 }
 
+/* DIS-3 at line i and its noise, of one realisation. Returns whether they are in the range of numbers. */
+static int free_power(const gsid_distortion *d, uint32_t i, uint32_t *above, gsid_real *power, gsid_real *noise) {
+    const gsid_frf_line line = gsid_frf_line_at(&d->frf, i);
+    const gsid_cplx g = response_between(d, d->cfg.line[i], above);
+    const gsid_cplx left = gsid_cplx_sub(line.y, gsid_cplx_mul(g, line.u));
+    const gsid_real p = (gsid_real)d->frf.n_periods;
+    *power = gsid_cplx_abs2(left);
+    *noise = gsid_frf_error_variance(&line, g) / p;
+    const gsid_real size_y = gsid_frf_size(line.y);
+    const int is_kept = *power >= GSID_SMALLEST || (left.re == 0 && left.im == 0);
+    return (size_y == 0 || gsid_frf_is_kept(*noise, size_y)) && is_kept && gsid_is_finite(*power) &&
+           gsid_is_finite(*noise);
+}
+
 static void add_free(gsid_distortion *d) {
-    const gsid_real m = (gsid_real)d->n_realisations, p = (gsid_real)d->frf.n_periods;
+    const gsid_real m = (gsid_real)d->n_realisations;
     uint32_t above = 0;
     for (uint32_t i = d->cfg.n_excited; i < d->cfg.n_lines; i++) {
         const uint32_t at = i - d->cfg.n_excited;
-        const gsid_frf_line line = gsid_frf_line_at(&d->frf, i);
-        const gsid_cplx g = response_between(d, d->cfg.line[i], &above);
-        const gsid_cplx left = gsid_cplx_sub(line.y, gsid_cplx_mul(g, line.u)); /* DIS-3 */
-        d->power[at] += (gsid_cplx_abs2(left) - d->power[at]) / m;
-        d->power_noise[at] += (gsid_frf_error_variance(&line, g) / p - d->power_noise[at]) / m;
+        gsid_real power, noise;
+        free_power(d, i, &above, &power, &noise);
+        d->power[at] += (power - d->power[at]) / m;
+        d->power_noise[at] += (noise - d->power_noise[at]) / m;
     }
+}
+
+/* Whether all that this realisation adds is in the range of numbers: what a sum has lost once shows in none of its results. */
+static gsid_status check_lines(const gsid_distortion *d) {
+    uint32_t above = 0;
+    for (uint32_t i = 0; i < d->cfg.n_excited; i++) {
+        const gsid_frf_line line = gsid_frf_line_at(&d->frf, i);
+        if (!(gsid_frf_size(line.u) > GSID_R(0.0))) {
+            return GSID_E_TOO_FEW;
+        }
+        if (!line.is_in_range) {
+            return GSID_E_NONFINITE;
+        }
+    }
+    for (uint32_t i = d->cfg.n_excited; i < d->cfg.n_lines; i++) {
+        gsid_real power, noise;
+        if (!free_power(d, i, &above, &power, &noise)) {
+            return GSID_E_NONFINITE;
+        }
+    }
+    return GSID_OK;
 }
 
 gsid_status gsid_distortion_finish(gsid_distortion *d) {
@@ -186,13 +220,12 @@ gsid_status gsid_distortion_finish(gsid_distortion *d) {
     if (d->frf.n_periods < 2) {
         return GSID_E_TOO_FEW;
     }
-    for (uint32_t i = 0; i < d->cfg.n_excited; i++) {
-        if (!(gsid_cplx_abs2(gsid_frf_line_at(&d->frf, i).u) > GSID_R(0.0))) {
-            return GSID_E_TOO_FEW;
-        }
+    const gsid_status status = check_lines(d);
+    if (status != GSID_OK) {
+        return status;
     }
-    d->n_realisations++;
-    d->n_periods += d->frf.n_periods;
+    d->n_realisations = gsid_count(d->n_realisations, 1);
+    d->n_periods = gsid_count(d->n_periods, d->frf.n_periods);
     add_excited(d);
     add_free(d);
     d->frf.engine = NULL; /* none is under way */
@@ -217,6 +250,14 @@ static void result_excited(const gsid_distortion *d, uint32_t i, const gsid_dist
     }
 }
 
+static int is_in_range(const gsid_distortion *d) {
+    gsid_real sum = 0; /* 0 times a number that is not finite is not 0 */
+    for (uint32_t i = 0; i < d->cfg.n_excited; i++) {
+        sum += 0 * d->m2[i] + 0 * d->noise[i];
+    }
+    return sum == 0;
+}
+
 gsid_status gsid_distortion_result(const gsid_distortion *d, const gsid_distortion_out *out) {
     if (d == NULL || out == NULL) {
         return GSID_E_NULL;
@@ -227,6 +268,9 @@ gsid_status gsid_distortion_result(const gsid_distortion *d, const gsid_distorti
     const int scatter_asked = out->var_total != NULL || out->std_nonlinear != NULL;
     if (d->n_realisations < (scatter_asked ? 2u : 1u)) {
         return GSID_E_TOO_FEW;
+    }
+    if (!is_in_range(d)) {
+        return GSID_E_NONFINITE;
     }
     for (uint32_t i = 0; i < d->cfg.n_excited; i++) {
         result_excited(d, i, out);

@@ -106,8 +106,19 @@ void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real h
         model->delay_s = x[q->n - 1];
 }
 
+int gsid_equations_is_finite(const gsid_rational *model) {
+    gsid_real sum = 0 * model->delay_s; /* 0 times a number that is not finite is not 0 */
+    for (uint32_t i = 0; i <= model->n_poles; i++)
+        sum += 0 * model->den[i];
+    for (uint32_t i = 0; i <= model->n_zeros; i++)
+        sum += 0 * model->num[i];
+    return sum == 0;
+}
+
 gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) {
     gsid_real cost = 0;
+    if (!gsid_equations_is_finite(model)) /* an infinite denominator answers 0 */
+        return INFINITY;
     for (uint32_t k = 0; k < data->n_lines; k++) {
         gsid_cplx g;
         if (gsid_rational_eval(model, 1, &data->f_hz[k], &g) != GSID_OK)

@@ -94,7 +94,7 @@ gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y) {
         return GSID_E_STATE;
     }
     if (!gsid_is_finite(y) || (frf->cross != NULL && !gsid_is_finite(u))) {
-        frf->n_refused++;
+        frf->n_refused = gsid_count(frf->n_refused, 1);
         return GSID_E_NONFINITE;
     }
     if (frf->settle_left > 0) {
@@ -127,35 +127,8 @@ gsid_status gsid_frf_finish(gsid_frf *frf) {
     return frf->engine == NULL ? GSID_E_STATE : frf->engine->finish(frf);
 }
 
-/* 7.29 with mean lines, multiplied out so that no line of Y stands in a denominator: an antiresonance may measure 0.
- * Rounding can take it below zero when the noise of u and y is the same noise. */
-gsid_real gsid_frf_error_variance(const gsid_frf_line *line, gsid_cplx g) {
-    gsid_real v =
-        line->var_y + gsid_cplx_abs2(g) * line->var_u - GSID_R(2.0) * gsid_cplx_mul(line->cov_yu, gsid_cplx_conj(g)).re;
-    return v > GSID_R(0.0) ? v : GSID_R(0.0);
-}
-
-gsid_frf_line gsid_frf_line_at(const gsid_frf *frf, uint32_t i) {
-    const size_t at = (size_t)i * gsid_frf_channels(&frf->cfg);
-    const int measured = frf->cross != NULL;
-    const gsid_real p = (gsid_real)frf->n_periods;
-    const gsid_real per_dof = p > GSID_R(1.0) ? GSID_R(1.0) / (p - GSID_R(1.0)) : GSID_R(0.0); /* 4.11 */
-    const gsid_cplx zero = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
-
-    gsid_frf_line line;
-    line.y = frf->mean[at];
-    line.u = measured ? frf->mean[at + 1] : frf->cfg.u_known[i];
-    line.var_y = per_dof * frf->m2[at];
-    line.var_u = measured ? per_dof * frf->m2[at + 1] : GSID_R(0.0);
-    line.cov_yu = measured ? gsid_cplx_scale(per_dof, frf->cross[i]) : zero;
-    const gsid_real u2 = gsid_cplx_abs2(line.u);
-    const int is_excited = u2 > GSID_R(0.0);
-    line.g = is_excited ? gsid_cplx_div(line.y, line.u) : zero; /* 4.10 */
-    line.var_g = is_excited ? gsid_frf_error_variance(&line, line.g) / u2 / p : (gsid_real)INFINITY;
-    return line;
-}
-
-static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out) {
+/* Returns whether all of the line is in the range of numbers. */
+static int result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out) {
     const gsid_frf_line line = gsid_frf_line_at(frf, i);
     if (out->g != NULL) {
         out->g[i] = line.g;
@@ -178,6 +151,7 @@ static void result_line(const gsid_frf *frf, uint32_t i, const gsid_frf_out *out
     if (out->cov_yu != NULL) {
         out->cov_yu[i] = line.cov_yu;
     }
+    return line.is_in_range;
 }
 
 gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out) {
@@ -191,8 +165,9 @@ gsid_status gsid_frf_result(const gsid_frf *frf, const gsid_frf_out *out) {
     if (frf->n_periods < (variance_asked ? 2u : 1u)) {
         return GSID_E_TOO_FEW;
     }
+    int is_in_range = 1;
     for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
-        result_line(frf, i, out);
+        is_in_range &= result_line(frf, i, out);
     }
-    return GSID_OK;
+    return is_in_range ? GSID_OK : GSID_RANGE;
 }

@@ -6,18 +6,18 @@ static gsid_status init(gsid_frf *frf, const gsid_spectrum_cfg *cfg, void *mem, 
 }
 
 /* The last sample of a period of which others are missing moves the phases on; the sums are of no use. */
-static gsid_status leave_out(gsid_frf *frf, gsid_real u, gsid_real y) {
+gsid_status gsid_frf_leave_out(gsid_frf *frf, gsid_real u, gsid_real y) {
     gsid_spectrum_sum(&frf->spectrum, u, y);
     gsid_spectrum_clear(&frf->spectrum);
     frf->spoiled = 0;
-    frf->n_spoiled++;
+    frf->n_spoiled = gsid_count(frf->n_spoiled, 1);
     return GSID_SPOILED;
 }
 
 /* One good period more; its share in the means. */
 static gsid_real count_period(gsid_frf *frf) {
     frf->spectrum.n = 0;
-    frf->n_periods++;
+    frf->n_periods = gsid_count(frf->n_periods, 1);
     return gsid_frf_share(frf->n_periods);
 }
 
@@ -30,7 +30,7 @@ static gsid_status step_known(gsid_frf *frf, gsid_real u, gsid_real y) {
         return gsid_spectrum_sum(&frf->spectrum, u, y);
     }
     if (frf->spoiled) {
-        return leave_out(frf, u, y);
+        return gsid_frf_leave_out(frf, u, y);
     }
     const uint32_t *end = line + s->cfg.n_lines;
     const gsid_cplx *twiddle = s->cfg.twiddle;
@@ -40,8 +40,11 @@ static gsid_status step_known(gsid_frf *frf, gsid_real u, gsid_real y) {
     gsid_real *m2 = frf->m2;
     do {
         const gsid_cplx w = gsid_spectrum_turn(n_period, twiddle, *line++, at++);
-        gsid_frf_welford(share, gsid_cplx_scale(scale, gsid_spectrum_add(*sum, y, w)), mean++, m2++);
-        *sum++ = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
+        gsid_frf_welford(share, gsid_cplx_scale(scale, gsid_spectrum_add(*sum, y, w)), mean, m2);
+        mean++;
+        m2++;
+        *sum = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
+        sum++;
     } while (line < end);
     return GSID_DONE;
 }
@@ -53,7 +56,7 @@ static gsid_status step_measured(gsid_frf *frf, gsid_real u, gsid_real y) {
         return gsid_spectrum_sum(&frf->spectrum, u, y);
     }
     if (frf->spoiled) {
-        return leave_out(frf, u, y);
+        return gsid_frf_leave_out(frf, u, y);
     }
     const gsid_real scale = s->scale, share = count_period(frf);
     const gsid_cplx zero = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
@@ -72,7 +75,7 @@ static gsid_status skip(gsid_frf *frf, uint32_t n_samples) {
     const uint32_t n_period = frf->cfg.n_period;
     const uint64_t n = (uint64_t)frf->spectrum.n % n_period + n_samples;
     const gsid_status status = gsid_spectrum_skip(&frf->spectrum, n_samples);
-    frf->n_spoiled += (uint32_t)(n / n_period);
+    frf->n_spoiled = gsid_count(frf->n_spoiled, (uint32_t)(n / n_period));
     frf->spoiled = n % n_period > 0;
     return status == GSID_DONE ? GSID_SPOILED : status;
 }

@@ -20,7 +20,8 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines) {
             return GSID_E_NONFINITE;
         }
     }
-    const gsid_real share = gsid_frf_share(frf->n_periods + 1);
+    const uint32_t n_periods = gsid_count(frf->n_periods, 1);
+    const gsid_real share = gsid_frf_share(n_periods);
     for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
         if (frf->cross == NULL) {
             gsid_frf_welford(share, lines[i], &frf->mean[i], &frf->m2[i]);
@@ -28,7 +29,7 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines) {
             gsid_frf_add_measured(frf, share, i, lines[2 * (size_t)i], lines[2 * (size_t)i + 1]);
         }
     }
-    frf->n_periods++;
+    frf->n_periods = n_periods;
     return GSID_OK;
 }
 
@@ -76,8 +77,8 @@ gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other) {
     if (frf == other || !is_same_measurement(frf, other)) {
         return GSID_E_CONFIG;
     }
-    frf->n_spoiled += other->n_spoiled;
-    frf->n_refused += other->n_refused;
+    frf->n_spoiled = gsid_count(frf->n_spoiled, other->n_spoiled);
+    frf->n_refused = gsid_count(frf->n_refused, other->n_refused);
     if (other->n_periods == 0) {
         return GSID_OK;
     }
@@ -94,6 +95,6 @@ gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other) {
         gsid_cplx product = gsid_cplx_scale(weight, gsid_cplx_mul(dy, gsid_cplx_conj(du)));
         frf->cross[i] = gsid_cplx_add(frf->cross[i], gsid_cplx_add(other->cross[i], product));
     }
-    frf->n_periods += other->n_periods;
+    frf->n_periods = gsid_count(frf->n_periods, other->n_periods);
     return GSID_OK;
 }

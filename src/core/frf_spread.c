@@ -31,14 +31,15 @@ static gsid_status add_lines(gsid_frf *frf) {
     if (n_left == 0) {
         return GSID_OK;
     }
-    const gsid_real share = gsid_frf_share(frf->n_periods + 1);
+    const uint32_t n_periods = gsid_count(frf->n_periods, 1);
+    const gsid_real share = gsid_frf_share(n_periods);
     for (uint32_t i = 0; i < frf->spread.lines_per_tick && i < n_left; i++) {
         add_line(frf, share, frf->line_next++);
     }
     if (frf->line_next < frf->cfg.n_lines) {
         return GSID_OK;
     }
-    frf->n_periods++;
+    frf->n_periods = n_periods;
     return GSID_DONE;
 }
 
@@ -59,14 +60,15 @@ static gsid_status step(gsid_frf *frf, gsid_real u, gsid_real y) {
         return s->stage < s->n_stages ? gsid_spread_slice(s) : add_lines(frf);
     }
     frf->line_next = 0;
-    frf->n_spoiled += s->has_gap ? 1u : 0u;
+    frf->n_spoiled = gsid_count(frf->n_spoiled, s->has_gap ? 1u : 0u);
     return gsid_spread_end(s);
 }
 
 static gsid_status skip(gsid_frf *frf, uint32_t n_samples) {
     const gsid_status status = work_off(frf, n_samples);
     const uint32_t n_period = frf->cfg.n_period;
-    frf->n_spoiled += n_samples / n_period + (gsid_spread_n(&frf->spread) + n_samples % n_period) / n_period;
+    const uint32_t n_ends = n_samples / n_period + (gsid_spread_n(&frf->spread) + n_samples % n_period) / n_period;
+    frf->n_spoiled = gsid_count(frf->n_spoiled, n_ends);
     if (gsid_spread_pass(&frf->spread, n_samples) == GSID_OK) {
         return status;
     }

@@ -270,6 +270,8 @@ gsid_status gsid_estimate_covariance(const gsid_frd *data, const gsid_rational *
         return GSID_E_NULL;
     gsid_equations q;
     gsid_status status = gsid_equations_init(&q, data, model, free_delay, mem, mem_size);
+    if (status == GSID_OK && !gsid_equations_is_finite(model))
+        status = GSID_E_NONFINITE;
     if (status == GSID_OK)
         status = linearise_all(&q, data, NULL, model);
     if (status == GSID_OK)

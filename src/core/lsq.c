@@ -101,7 +101,7 @@ gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs) {
     memcpy(q->row, row, q->n_columns * sizeof(*row));
     q->row[q->n_columns] = rhs;
     rotate_in(q, 0);
-    q->n_rows++;
+    q->n_rows = gsid_count(q->n_rows, 1);
     return GSID_OK;
 }
 
@@ -171,7 +171,7 @@ gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block) {
         for (uint32_t t = n_rows; t < GSID_LSQ_BLOCK; t++)
             block[(size_t)j * GSID_LSQ_BLOCK + t] = 0;
     reflect_in(q, block);
-    q->n_rows += n_rows;
+    q->n_rows = gsid_count(q->n_rows, n_rows);
     return GSID_OK;
 }
 
@@ -244,19 +244,46 @@ gsid_status gsid_lsq_solve_normal(const gsid_lsq *q, const gsid_real *c, gsid_re
     if (status != GSID_OK)
         return status;
     const uint32_t n = q->n_columns;
+    gsid_real *y = q->row; /* so that x is untouched when the solution overflows */
     for (uint32_t i = 0; i < n; i++) { /* R' y = c */
         gsid_real sum = c[i];
         for (uint32_t j = 0; j < i; j++)
-            sum -= triangle_row(q, j)[i] * x[j];
-        x[i] = sum / triangle_row(q, i)[i];
+            sum -= triangle_row(q, j)[i] * y[j];
+        y[i] = sum / triangle_row(q, i)[i];
     }
     for (uint32_t i = n; i-- > 0;) { /* R x = y */
-        gsid_real sum = x[i];
+        gsid_real sum = y[i];
         for (uint32_t j = i + 1; j < n; j++)
-            sum -= triangle_row(q, i)[j] * x[j];
-        x[i] = sum / triangle_row(q, i)[i];
+            sum -= triangle_row(q, i)[j] * y[j];
+        y[i] = sum / triangle_row(q, i)[i];
+        if (!gsid_is_finite(y[i]))
+            return GSID_E_NONFINITE;
     }
+    memcpy(x, y, n * sizeof(*x));
     return GSID_OK;
+}
+
+/* Variance of one unknown: the square of its row of R^-1, which q->row takes. */
+static gsid_real variance_of(const gsid_lsq *q, uint32_t i) {
+    gsid_real *row = q->row, sum2 = 0;
+    for (uint32_t j = i; j < q->n_columns; j++) {
+        gsid_real sum = i == j ? GSID_R(1.0) : GSID_R(0.0);
+        for (uint32_t k = i; k < j; k++)
+            sum -= row[k] * triangle_row(q, k)[j];
+        row[j] = sum / triangle_row(q, j)[j];
+        sum2 += row[j] * row[j];
+    }
+    return sum2;
+}
+
+/* No covariance is larger than the variances. */
+static int is_covariance_in_range(const gsid_lsq *q) {
+    for (uint32_t i = 0; i < q->n_columns; i++) {
+        const gsid_real variance = variance_of(q, i);
+        if (!(variance >= GSID_SMALLEST && variance <= GSID_LARGEST))
+            return 0;
+    }
+    return 1;
 }
 
 /* cov <- R^-1, upper triangular. */
@@ -278,6 +305,8 @@ gsid_status gsid_lsq_covariance(const gsid_lsq *q, gsid_real *cov) {
     const gsid_status status = check_regular(q);
     if (status != GSID_OK)
         return status;
+    if (!is_covariance_in_range(q))
+        return GSID_E_NONFINITE;
     const uint32_t n = q->n_columns;
     invert_triangle(q, cov);
     /* R^-1 R^-T in place: entry (i, j) needs rows i and j from column j on, which later entries of row i do not touch. */

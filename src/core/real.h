@@ -27,6 +27,7 @@
 #define gsid_cos GSID_LIBM(cos)
 #define gsid_pow GSID_LIBM(pow)
 #define gsid_exp GSID_LIBM(exp)
+#define gsid_expm1 GSID_LIBM(expm1)
 #define gsid_log GSID_LIBM(log)
 #define gsid_tanh GSID_LIBM(tanh)
 #define gsid_atan2 GSID_LIBM(atan2)
@@ -37,6 +38,11 @@
 
 /* Longest period [samples]: a phase index plus a line number stays inside 32 bits. */
 #define GSID_N_PERIOD_MAX (UINT32_C(1) << 30)
+
+/* A count that stays at the most it can say: 0 after 2^32 would be a share of 1/0. */
+static inline uint32_t gsid_count(uint32_t n, uint32_t more) {
+    return more > UINT32_MAX - n ? UINT32_MAX : n + more;
+}
 
 /* Strictest alignment of the objects laid out in a caller's memory; C99 has no alignof. */
 struct gsid_align_cplx {

@@ -15,6 +15,7 @@
 #define gsid_frf_size_with GSID_NAME(gsid_frf_size_with)
 #define gsid_frf_init_with GSID_NAME(gsid_frf_init_with)
 #define gsid_frf_add_measured GSID_NAME(gsid_frf_add_measured)
+#define gsid_frf_leave_out GSID_NAME(gsid_frf_leave_out)
 
 /* gsid_spectrum_step of arguments that are known to be good, of the next sample of a period that is not complete. y is the
  * first channel, u the second, and anything where there is no second. */
@@ -107,6 +108,9 @@ static inline gsid_cplx gsid_frf_welford(gsid_real share, gsid_cplx x, gsid_cplx
 static inline void gsid_frf_add_product(gsid_real share, const gsid_cplx *d, gsid_cplx *cross) {
     *cross = gsid_cplx_add(*cross, gsid_cplx_scale(GSID_R(1.0) - share, gsid_cplx_mul_conj(d[0], d[1])));
 }
+
+/* The last sample of a period of which others are missing. Not static, so that it is not copied into the ticks that lead to it. */
+gsid_status gsid_frf_leave_out(gsid_frf *frf, gsid_real u, gsid_real y);
 
 /* Let line i enter the means where the input is measured. */
 void gsid_frf_add_measured(gsid_frf *frf, gsid_real share, uint32_t i, gsid_cplx y, gsid_cplx u);

@@ -6,6 +6,13 @@ static int is_within(const gsid_sweep_cfg *cfg, gsid_real line) {
     return line > GSID_R(0.0) && GSID_R(2.0) * line < (gsid_real)cfg->n_period;
 }
 
+/* Limits so far apart that their ratio, or its inverse, is not a number of full precision: beyond any use, and the exponential of
+ * the ratio's logarithm could overflow. */
+static int is_too_wide(const gsid_sweep_cfg *cfg) {
+    const gsid_real ratio = cfg->line_stop / cfg->line_start;
+    return cfg->kind == GSID_SWEEP_LOGARITHMIC && !(ratio >= GSID_SMALLEST && ratio <= 1 / GSID_SMALLEST);
+}
+
 static gsid_status check_cfg(const gsid_sweep_cfg *cfg) {
     if (!gsid_is_finite(cfg->line_start) || !gsid_is_finite(cfg->line_stop) || !gsid_is_finite(cfg->amplitude) ||
         !gsid_is_finite(cfg->phase_rad)) {
@@ -14,17 +21,18 @@ static gsid_status check_cfg(const gsid_sweep_cfg *cfg) {
     const int is_kind = cfg->kind == GSID_SWEEP_LINEAR || cfg->kind == GSID_SWEEP_LOGARITHMIC;
     const int moves = cfg->line_start < cfg->line_stop || cfg->line_start > cfg->line_stop;
     return is_kind && cfg->n_period >= 2 && cfg->n_period <= GSID_N_PERIOD_MAX && is_within(cfg, cfg->line_start) &&
-                   is_within(cfg, cfg->line_stop) && moves
+                   is_within(cfg, cfg->line_stop) && moves && !is_too_wide(cfg)
                ? GSID_OK
                : GSID_E_CONFIG;
 }
 
-/* Turns after a share of the period, 0 .. 1: EXC-6, EXC-7. */
+/* Turns after a share of the period, 0 .. 1: EXC-6, EXC-7. Between near lines b^s - 1 is small, and exp(x) - 1 would be mostly
+ * rounding. */
 static gsid_real turns_after(const gsid_sweep_cfg *cfg, gsid_real log_ratio, gsid_real share) {
     if (cfg->kind == GSID_SWEEP_LINEAR) {
         return share * (cfg->line_start + GSID_R(0.5) * share * (cfg->line_stop - cfg->line_start));
     }
-    return cfg->line_start / log_ratio * (gsid_exp(share * log_ratio) - GSID_R(1.0));
+    return cfg->line_start * (gsid_expm1(share * log_ratio) / log_ratio);
 }
 
 static gsid_real log_ratio_of(const gsid_sweep_cfg *cfg) {

@@ -151,6 +151,88 @@ static void failures_leave_the_outputs(void **state) {
     assert_true(cost == 7 && cov[0] == 7);
 }
 
+static int is_finite_model(const gsid_rational *m) {
+    int is_finite = isfinite(m->delay_s);
+    for (uint32_t i = 0; i <= m->n_poles; i++)
+        is_finite &= isfinite(m->den[i]) != 0;
+    for (uint32_t i = 0; i <= m->n_zeros; i++)
+        is_finite &= isfinite(m->num[i]) != 0;
+    return is_finite;
+}
+
+/* 10^x with x anywhere within +-most. */
+static gsid_real any_size(uint64_t *n, long double most) {
+    return (gsid_real)powl(10, most * noise_at((*n)++));
+}
+
+/* What an estimator gave is finite, or it refused and left its outputs: coefficients were infinite, with GSID_OK. */
+static void assert_finite_or_untouched(gsid_status status, const gsid_rational *m, const gsid_rational *before,
+                                       gsid_real cost) {
+    if (status < 0) {
+        assert_memory_equal(m, before, sizeof *m);
+        assert_true(cost == 7);
+    } else if (!is_finite_model(m) || !isfinite(cost)) {
+        fail_msg("status %d with a model or a cost that is not finite", status);
+    }
+}
+
+static void data_of_any_size_give_finite_models_or_a_refusal(void **state) {
+    (void)state;
+    enum { TRIES = 3000, LINES = 12 };
+    const long double most = sizeof(gsid_real) == 4 ? 38 : 307;
+    const gsid_ml_cfg ml = {.n_iterations = 8, .free_delay = 1};
+    const gsid_iwls_cfg iwls = {.n_iterations = 3};
+    uint64_t n = 1;
+    int n_good = 0;
+    for (int i = 0; i < TRIES; i++) {
+        const gsid_real size = any_size(&n, most), tilt = any_size(&n, most / 20), fine = any_size(&n, most);
+        gsid_rational start = new_model(i % 2 ? GSID_DOMAIN_S : GSID_DOMAIN_Z, (uint32_t)i % 4, (uint32_t)i % 3, 100);
+        for (int k = 0; k < LINES; k++) {
+            f_hz[k] = (gsid_real)(1 + k);
+            g[k].re = size * (gsid_real)powl((long double)tilt, k) * (gsid_real)noise_at(n++);
+            g[k].im = size * (gsid_real)noise_at(n++);
+            sigma[k] = i % 3 ? fine : any_size(&n, most);
+        }
+        for (uint32_t k = 0; k <= start.n_poles; k++)
+            start.den[k] = k == gsid_rational_held(&start) ? 1 : any_size(&n, most / 4);
+        for (uint32_t k = 0; k <= start.n_zeros; k++)
+            start.num[k] = i % 5 ? size : any_size(&n, most);
+        gsid_frd data = data_of(LINES, sigma);
+        data.logarithmic = i % 7 == 0;
+        gsid_rational m = start;
+        gsid_real cost = 7, cov[N_MAX * N_MAX] = {7}, cov_before[N_MAX * N_MAX] = {7};
+        const gsid_status by_ml = gsid_estimate_ml(&data, &ml, &m, &cost, memory, sizeof memory);
+        assert_finite_or_untouched(by_ml, &m, &start, cost);
+        const gsid_status status = gsid_estimate_covariance(&data, &m, 1, cov, memory, sizeof memory);
+        for (uint32_t k = 0; k < N_MAX * N_MAX; k++)
+            assert_true(status < 0 ? cov[k] == cov_before[k] : isfinite(cov[k]));
+        n_good += by_ml >= 0 && status >= 0;
+        m = start, cost = 7;
+        assert_finite_or_untouched(gsid_estimate_iwls(&data, &iwls, &m, &cost, memory, sizeof memory), &m, &start,
+                                   cost);
+    }
+    assert_in_range(n_good, TRIES / 50, TRIES);
+}
+
+static void a_start_that_is_not_finite_is_refused(void **state) {
+    (void)state;
+    const gsid_rational truth = second_order(GSID_DOMAIN_S);
+    const gsid_ml_cfg ml = {.free_delay = 1};
+    measure(&truth, 40, 2.5, 0);
+    const gsid_frd data = data_of(40, NULL);
+    for (int i = 0; i < 4; i++) {
+        gsid_rational start = truth;
+        *(i < 2 ? &start.den[i] : &start.num[i - 2]) = (gsid_real)INFINITY;
+        const gsid_rational before = start;
+        gsid_real cost = 7, cov[N_MAX * N_MAX] = {7};
+        assert_int_equal(gsid_estimate_ml(&data, &ml, &start, &cost, memory, sizeof memory), GSID_E_NONFINITE);
+        assert_int_equal(gsid_estimate_covariance(&data, &start, 1, cov, memory, sizeof memory), GSID_E_NONFINITE);
+        assert_int_equal(gsid_estimate_cost(&data, &start, &cost), GSID_E_NONFINITE);
+        assert_memory_equal(&start, &before, sizeof start);
+        assert_true(cost == 7 && cov[0] == 7);
+    }
+}
+
 static void memory_is_counted_and_checked(void **state) {
     (void)state;
     for (uint32_t n_poles = 0; n_poles <= GSID_ORDER_MAX; n_poles++)
@@ -186,6 +268,8 @@ int main(void) {
         cmocka_unit_test(a_common_factor_is_a_rank_loss_and_the_fit_is_good),
         cmocka_unit_test(limits_are_reported),
         cmocka_unit_test(failures_leave_the_outputs),
+        cmocka_unit_test(data_of_any_size_give_finite_models_or_a_refusal),
+        cmocka_unit_test(a_start_that_is_not_finite_is_refused),
         cmocka_unit_test(memory_is_counted_and_checked),
     };
     return cmocka_run_group_tests_name("estimate status", tests, NULL, NULL);

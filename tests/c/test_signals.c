@@ -112,6 +112,60 @@ static void sweeps_are_their_formulas_in_every_period(void **state) {
     assert_int_equal(gsid_sweep_init(&sweep, &infinite), GSID_E_NONFINITE);
 }
 
+/* EXC-7 as it is written takes 1 from a number near 1: in float 0.4 % of 100 turns were lost between lines 100 and 101, and a
+ * third of them between 1000 and 1001. */
+static void a_sweep_between_near_lines_has_all_its_turns(void **state) {
+    (void)state;
+    enum { N = 6000 };
+    const gsid_real lines[][2] = {{100, 101},         {101, 100},          {1000, 1001}, {2900, GSID_R(2900.5)},
+                                  {GSID_R(0.5), 250}, {2500, GSID_R(1e-3)}};
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        const gsid_sweep_cfg cfg = {GSID_SWEEP_LOGARITHMIC, N, lines[i][0], lines[i][1], 1, 0};
+        const long double k0 = (long double)cfg.line_start, ratio = logl((long double)cfg.line_stop / k0);
+        const long double all = k0 * expm1l(ratio) / ratio, tolerance = (4 + fabsl(ratio)) * EPSILON;
+        gsid_sweep sweep;
+        gsid_real u;
+        assert_near((long double)gsid_sweep_turns(&cfg), all, tolerance * all);
+        assert_int_equal(gsid_sweep_init(&sweep, &cfg), GSID_OK);
+        for (int n = 0; n < N; n++) {
+            const long double turns = k0 * expm1l(n * ratio / N) / ratio;
+            assert_true(gsid_sweep_step(&sweep, &u) >= 0);
+            assert_near((long double)u, sinl(2 * PI_L * turns), 2 * PI_L * tolerance * (turns + 1));
+        }
+    }
+}
+
+/* The ratio of the limits overflowed: GSID_OK, and nothing but NaN. */
+static void a_sweep_of_too_many_octaves_is_refused(void **state) {
+    (void)state;
+#ifdef GSID_SINGLE
+    const gsid_real least = GSID_R(1e-45), small = FLT_MIN;
+#else
+    const gsid_real least = 5e-324, small = DBL_MIN;
+#endif
+    const gsid_real refused[][2] = {{least, 10}, {10, least}, {small / 64, 2900}, {2900, small / 64}};
+    const gsid_real fine[][2] = {{least, 4 * least}, {small, GSID_R(0.5)}, {GSID_R(0.5), small}, {small, 8 * small}};
+    gsid_sweep sweep;
+    gsid_real u;
+    for (size_t i = 0; i < 4; i++) {
+        gsid_sweep_cfg cfg = {GSID_SWEEP_LOGARITHMIC, 6000, refused[i][0], refused[i][1], 1, 0};
+        assert_int_equal(gsid_sweep_init(&sweep, &cfg), GSID_E_CONFIG);
+        assert_true(isnan(gsid_sweep_turns(&cfg)));
+        cfg.kind = GSID_SWEEP_LINEAR;
+        assert_int_equal(gsid_sweep_init(&sweep, &cfg), GSID_OK);
+        assert_true(isfinite(gsid_sweep_turns(&cfg)));
+    }
+    for (size_t i = 0; i < 4; i++) {
+        const gsid_sweep_cfg cfg = {GSID_SWEEP_LOGARITHMIC, 6000, fine[i][0], fine[i][1], 1, 0};
+        const long double k0 = (long double)cfg.line_start, ratio = logl((long double)cfg.line_stop / k0);
+        const long double all = k0 * expm1l(ratio) / ratio, tolerance = (4 + fabsl(ratio)) * EPSILON;
+        assert_int_equal(gsid_sweep_init(&sweep, &cfg), GSID_OK);
+        assert_near((long double)gsid_sweep_turns(&cfg), all, tolerance * all + (long double)least);
+        for (int n = 0; n < 6000; n++)
+            assert_true(gsid_sweep_step(&sweep, &u) >= 0 && isfinite(u));
+    }
+}
+
 static void a_stepped_sine_settles_and_lasts_line_by_line(void **state) {
     (void)state;
     enum { N = 40, LINES = 3, SETTLE = 7, PERIODS = 2 };
@@ -237,6 +291,8 @@ int main(void) {
         cmocka_unit_test(maximum_length_is_maximum),
         cmocka_unit_test(lengths_that_there_are),
         cmocka_unit_test(sweeps_are_their_formulas_in_every_period),
+        cmocka_unit_test(a_sweep_between_near_lines_has_all_its_turns),
+        cmocka_unit_test(a_sweep_of_too_many_octaves_is_refused),
         cmocka_unit_test(a_stepped_sine_settles_and_lasts_line_by_line),
         cmocka_unit_test(of_each_group_one_odd_line_is_left_out),
         cmocka_unit_test(quasi_log_lines_are_the_nearest_odd_ones),
