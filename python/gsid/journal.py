@@ -27,6 +27,7 @@ SIZES = struct.Struct("<II")
 HEAD = struct.Struct("<4sIII")
 SAMPLE = np.dtype([("u", "<f4"), ("y", "<f4"), ("valid", "u1")])
 DESCRIPTION_MAX = 1 << 20  # bytes
+BLOCK_MAX = 1024  # samples
 SAMPLES_MAX = 1 << 31
 LOST_MAX = 64, 1 << 22  # samples that a journal may lack: so many for each byte, and so many more
 SYNC_S = 1.0  # between two syncs
@@ -171,7 +172,9 @@ class Journal:
             raise self._failed(self._error)
         samples = np.zeros(len(u), SAMPLE)
         samples["u"], samples["y"], samples["valid"] = u, y, valid
-        self._blocks.put(_block(first, samples.tobytes(), len(u)))
+        for at in range(0, len(samples), BLOCK_MAX):
+            block = samples[at : at + BLOCK_MAX]
+            self._blocks.put(_block(first + at, block.tobytes(), len(block)))
 
     def close(self) -> None:
         """Write what waits, and sync; JournalError when that fails."""
@@ -313,13 +316,12 @@ def _read_block(data: bytes, at: int, limit: int, blocks: list[tuple[int, np.nda
         return 0
     mark, first, n, check = HEAD.unpack_from(data, at)
     end = at + HEAD.size + n * SAMPLE.itemsize
-    if mark != BLOCK or end > len(data) or first + n > limit:
+    if mark != BLOCK or not 1 <= n <= BLOCK_MAX or end > len(data) or first + n > limit:
         return 0
     samples = data[at + HEAD.size : end]
     if check != zlib.crc32(samples, zlib.crc32(SIZES.pack(first, n))):
         return 0
-    if n:
-        blocks.append((first, np.frombuffer(samples, SAMPLE)))
+    blocks.append((first, np.frombuffer(samples, SAMPLE)))
     return end - at
 
 

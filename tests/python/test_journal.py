@@ -6,6 +6,7 @@ import resource
 import struct
 import time
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,6 +138,26 @@ def test_what_is_no_journal_is_refused(tmp_path, data):
     (tmp_path / "a.journal").write_bytes(data)
     with pytest.raises(InputError):
         recover(tmp_path / "a.journal")
+
+
+def test_many_marks_of_blocks_that_are_none_cost_little(tmp_path):
+    """Each of them claims all that follows: the checks of all would take hours."""
+    path = tmp_path / "marks.journal"
+    written(path)
+    n = 200_000
+    path.write_bytes(path.read_bytes() + n * (b"SMPL" + struct.pack("<III", 0, n, 0)))
+    start = time.monotonic()
+    got = recover(path)
+    assert time.monotonic() - start < 10
+    assert (len(got.record), got.n_torn) == (45, 16 * n)
+
+
+def test_more_samples_than_a_block_holds(tmp_path):
+    u, y, valid = samples(5000)
+    journal = Journal(tmp_path / "a.journal", replace(RUN, capacity=5000))
+    journal.append(0, u, y, valid)
+    journal.close()
+    np.testing.assert_array_equal(recover(tmp_path / "a.journal").record.y, y[:4995])
 
 
 def test_a_journal_is_never_overwritten(tmp_path):

@@ -265,6 +265,28 @@ def test_what_cannot_be_recovered_is_refused(folder, arguments, code, words):
     assert Path("text.journal").read_text() == "u,y\n"
 
 
+def test_a_record_to_the_standard_output(folder):
+    """The name - was tried out as a file, and refused."""
+    with simulator() as (_, port):
+        done = gsid("run", "--port", port, *EXCITE, "--periods", "2", "-o", "-")
+    assert done.returncode == 0, done.stderr
+    (folder / "a.csv").write_text(done.stdout)
+    assert read_record("a.csv").meta["good_periods"] == "2"
+    assert os.listdir() == ["a.csv"]
+
+
+def test_ctrl_c_while_nobody_answers(folder):
+    with pseudo_terminal() as (_, _, port):
+        process = started(port, "-o", "none.csv")
+        wait_until(lambda: has_open(process, port))
+        process.send_signal(signal.SIGINT)
+        start = time.monotonic()
+        process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert time.monotonic() - start < 5  # STOP is sent three times
+    assert not os.listdir()
+
+
 def test_a_terminal_that_is_closed_does_not_lose_the_record(folder):
     """Its end sends SIGHUP, and every word to it fails from then on."""
     with simulator("--paced") as (_, port):

@@ -221,7 +221,6 @@ def _warn(meta: dict[str, str]) -> None:
 def _recover(journal: str, output: str | None, as_json: bool) -> None:
     """The record of a journal; the journal stays."""
     from gsid.errors import InputError
-    from gsid.files import refuse_overwrite
     from gsid.journal import recover
 
     context = click.get_current_context()
@@ -235,7 +234,6 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
     path = Path(output or journal.removesuffix(JOURNAL))
     if output is None and (path.exists() or str(path) == journal):
         raise InputError("there is a file of that name", str(path), None, "name the record with -o REC")
-    refuse_overwrite(path, [journal], "the record would replace the journal")
     got = recover(journal)
     if got.n_torn or got.n_damaged:
         say(
@@ -274,6 +272,8 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
 
 def _try_out(path: Path) -> None:
     """A name that cannot be written is better known before the axis moves than after."""
+    if is_stdout(path):
+        return
     import numpy as np
 
     from gsid.io import write_record
