@@ -22,7 +22,8 @@ import numpy as np
 from gsid.errors import InputError
 from gsid.greybox_problem import Point, Problem
 from gsid.greybox_search import SINGULAR, Minimum, Steps, lengths, minimise
-from gsid.plant import Param, PlantModel, check_plant
+from gsid.hold import fit_readings, is_open, likelier, other_reading, read_as
+from gsid.plant import Param, PlantModel, check_plant, transport_delay_s
 from gsid.plant_periodic import Prediction
 from gsid.record import Record
 from gsid.spectra import Spectra, spectra_of
@@ -103,6 +104,14 @@ class PlantFit:
         What was minimised; cost and residuals are in units of the noise either way. With "nls-output" the
         cost of a right model may be above that of noise by any factor: the quiet lines bear the errors that
         the loud ones cause.
+    hold : {"zoh", "none"} or None
+        How the records' input was taken between the samples; None where they state different holds. In
+        closed loop "zoh": the reference comes from the controller's clock.
+    hold_assumed : bool
+        Records do not state their hold: it is the likelier of the two.
+    other_delay_s : float or None
+        The model's delay [s] as the same fit with the other hold finds it; None where the hold is stated, the
+        model has no delay, or the other has no fit.
     """
 
     model: PlantModel
@@ -119,6 +128,19 @@ class PlantFit:
     variance_dof: float
     solver: str
     method: str
+    hold: str | None = None
+    hold_assumed: bool = False
+    other_delay_s: float | None = None
+
+    @property
+    def delay_s(self) -> float | None:
+        """Transport delay of the model [s]; None where it has none."""
+        return transport_delay_s(self.model)
+
+    @property
+    def delay_hold_uncertainty_s(self) -> float | None:
+        """By how much the delay depends on the hold that was assumed [s]; None where it was stated."""
+        return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     @property
     def misfit(self) -> float:
@@ -129,7 +151,8 @@ class PlantFit:
     def summary(self) -> dict[str, Any]:
         """What a model file keeps of the fit."""
         keys = ("cost", "n_dof", "cost_per_dof", "converged", "n_iterations", "undetermined", "at_bound")
-        keys += ("unsettled", "variance_dof", "solver", "method")
+        keys += ("unsettled", "variance_dof", "solver", "method", "hold", "hold_assumed", "other_delay_s")
+        keys += ("delay_hold_uncertainty_s",)
         own = [
             {"name": r.name} | {name: _plain(p) for name, p in r.params.items()}
             for r in self.records
@@ -178,7 +201,8 @@ def fit_plant(
     model : PlantModel
         Its values are the start.
     records : Record or Spectra, or a sequence of them
-        All share the physics.
+        All share the physics. Where some do not state their hold, the fit is made with both, and the likelier
+        is taken ("none" within 2 in -2 log likelihood): see `PlantFit.hold_assumed`.
     band : (lo, hi), optional
         Hz; default for each record from its first to its last excited line, and 0 Hz for an angle in closed
         loop. As long as the band leaves 0 Hz out, each record has an offset of its own.
@@ -218,6 +242,15 @@ def fit_plant(
         raise ValueError(f"max_iter must be at least 1, got {max_iter}")
     measured = spectra_of(records)
     check_plant(model)
+    if is_open(measured) and not model.has_controller:
+
+        def under(reading: str) -> PlantFit:
+            return fit_plant(
+                model, read_as(measured, reading), band=band, fixed=fixed, per_record=per_record,
+                solver=solver, method=method, max_iter=max_iter,
+            )  # fmt: skip
+
+        return likelier_fit(fit_readings(under))
     start = copy.deepcopy(model)
     for name in fixed:
         start[name].free = False
@@ -231,6 +264,43 @@ def fit_plant(
         # Weights that are estimates: the estimate scatters more than their inverse says (docs/decisions.md).
         cov *= (dof - 1) / (dof - 2)
         return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
+
+
+def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:
+    """The likelier of the fits under both readings of records that do not state their hold.
+
+    Parameters
+    ----------
+    fits : dict of PlantFit
+        By reading; one may be missing.
+
+    Returns
+    -------
+    PlantFit
+        Marked as assumed, the model too.
+    """
+    taken = likelier({reading: fit.cost for reading, fit in fits.items()})
+    return as_assumed(fits[taken], fits.get(other_reading(taken)))
+
+
+def as_assumed(fit: PlantFit, other: PlantFit | None) -> PlantFit:
+    """Mark a fit, and its model, as made under a reading of records that do not state their hold.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    other : PlantFit or None
+        The same fit under the other reading, if there is one.
+
+    Returns
+    -------
+    PlantFit
+    """
+    fit.hold_assumed, fit.other_delay_s = True, None if other is None else other.delay_s
+    if fit.delay_s is None:
+        fit.other_delay_s = None
+    fit.model.fit = fit.summary()
+    return fit
 
 
 def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
@@ -287,6 +357,7 @@ def _fitted(
         variance_dof=min(part.dof for part in problem.parts),
         solver=solver,
         method=method,
+        hold=problem.hold,
     )
     fit.model.fit = fit.summary()
     if fit.unsettled:

@@ -93,6 +93,8 @@ class Problem:
         pool: ThreadPoolExecutor,
     ) -> None:
         self.model, self.pool = model, pool
+        holds = {"zoh"} if model.has_controller else {one.hold for one in measured}
+        self.hold = holds.pop() if len(holds) == 1 else None
         free = model.free_names
         for name in per_record:
             if name != DRIFT and name not in free:

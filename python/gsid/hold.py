@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gsid.spectra import Spectra
 
 Rational = TypeVar("Rational", "RationalModel", "MimoModel")
+Fit = TypeVar("Fit")
 READINGS = ("none", "zoh")  # the first where the data tell no difference
 ALIKE = 2.0  # -2 log likelihood: a smaller difference tells none
 DECLARE = "state it in the records, `# hold: zoh` or `# hold: none`, or give --hold zoh|none"
@@ -56,7 +57,33 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
     ValueError, GsidError
         Of the first fit, where neither can be made.
     """
-    found: dict[str, Rational] = {}
+    found = fit_readings(under)
+    scatter = 1 - 1 / dof if dof > 1 else 1.0
+    taken = likelier({reading: 2 * model.cost * scatter for reading, model in found.items()})
+    model, other = found[taken], found.get(other_reading(taken))
+    model.hold_assumed, model.other_delay_s = True, None if other is None else other.delay_s
+    return model
+
+
+def fit_readings(under: Callable[[str], Fit]) -> dict[str, Fit]:
+    """What can be fitted under each reading.
+
+    Parameters
+    ----------
+    under : callable
+        From a reading to the fit under it.
+
+    Returns
+    -------
+    dict of fits
+        By reading, one at least.
+
+    Raises
+    ------
+    ValueError, GsidError
+        Of the first fit, where neither can be made.
+    """
+    found: dict[str, Fit] = {}
     failures: list[Exception] = []
     for reading in READINGS:
         try:
@@ -65,11 +92,7 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
             failures.append(error)
     if not found:
         raise failures[0]
-    scatter = 1 - 1 / dof if dof > 1 else 1.0
-    taken = likelier({reading: 2 * model.cost * scatter for reading, model in found.items()})
-    model, other = found[taken], found.get(other_reading(taken))
-    model.hold_assumed, model.other_delay_s = True, None if other is None else other.delay_s
-    return model
+    return found
 
 
 def is_open(measured: Sequence[Spectra]) -> bool:

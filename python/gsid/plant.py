@@ -379,6 +379,12 @@ def check_plant(model: object) -> None:
         raise TypeError(f"a stack of effects is needed, a PlantModel, got {type(model).__name__}")
 
 
+def transport_delay_s(model: PlantModel) -> float | None:
+    """Transport delay of a stack of effects [s]; None where it has none."""
+    delays = [effect.params["delay_s"].value for effect in model.effects if effect.id == "transport_delay"]
+    return sum(delays) if delays else None
+
+
 # A model file has no other keys: what is mistyped would count as left out.
 KEYS = (
     *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),

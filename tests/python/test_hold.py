@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from gsid import Record, read_record
+from gsid.excitation import Multisine
 from gsid.fit import fit
 from gsid.frf import Frf
+from gsid.greybox import fit_plant
 from gsid.io import write_record
-from gsid.model import RationalModel
+from gsid.model import RationalModel, load_model
+from plants import axis_record, plant
 
 SEED = 20261122
 FS_HZ = 3000.0
@@ -73,3 +76,37 @@ def test_an_order_that_a_held_input_cannot_have_is_fitted_as_not_held():
     f_hz = np.arange(1, 50) * 1.0
     model = fit(response(axis("none"), np.random.default_rng(SEED), f_hz), "1/2")
     assert (model.hold, model.hold_assumed, model.other_delay_s) == ("none", True, None)
+
+
+# ---- stacks of effects ---------------------------------------------------------------------------
+
+
+AXIS = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}, "transport_delay": {"delay_s": 1e-3}}
+
+
+def held_record(top_hz, noise, hold=None):
+    """A held command on a delayed axis, from the simulator; the record does not state it."""
+    u = Multisine.design(FS_HZ, 3000, (5, top_hz), rms=1.0).table()
+    record = axis_record(u, 8, noise, SEED, gain=40.0, viscous_rate=25.0, delay_s=1e-3)
+    return dataclasses.replace(record, hold=hold)
+
+
+def test_a_plant_is_fitted_under_both_and_the_data_tell(tmp_path):
+    fit = fit_plant(plant(AXIS), held_record(900, 1e-4))
+    assert (fit.hold, fit.hold_assumed) == ("zoh", True)
+    assert fit.cost_per_dof == pytest.approx(1, abs=0.3)
+    assert fit.delay_s == pytest.approx(1e-3, abs=4 * fit.model["transport_delay.delay_s"].std)
+    assert fit.delay_hold_uncertainty_s == pytest.approx(0.5 / FS_HZ, rel=0.2)
+    fit.model.save(tmp_path / "m.json")
+    kept = load_model(tmp_path / "m.json").fit
+    assert (kept["hold"], kept["hold_assumed"]) == ("zoh", True)
+    assert kept["other_delay_s"] == fit.other_delay_s
+
+
+def test_a_plant_that_tells_no_difference_is_taken_as_not_held():
+    fit = fit_plant(plant(AXIS), held_record(60, 0.05))
+    assert (fit.hold, fit.hold_assumed) == ("none", True)
+    assert fit.other_delay_s == pytest.approx(fit.delay_s - 0.5 / FS_HZ, abs=2e-5)
+    stated = fit_plant(plant(AXIS), held_record(60, 0.05, "zoh"))
+    assert (stated.hold, stated.hold_assumed, stated.delay_hold_uncertainty_s) == ("zoh", False, None)
+    assert stated.delay_s == pytest.approx(fit.other_delay_s, abs=1e-6)

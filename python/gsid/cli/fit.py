@@ -300,6 +300,7 @@ def _fit_plant(
     if output:
         found.model.save(output)
         say(f"wrote {output}")
+    say_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
     if as_json:
         print_json(found.summary() | {"effects": found.model.to_dict()["effects"]})
         return
