@@ -24,10 +24,12 @@ import numpy as np
 
 from gsid._callable import callable_as
 from gsid.candidates import Given, Group
-from gsid.greybox import PlantFit, fit_plant, require_motion
+from gsid.greybox import PlantFit, as_assumed, fit_plant, require_motion
+from gsid.hold import fit_readings, is_open, read_as
+from gsid.hold_cases import Case, settle
 from gsid.linear_start import linear_start
 from gsid.next_experiment import advice
-from gsid.plant import PlantModel, check_plant
+from gsid.plant import PlantModel, check_plant, transport_delay_s
 from gsid.record import Record
 from gsid.search import DRAWS, EFFECTS_MAX, Ranking, Search, Step
 from gsid.spectra import Spectra, spectra_of
@@ -84,6 +86,15 @@ class Diagnosis:
         Of the records.
     untried : dict of str
         Effects that could not be fitted from any start in the last round that asked for them, and why.
+    hold : {"zoh", "none"} or None
+        As in `gsid.greybox.PlantFit`.
+    hold_assumed : bool
+        The records do not state their hold. The diagnosis was made under both readings: adequate under either
+        is adequate, and a lag, a delay or a sampler is named only if it is missing under both.
+    other_delay_s : float or None
+        The model's delay [s] under the other reading; None where the hold is stated or there is no delay.
+    hold_notes : list of str
+        What was not named because it is missing under one reading only.
     """
 
     verdict: str
@@ -100,6 +111,27 @@ class Diagnosis:
     next_experiment: str = ""
     names: list[str] = field(default_factory=list)
     untried: dict[str, str] = field(default_factory=dict)
+    hold: str | None = None
+    hold_assumed: bool = False
+    other_delay_s: float | None = None
+    hold_notes: list[str] = field(default_factory=list)
+
+    @property
+    def delay_hold_uncertainty_s(self) -> float | None:
+        """By how much the delay depends on the hold that was assumed [s]; None where it was stated."""
+        if self.other_delay_s is None:
+            return None
+        return abs(transport_delay_s(self.model) - self.other_delay_s)
+
+    def read(self, measured: Sequence[Spectra]) -> list[Spectra]:
+        """The records as the diagnosis read them.
+
+        Parameters
+        ----------
+        measured : sequence of Spectra
+            Those that were diagnosed.
+        """
+        return read_as(measured, self.hold) if self.hold_assumed else list(measured)
 
     @property
     def found(self) -> list[Group]:
@@ -165,7 +197,8 @@ class Diagnosis:
     @property
     def notes(self) -> list[str]:
         """What to know about the answer besides."""
-        notes = [f"{effect} could not be tried: {why}." for effect, why in self.untried.items()]
+        notes = [*self.hold_notes]
+        notes += [f"{effect} could not be tried: {why}." for effect, why in self.untried.items()]
         notes += [
             f"{' or '.join(step.ranking[0].effects)} would take {step.too_small:.1%} off what is left: "
             "too little to be what is missing."
@@ -187,6 +220,9 @@ class Diagnosis:
             "ranking": [group.to_dict() for group in self.ranking],
             "found": [group.to_dict() for group in self.found],
             "converged": self.converged,
+            "hold": self.hold,
+            "hold_assumed": self.hold_assumed,
+            "delay_hold_uncertainty_s": self.delay_hold_uncertainty_s,
             "notes": self.notes,
             "next_experiment": self.next_experiment,
         }
@@ -221,7 +257,8 @@ def diagnose(
     model : PlantModel
         What is believed so far; its free parameters are fitted first.
     records : Record or Spectra, or a sequence of them
-        Realisations, best at two levels of the excitation.
+        Realisations, best at two levels of the excitation. Where they do not state their hold, both readings
+        are looked at (`gsid.hold_cases`).
     band : (lo, hi), optional
         Hz; default from the first to the last excited line, the lines between them that are not excited too.
     alpha : float
@@ -245,11 +282,20 @@ def diagnose(
     measured = spectra_of(records)
     check_plant(model)
     on_step("fitting the model as it is")
-    first = fit_plant(linear_start(model, measured), measured, band=band)
-    require_motion(first)
-    search = Search(Given(model, measured, band, alpha, on_step), seed)
-    rankings, fit = search.run(first)
-    steps, found = search.steps, [ranking[0] for ranking in rankings]
+
+    def case(measured: list[Spectra]) -> Case:
+        first = fit_plant(linear_start(model, measured), measured, band=band)
+        require_motion(first)
+        return Case(first, Search(Given(model, measured, band, alpha, on_step), seed))
+
+    is_assumed = is_open(measured) and not model.has_controller
+    if is_assumed:
+        chosen, other = settle(fit_readings(lambda reading: case(read_as(measured, reading))))
+        as_assumed(chosen.fit, other)
+    else:
+        chosen = case(measured).run()
+    search, first, fit = chosen.search, chosen.first, chosen.fit
+    steps, found = search.steps, [ranking[0] for ranking in chosen.rankings]
     p_constant = search.p_constant(fit)
     return Diagnosis(
         verdict=_verdict(steps, found, first, fit, p_constant, alpha),
@@ -259,13 +305,17 @@ def diagnose(
         cost_per_dof_after=fit.cost_per_dof,
         explained=_explained(first, fit),
         p_constant=p_constant,
-        rankings=rankings,
+        rankings=chosen.rankings,
         steps=steps,
         model=fit.model,
         converged=fit.converged,
         next_experiment=_advice(found, measured),
         names=[s.name for s in measured],
         untried=search.given.untried,
+        hold=fit.hold,
+        hold_assumed=is_assumed,
+        other_delay_s=fit.other_delay_s,
+        hold_notes=chosen.notes,
     )
 
 

@@ -13,7 +13,7 @@ from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
 from gsid.linear_start import linear_start
 from gsid.plant import PlantModel
-from gsid.scan import SAMPLER, noise_p_value, scan, scan_rates, stacked, with_effect
+from gsid.scan import SAMPLER, Scored, noise_p_value, scan, scan_rates, stacked, with_effect
 from gsid.scores import (
     Score,
     apart,
@@ -66,6 +66,7 @@ class Search:
     given: Given
     seed: int  # of the bootstrap
     steps: list[Step] = field(default_factory=list)
+    _tested: dict[int, tuple[Step, Scored]] = field(default_factory=dict)
     _smaller: dict[frozenset[str], PlantFit | None] = field(default_factory=dict)
 
     def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
@@ -92,9 +93,7 @@ class Search:
 
     def _round(self, fit: PlantFit, *, explore: bool) -> bool:
         """Test a fit, score the catalogue, fit the best few; whether the best earns its place."""
-        scored = scan(fit, self.given.measured)
-        p_score = self._score_p_value(fit, [item for _, item in scored])
-        step = Step(fit, noise_p_value(fit, self.given.measured), p_score, [])
+        step, scored = self._test(fit)
         self.steps.append(step)
         if not explore or step.p_value >= self.given.alpha:
             return False
@@ -106,6 +105,18 @@ class Search:
         if step.ranking:
             self._judge(step)
         return step.taken
+
+    def test(self, fit: PlantFit) -> Step:
+        """The tests of a fit, made once."""
+        return self._test(fit)[0]
+
+    def _test(self, fit: PlantFit) -> tuple[Step, Scored]:
+        if id(fit) not in self._tested:  # a step has its fit, so that no other gets its id
+            scored = scan(fit, self.given.measured)
+            p_score = self._score_p_value(fit, [item for _, item in scored])
+            step = Step(fit, noise_p_value(fit, self.given.measured), p_score, [])
+            self._tested[id(fit)] = step, scored
+        return self._tested[id(fit)]
 
     def _judge(self, step: Step) -> None:
         """By evidence; and beside others by what is taken off the misfit, for a law of another form than what
@@ -207,33 +218,33 @@ class Search:
             return []
         self.given.on_step(f"trying {effect} in place of {own.effect}")
         start = {"level": sum(p.value for name, p in own.params.items() if name in ("level", "extra"))}
-        fit = self._fit_or_none(with_effect(_without(model, own.effect), effect, start))
+        fit = self.fit_or_none(with_effect(without_effect(model, own.effect), effect, start))
         return [Candidate(effect, fit, own.predicted_drop)] if fit else []
 
     def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
         """Fit with an effect left out, once for each set of effects."""
-        model = _without(fit.model, effect)
+        model = without_effect(fit.model, effect)
         left = frozenset(each.id for each in model.effects)
         if left not in self._smaller:
-            self._smaller[left] = self._fit_or_none(model, anew=effect == SAMPLER)
+            self._smaller[left] = self.fit_or_none(model, anew=effect == SAMPLER)
         return self._smaller[left]
 
     def _with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
         """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
         model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
         """
-        here, there = _without(model, effect), _without(rival.fit.model, effect)
+        here, there = without_effect(model, effect), without_effect(rival.fit.model, effect)
         here.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
         as_fitted = {e.id: e for e in there.effects}
         there.effects = [copy.deepcopy(as_fitted.get(e.id, e)) for e in here.effects]
         looks = [
-            self._fit_or_none(here, STEPS_LOOK, anew=SAMPLER in (effect, rival.effect)),
-            self._fit_or_none(there, STEPS_LOOK),
+            self.fit_or_none(here, STEPS_LOOK, anew=SAMPLER in (effect, rival.effect)),
+            self.fit_or_none(there, STEPS_LOOK),
         ]
         near = min((fit for fit in looks if fit), key=lambda fit: fit.cost, default=None)
-        return near and (near if near.converged else self._fit_or_none(near.model) or near)
+        return near and (near if near.converged else self.fit_or_none(near.model) or near)
 
-    def _fit_or_none(
+    def fit_or_none(
         self, model: PlantModel, max_iter: int = CONVERGED_BY, *, anew: bool = False
     ) -> PlantFit | None:
         """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
@@ -244,7 +255,7 @@ class Search:
             return None
 
 
-def _without(model: PlantModel, effect: str) -> PlantModel:
+def without_effect(model: PlantModel, effect: str) -> PlantModel:
     smaller = copy.deepcopy(model)
     smaller.cov, smaller.fit = None, None
     smaller.effects = [e for e in smaller.effects if e.id != effect]

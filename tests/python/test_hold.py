@@ -4,15 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from plants import axis_record, plant
 
 from gsid import Record, read_record
+from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
 from gsid.fit import fit
 from gsid.frf import Frf
 from gsid.greybox import fit_plant
 from gsid.io import write_record
 from gsid.model import RationalModel, load_model
-from plants import axis_record, plant
 
 SEED = 20261122
 FS_HZ = 3000.0
@@ -81,13 +82,17 @@ def test_an_order_that_a_held_input_cannot_have_is_fitted_as_not_held():
 # ---- stacks of effects ---------------------------------------------------------------------------
 
 
-AXIS = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}, "transport_delay": {"delay_s": 1e-3}}
+AXIS = {
+    "rigid_body": {"gain": 40.0},
+    "viscous_friction": {"rate": 25.0},
+    "transport_delay": {"delay_s": 1e-3},
+}
 
 
-def held_record(top_hz, noise, hold=None):
+def held_record(top_hz, noise, hold=None, **more):
     """A held command on a delayed axis, from the simulator; the record does not state it."""
     u = Multisine.design(FS_HZ, 3000, (5, top_hz), rms=1.0).table()
-    record = axis_record(u, 8, noise, SEED, gain=40.0, viscous_rate=25.0, delay_s=1e-3)
+    record = axis_record(u, 8, noise, SEED, gain=40.0, viscous_rate=25.0, delay_s=1e-3, **more)
     return dataclasses.replace(record, hold=hold)
 
 
@@ -110,3 +115,39 @@ def test_a_plant_that_tells_no_difference_is_taken_as_not_held():
     stated = fit_plant(plant(AXIS), held_record(60, 0.05, "zoh"))
     assert (stated.hold, stated.hold_assumed, stated.delay_hold_uncertainty_s) == ("zoh", False, None)
     assert stated.delay_s == pytest.approx(fit.other_delay_s, abs=1e-6)
+
+
+def unheld_record(top_hz, noise, lag_s, hold=None):
+    """A signal without lines above half the rate, on a delayed axis behind a lagging gyro, in closed form."""
+    u = Multisine.design(FS_HZ, 3000, (5, top_hz), rms=1.0).table()
+    s = 2j * np.pi * np.fft.rfftfreq(len(u), 1 / FS_HZ)
+    y = np.fft.irfft(np.fft.rfft(u) * 40.0 / (s + 25.0) * np.exp(-1e-3 * s) / (lag_s * s + 1), len(u))
+    y = np.tile(y, 8) + noise * np.random.default_rng(SEED).standard_normal(8 * len(u))
+    return Record(np.tile(u, 8), y, FS_HZ, len(u), 0, hold=hold, y_unit="deg/s")
+
+
+def test_bug_a_held_null_without_a_header_got_a_lag_by_name():
+    """It was taken as not held: its sinc and images looked like a lag."""
+    as_before = fit_plant(plant(AXIS), held_record(900, 1e-4, "none"))  # how a silent file was read
+    assert as_before.cost_per_dof > 1.5
+    found = diagnose(plant(AXIS), held_record(900, 1e-4))
+    stated = diagnose(plant(AXIS), held_record(900, 1e-4, "zoh"))
+    assert found.adequate
+    assert found.p_value == stated.p_value
+    assert (found.hold, found.hold_assumed, stated.hold_assumed) == ("zoh", True, False)
+    assert found.to_dict()["delay_hold_uncertainty_s"] == pytest.approx(0.5 / FS_HZ, rel=0.3)
+    assert found.model.fit["hold_assumed"]
+
+
+@pytest.mark.parametrize("record", [unheld_record, lambda *a: held_record(*a[:2], gyro_lag_s=a[2])])
+def test_a_lag_that_is_missing_under_both_is_named(record):
+    found = diagnose(plant(AXIS), record(200, 1e-3, 2e-3))
+    assert found.verdict == "missing_effect"
+    assert set(found.found[0].effects) & {"motor_lag", "sensor_lag"}
+    assert found.hold_assumed
+
+
+def test_friction_is_named_beside_an_unknown_hold():
+    found = diagnose(plant(AXIS), held_record(200, 1e-3, coulomb_level=5.0))
+    assert (found.verdict, found.hold_assumed) == ("missing_effect", True)
+    assert [group.effects[0] for group in found.found] == ["coulomb_friction"]

@@ -26,6 +26,7 @@ from gsid.cli.common import (
     reading_options,
     records_argument,
     say,
+    say_assumed_hold,
     suggest,
     with_ladder,
 )
@@ -86,7 +87,9 @@ def diagnose(
         result = find_missing(
             model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
         )
+        measured = result.read(measured)
         before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha, fitted=True)
+    say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     told = with_ladder(model, result, measured, band) if output else None
     if output:
         told.save(output)

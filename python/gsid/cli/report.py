@@ -153,5 +153,6 @@ def _add_diagnosis(
     from gsid.ladder import ladder
 
     found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
+    measured = found.read(measured)
     told = with_ladder(model, found, measured, band)
     page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(told), band=band)
