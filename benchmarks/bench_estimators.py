@@ -124,7 +124,7 @@ def from_the_scan(method: str) -> int:
     for seed in range(STARTS):
         frf, _ = measurement(seed)
         if method in LINEAR:
-            count += bool(fit(frf, "4/3", method=method, allow_unstable=True).stable)
+            count += bool(fit(frf, "4/3", method=method, allow_unstable=True, quiet=True).stable)
             continue
         gain = abs(frf.g[19]) / abs(PLANT.response(F_HZ[19:20])[0])
         truth = RationalModel(PLANT.num * gain, PLANT.den, PLANT.delay_s)

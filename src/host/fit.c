@@ -15,6 +15,7 @@
 #define HOPELESS 2 /* times the least cost so far: a start still above it after the first iterations is given up */
 #define HOLD_ROUNDS_MAX 12
 #define HOLD_SETTLED 0.005 /* of V, or of V per line where that is less: as in gsid_estimate_ml */
+#define FAST_POLE 2 /* over the sample time: beyond, there may be a lower minimum */
 #define HOLD_SETTLED_LINEAR 1e-6 /* of the response: linear methods stop at a fixed point, not at the least V */
 
 static void run_free(fit_run *r) {
@@ -290,6 +291,43 @@ static gsid_status settle_images(fit_run *r, gsid_status how, fit_candidate *bes
     return status != GSID_OK ? status : settled ? best_how : GSID_MAX_ITER;
 }
 
+/* Whether a pole settles well within a sample. */
+static int has_fast_pole(const fit_run *r, const gsid_rational *model) {
+    gsid_cplx pole[GSID_ORDER_MAX];
+    uint32_t n = 0;
+    if (gsid_poly_roots(model->n_poles, model->den, pole, &n) < 0)
+        return 0;
+    double fastest = 0;
+    for (uint32_t i = 0; i < n; i++)
+        fastest = fmax(fastest, gsid_cplx_abs2(pole[i]));
+    return sqrt(fastest) * model->scale_rad_s * r->cfg.sample_s > FAST_POLE;
+}
+
+/* Behind a hold V has another minimum where a delay takes the place of a fast pole. Begin again with the delay at the sample
+ * before, where the pole is found, and take the lower of the two. */
+static gsid_status settle_from_sample(fit_run *r, gsid_status how, fit_candidate *best) {
+    const size_t n_drift = (size_t)r->data->n_lines * (r->cfg.n_poles + r->cfg.n_zeros + 2);
+    fit_candidate c;
+    memset(r->images, 0, r->data->n_lines * sizeof *r->images);
+    memset(r->drift, 0, n_drift * sizeof *r->drift);
+    r->follow_images = 0;
+    gsid_fit_free_of_hold(r);
+    r->cfg.delay = GSID_DELAY_FIXED;
+    r->cfg.delay_s = fmax(0, floor(best->model.delay_s / r->cfg.sample_s)) * r->cfg.sample_s;
+    gsid_status status = estimate(r, &c);
+    if (status >= 0)
+        status = settle_images(r, status, &c);
+    r->cfg.delay = GSID_DELAY_FREE;
+    if (status >= 0)
+        status = settle_images(r, status, &c);
+    if (status >= 0 && c.cost < best->cost) {
+        *best = c;
+        how = status;
+    }
+    status = gsid_fit_take_images(r, &best->model, 1);
+    return status != GSID_OK ? status : how;
+}
+
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result) {
     gsid_status status = check(data, cfg);
     if (status != GSID_OK)
@@ -306,6 +344,9 @@ gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit
         status = how = estimate(&r, &best);
     if (status >= 0 && cfg->hold)
         status = how = gsid_fit_is_linear(&r) ? settle_images_linear(&r, how, &best) : settle_images(&r, how, &best);
+    const int is_searched = cfg->start == NULL && cfg->method != GSID_METHOD_GA && !gsid_fit_is_linear(&r);
+    if (status >= 0 && cfg->hold && cfg->delay == GSID_DELAY_FREE && is_searched && has_fast_pole(&r, &best.model))
+        status = how = settle_from_sample(&r, how, &best);
     if (status >= 0)
         status = gsid_fit_answer(&r, &best, answer);
     if (status == GSID_OK && !gsid_fit_is_admissible(&r, &answer->model))

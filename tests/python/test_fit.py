@@ -266,3 +266,23 @@ def test_a_start_behind_a_hold_is_not_lost_to_a_fast_pole():
     found = fit(response, "1/0", hold="zoh", start=near)
     assert found.cost <= near.cost * (1 + 1e-6)
     assert abs(found.delay_s) < 4 * found.std_delay_s
+
+
+@pytest.mark.parametrize("poles_per_sample", [2.0, 2.5, 4.0, 6.0])
+@pytest.mark.parametrize("order", ["1/0", "3/2"])
+def test_bug_a_held_lag_faster_than_a_sample_was_taken_for_a_delay(order, poles_per_sample):
+    """From 2.5 / T on the default fit ended in a minimum of up to 2500 times the cost, and had converged."""
+    fs_hz = 4000.0
+    num, den = [poles_per_sample * fs_hz], [1, poles_per_sample * fs_hz]
+    if order == "3/2":
+        wa, wr = 2 * np.pi * 300, 2 * np.pi * 500
+        num, den = np.polymul(num, [1, 0.06 * wa, wa**2]), np.polymul(den, [1, 0.04 * wr, wr**2])
+    f_hz = np.arange(10.0, 1000.0, 4.0)
+    for i, samples in enumerate((0, 0.3, 0.5, 1, 1.4, 2.7)):
+        truth = RationalModel(num, den, delay_s=samples / fs_hz, fs_hz=fs_hz, hold="zoh")
+        g, rng = truth.response(f_hz), np.random.default_rng(i)
+        sigma = 1e-3 * np.abs(g).max()
+        errors = sigma * (rng.standard_normal(len(g)) + 1j * rng.standard_normal(len(g)))
+        response = Frf.from_arrays(f_hz, g + errors, np.full(len(g), 2 * sigma**2), fs_hz=fs_hz)
+        found = fit(response, order, hold="zoh")
+        assert found.cost <= 1.001 * fit(response, order, hold="zoh", start=truth).cost, samples
