@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-# What looks like a key and is none: licences, checksums.
-NOT_KEYS = {"BSD", "CRC", "GPL", "MIT", "SHA"}
+# What looks like a key and is none: licences, checksums, encodings.
+NOT_KEYS = {"BSD", "CRC", "GPL", "MIT", "SHA", "UTF"}
 KEY = re.compile(r"\b([A-Z]{3})-\d+\b")
 IMPLEMENTING = ("include", "src", "python")
 READING = (*IMPLEMENTING, "tests", "benchmarks", "docs", "firmware_examples", "README.md", "CONTRIBUTING.md")
