@@ -24,7 +24,7 @@ HOST_LIBS :=
 ifeq ($(WITH_FFTW),1)
 HOST_SRC += $(wildcard src/host/backend/fftw*.c)
 HOST_FLAGS += -DGSID_WITH_FFTW
-HOST_LIBS += -lfftw3
+HOST_LIBS += -lfftw3 -lpthread
 endif
 ifeq ($(WITH_NLOPT),1)
 HOST_SRC += $(wildcard src/host/backend/nlopt*.c)

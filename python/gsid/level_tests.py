@@ -12,7 +12,6 @@ p-value is then too large rather than too small.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +19,7 @@ from scipy.optimize import brentq
 from scipy.special import expit
 from scipy.stats import beta, chi2, gamma, norm
 
+from gsid._cached import cached_property
 from gsid.errors import InputError
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from gsid._cached import cached_property
 from gsid.effects import find
 from gsid.spectra import lines_of, period_of
 

@@ -5,15 +5,14 @@ The phases of the lines count from the record's first sample on, whatever was th
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid._cached import cached_property
 from gsid._callable import callable_as
 from gsid._lib import check, ffi, lib
 from gsid.bands import within
@@ -23,9 +22,6 @@ from gsid.record import Record, split_periods
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
-
-
-_planner = threading.Lock()  # gsid_batch_spectra takes one caller at a time
 
 
 @dataclass(repr=False)
@@ -418,15 +414,14 @@ def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> 
     n_periods, n_period = periods.shape
     periods = np.ascontiguousarray(periods, np.float64)
     lines = np.empty((n_periods, len(line)), complex)
-    with _planner:
-        status = lib.gsid_batch_spectra(
-            n_periods,
-            n_period,
-            ffi.from_buffer("double[]", periods),
-            len(line),
-            ffi.from_buffer("uint32_t[]", line),
-            ffi.from_buffer("gsid_cplx[]", lines),
-        )
+    status = lib.gsid_batch_spectra(
+        n_periods,
+        n_period,
+        ffi.from_buffer("double[]", periods),
+        len(line),
+        ffi.from_buffer("uint32_t[]", line),
+        ffi.from_buffer("gsid_cplx[]", lines),
+    )
     check(status, "transforming the periods")
     if settle_samples % n_period:  # settling not a whole number of periods
         lines *= _turns(line, settle_samples, n_period)

@@ -13,8 +13,8 @@ extern "C" {
  *  @param[in]  n_lines, line           [n_lines] 0 <= line <= n_period / 2
  *  @param[out] lines                   [n_periods][n_lines]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY
- *  Context: one caller at a time (FFTW's planner is not reentrant, and plan and buffers of the last period are shared, kept
- *  up to 2^20 samples). */
+ *  Context: any thread; callers wait for each other (plan and buffers of the last period are shared, kept up to 2^20
+ *  samples). */
 gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                                const uint32_t *line, gsid_cplx *lines);
 

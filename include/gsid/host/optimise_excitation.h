@@ -27,7 +27,7 @@ typedef struct {
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY; GSID_E_BACKEND built without FFTW or
  *          NLopt
  *  Cost: 7 n_per_stage evaluations of two transforms each (twice that with travel).
- *  Context: one caller at a time (FFTW's planner is not reentrant). */
+ *  Context: any thread; callers wait for each other only while FFTW plans. */
 gsid_status gsid_optimise_phases(const gsid_optimise_cfg *cfg, double *phase_rad, double *peak);
 
 #ifdef __cplusplus

@@ -1,4 +1,5 @@
 #include <fftw3.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -6,6 +7,28 @@
 
 const char *gsid_fftw_version_str(void) {
     return fftw_version;
+}
+
+/* FFTW makes and destroys plans one at a time in a process, whoever asks, and the plan that is kept has one set of
+ * buffers. A fork waits for whoever is inside: in its child nobody would ever leave. */
+static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
+static pthread_once_t watched = PTHREAD_ONCE_INIT;
+
+static void leave_planner(void) {
+    pthread_mutex_unlock(&planner);
+}
+
+static void wait_for_planner(void) {
+    pthread_mutex_lock(&planner);
+}
+
+static void watch_forks(void) {
+    pthread_atfork(wait_for_planner, leave_planner, leave_planner);
+}
+
+static void enter_planner(void) {
+    pthread_once(&watched, watch_forks);
+    wait_for_planner();
 }
 
 #define KEPT_MAX (UINT32_C(1) << 20) /* samples of a plan that is kept: its buffers are 16 MB */
@@ -41,6 +64,7 @@ static gsid_status plan_for(uint32_t n_period) {
 
 gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
                             const uint32_t *line, gsid_cplx *lines) {
+    enter_planner();
     gsid_status status = plan_for(n_period);
     for (uint32_t p = 0; status == GSID_OK && p < n_periods; p++) {
         memcpy(kept.in, x + (size_t)p * n_period, n_period * sizeof *x);
@@ -56,6 +80,7 @@ gsid_status gsid_fftw_lines(uint32_t n_periods, uint32_t n_period, const double 
     if (status != GSID_OK || n_period > KEPT_MAX) {
         forget_plan();
     }
+    leave_planner();
     return status;
 }
 
@@ -75,8 +100,10 @@ gsid_real_transform *gsid_fftw_real_transform(uint32_t n) {
     t->x = fftw_alloc_real(n);
     t->lines = fftw_alloc_complex(n / 2 + 1);
     if (t->x != NULL && t->lines != NULL) {
+        enter_planner();
         t->to_samples = fftw_plan_dft_c2r_1d((int)n, t->lines, t->x, FFTW_ESTIMATE);
         t->to_lines = fftw_plan_dft_r2c_1d((int)n, t->x, t->lines, FFTW_ESTIMATE);
+        leave_planner();
     }
     if (t->to_samples == NULL || t->to_lines == NULL) {
         gsid_fftw_real_destroy(t);
@@ -87,8 +114,10 @@ gsid_real_transform *gsid_fftw_real_transform(uint32_t n) {
 
 void gsid_fftw_real_destroy(gsid_real_transform *t) {
     if (t != NULL) {
+        enter_planner();
         fftw_destroy_plan(t->to_samples);
         fftw_destroy_plan(t->to_lines);
+        leave_planner();
         fftw_free(t->lines);
         fftw_free(t->x);
         free(t);
