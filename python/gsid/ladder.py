@@ -1,8 +1,9 @@
 """Add an effect to a plant and watch the error fall: the ladder of models, judged on data not fitted.
 
 A rung is fitted on some realisations and judged on others (or, with less than three records, fitted on the
-first half of the periods and judged on the second). The model keeps its ladder in its history, so that a
-step can be taken back.
+first half of the periods and judged on the second). `Rung.judged_on` states how new these data are: a search
+may have chosen the effect by them, and later periods repeat the realisation that was fitted. The model keeps
+its ladder in its history, so that a step can be taken back.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ import copy
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from gsid.compare import Comparison, compare
 from gsid.effects import EffectType, find
 from gsid.errors import GsidError, InputError, close
+from gsid.fall import FALL_ALARM, fall_p_value
 from gsid.greybox import PlantFit, fit_plant, require_motion
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel, check_plant
@@ -41,6 +43,14 @@ HELD_OUT_SHARE = 3  # one realisation in three
 SAME_FIT = 0.02  # relative, between the end of a rung and the begin of the next
 PERIODS_LEAST = 2  # for a variance, on either side
 
+# Data that judge a step, and what a column of their errors is called. None is in files of older versions.
+JUDGED_ON = {
+    "kept_out": "kept out",
+    "later_periods": "later periods",
+    "search_records": "search records",
+    None: "judged",
+}
+
 OUTSIDE_SEEN = {"w": "rate", "theta": "angle"}  # variables of tables, in a prediction
 OUTSIDE_NOTED = 1e-3  # share of the time beyond a table's ends that is worth a note
 
@@ -62,14 +72,21 @@ class Rung:
     before, after : dict
         On the data fitted, without and with the effect: cost_per_dof, rms_error, noise_floor_rms (unit of y).
     held_out : dict
-        Rms error on the data kept out, "before" and "after" (unit of y).
+        Rms error on the data that judge, "before" and "after" (unit of y).
     noise_floor_rms : float
-        What noise alone leaves of the error on the data kept out (unit of y).
+        What noise alone leaves of that error (unit of y).
     kept_out : str
-        Which data these are, in words.
+        Which data judge, in words.
     y_unit : str
     data : dict or None
-        Names of the records "fitted" and "kept_out", and "band_hz"; None in old files.
+        Names of the records "fitted" and "kept_out" of this fit, and "band_hz"; None in old files.
+    judged_on : {"kept_out", "later_periods", "search_records"} or None
+        What kind of data judge: records kept out of the fit and of the choice of the effect; later periods of
+        the realisations that were fitted; or records out of this fit that a search has used to choose the
+        effect. None in old files.
+    fall_p_value : float or None
+        Probability of a fall this large when the effect brings the model no nearer to the truth (CMP-3). It
+        does not allow for the choice of the effect by a search. None in old files.
     """
 
     effect: str
@@ -81,6 +98,8 @@ class Rung:
     kept_out: str
     y_unit: str = ""
     data: dict[str, list[str] | list[float]] | None = None
+    judged_on: str | None = None
+    fall_p_value: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid add --json`."""
@@ -88,8 +107,9 @@ class Rung:
 
     @property
     def falls(self) -> bool:
-        """Whether the error on the data kept out does."""
-        return self.held_out["after"] < self.held_out["before"]
+        """Whether the error on the data that judge falls by more than noise makes it fall (at 5 %)."""
+        falls = self.held_out["after"] < self.held_out["before"]
+        return falls and (self.fall_p_value is None or self.fall_p_value <= FALL_ALARM)
 
     @property
     def sentence(self) -> str:
@@ -98,6 +118,8 @@ class Rung:
         held = f"{self.held_out['before']:.3g} -> {self.held_out['after']:.3g}"
         cost = f"{self.before['cost_per_dof']:.4g} -> {self.after['cost_per_dof']:.4g}"
         falls = "falls" if self.falls else "DOES NOT FALL"
+        if not self.falls and self.held_out["after"] < self.held_out["before"]:
+            falls = f"does NOT fall significantly (p = {self.fall_p_value:.2g})"
         return (
             f"With {self.effect} the rms error on {self.kept_out} {falls}: {held}, where noise alone leaves "
             f"{floor}; cost per degree of freedom on the data fitted {cost}."
@@ -122,20 +144,26 @@ class Ladder:
     rungs: list[Rung]
 
     def plot(self) -> matplotlib.figure.Figure:
-        """The error after each step, on the data fitted and on those kept out, against the noise floor."""
+        """The error after each step, on the data fitted and on those that judge, against the noise floor."""
         from gsid import plots
 
         return plots.ladder(self)
 
+    @property
+    def judged_on(self) -> str:
+        """What the column of errors on the data that judge is called."""
+        kinds = {rung.judged_on for rung in self.rungs}
+        return JUDGED_ON[kinds.pop() if len(kinds) == 1 else None]
+
     def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Step; cost per degree of freedom; rms error fitted, kept out, and of noise alone (unit of y)."""
+        """Step; cost per degree of freedom; rms error fitted, judged, and of noise alone (unit of y)."""
         return [
             (step, f"{fitted['cost_per_dof']:.4g}", *(f"{x:.4g}" for x in (fitted["rms_error"], held, floor)))
             for step, fitted, held, floor in self.levels()
         ]
 
     def levels(self) -> list[tuple[str, dict[str, float], float, float]]:
-        """Step; `before` or `after` of its rung; rms error kept out, and of noise alone (unit of y).
+        """Step; `before` or `after` of its rung; rms error judged, and of noise alone (unit of y).
 
         A step on other data than the one before it, or of another fit, begins at a level of its own.
         """
@@ -150,7 +178,10 @@ class Ladder:
 
     def __repr__(self) -> str:
         unit = f" [{self.rungs[0].y_unit}]" if self.rungs and self.rungs[0].y_unit else ""
-        table = [("step", "cost/dof", f"fitted{unit}", f"kept out{unit}", f"noise{unit}"), *self.rows()]
+        table = [
+            ("step", "cost/dof", f"fitted{unit}", f"{self.judged_on}{unit}", f"noise{unit}"),
+            *self.rows(),
+        ]
         widths = [max(len(row[i]) for row in table) for i in range(5)]
         return "\n".join(
             "  ".join(
@@ -249,15 +280,16 @@ def add(
         raise InputError("this effect is what a plant starts with, not one to add", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
-    fitted, kept, words = _split(spectra_of(records), None if held_out is None else spectra_of(held_out))
+    split = _split(spectra_of(records), None if held_out is None else spectra_of(held_out))
+    fitted = split.fitted
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
     require_motion(before)
     after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
     _note_places_outside(after)
-    on_step(f"judging on {words}")
-    rung = _rung(-1, before, after, fitted, kept, words, band)
+    on_step(f"judging on {split.words}")
+    rung = _rung(-1, before, after, split, band)
     step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
@@ -281,7 +313,10 @@ def with_history(
     order: Sequence[str] = (),
     band: tuple[float, float] | None = None,
 ) -> PlantModel:
-    """Give a model that a diagnosis found the ladder of its steps, each judged on data kept out of its fit.
+    """Give a model that a diagnosis found the ladder of its steps, each judged on data that were not fitted.
+
+    The diagnosis has chosen the effects by all records, so that those which judge are not new:
+    `Rung.judged_on` is "search_records".
 
     Parameters
     ----------
@@ -306,7 +341,8 @@ def with_history(
     InputError
         As :func:`add`.
     """
-    fitted, kept, words = _split(spectra_of(records), None)
+    split = _split_of_search(spectra_of(records))
+    fitted = split.fitted
     steps = list(range(len(given.effects), len(found.effects)))  # places in the stack: there they stay
     if order:
         missing = [found.effects[place].id for place in steps if found.effects[place].id not in order]
@@ -319,7 +355,7 @@ def with_history(
     for i, place in enumerate(steps):
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
         at = place - sum(later < place for later in steps[i + 1 :])
-        rung = _rung(at, before, after, fitted, kept, words, band)
+        rung = _rung(at, before, after, split, band)
         told.history.append({"add": found.effects[place].id, "rung": rung.to_dict(), "previous": previous})
         previous, before = _previous(after.model), after
     return told
@@ -402,24 +438,44 @@ def _previous(model: PlantModel) -> dict[str, Any]:
 # ---- data to fit and data to judge on ----------------------------------------------------------------------
 
 
-def _split(
-    measured: list[Spectra], held_out: list[Spectra] | None
-) -> tuple[list[Spectra], list[Spectra], str]:
-    """Data to fit, data to judge on, and the latter in words."""
+class _Split(NamedTuple):
+    """Data to fit, data to judge on, the latter in words, and which of `JUDGED_ON` they are."""
+
+    fitted: list[Spectra]
+    kept: list[Spectra]
+    words: str
+    judged_on: str
+
+
+def _split(measured: list[Spectra], held_out: list[Spectra] | None) -> _Split:
     if held_out is not None:
         both = next((k.name for k in held_out for m in measured if np.array_equal(k.Y, m.Y)), None)
         if both is not None:
             hint = "leave it out of the records to fit, or judge on another"
             raise InputError("a record is fitted and kept out", both, None, hint)
-        return measured, held_out, _names(held_out)
+        return _Split(measured, held_out, _names(held_out), "kept_out")
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:
         kept = [measured[i] for i in chosen]
-        _log.info("kept out of the fit, to judge on: %s", ", ".join(s.name or "a record" for s in kept))
-        return [s for i, s in enumerate(measured) if i not in chosen], kept, _names(kept)
+        _log.info("left out of the fit, to judge on: %s", ", ".join(s.name or "a record" for s in kept))
+        fitted = [s for i, s in enumerate(measured) if i not in chosen]
+        return _Split(fitted, kept, _names(kept), "kept_out")
     _log.info("fitted to the first half of the periods, judged on the second")
     halves = [_halves(s) for s in measured]
-    return [first for first, _ in halves], [second for _, second in halves], "the later periods"
+    words = f"the later periods of the same realisation{'s' * (len(measured) > 1)}"
+    return _Split([first for first, _ in halves], [second for _, second in halves], words, "later_periods")
+
+
+def _split_of_search(measured: list[Spectra]) -> _Split:
+    """The same of records that a search has used, all of them."""
+    split = _split(measured, None)
+    if split.judged_on == "later_periods":
+        words = "the later periods of the records searched"
+    elif len(split.kept) == 1:
+        words = f"{split.kept[0].name or 'a record'}, which the search used,"
+    else:
+        words = f"{len(split.kept)} records that the search used"
+    return split._replace(words=words, judged_on="search_records")
 
 
 def _names(kept: list[Spectra]) -> str:
@@ -544,18 +600,16 @@ def _rung(
     at: int,
     before: PlantFit,
     after: PlantFit,
-    fitted: list[Spectra],
-    kept: list[Spectra],
-    words: str,
+    split: _Split,
     band: tuple[float, float] | None,
 ) -> Rung:
     """The step that brought the effect at this place of the stack."""
 
     def level(fit: PlantFit) -> dict[str, float]:
-        seen = compare(fit.model, fitted, band=band)
+        seen = compare(fit.model, split.fitted, band=band)
         return {"cost_per_dof": fit.cost_per_dof} | _sizes(seen)
 
-    without, with_it = (compare(fit.model, kept, band=band) for fit in (before, after))
+    without, with_it = (compare(fit.model, split.kept, band=band) for fit in (before, after))
     return Rung(
         effect=_title(after.model, at),
         params={name: _plain(p) for name, p in after.model.effects[at].params.items()},
@@ -563,13 +617,15 @@ def _rung(
         after=level(after),
         held_out={"before": without.rms_error, "after": with_it.rms_error},
         noise_floor_rms=with_it.noise_floor_rms,
-        kept_out=words,
-        y_unit=kept[0].y_unit,
+        kept_out=split.words,
+        y_unit=split.kept[0].y_unit,
         data={
-            "fitted": [one.name for one in fitted],
-            "kept_out": [one.name for one in kept],
+            "fitted": [one.name for one in split.fitted],
+            "kept_out": [one.name for one in split.kept],
             "band_hz": list(after.band_hz),
         },
+        judged_on=split.judged_on,
+        fall_p_value=fall_p_value(before.model, after.model, split.kept, band=band),
     )
 
 

@@ -78,7 +78,7 @@ def test_the_story(gsid):
     assert added["held_out"]["after"] < 1.15 * added["noise_floor_rms"]
     level = added["params"]["level"]
     assert abs(level["value"] - LEVEL) < 4 * level["std"]
-    assert "kept out of the fit, to judge on: r1.npz, r3.npz" in result.err
+    assert "left out of the fit, to judge on: r1.npz, r3.npz" in result.err
 
     compared = json.loads(gsid("compare", "--model", "one.json", *RECORDS, "--json").out)
     assert compared["cost_per_dof"] < 1.3
@@ -104,17 +104,32 @@ def test_in_words(gsid):
     asked = ["-o", "one.json", "--plot", "ladder.png"]
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], *asked)
     assert is_png("ladder.png")
-    assert result.out.startswith("With coulomb_friction the rms error on the later periods falls: ")
-    assert "kept out [deg/s]" in result.out
+    assert result.out.startswith(
+        "With coulomb_friction the rms error on the later periods of the same realisations falls: "
+    )
+    assert "later periods [deg/s]" in result.out
     assert "note: fitted to the first half of the periods, judged on the second\n" in result.err
     assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
 
 
 def test_a_step_that_does_not_pay_on_new_data_is_named(gsid, monkeypatch):
-    """A bug: the error on the data kept out rose with an effect found, and one had to see that oneself."""
+    """A bug: the error on the data that judge rose with an effect found, and one had to see that oneself."""
     monkeypatch.setattr("gsid.ladder.Rung.falls", False)
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "-o", "found.json")
-    assert "On data kept out the error DOES NOT FALL with coulomb_friction: " in result.out
+    idle = "The error on search records DOES NOT FALL significantly with coulomb_friction: "
+    assert idle in result.out
+
+
+@pytest.mark.parametrize("n_records", [1, 3])
+def test_records_of_the_search_are_not_called_kept_out(gsid, n_records):
+    """A bug: `diagnose -o` called records kept out that had chosen the effect."""
+    result = gsid("diagnose", "--model", "null.json", *RECORDS[:n_records], "-o", "found.json")
+    assert "kept out" not in result.out + result.err
+    assert "search records [deg/s]" in result.out
+    assert "only new ones show what the model is worth" in result.out
+    (step,) = json.loads(Path("found.json").read_text())["history"]
+    assert step["rung"]["judged_on"] == "search_records"
+    assert step["rung"]["fall_p_value"] < 1e-3
 
 
 def test_start_and_records_to_judge_on(gsid):

@@ -3,11 +3,13 @@
 import copy
 import json
 import logging
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
+from scipy.stats import t, ttest_1samp
 
 from gsid import plots
 from gsid.compare import compare
@@ -15,12 +17,14 @@ from gsid.diagnose import diagnose
 from gsid.effects import find
 from gsid.errors import InputError
 from gsid.excitation import Multisine
+from gsid.fall import fall_by_line, fall_p_value, p_value_of_sum
 from gsid.greybox import fit_plant
 from gsid.ladder import Ladder, Rung, add, ladder, undo, with_history
 from gsid.linear_start import linear_start
 from gsid.model import load_model
 from gsid.scan import with_effect
 from gsid.spectra import spectra
+from gsid.weights import lines_used
 
 SEED = 20260305
 N, BAND, NOISE = 1500, (2.0, 100.0), 0.02
@@ -72,6 +76,8 @@ def test_the_error_falls_to_the_noise_on_data_not_fitted(added, records):
     assert abs(level["value"] - LEVEL) < 4 * level["std"]
     assert compare(added.model, records[2]).rms_error == pytest.approx(rung.held_out["after"])
     assert "falls" in rung.sentence
+    assert rung.judged_on == "kept_out"
+    assert rung.fall_p_value < 1e-6
 
 
 def test_the_record_kept_out_is_not_fitted(added, records):
@@ -88,6 +94,8 @@ def test_a_second_step_that_the_data_do_not_need(added, records):
     rows = second.ladder.rows()
     assert [row[0] for row in rows] == ["as it was", "+ coulomb_friction", "+ quadratic_drag"]
     assert "kept out [deg/s]" in repr(second)
+    assert not second.rung.falls
+    assert "DOES NOT FALL" in second.rung.sentence or "NOT fall significantly" in second.rung.sentence
 
 
 def test_an_effect_that_the_mean_does_not_show(added, records):
@@ -122,13 +130,57 @@ def test_undo_goes_back_step_by_step(added, records, tmp_path):
     json.dumps(second.to_dict(), allow_nan=False)
 
 
+def test_a_fall_within_the_noise_is_no_fall():
+    """A bug: any smaller error was a fall, as noise alone makes it for many effects that are absent."""
+    chance = replace(rung("a", 2.0, 1.9, "r1"), fall_p_value=0.3, judged_on="kept_out")
+    assert not chance.falls
+    assert "on r1 does NOT fall significantly (p = 0.3): 2 -> 1.9" in chance.sentence
+    assert replace(chance, fall_p_value=0.01).falls
+    assert not replace(chance, held_out={"before": 1.0, "after": 1.1}, fall_p_value=1e-3).falls
+    assert replace(chance, fall_p_value=None).falls  # a file of an older version
+
+
+def test_the_fall_is_that_of_the_mean_square_and_scatters_as_stated(added, records):
+    """The sum over the lines is the fall that `compare` shows; its variance is that of simulated noise."""
+    before, after = undo(added.model), added.model
+    one = records[2]
+    use = lines_used(before, one, BAND)
+    errors = [one.y[use] - model.predict(one).Y[use] for model in (before, after)]
+    fall, slope = fall_by_line(*errors, one.line[use] == 0)
+    shown = [compare(model, one, band=BAND).rms_error ** 2 for model in (before, after)]
+    assert np.sum(fall) == pytest.approx(shown[0] - shown[1], rel=1e-9)
+    rng = np.random.default_rng(SEED)
+    sigma = np.sqrt(one.noise_y[use] / one.n_periods)
+    noise = sigma * (rng.standard_normal((4000, len(fall))) + 1j * rng.standard_normal((4000, len(fall))))
+    moved = [
+        np.sum(fall_by_line(*(e + n / np.sqrt(2) for e in errors), one.line[use] == 0)[0]) for n in noise
+    ]
+    assert np.std(moved) == pytest.approx(np.sqrt(np.sum((slope * sigma) ** 2)), rel=0.05)  # 4.5 sigma of it
+    assert fall_p_value(before, after, [one], band=BAND) < 1e-6 < 0.5
+    assert fall_p_value(after, before, [one], band=BAND) > 0.999
+    assert fall_p_value(after, after, [one], band=BAND) == 1.0
+
+
+def test_the_degrees_of_freedom_of_a_fall():
+    """One real line is Student's t of the periods, by scipy; equal parts add theirs."""
+    noise = 0.5 + np.random.default_rng(SEED).standard_normal(5)
+    want = ttest_1samp(noise, 0, alternative="greater").pvalue
+    one = np.array([np.mean(noise)]), np.array([np.var(noise, ddof=1) / 5]), np.array([4])
+    assert p_value_of_sum(*one) == pytest.approx(want)
+    three = [np.repeat(part, 3) for part in one]
+    assert p_value_of_sum(*three) == pytest.approx(t.sf(np.sqrt(3) * one[0][0] / np.sqrt(one[1][0]), 12))
+
+
 def test_which_data_are_kept_out(caplog):
     few = [realisation(SEED, n_periods=4), realisation(SEED + 1, n_periods=4)]
     loud = [realisation(SEED + i, 9.0, 4) for i in (2, 3)]
     with caplog.at_level(logging.INFO, "gsid.ladder"):
         assert add("coulomb_friction", start(), [*few, *loud]).rung.kept_out == "2 records kept out"
         assert f"r{SEED + 1}, r{SEED + 3}" in caplog.text
-        assert add("coulomb_friction", start(), few).rung.kept_out == "the later periods"
+        assert (
+            add("coulomb_friction", start(), few).rung.kept_out
+            == "the later periods of the same realisations"
+        )
         assert "first half of the periods" in caplog.text
     named = add("coulomb_friction", start(), few, held_out=loud[0])
     assert named.rung.kept_out == f"r{SEED + 2}"
@@ -223,6 +275,8 @@ def test_a_diagnosis_with_its_ladder(records):
     told = with_history(start(), found.model, records)
     np.testing.assert_array_equal(told.free_values, found.model.free_values)
     (rung,) = ladder(told).rungs
+    assert rung.judged_on == "search_records"
+    assert "which the search used" in rung.sentence
     assert rung.effect == found.found[0].effects[0]
     assert rung.held_out["after"] < 1.2 * rung.noise_floor_rms < rung.held_out["before"] / 2
     assert undo(told).to_dict() == start().to_dict()

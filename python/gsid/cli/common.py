@@ -578,7 +578,7 @@ def with_ladder(
 
     if not found.found:
         return found.model
-    say("-- judging each step on data kept out of its fit")
+    say("-- judging each step on part of the records, which its fit leaves out")
     try:
         order = [group.effects[0] for group in found.found]
         return with_history(given, found.model, measured, order=order, band=band)
@@ -590,7 +590,8 @@ def with_ladder(
 def print_ladder(ladder: Ladder) -> None:
     """Print the error after each step."""
     unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
-    header = ["step", "cost per d.o.f.", f"rms error fitted{unit}", f"kept out{unit}", f"noise alone{unit}"]
+    header = ["step", "cost per d.o.f.", f"rms error fitted{unit}"]
+    header += [f"{ladder.judged_on}{unit}", f"noise alone{unit}"]
     print_table(header, ladder.rows(), left=["step"])
 
 

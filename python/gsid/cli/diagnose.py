@@ -134,7 +134,11 @@ def _print_ladder(steps: Ladder) -> None:
     print_ladder(steps)
     idle = [rung.effect for rung in steps.rungs if not rung.falls]
     if idle:
-        print(f"On data kept out the error DOES NOT FALL with {' and '.join(idle)}: not to be believed yet.")
+        named = " and ".join(idle)
+        fall = f"The error on {steps.judged_on} DOES NOT FALL significantly"
+        print(f"{fall} with {named}: not to be believed yet.")
+    if any(rung.judged_on == "search_records" for rung in steps.rungs):
+        print("The search used these records too: only new ones show what the model is worth on new data.")
 
 
 def _curve(missing: TorqueResidual | None) -> dict[str, Any]:

@@ -35,6 +35,13 @@ if TYPE_CHECKING:
     from gsid.compare import Comparison
     from gsid.ladder import Ladder
 
+# Legend of the errors that judge a ladder, by the name of their column.
+JUDGED = {
+    "kept out": "the data kept out",
+    "later periods": "the later periods",
+    "search records": "records that the search used",
+    "judged": "the data that judge",
+}
 BOUND_OF_BOTH = "95 % bound of noise and the model's uncertainty"
 
 
@@ -110,7 +117,7 @@ def _draw_failing_band(ax: Axes, band: dict) -> None:
 
 @styled
 def ladder(ladder: Ladder) -> Figure:
-    """Error after each step, on the data fitted and on those kept out, against the noise floor.
+    """Error after each step, on the data fitted and on those that judge, against the noise floor.
 
     Parameters
     ----------
@@ -135,7 +142,7 @@ def ladder(ladder: Ladder) -> Figure:
     ax = figure.subplots()
     edges = np.arange(len(levels) + 1) - 0.5
     ax.stairs(floor, edges, baseline=None, color=NOISE, linewidth=1.2, linestyle="--", label="noise alone")
-    ax.stairs(kept, edges, baseline=None, color=EXCESS, linewidth=2.4, label="on the data kept out")
+    ax.stairs(kept, edges, baseline=None, color=EXCESS, linewidth=2.4, label=f"on {JUDGED[ladder.judged_on]}")
     ax.stairs(fitted, edges, baseline=None, color=SIGNAL, linewidth=1.2, label="on the data fitted")
     for i, (error, noise) in enumerate(zip(kept, floor, strict=True)):
         ax.annotate(
@@ -160,7 +167,7 @@ def ladder(ladder: Ladder) -> Figure:
     ax.set_xlim(-0.55, len(levels) - 0.45)
     ax.grid(False, axis="x")
     ax.set_ylabel(with_unit("rms error", plain_text(rungs[0].y_unit)))
-    judged = rungs[0].kept_out if len(levels) == len(rungs) + 1 else "data kept out"
+    judged = rungs[0].kept_out if len(levels) == len(rungs) + 1 else JUDGED[ladder.judged_on]
     ax.set_title(f"Error after each step, judged on {plain_text(judged)}")
     legend_below(figure, [ax])
     return figure

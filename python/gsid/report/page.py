@@ -169,7 +169,7 @@ class Report:
             What was diagnosed.
         diagnosis : Diagnosis
         ladder : Ladder, optional
-            How much the error fell on data kept out.
+            How much the error fell with each step, on data that its fit left out.
         band : (lo, hi), optional
             Hz; that of the diagnosis.
         story : str, optional

@@ -57,7 +57,8 @@ CAPTIONS = {
     "the law that is missing.",
     "With what was found": "The same with the effects found: where they are right only noise is left.",
     "Ladder": "Every step is fitted on some of the data and judged on the rest: an effect that is there "
-    "brings the error on data not fitted down to the noise, one that is not leaves it where it was.",
+    "brings the error on data not fitted down to the noise, one that is not leaves it where it was. Where "
+    "the search used these data too, the error on new ones may be larger.",
     "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
     "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
     "Noise and distortion": "Above, the response with its uncertainty by noise alone, which averaging "
