@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +24,10 @@ from scipy import stats
 from gsid._callable import callable_as
 from gsid.bands import in_band
 from gsid.greybox_problem import least_size
+from gsid.hold import fit_readings, is_open, likelier, read_as
 from gsid.misfit import Errors, misfit
 from gsid.model import half_of
-from gsid.plant import PlantModel
+from gsid.plant import PlantModel, transport_delay_s
 from gsid.sampling import at_rate_of
 from gsid.spectra import Spectra, spectra_of
 from gsid.units import check_units
@@ -86,6 +87,18 @@ class Comparison:
         uncertainty.
     n_periods, n_records : int
         Good periods in all, and records.
+    deviance : float
+        -2 log likelihood but for a constant: T summed over all lines, twice.
+    hold : {"zoh", "none"} or None
+        How the records' input was taken between the samples; None where they state different holds.
+    hold_assumed : bool
+        The records do not state it: of both readings the one under which the model is adequate, else the
+        likelier.
+    other_delay_s : float or None
+        The model's delay [s] as the other reading has it: from its fit where the hold was assumed there too,
+        else half a sample apart. None where the hold is stated or the model has no delay.
+    delay_hold_uncertainty_s : float or None
+        By how much the delay depends on the reading [s].
     """
 
     adequate: bool
@@ -110,6 +123,11 @@ class Comparison:
     n_records: int
     y_unit: str = ""
     names: list[str] = field(default_factory=list)
+    deviance: float = 0.0
+    hold: str | None = None
+    hold_assumed: bool = False
+    other_delay_s: float | None = None
+    delay_hold_uncertainty_s: float | None = None
 
     @property
     def verdict(self) -> str:
@@ -150,6 +168,9 @@ class Comparison:
             "model_uncertainty",
             "where",
             "n_periods",
+            "hold",
+            "hold_assumed",
+            "delay_hold_uncertainty_s",
         )
         return {key: getattr(self, key) for key in keys} | {"n_realisations": self.n_records}
 
@@ -246,6 +267,10 @@ def compare(
         model in z has another sample rate.
     GsidError
         The plant cannot be simulated.
+
+    Notes
+    -----
+    Of records that do not state their hold both readings are looked at: see `Comparison.hold_assumed`.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
@@ -254,6 +279,56 @@ def compare(
         raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
     if isinstance(model, PlantModel) and not fitted:
         _say_what_is_open(model)
+    if _depends_on_hold(model) and is_open(measured):
+        return _either(model, measured, lambda *case: _compared(*case, band, alpha, fitted=fitted))
+    return _compared(model, measured, band, alpha, fitted=fitted)
+
+
+def _depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
+    """A loop's reference is held whatever the records state; a model in z has any hold inside."""
+    if isinstance(model, PlantModel):
+        return not model.has_controller
+    return getattr(model, "pieces", (model,))[0].domain == "s"
+
+
+def _either(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    measured: list[Spectra],
+    compared: Callable[[Any, list[Spectra]], Comparison],
+) -> Comparison:
+    """The reading under which the model is adequate; of two alike the likelier."""
+    cases = fit_readings(lambda reading: compared(_behind(model, reading), read_as(measured, reading)))
+    adequate = [reading for reading, case in cases.items() if case.adequate]
+    likeliest = likelier({reading: case.deviance for reading, case in cases.items()})
+    taken = adequate[0] if len(adequate) == 1 else likeliest
+    case, half = cases[taken], 0.5 / measured[0].fs_hz
+    case.hold, case.hold_assumed, case.delay_hold_uncertainty_s = taken, True, half
+    delay_s = transport_delay_s(model) if isinstance(model, PlantModel) else getattr(model, "delay_s", None)
+    if delay_s is not None:
+        fitted = (model.fit or {}) if isinstance(model, PlantModel) else vars(model)
+        other = fitted.get("other_delay_s") if fitted.get("hold") == taken else None
+        case.other_delay_s = delay_s + (half if taken == "zoh" else -half) if other is None else other
+        case.delay_hold_uncertainty_s = abs(delay_s - case.other_delay_s)
+    return case
+
+
+def _behind(model: RationalModel | PiecewiseModel | PlantModel, hold: str) -> Any:
+    """The model as it answers to an input of a hold; a plant is simulated as the records are read."""
+    if isinstance(model, PlantModel):
+        return model
+    if hasattr(model, "pieces"):
+        return replace(model, pieces=tuple(replace(piece, hold=hold) for piece in model.pieces))
+    return replace(model, hold=hold)
+
+
+def _compared(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    alpha: float,
+    *,
+    fitted: bool,
+) -> Comparison:
     parts = [_lines(model, s, band, with_uncertainty=not fitted) for s in measured]
     errors = Errors.joined([part.errors for part in parts])
     found = misfit(errors)
@@ -291,7 +366,15 @@ def compare(
         n_records=len(parts),
         y_unit=measured[0].y_unit,
         names=[s.name for s in measured],
+        deviance=_mean_cost(left) * 2 * n + found.moved,
+        hold=_common_hold(model, measured),
     )
+
+
+def _common_hold(model: RationalModel | PiecewiseModel | PlantModel, measured: list[Spectra]) -> str | None:
+    is_loop = isinstance(model, PlantModel) and model.has_controller
+    holds = {"zoh"} if is_loop else {one.hold for one in measured}
+    return holds.pop() if len(holds) == 1 else None
 
 
 def _n_parameters(model: RationalModel | PiecewiseModel | PlantModel) -> int:

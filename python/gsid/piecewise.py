@@ -13,7 +13,7 @@ A set is not a system: it answers at a frequency, not in time, and is not contin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from gsid.bands import in_band
 from gsid.errors import GsidError, InputError
 from gsid.files import write_atomically
 from gsid.fit import fit, parse_order
+from gsid.hold import fit_readings, likelier, other_reading
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
 if TYPE_CHECKING:
@@ -320,7 +321,8 @@ def fit_piecewise(
     band : (lo, hi), optional
         Lines to use [Hz].
     **options
-        Passed to `gsid.fit.fit`; the method is maximum likelihood. A free delay is each piece's own.
+        Passed to `gsid.fit.fit`; the method is maximum likelihood. A free delay is each piece's own. Where
+        nothing states the hold, all pieces have the one of less MDL ("none" within 1).
 
     Returns
     -------
@@ -335,6 +337,8 @@ def fit_piecewise(
     """
     if n_pieces is not None and not 1 <= n_pieces <= PIECES_MAX:
         raise ValueError(f"n_pieces must be 1 to {PIECES_MAX}, got {n_pieces}")
+    if frf.hold is None and options.get("hold") is None and options.get("domain", "s") == "s":
+        return _likelier(frf, order, n_pieces, band, {**options, "method": "ml"})
     n_poles, n_zeros = parse_order(order)
     bands = _Bands(frf, (n_poles, n_zeros), band, options)
     limit = PIECES_MAX if n_pieces is None else n_pieces
@@ -348,6 +352,34 @@ def fit_piecewise(
     pieces = tuple(bands.model(lo, hi) for lo, hi in pairwise(chosen))
     breaks = tuple(float(bands.f_hz[i - 1 : i + 1].mean()) for i in chosen[1:-1])
     return PiecewiseModel(pieces, breaks, tuple(judged[n] for n in sorted(judged)))
+
+
+def _likelier(
+    frf: Frf,
+    order: str | tuple[int, int],
+    n_pieces: int | None,
+    band: tuple[float, float] | None,
+    options: dict,
+) -> PiecewiseModel:
+    """One reading for all pieces of a response that does not state its hold: that of least MDL."""
+    options.pop("hold", None)
+    found = fit_readings(
+        lambda reading: fit_piecewise(frf, order, n_pieces, band=band, hold=reading, **options)
+    )
+    mdl = {
+        reading: next(cut.mdl for cut in model.tried if cut.n_pieces == len(model.pieces))
+        for reading, model in found.items()
+    }
+    taken = likelier({reading: 2 * value for reading, value in mdl.items()})
+
+    def marked(piece: RationalModel) -> RationalModel:
+        try:
+            other = fit(frf, order, band=piece.band_hz, hold=other_reading(taken), **options)
+        except (GsidError, ValueError):  # more zeros than a held input allows, no stable model
+            return replace(piece, hold_assumed=True)
+        return replace(piece, hold_assumed=True, other_delay_s=other.delay_s)
+
+    return replace(found[taken], pieces=tuple(map(marked, found[taken].pieces)))
 
 
 class _Bands:

@@ -51,10 +51,12 @@ def at_rate_of(
 def _tell_hold(model: RationalModel, measured: Spectra | Frf) -> None:
     if model.domain == "z" or model.hold == measured.hold:  # a model in z has any hold inside
         return
+    if model.hold_assumed and measured.hold is None:  # of the same kind of records
+        return
     name = measured.name or "the record"
     if model.hold == "zoh":
         text = (
-            "the model is of a command that is held over each sample, and %s does not say that its was: "
+            "the model is of a command that is held over each sample, and %s does not state that its was: "
             "half a sample apart; where it was held, add the line `# hold: zoh` to the file"
         )
     else:

@@ -99,7 +99,7 @@ def test_a_model_in_z_is_not_compared_at_another_rate():
 @pytest.mark.parametrize(
     ("model", "hold", "words"),
     [
-        (HELD, "none", "simulated does not say that its was"),
+        (HELD, "none", "simulated does not state that its was"),
         (MODEL, "zoh", "the model knows of no hold"),
         (HELD, "zoh", None),
         (MODEL, "none", None),

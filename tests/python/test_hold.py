@@ -7,13 +7,15 @@ import pytest
 from plants import axis_record, plant
 
 from gsid import Record, read_record
+from gsid.compare import compare
 from gsid.diagnose import diagnose
 from gsid.excitation import Multisine
 from gsid.fit import fit
-from gsid.frf import Frf
+from gsid.frf import Frf, frf
 from gsid.greybox import fit_plant
 from gsid.io import write_record
 from gsid.model import RationalModel, load_model
+from gsid.piecewise import fit_piecewise
 
 SEED = 20261122
 FS_HZ = 3000.0
@@ -117,7 +119,7 @@ def test_a_plant_that_tells_no_difference_is_taken_as_not_held():
     assert stated.delay_s == pytest.approx(fit.other_delay_s, abs=1e-6)
 
 
-def unheld_record(top_hz, noise, lag_s, hold=None):
+def unheld_record(top_hz, noise, lag_s=0.0, hold=None):
     """A signal without lines above half the rate, on a delayed axis behind a lagging gyro, in closed form."""
     u = Multisine.design(FS_HZ, 3000, (5, top_hz), rms=1.0).table()
     s = 2j * np.pi * np.fft.rfftfreq(len(u), 1 / FS_HZ)
@@ -151,3 +153,39 @@ def test_friction_is_named_beside_an_unknown_hold():
     found = diagnose(plant(AXIS), held_record(200, 1e-3, coulomb_level=5.0))
     assert (found.verdict, found.hold_assumed) == ("missing_effect", True)
     assert [group.effects[0] for group in found.found] == ["coulomb_friction"]
+
+
+# ---- compare, piecewise --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("truth", ["zoh", "none"])
+def test_bug_a_right_model_was_rejected_by_a_record_without_a_header(truth):
+    """A stated model beside a silent record: the comparison takes the reading under which it is adequate."""
+    record = {"zoh": held_record, "none": unheld_record}[truth]
+    model = fit_plant(plant(AXIS), record(900, 1e-3, hold=truth)).model
+    silent = compare(model, record(900, 1e-3), fitted=True)
+    stated = compare(model, record(900, 1e-3, hold=truth), fitted=True)
+    assert silent.adequate
+    assert (silent.hold, silent.hold_assumed, stated.hold_assumed) == (truth, True, False)
+    assert silent.p_value == stated.p_value
+    assert silent.to_dict()["delay_hold_uncertainty_s"] == pytest.approx(0.5 / FS_HZ)
+    wrong = {"zoh": "none", "none": "zoh"}[truth]
+    assert not compare(model, record(900, 1e-3, hold=wrong), fitted=True).adequate
+
+
+def test_a_rational_model_is_compared_under_both(caplog):
+    record = held_record(900, 1e-3)
+    model = fit(frf(record), "1/0")
+    found = compare(model, record, fitted=True)
+    assert found.adequate
+    assert (found.hold, found.hold_assumed) == (model.hold, True)
+    assert found.other_delay_s == model.other_delay_s
+    assert not caplog.records  # no warning that model and record differ
+
+
+def test_all_pieces_have_one_hold():
+    rng, f_hz = np.random.default_rng(SEED), np.arange(1, 300) * 2.0
+    model = fit_piecewise(response(axis("zoh"), rng, f_hz), "1/0", 3)
+    assert {piece.hold_assumed for piece in model.pieces} == {True}
+    assert len({piece.hold for piece in model.pieces}) == 1
+    assert all(piece.other_delay_s is not None for piece in model.pieces)

@@ -20,6 +20,7 @@ from gsid.cli.common import (
     print_json,
     print_table,
     record_options,
+    say_assumed_hold,
     working,
 )
 
@@ -76,6 +77,7 @@ def compare(
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
+    say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())
