@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import os
 import secrets
@@ -382,11 +383,17 @@ class Link:
             )
         return fs_hz, int(n_queue)
 
-    def stop(self) -> bool:
-        """Set the command to zero; True when the axis has confirmed it."""
+    def stop(self, take: Callable[[np.ndarray], None] = lambda got: None) -> bool:
+        """Set the command to zero; True when the axis has confirmed it.
+
+        Parameters
+        ----------
+        take : callable, optional
+            Called with the frames that come until then, (n,) of FRAME: samples that were under way.
+        """
         for _ in range(3):
             self.send(frames(STOP))
-            if self._wait_for(STOP, STOP_WAIT_S) is not None:
+            if self._wait_for(STOP, STOP_WAIT_S, take=take) is not None:
                 return True
         return False
 
@@ -396,12 +403,15 @@ class Link:
         timeout_s: float,
         wanted: Callable[[np.void], bool] = lambda frame: True,
         check: Callable[[], None] = lambda: None,
+        take: Callable[[np.ndarray], None] = lambda got: None,
     ) -> np.void | None:
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             check()
-            for frame in self.receive():
-                if frame["kind"] == kind and wanted(frame):
+            got = self.receive()
+            take(got)
+            for frame in got[got["kind"] == kind]:
+                if wanted(frame):
                     return frame
         return None
 
@@ -633,8 +643,9 @@ def run(
     settle = 2 * len(table) if settle is None else settle
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
-    samples = _Samples(table, settle, periods)
     name = port if isinstance(port, str) else ""
+    _check_plan(table, limits, name)
+    samples = _Samples(table, settle, periods)
     description = RunDescription(
         fs_hz,
         len(table),
@@ -645,28 +656,8 @@ def run(
         name,
         (meta or {}) | {"date": _now(), "port": name},
     )
-    if limits and limits.command is not None and np.abs(table).max() > limits.command * ROUNDING:
-        raise LimitError(
-            "the planned command passes its limit",
-            name,
-            f"peak {np.abs(table).max():.4g}, limit {limits.command:g}",
-            "lower --amplitude, or `gsid design --limit-command` makes a command that stays within it",
-        )
     kept = Journal(journal, description) if journal is not None else None
-    failure: BaseException | None = None
-    statistics: dict[str, str] = {}
-    try:
-        with Link.open(port, should_stop) if isinstance(port, str) else Link(port, "", should_stop) as link:
-            try:
-                watch = _watch(link, limits, fs_hz) if limits else None
-                consumers = _Consumers(link.name, kept, watch, frf, on_progress)
-                _exchange(link, samples, table, _start(link, fs_hz), int(SILENT_S * fs_hz), consumers.take)
-            finally:
-                statistics = _statistics(samples, link, _stop(link))
-    except KeyboardInterrupt as error:
-        failure = error if isinstance(error, Stopped) else Stopped("stopped")
-    except BaseException as error:
-        failure = error
+    failure, statistics = _drive(port, samples, table, fs_hz, limits, should_stop, kept, frf, on_progress)
     failure = _close(kept, samples) or failure
     n = samples.end
     record = description.record(samples.u[:n], samples.y[:n], samples.valid[:n], statistics) if n else None
@@ -675,6 +666,49 @@ def run(
         raise failure
     assert record is not None
     return record
+
+
+def _check_plan(table: np.ndarray, limits: RunLimits | None, name: str) -> None:
+    """LimitError when the planned command passes its limit."""
+    peak = np.abs(table).max()
+    if limits and limits.command is not None and peak > limits.command * ROUNDING:
+        raise LimitError(
+            "the planned command passes its limit",
+            name,
+            f"peak {peak:.4g}, limit {limits.command:g}",
+            "lower --amplitude, or `gsid design --limit-command` makes a command that stays within it",
+        )
+
+
+def _drive(
+    port: str | Transport,
+    samples: _Samples,
+    table: np.ndarray,
+    fs_hz: float,
+    limits: RunLimits | None,
+    should_stop: Callable[[], bool] | None,
+    journal: Journal | None,
+    frf: StreamingFrf | None,
+    on_progress: Callable[[Progress], None] | None,
+) -> tuple[BaseException | None, dict[str, str]]:
+    """Fill `samples`, and set the command to zero: what went wrong, and how the line behaved."""
+    n_ahead = int(SILENT_S * fs_hz)
+    statistics: dict[str, str] = {}
+    try:
+        with Link.open(port, should_stop) if isinstance(port, str) else Link(port, "", should_stop) as link:
+            try:
+                watch = _watch(link, limits, fs_hz) if limits else None
+                consumers = _Consumers(link.name, journal, watch, frf, on_progress)
+                _exchange(link, samples, table, _start(link, fs_hz), n_ahead, consumers.take)
+            except BaseException:
+                statistics = _statistics(samples, link, _stop(link, samples, n_ahead))
+                raise
+            statistics = _statistics(samples, link, _stop(link))
+    except KeyboardInterrupt as error:
+        return error if isinstance(error, Stopped) else Stopped("stopped"), statistics
+    except BaseException as error:
+        return error, statistics
+    return None, statistics
 
 
 def _now() -> str:
@@ -774,9 +808,16 @@ def _start(link: Link, fs_hz: float) -> int:
     return n_queue
 
 
-def _stop(link: Link) -> bool:
+def _stop(link: Link, samples: _Samples | None = None, n_ahead: int = 0) -> bool:
+    """Set the command to zero, and take the samples under way; True when the axis has confirmed it."""
+
+    def take(got: np.ndarray) -> None:
+        if samples is not None and samples.end:  # else they are those of the rest before the run
+            with contextlib.suppress(LinkError):  # the run ends already
+                samples.take(got, samples.end + n_ahead)
+
     try:
-        return link.stop()
+        return link.stop(take)
     except LinkError:
         return False
 

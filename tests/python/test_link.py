@@ -239,6 +239,25 @@ def test_ctrl_c_leaves_the_command_at_zero():
     assert len(caught.value.record) >= SETTLE
 
 
+def test_samples_under_way_when_a_run_is_stopped_are_kept():
+    """A busy computer had a tenth of a second of them unread, and threw them away with the answer to STOP."""
+
+    class Unread(Loopback):
+        n_read = 0
+
+        def read(self):
+            data, self.waiting = self.waiting[:1800], self.waiting[1800:]
+            self.n_read += len(data)
+            return data
+
+    line = Unread(Server(quiet_axis()))
+    with pytest.raises(Stopped) as caught:
+        run(line, multisine(100), periods=50, settle=0, should_stop=lambda: line.n_read > 30_000)
+    assert line.stopped
+    assert not line.waiting
+    assert len(caught.value.record) == line.server.served.ticks // 100 * 100
+
+
 def test_another_rate_is_refused():
     with pytest.raises(LinkError, match=r"another rate .*2000 Hz, not 3000 Hz") as caught:
         run(Loopback(Server(quiet_axis(fs_hz=2000))), multisine(N), periods=1)

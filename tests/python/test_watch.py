@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from line import Loopback, multisine, quiet_axis
 
-from gsid.link import LimitError, run
+from gsid.link import LimitError, Stopped, run
 from gsid.simulate import Server, SimulatedAxis
 from gsid.watch import RunLimits, Watch
 
@@ -71,6 +71,23 @@ def test_a_run_within_its_limits_is_not_disturbed_by_the_offset_of_the_gyro():
     with pytest.raises(LimitError, match="passes a limit: stopped") as caught:
         run(Loopback(Server(quiet_axis())), u, periods=20, limits=RunLimits(rate=0.05))
     assert len(caught.value.record) > 0
+
+
+def test_a_run_stopped_while_the_axis_rests_has_no_samples(tmp_path):
+    """Those of the rest are no part of the record."""
+    line = Loopback(Server(quiet_axis()))
+    with pytest.raises(Stopped) as caught:
+        run(
+            line,
+            multisine(600, 40, 0.5),
+            periods=2,
+            limits=RunLimits(travel_deg=1.0),
+            should_stop=lambda: line.server.served.ticks > 100,
+            journal=tmp_path / "a.journal",
+        )
+    assert caught.value.record is None
+    assert not list(tmp_path.iterdir())
+    assert line.stopped
 
 
 def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():

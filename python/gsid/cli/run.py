@@ -192,8 +192,8 @@ def _keep(path: Path, record: Record, journal: Path, failure: BaseException | No
 
     try:
         _write(path, record)
-    except (OSError, InputError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
+    except (OSError, InputError, KeyboardInterrupt) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "stopped"
         hint = (
             f"what was measured is in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
         )
