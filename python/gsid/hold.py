@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gsid.errors import GsidError
 
 if TYPE_CHECKING:
     from gsid.mimo_model import MimoModel
     from gsid.model import RationalModel
+    from gsid.plant import PlantModel
     from gsid.spectra import Spectra
 
 Rational = TypeVar("Rational", "RationalModel", "MimoModel")
@@ -106,6 +107,26 @@ def read_as(measured: Sequence[Spectra], hold: str) -> list[Spectra]:
     for one in taken:
         one.hold = hold if one.hold is None else one.hold
     return taken
+
+
+def facts_of(model: RationalModel | PlantModel) -> dict[str, Any]:
+    """What a model keeps of the hold of the records of its fit.
+
+    Parameters
+    ----------
+    model : RationalModel or PlantModel
+
+    Returns
+    -------
+    dict
+        hold, hold_assumed, other_delay_s and delay_hold_uncertainty_s, as in `RationalModel`; of a plant that
+        was not fitted the hold is None.
+    """
+    kept = model.fit or {} if hasattr(model, "effects") else vars(model)
+    names = ("hold", "hold_assumed", "other_delay_s")
+    facts = {name: kept.get(name) for name in names} | {"hold_assumed": bool(kept.get("hold_assumed"))}
+    uncertainty = getattr(model, "delay_hold_uncertainty_s", kept.get("delay_hold_uncertainty_s"))
+    return facts | {"delay_hold_uncertainty_s": uncertainty}
 
 
 def words(hold: str, other_delay_s: float | None = None) -> str:

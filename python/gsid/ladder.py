@@ -21,7 +21,8 @@ from gsid.compare import Comparison, compare
 from gsid.effects import EffectType, find
 from gsid.errors import GsidError, InputError, close
 from gsid.fall import FALL_ALARM, fall_p_value
-from gsid.greybox import PlantFit, fit_plant, require_motion
+from gsid.greybox import PlantFit, as_assumed, fit_plant, require_motion
+from gsid.hold import facts_of, other_reading, read_as
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel, check_plant
 from gsid.probes import Probe
@@ -224,6 +225,7 @@ class Addition:
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid add --json`."""
         own = {"converged": self.fit.converged, "undetermined": self.undetermined}
+        own |= facts_of(self.model)
         return self.rung.to_dict() | own | {"ladder": [rung.to_dict() for rung in self.ladder.rungs]}
 
     def __repr__(self) -> str:
@@ -249,7 +251,8 @@ def add(
     model : PlantModel
         Its free parameters are fitted with and without the effect.
     records : Record or Spectra, or a sequence of them
-        Realisations.
+        Realisations. Where they do not state their hold, all steps take the reading that is the likelier for
+        the model as it was given.
     params : dict of float, optional
         Where the fit starts; those not given are typical ones. Default: the best of several sizes and
         shapes, found along the model's own path; for an effect of your own, its typical values.
@@ -281,18 +284,33 @@ def add(
     for name, value in (params or {}).items():
         _check(known, name, value)
     split = _split(spectra_of(records), None if held_out is None else spectra_of(held_out))
-    fitted = split.fitted
+    fitted = silent = split.fitted
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
     require_motion(before)
+    if before.hold_assumed:
+        split = split._replace(fitted=read_as(fitted, before.hold), kept=read_as(split.kept, before.hold))
+        fitted = split.fitted
     after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
     _note_places_outside(after)
     on_step(f"judging on {split.words}")
     rung = _rung(-1, before, after, split, band)
     step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
+    if before.hold_assumed:
+        other = read_as(silent, other_reading(before.hold))
+        as_assumed(after, _fit_or_none(after.model, other, band))
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
+
+
+def _fit_or_none(
+    model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
+) -> PlantFit | None:
+    try:
+        return fit_plant(model, measured, band=band)
+    except (GsidError, InputError):
+        return None
 
 
 def _check(known: EffectType, name: str, value: float) -> None:

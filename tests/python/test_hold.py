@@ -14,6 +14,7 @@ from gsid.fit import fit
 from gsid.frf import Frf, frf
 from gsid.greybox import fit_plant
 from gsid.io import write_record
+from gsid.ladder import add
 from gsid.model import RationalModel, load_model
 from gsid.piecewise import fit_piecewise
 
@@ -189,3 +190,14 @@ def test_all_pieces_have_one_hold():
     assert {piece.hold_assumed for piece in model.pieces} == {True}
     assert len({piece.hold for piece in model.pieces}) == 1
     assert all(piece.other_delay_s is not None for piece in model.pieces)
+
+
+# ---- what uses a model with an assumed hold -------------------------------------------------------
+
+
+def test_a_step_of_the_ladder_takes_one_hold_and_keeps_that_it_was_assumed():
+    done = add("coulomb_friction", plant(AXIS), held_record(200, 1e-2, coulomb_level=5.0))
+    values = done.to_dict()
+    assert values["hold_assumed"]
+    assert done.model.fit["hold"] == values["hold"] == done.fit.hold
+    assert values["delay_hold_uncertainty_s"] == pytest.approx(0.5 / FS_HZ, rel=0.3)

@@ -27,6 +27,7 @@ from gsid.cli.common import (
     print_parameters,
     reading_options,
     say,
+    say_assumed_hold,
     suggest,
 )
 
@@ -150,6 +151,7 @@ def add(
             on_step=lambda text: say(f"-- {text}"),
         )
     result.model.save(output)
+    say_assumed_hold(result.fit.hold_assumed, result.fit.hold, result.fit.other_delay_s)
     say(f"wrote {output}")
     draw(result.plot, picture)
     if as_json:

@@ -15,6 +15,7 @@ from gsid.cli.common import (
     options_as_arguments,
     print_json,
     say,
+    say_assumed_hold,
 )
 
 
@@ -36,6 +37,7 @@ def export_c(
     """
     from gsid.export_c import export_c as export
     from gsid.files import write_atomically
+    from gsid.hold import facts_of
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")
@@ -43,7 +45,10 @@ def export_c(
         raise click.UsageError("-o names the source, NAME.c; NAME.h is written beside it", ctx)
     FilesInUse.of(ctx).write(*((header,) if output else (header, source)))
     with options_as_arguments():
-        made = export(load_single(model_path), source.stem, fs_hz=fs_hz, where=model_path)
+        model = load_single(model_path)
+        made = export(model, source.stem, fs_hz=fs_hz, where=model_path)
+    facts = facts_of(model)
+    say_assumed_hold(facts["hold_assumed"], facts["hold"], facts["other_delay_s"])
     for path, text in ((header, made.header), (source, made.source)):
         write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
         say(f"wrote {path}")
@@ -56,4 +61,5 @@ def export_c(
                 "delay_samples": made.delay_samples,
                 "feedforward": made.feedforward,
             }
+            | facts
         )

@@ -69,7 +69,11 @@ def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) ->
     elif frf is not None:
         f = frf.f_hz
         facts.append(("Excitation", f"{len(f)} lines, {f.min():.4g} to {f.max():.4g} Hz"))
-    held = "held over each sample (zero-order hold)" if source.hold == "zoh" else "measured as it stands"
+    held = {
+        "zoh": "held over each sample (zero-order hold)",
+        "none": "measured as it stands",
+        None: "held or not: not stated",
+    }[source.hold]
     facts.append(("Input and output", f"u [{source.u_unit or '-'}], {held}; y [{source.y_unit or '-'}]"))
     return facts
 
