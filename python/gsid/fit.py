@@ -13,7 +13,7 @@ from gsid._lib import check, ffi, lib
 from gsid.bands import in_band
 from gsid.confidence import unwrapped_phase_deg
 from gsid.errors import GsidError
-from gsid.fit_warnings import FitWarning, equation_error, noisy_input
+from gsid.fit_warnings import FitWarning, chosen_lines, equation_error, noisy_input
 from gsid.hold import fit_both
 from gsid.model import RationalModel
 
@@ -192,7 +192,8 @@ def _warnings(
             found = noisy_input(model, f_hz, 2 * common, 1 / sigma)
         else:
             found = noisy_input(model, f_hz, common / _own_share(frf, use), np.abs(frf.u[use]))
-    return () if found is None else (found,)
+    chosen = chosen_lines(model, frf.at(use), sigma)
+    return tuple(warning for warning in (found, chosen) if warning is not None)
 
 
 def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:

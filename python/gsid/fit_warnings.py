@@ -4,7 +4,8 @@ An estimate that noise shifts by more than a part of its standard deviation has 
 place. Both biases below follow from the measured variances alone, to first order in them:
 
     ls, iwls            noise of the response stands in the regressors of the equation error (EST-11)
-    ml, log, nls-output noise of the input stands in the response and in its weight alike (EST-12)
+    ml, nls-output      noise of the input stands in the response and in its weight alike (EST-12)
+    every method        lines whose input came out small by chance were left out (EST-13)
 """
 
 from __future__ import annotations
@@ -14,11 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid.excited import ABOVE_NOISE
 from gsid.json_files import number, text
 
 if TYPE_CHECKING:
+    from gsid.frf import Frf
     from gsid.model import RationalModel
 
+NEAR_NOISE = 4 * ABOVE_NOISE
+"""|U|^2 over the variance of its mean, of lines that chance might have left out."""
 BIAS_MOST = 0.5
 """Standard deviations: shifted by so much, an interval of 95 % holds the truth in 92 %."""
 
@@ -30,12 +35,12 @@ class FitWarning:
     Attributes
     ----------
     what : str
-        "equation_error_bias" or "noisy_input_bias".
+        "equation_error_bias", "noisy_input_bias" or "chosen_lines_bias".
     bias_over_std : float
         Largest expected shift of a parameter, or of the response at a fitted line, over its standard
         deviation.
     use : str
-        The method that is right here.
+        The method that is right here; "reference": the response through the reference (`--r`).
     text : str
         The same as a sentence.
     """
@@ -140,16 +145,7 @@ def noisy_input(
     -------
     FitWarning or None
     """
-    if not np.any(pull):
-        return None
-    hold = np.sinc(f_hz / model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
-    slope = model.gradient(f_hz) * (weight * np.abs(hold))[:, None]
-    right = weight * pull
-    rows, right = np.concatenate([slope.real, slope.imag]), np.concatenate([right.real, right.imag])
-    scale = np.linalg.norm(rows, axis=0)
-    scale[scale == 0] = 1.0
-    bias = np.linalg.lstsq(rows / scale, right, rcond=None)[0] / scale
-    size = largest_shift(model, bias, f_hz)
+    size = _shift_by(model, f_hz, pull, weight)
     if size <= BIAS_MOST:
         return None
     text = (
@@ -158,3 +154,65 @@ def noisy_input(
         "reference (--r) has none"
     )
     return FitWarning("noisy_input_bias", size, "ml-io", text)
+
+
+def _shift_by(model: RationalModel, f_hz: np.ndarray, pull: np.ndarray, weight: np.ndarray) -> float:
+    """`largest_shift` of a weighted least squares fit when the response at each line moves by `pull`."""
+    if not np.any(pull):
+        return 0.0
+    hold = np.sinc(f_hz / model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
+    slope = model.gradient(f_hz) * (weight * np.abs(hold))[:, None]
+    right = weight * pull
+    rows, right = np.concatenate([slope.real, slope.imag]), np.concatenate([right.real, right.imag])
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    return largest_shift(model, np.linalg.lstsq(rows / scale, right, rcond=None)[0] / scale, f_hz)
+
+
+def chosen_lines(model: RationalModel, frf: Frf, sigma: np.ndarray) -> FitWarning | None:
+    """The warning of a fit to lines that chance chose (EST-13), None where it does not matter.
+
+    A line is used where the mean of its input stands out of its noise. Near that limit the lines that do
+    have an input that noise made larger, and a response that it made smaller.
+
+    Parameters
+    ----------
+    model : RationalModel
+    frf : Frf
+        At the fitted lines.
+    sigma : (F,) ndarray
+        Standard deviation of the response.
+
+    Returns
+    -------
+    FitWarning or None
+    """
+    f_hz, n_periods = frf.f_hz, frf.n_periods / frf.n_realisations
+    n_left_out = np.count_nonzero((frf.rejected_hz >= f_hz[0]) & (frf.rejected_hz <= f_hz[-1]))
+    n_near = np.count_nonzero(np.abs(frf.u) ** 2 * n_periods < NEAR_NOISE * frf.var_u)
+    if n_left_out == 0 or n_periods < 2 or n_near < min(n_left_out, len(f_hz) / 2):
+        return None  # none, or left out for another reason
+    relative = _relative_shift(len(f_hz) / (len(f_hz) + n_left_out), n_periods)
+    size = _shift_by(model, f_hz, -relative * frf.g, 1 / sigma)
+    if size <= BIAS_MOST:
+        return None
+    text = (
+        f"{n_left_out} lines were left out for their noisy input, and chance made that of the others larger: "
+        f"it shifts this {model.method} fit by about {size:.2g} standard deviations, since the response is "
+        f"about {100 * relative:.2g} % too small; measure more periods, or use a recorded reference (--r)"
+    )
+    return FitWarning("chosen_lines_bias", size, "reference", text)
+
+
+def _relative_shift(share: float, n_periods: float) -> float:
+    """By how much the input of the lines used is too large, of itself, when this share of lines is used.
+
+    All in units of the standard deviation of the mean: its real part scatters by 1/sqrt(2), the limit, which
+    is a multiple of a sample's standard deviation, by half of the limit over sqrt(n_periods - 1).
+    """
+    from scipy.stats import norm
+
+    limit = np.sqrt(ABOVE_NOISE)
+    spread = np.sqrt(0.5 + ABOVE_NOISE / (4 * (n_periods - 1)))
+    below = norm.ppf(1 - share)
+    return float(0.5 / spread * norm.pdf(below) / share / (limit - below * spread))

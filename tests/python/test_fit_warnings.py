@@ -1,6 +1,7 @@
 """Fits that noise biases: detected and reported where it matters, and only there."""
 
 import contextlib
+import dataclasses
 import logging
 
 import numpy as np
@@ -206,6 +207,26 @@ def test_bug_ml_io_used_negative_variances():
     with pytest.raises(ValueError, match=r"contradict their covariance at 8 Hz.*method ml takes var_g"):
         fit(response, "2/1", method="ml-io")
     assert fit(response, "2/1", method="ml", quiet=True).stable
+
+
+def test_bug_lines_that_chance_chose_biased_every_method_without_a_word():
+    """Input noise nearly as large as the signal, 4 periods: half of the lines are used, the luckier half."""
+    responses = with_input_noise(40, 4, 0.9, 0.05)
+    models = [fit(response, "2/1", method="ml-io", quiet=True) for response in responses]
+    low = 1 - np.mean([abs(m.response(30.0)[0]) for m in models]) / abs(TRUTH.response(30.0)[0])
+    reported = [w.bias_over_std for m in models for w in m.warnings if w.what == "chosen_lines_bias"]
+    print(f"ml-io: {low:.1%} too small, reported {len(reported)} of 40, {np.median(reported):.1f} sigma")
+    assert low > 0.03
+    assert len(reported) >= 38
+    # 9 periods of noise of 0.3: all lines stand out
+    for response in with_input_noise(40, 9, 0.3, 0.05):
+        assert not fit(response, "2/1", method="ml-io", quiet=True).warnings
+
+
+def test_lines_missing_for_another_reason_are_not_warned_of():
+    response = with_input_noise(1, 10, 0.02, 0.05)[0]
+    response = dataclasses.replace(response, rejected_hz=np.arange(20.5, 60.5))
+    assert not fit(response, "2/1", quiet=True).warnings
 
 
 # ---- where it is reported --------------------------------------------------------------------------------
