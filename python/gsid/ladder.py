@@ -488,11 +488,11 @@ def _split_of_search(measured: list[Spectra]) -> _Split:
     """The same of records that a search has used, all of them."""
     split = _split(measured, None)
     if split.judged_on == "later_periods":
-        words = "the later periods of the records searched"
+        words = "later periods (used in the search)"
     elif len(split.kept) == 1:
-        words = f"{split.kept[0].name or 'a record'}, which the search used,"
+        words = f"{split.kept[0].name or 'a record'} (used in the search)"
     else:
-        words = f"{len(split.kept)} records that the search used"
+        words = f"{len(split.kept)} records used in the search"
     return split._replace(words=words, judged_on="search_records")
 
 

@@ -276,7 +276,7 @@ def test_a_diagnosis_with_its_ladder(records):
     np.testing.assert_array_equal(told.free_values, found.model.free_values)
     (rung,) = ladder(told).rungs
     assert rung.judged_on == "search_records"
-    assert "which the search used" in rung.sentence
+    assert "(used in the search)" in rung.sentence
     assert rung.effect == found.found[0].effects[0]
     assert rung.held_out["after"] < 1.2 * rung.noise_floor_rms < rung.held_out["before"] / 2
     assert undo(told).to_dict() == start().to_dict()

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 JUDGED = {
     "kept out": "the data kept out",
     "later periods": "the later periods",
-    "search records": "records that the search used",
+    "search records": "records used in the search",
     "judged": "the data that judge",
 }
 BOUND_OF_BOTH = "95 % bound of noise and the model's uncertainty"
