@@ -82,11 +82,12 @@ class Superposition:
     def sentence(self) -> str:
         """What the two levels say, in words."""
         ratio = f"At {self.level_ratio:.3g} times the input"
+        p = f"p {'=' if self.one_noise_ratio else '<='} {self.p_value:.2g}"
         if self.p_value > SUPERPOSITION_ALARM:
-            return f"{ratio} the response is the same within its scatter (p = {self.p_value:.2g})."
+            return f"{ratio} the response is the same within its scatter ({p})."
         worst = int(np.argmax(np.abs(self.change) / self.std))
         return (
-            f"{ratio} the response changes (p = {self.p_value:.2g}): by {self.change_db[worst]:+.2f} dB and "
+            f"{ratio} the response changes ({p}): by {self.change_db[worst]:+.2f} dB and "
             f"{self.change_deg[worst]:+.1f} deg at {self.f_hz[worst]:.3g} Hz, where it is clearest."
         )
 

@@ -316,6 +316,7 @@ def test_noise_that_changes_differently_from_line_to_line_gives_a_bound():
     first, second = from_responses(line, 1 + noise[:1]), from_responses(line, 1 + std * noise[1:2])
     s = superposition(first, second)
     assert not s.one_noise_ratio
+    assert f"(p <= {s.p_value:.2g})" in s.sentence
     assert s.n_dof == 7
     t = np.abs(second.bla - first.bla) ** 2 / (first.var_noise + second.var_noise)
     assert s.p_value == pytest.approx(chi2.sf(2 * np.sum(7 * np.log(1 + t / 7)), 2 * len(line)))
