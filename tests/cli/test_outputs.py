@@ -181,6 +181,26 @@ def test_a_link_to_the_newest_result_stays_a_link(gsid, files, record):
     assert "var_g" in Path("kept.csv").read_text()
 
 
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="the system does not name its streams")
+@pytest.mark.parametrize("name", ["out.csv", "/dev/stdout", "/dev/fd/1"])
+def test_a_file_that_takes_the_table_is_not_replaced(files, name):
+    """Bug: with `-o out.csv > out.csv` one of the two was lost, and nothing said so."""
+    with open("out.csv", "w") as out:
+        command = [COMMAND, "frf", "rec.csv", "-o", name]
+        done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 3
+    assert "prints to the same file" in done.stderr
+
+
+def test_the_trial_of_an_output_follows_no_link(gsid, files):
+    """Bug: `gsid run` tried its output as .REC.probe.csv, and a link of that name led it to another file."""
+    Path("kept.csv").write_text("kept")
+    Path(".rig.probe.csv").symlink_to("kept.csv")
+    gsid("run", "--port", "none", "-o", "rig.csv")
+    assert Path("kept.csv").read_text() == "kept"
+    assert Path(".rig.probe.csv").is_symlink()
+
+
 def test_a_picture_is_written_as_every_output(gsid, files):
     """Bug: --plot wrote over what was there, in place: half a picture when the disk was full."""
     Path("tf.png").write_text("old")

@@ -121,6 +121,9 @@ HOW_READ = (
 )  # what another verb has to be told again
 
 
+STREAMS = ("/dev/stdout", "/dev/stderr")  # where the system has them
+
+
 @dataclass
 class FilesInUse:
     """Files that a command reads and writes, as far as its arguments name them."""
@@ -165,6 +168,7 @@ class FilesInUse:
                 raise InputError("nothing can be written there", path, None, "name another folder")
             self._check(path, self.inputs)
             refuse_overwrite(path, self.outputs, "two outputs have the same name")
+            refuse_overwrite(path, STREAMS, "this command prints to the same file")
             self.outputs.append(path)
 
     @staticmethod

@@ -274,12 +274,15 @@ def _try_out(path: Path) -> None:
     """A name that cannot be written is better known before the axis moves than after."""
     if is_stdout(path):
         return
+    import secrets
+
     import numpy as np
 
     from gsid.io import write_record
     from gsid.record import Record
 
-    probe = path.with_name(f".{path.stem}.probe{path.suffix}")
+    # A name at which nobody can have laid a link.
+    probe = path.with_name(f".gsid-{secrets.token_hex(8)}{path.suffix}")
     try:
         write_record(probe, Record(np.zeros(2), np.zeros(2), 1.0))
     finally:
