@@ -74,7 +74,7 @@ size_t gsid_frf_mem_size(const gsid_frf_cfg *cfg);
 
 /** Lay an FRF measurement with the direct engine out in the caller's memory.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE in u_known; GSID_E_MEMORY.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE in u_known; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_frf_init(gsid_frf *frf, const gsid_frf_cfg *cfg, void *mem, size_t mem_size);
 
 /** Bytes that gsid_frf_init_spread needs; 0 for a configuration that it refuses. */

@@ -84,7 +84,7 @@ typedef struct {
 const char *gsid_trip_str(gsid_trip reason);
 
 /** Check the limits and switch off.
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a limit out of its range, or not a number.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a limit out of its range, or not a number; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_guard_init(gsid_guard *guard, const gsid_guard_cfg *cfg);
 
 /** Begin to let the excitation through.

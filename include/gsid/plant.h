@@ -13,6 +13,9 @@ extern "C" {
 #endif
 
 #define GSID_PLANT_DELAY_MAX 256 /* samples */
+/* Moves that a sample may take: products of a matrix with the state, and parts of a series. Ordinary values take 3 to 500, a steep law
+ * 2000. */
+#define GSID_PLANT_MOVES_MAX 65536
 
 /* A parameter whose sensitivity is wanted. */
 typedef struct {
@@ -44,7 +47,7 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 /** Lay a plant out in the caller's memory, at rest.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a value out of its bounds, too long a delay, no rigid body or two, two joints
- *          or controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY.  Context: background. */
+ *          or controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size);
 
 /** Take over changed values of the items. The state is kept, unless it is a different one now.
@@ -61,15 +64,18 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  @param[out] y   at the instant from which u is applied
  *  @param[out] dy  [n_free] sensitivities of y, or NULL; give it in every step since the reset, or in none
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE u is not finite: nothing changed; or the plant left the range
- *          of numbers: it is at rest now; GSID_E_STEEP a law is too steep to follow: at rest, too
+ *          of numbers: it is at rest now; GSID_E_STEEP a law is too steep to follow, or the sample takes more than
+ *          GSID_PLANT_MOVES_MAX moves: at rest, too
  *  Cost: a linear stack takes two products of a matrix with the state a sample, always the same. Laws that are not linear
  *  take three for each step of 0.025 rad of the stiffest law, at least one step on each side of the command's switch. A step
  *  with an event (reversal, break-away, impact) takes at most 16 searches of at most 50 series. Laws that may be steep
- *  cut a step into at most 256 parts, each found by at most 20 halvings. Measured by benchmarks/bench_plant.py.
+ *  cut a step into at most 256 parts, each found by at most 20 halvings. A sample that has taken GSID_PLANT_MOVES_MAX moves is
+ *  given up after the next three motions, of at most 8001 moves each. Measured by benchmarks/bench_plant.py.
  *  Limits: rounding for linear stacks and Coulomb friction; 3e-5 of the peak for the other laws (tests/c/test_effects.c).
  *  The float build stays within 1e-3 of the peak, but for periodic_disturbance, whose time is summed up: it is off by a
  *  hundredth of its amplitude after 1 s and tells nothing after 10 s (double: 4e-4 after two hours).
- *  Context: ISR-safe, one writer; where a law is not linear an event may cost more than a tick has (docs/budget.md). */
+ *  Context: a linear stack: ISR-safe, one writer. Other laws: background; their time is bounded, but by far more than a tick has
+ *  (docs/budget.md). */
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
 /** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best

@@ -35,7 +35,7 @@ size_t gsid_spectrum_mem_size(const gsid_spectrum_cfg *cfg);
 
 /** Lay a spectrum out in the caller's memory and reset it.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);
 
 /** Forget the sums and start again at the sample number cfg.n_first.

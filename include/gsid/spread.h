@@ -52,7 +52,7 @@ size_t gsid_spread_mem_size(const gsid_spectrum_cfg *cfg);
 /** Lay a spread transform out in the caller's memory and reset it.
  *  @param[in] cfg  as for gsid_spectrum; besides n_period is even, at least 4, and half of it has no prime factor above 7
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY.  Cost: a few divisions per line.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY; GSID_E_BUILD.  Cost: some divisions per line.  Context: background. */
 gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);
 
 /** Forget all samples and lines and start again at the sample number cfg.n_first.

@@ -50,7 +50,9 @@ typedef struct {
     X(GSID_E_NO_MEMORY, -9, "out of memory", "")                                                                       \
     X(GSID_E_BACKEND, -10, "the library that does this was left out of the build", "rebuild with it")                  \
     X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                    \
-      "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")
+      "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")                     \
+    X(GSID_E_BUILD, -12, "the library is compiled so that numbers that are not finite are not seen",                   \
+      "compile without -ffast-math, -ffinite-math-only and -fno-honor-nans")
 
 #define GSID_STATUS_ENUM(name, code, meaning, hint) name = code,
 typedef enum { GSID_STATUS_LIST(GSID_STATUS_ENUM) GSID_STATUS_END_ = 127 } gsid_status;

@@ -48,8 +48,10 @@ static gsid_status check_model(const gsid_rational *model) {
 }
 
 gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model) {
-    const gsid_status status = check_data(data);
-    return status != GSID_OK ? status : check_model(model);
+    gsid_status status = check_data(data);
+    if (status == GSID_OK)
+        status = check_model(model);
+    return status == GSID_OK ? gsid_check_build() : status;
 }
 
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {

@@ -23,6 +23,10 @@ static gsid_status measure(const struct gsid_frf_engine *engine, const gsid_frf_
     if (cfg == NULL || cfg->line == NULL || cfg->twiddle == NULL) {
         return GSID_E_NULL;
     }
+    const gsid_status build = gsid_check_build();
+    if (build != GSID_OK) {
+        return build;
+    }
     if (cfg->n_period < 2) {
         return GSID_E_CONFIG;
     }

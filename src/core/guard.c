@@ -28,6 +28,10 @@ gsid_status gsid_guard_init(gsid_guard *guard, const gsid_guard_cfg *cfg) {
     if (guard == NULL || cfg == NULL) {
         return GSID_E_NULL;
     }
+    const gsid_status build = gsid_check_build();
+    if (build != GSID_OK) {
+        return build;
+    }
     if (!is_positive(cfg->fs_hz) || !gsid_is_finite(cfg->fs_hz) || !is_positive(cfg->command_limit) ||
         !is_positive(cfg->rate_limit) || !(cfg->angle_lo < cfg->angle_hi) || !(cfg->reaction_s >= GSID_R(0.0)) ||
         !gsid_is_finite(cfg->reaction_s) || !gsid_is_finite(cfg->acceleration_per_command) ||

@@ -95,7 +95,8 @@ static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
     count(cfg, n);
     if (n->n_joints > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX)
         return GSID_E_CONFIG;
-    return check_free(cfg);
+    const gsid_status status = check_free(cfg);
+    return status == GSID_OK ? gsid_check_build() : status;
 }
 
 /* ---- layout ---- */

@@ -330,11 +330,16 @@ static void copy_rows(const gsid_plant_layout *l, const gsid_real *from, gsid_re
         memcpy(to + (size_t)i * l->n_columns, from + (size_t)i * l->n_columns, l->n_active * sizeof *to);
 }
 
+/* A series is summed up over so many parts of a length. */
+uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s) {
+    return 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
+}
+
 /* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
 void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
                             gsid_real *to) {
     const size_t n_columns = l->n_columns;
-    const uint32_t n_parts = 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
+    const uint32_t n_parts = gsid_plant_series_parts(l, length_s);
     const generator g = {l, gsid_plant_regime(l), length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
     const int n_terms = terms_for(l->fastest * g.scale);
     gsid_real *sum = l->term[0], *term = l->term[1], *next = l->term[2];

@@ -223,8 +223,14 @@ static void force(gsid_plant_layout *l, gsid_real start[3], gsid_real middle[3],
     }
 }
 
+/* The sample has taken so many moves that it is given up: bounded time, whatever the values. */
+static int is_spent(const gsid_plant_layout *l) {
+    return l->n_moves > GSID_PLANT_MOVES_MAX;
+}
+
 static void move(gsid_plant_layout *l, const plant_flow *flow, int part, gsid_real length_s, uint32_t n_rows,
                  gsid_real *to) {
+    l->n_moves += flow != NULL ? 1 : gsid_plant_series_parts(l, part == HALF ? length_s / 2 : length_s);
     if (flow != NULL)
         gsid_plant_flow_move(l, flow->map[gsid_plant_regime(l)][part], n_rows, l->z, to);
     else
@@ -288,7 +294,7 @@ static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real marg
     int last = 0;
     l->n_active = 1;
     l->n_free = 0;
-    for (int i = 0; i < SEARCH_MAX && high - low > ROUNDING_UNIT * length_s; i++) {
+    for (int i = 0; i < SEARCH_MAX && high - low > ROUNDING_UNIT * length_s && !is_spent(l); i++) {
         gsid_real at = low + (high - low) / 2;
         if (at_low > 0 && i % 4 != 3)
             at = low + (high - low) * (at_low / (at_low - at_high));
@@ -358,7 +364,7 @@ static void swap(gsid_real **a, gsid_real **b) {
 /* Take the step to l->next, with the refreshes of the sensor that fall in it. */
 static void accept(gsid_plant_layout *l, gsid_real length_s) {
     const gsid_real end_s = l->at_s + length_s;
-    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s;
+    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s && !is_spent(l);
          l->to_refresh += l->refresh) {
         const gsid_real at_s = l->to_refresh * l->sample_s - l->at_s;
         const int is_at_end = at_s >= length_s - NEARLY * l->sample_s;
@@ -402,7 +408,7 @@ static gsid_real foreseeable(gsid_plant_layout *l, const plant_flow *maps, gsid_
         return left_s;
     l->n_active = 1;
     l->n_free = 0;
-    for (; n <= HALVINGS_MAX; n++) {
+    for (; n <= HALVINGS_MAX && !is_spent(l); n++) {
         advance(l, length_s < left_s ? NULL : maps, length_s, l->next);
         if (!is_surprised(l))
             break;
@@ -419,7 +425,7 @@ static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
     const plant_flow *maps = flow;
     gsid_real left_s = flow->length_s;
     l->n_parts = 0;
-    for (int n_events = 0; left_s > 0;) {
+    for (int n_events = 0; left_s > 0 && !is_spent(l);) {
         const gsid_real length_s = foreseeable(l, maps, left_s);
         maps = length_s < left_s ? NULL : maps;
         advance(l, maps, length_s, l->next);
@@ -447,4 +453,5 @@ static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
 void gsid_plant_run_piece(gsid_plant_layout *l, const plant_piece *piece) {
     for (uint32_t i = 0; i < piece->n_steps; i++)
         run_step(l, &piece->step);
+    l->is_too_steep |= is_spent(l);
 }

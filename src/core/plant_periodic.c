@@ -53,7 +53,7 @@ static void run_period(shooting *s) {
     memset(l->largest_dy, 0, l->n_active * sizeof *l->largest_dy);
     fill_delay(s);
     gsid_plant_start_refresh(l);
-    for (uint32_t n = 0; n < s->n_period; n++) {
+    for (uint32_t n = 0; n < s->n_period && !l->is_too_steep; n++) {
         gsid_plant_output(l, l->y);
         keep_largest(l);
         if (s->y != NULL)

@@ -84,6 +84,7 @@ struct gsid_plant_layout {
     gsid_real stride_s;          /* length that the next step of steep laws is tried with */
     gsid_real largest_torque;    /* of steep laws so far */
     uint32_t n_parts;            /* of this step so far */
+    uint32_t n_moves;            /* of this sample so far */
     int is_too_steep;
 
     /* Work space. */
@@ -121,6 +122,7 @@ static inline int gsid_plant_regime(const gsid_plant_layout *l) {
 #define gsid_plant_refresh GSID_NAME(gsid_plant_refresh)
 #define gsid_plant_run_piece GSID_NAME(gsid_plant_run_piece)
 #define gsid_plant_sample GSID_NAME(gsid_plant_sample)
+#define gsid_plant_series_parts GSID_NAME(gsid_plant_series_parts)
 #define gsid_plant_series_move GSID_NAME(gsid_plant_series_move)
 #define gsid_plant_size_within GSID_NAME(gsid_plant_size_within)
 #define gsid_plant_start_refresh GSID_NAME(gsid_plant_start_refresh)
@@ -132,6 +134,7 @@ gsid_real gsid_plant_fastest(const gsid_linear *a);
 void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow);
 void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
                           gsid_real *to);
+uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s);
 void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
                             gsid_real *to);
 

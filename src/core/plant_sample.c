@@ -198,6 +198,7 @@ void gsid_plant_sample(gsid_plant *plant, gsid_real u) {
     gsid_plant_layout *l = plant->layout;
     gsid_plant_give(plant, u);
     l->at_s = 0;
+    l->n_moves = 0;
     gsid_plant_run_piece(l, &l->piece[0]);
     switch_command(l);
     gsid_plant_run_piece(l, &l->piece[1]);

@@ -39,6 +39,11 @@
 /* Longest period [samples]: a phase index plus a line number stays inside 32 bits. */
 #define GSID_N_PERIOD_MAX (UINT32_C(1) << 30)
 
+/* Whether gsid_is_finite sees a NaN: GSID_OK or GSID_E_BUILD. -fno-honor-nans takes that away and defines
+ * no macro, so that objects look when they are initialised.  types.c */
+#define gsid_check_build GSID_NAME(gsid_check_build)
+gsid_status gsid_check_build(void);
+
 /* A count that stays at the most it can say: 0 after 2^32 would be a share of 1/0. */
 static inline uint32_t gsid_count(uint32_t n, uint32_t more) {
     return more > UINT32_MAX - n ? UINT32_MAX : n + more;

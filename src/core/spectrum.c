@@ -37,6 +37,10 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
     if (mem_size < GSID_SPECTRUM_MEM_SIZE(cfg->n_lines, cfg->n_channels) || !gsid_is_aligned(mem)) {
         return GSID_E_MEMORY;
     }
+    status = gsid_check_build();
+    if (status != GSID_OK) {
+        return status;
+    }
     s->cfg = *cfg;
     s->sum = mem;
     s->phase = (uint32_t *)(void *)(s->sum + (size_t)cfg->n_lines * cfg->n_channels);

@@ -94,7 +94,10 @@ gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void 
     if (s == NULL || mem == NULL) {
         return GSID_E_NULL;
     }
-    const gsid_status status = check_cfg(cfg);
+    gsid_status status = check_cfg(cfg);
+    if (status == GSID_OK) {
+        status = gsid_check_build();
+    }
     if (status != GSID_OK) {
         return status;
     }

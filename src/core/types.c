@@ -1,5 +1,7 @@
 #include "gsid/types.h"
 
+#include "real.h"
+
 #define MEANING_CASE(name, code, meaning, hint)                                                                        \
     case name:                                                                                                         \
         return meaning;
@@ -23,4 +25,10 @@ const char *gsid_status_hint(gsid_status status) {
     default:
         return "";
     }
+}
+
+/* Volatile: the compiler may not answer in advance. */
+gsid_status gsid_check_build(void) {
+    const volatile gsid_real nan = (gsid_real)NAN;
+    return gsid_is_finite(nan) ? GSID_E_BUILD : GSID_OK;
 }

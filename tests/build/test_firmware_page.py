@@ -1,6 +1,7 @@
 """docs/firmware.md: the files it names are enough to link."""
 
 import re
+import shutil
 
 import numpy as np
 import pages
@@ -113,3 +114,60 @@ def test_fast_math_does_not_compile(run, root):
     compiled = run("cc", "-std=c99", "-ffast-math", "-Iinclude", "-fsyntax-only", "src/core/frf.c", cwd=root)
     assert compiled.returncode != 0
     assert "not with -ffast-math" in compiled.stderr
+
+
+SELF_CHECK = """
+#include <stdio.h>
+
+#include "gsid/frf.h"
+#include "gsid/guard.h"
+#include "gsid/lsq.h"
+
+static union { gsid_cplx align; unsigned char bytes[4096]; } memory;
+
+int main(void) {
+    static gsid_cplx twiddle[8] = {{1, 0}}, known[1] = {{1, 0}};
+    const uint32_t line[1] = {1};
+    const gsid_frf_cfg cfg = {.n_period = 8, .n_lines = 1, .line = line, .twiddle = twiddle,
+                              .u_known = known};
+    const gsid_spectrum_cfg spectrum_cfg = {.n_period = 8, .n_lines = 1, .n_channels = 1, .line = line,
+                                            .twiddle = twiddle};
+    const gsid_guard_cfg limits = {.fs_hz = 1000, .command_limit = 1, .rate_limit = 1, .angle_lo = -1,
+                                   .angle_hi = 1, .deceleration = 1};
+    gsid_frf frf;
+    gsid_spectrum spectrum;
+    gsid_spread spread;
+    gsid_guard guard;
+    gsid_lsq lsq;
+    printf("%d %d %d %d %d %d\\n", gsid_frf_init(&frf, &cfg, &memory, sizeof memory),
+           gsid_frf_init_spread(&frf, &cfg, &memory, sizeof memory),
+           gsid_spectrum_init(&spectrum, &spectrum_cfg, &memory, sizeof memory),
+           gsid_spread_init(&spread, &spectrum_cfg, &memory, sizeof memory), gsid_guard_init(&guard, &limits),
+           gsid_lsq_init(&lsq, 3, &memory, sizeof memory));
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("compiler", "flags", "status"),
+    [
+        ("cc", [], 0),
+        # What GCC does without NaNs; it says so in a macro, which is taken away here.
+        ("cc", ["-ffinite-math-only", "-U__FINITE_MATH_ONLY__"], -12),
+        ("clang", ["-fno-honor-nans"], -12),  # defines no macro
+    ],
+)
+@pytest.mark.parametrize("precision", [[], ["-DGSID_SINGLE"]])
+def test_a_library_that_does_not_see_nan_refuses_to_start(
+    run, root, tmp_path, compiler, flags, status, precision
+):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"there is no {compiler}")
+    (tmp_path / "main.c").write_text(SELF_CHECK)
+    sources = sorted((root / "src/core").glob("*.c"))
+    program = tmp_path / "main"
+    words = ["-std=c99", "-O2", *flags, *precision, f"-I{root / 'include'}", tmp_path / "main.c", *sources]
+    compiled = run(compiler, *words, "-o", program, "-lm")
+    assert compiled.returncode == 0, compiled.stderr
+    assert run(program).stdout.split() == [str(status)] * 6
