@@ -275,6 +275,40 @@ def test_a_record_to_the_standard_output(folder):
     assert os.listdir() == ["a.csv"]
 
 
+def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
+    """The run is whole by then; the exit code tells of the signal all the same."""
+    signalled = (
+        "import os, signal, sys, gsid.cli.run as run, gsid.io; write = gsid.io.write_record\n"
+        "def slow(path, record):\n"
+        "    os.kill(os.getpid(), signal.SIGTERM) if 'probe' not in str(path) else None\n"
+        "    os.kill(os.getpid(), signal.SIGINT) if 'probe' not in str(path) else None\n"
+        "    write(path, record)\n"
+        "gsid.io.write_record = slow\n"
+        "from gsid.cli.main import main; sys.exit(main())"
+    )
+    with simulator() as (_, port):
+        done = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                signalled,
+                "run",
+                "--port",
+                port,
+                *EXCITE,
+                "--periods",
+                "2",
+                "-o",
+                "a.csv",
+            ],
+            capture_output=True,
+            text=True,
+        )
+    assert done.returncode == 130, done.stderr
+    assert read_record("a.csv").meta["good_periods"] == "2"
+    assert os.listdir() == ["a.csv"]
+
+
 def test_ctrl_c_while_nobody_answers(folder):
     with pseudo_terminal() as (_, _, port):
         process = started(port, "-o", "none.csv")

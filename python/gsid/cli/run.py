@@ -182,6 +182,8 @@ def run(
             _keep(path, record, journal, failure)
     if failure is not None:
         raise failure
+    if stopping():  # while the record of a whole run was written
+        raise KeyboardInterrupt
     _warn(record.meta)
     _print(path, record, frf.result() if frf.n_periods >= 2 else None, as_json)
 
