@@ -280,8 +280,8 @@ def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
     signalled = (
         "import os, signal, sys, gsid.cli.run as run, gsid.io; write = gsid.io.write_record\n"
         "def slow(path, record):\n"
-        "    os.kill(os.getpid(), signal.SIGTERM) if 'probe' not in str(path) else None\n"
-        "    os.kill(os.getpid(), signal.SIGINT) if 'probe' not in str(path) else None\n"
+        "    os.kill(os.getpid(), signal.SIGTERM) if str(path) == 'a.csv' else None\n"
+        "    os.kill(os.getpid(), signal.SIGINT) if str(path) == 'a.csv' else None\n"
         "    write(path, record)\n"
         "gsid.io.write_record = slow\n"
         "from gsid.cli.main import main; sys.exit(main())"
