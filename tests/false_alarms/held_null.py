@@ -16,7 +16,7 @@ from gsid.record import Record
 sys.path.append(str(Path(__file__).resolve().parents[1] / "blind"))
 ALPHA = 0.05
 SEED = 14
-FS_HZ, N, N_PERIODS = 3000.0, 3000, 4
+FS_HZ, N, N_PERIODS = 3000.0, 3000, 8
 LEVELS = (6.0, 20.0)  # command rms, one record of each
 TOP_HZ = (190, 450)  # 0.063 of the sample rate, where a held command looks like another, and 0.15
 
@@ -52,7 +52,7 @@ STUDY = Study(
     about=(
         "Null records of the blind trials' simulator (`docs/blind.md`): a linear axis with a flexible "
         "mode, half of them behind a gyro with a lag, under commands that are held over each sample of 3 "
-        "kHz; two records of 4 periods, at two levels, with excited lines up to 190 or 450 Hz. `gsid "
+        "kHz; two records of 8 periods, at two levels, with excited lines up to 190 or 450 Hz. `gsid "
         "diagnose` gets the right model with all values 5 % off. Both cells have the same records. Where "
         "a record does not state its hold, the model is rejected only if it fails under both readings, so "
         "that the level is a bound there. A lag, a delay or a sampler must never be named, not even as "
