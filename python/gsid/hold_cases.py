@@ -61,11 +61,24 @@ class Case:
         """Another model fitted to these records; None where it cannot be."""
         return self.search.fit_or_none(model, anew=True)
 
+    def take(self, rankings: list[Ranking], fit: PlantFit) -> None:
+        """Take what was found under the other reading, with the fit under this one."""
+        if not rankings:  # a better minimum of the model as it was given
+            self.first = fit
+        before = [self.first] if rankings else []
+        self.search.steps = [self.search.test(each) for each in [*before, fit]]
+        self._keep(rankings, fit)
+
     def leave_out(self, rankings: list[Ranking], fit: PlantFit) -> None:
         """Go back to the fit without some effects that were found."""
-        self.rankings = [ranking for ranking in self.rankings if ranking not in rankings]
-        self.fit = fit
         self.search.steps.append(self.search.test(fit))
+        self._keep([ranking for ranking in self.rankings if ranking not in rankings], fit)
+
+    def _keep(self, rankings: list[Ranking], fit: PlantFit) -> None:
+        self.rankings, self.fit = rankings, fit
+        for ranking in rankings:
+            best = ranking[0].candidates
+            best[0] = replace(best[0], fit=fit)
 
 
 def settle(cases: dict[str, Case]) -> tuple[Case, PlantFit | None]:
@@ -108,9 +121,8 @@ def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit |
         stripped = without_effect(stripped, ranking[0].effects[0])
     plain = other.refit(stripped)
     if plain is not None and other.search.test(plain).p_value >= other.search.given.alpha:
-        other.search.steps = [other.search.test(other.first), other.search.test(plain)]
-        other.rankings = [ranking for ranking in case.rankings if ranking not in doubtful]
-        other.fit, other.notes = plain, [_note(doubtful, other_hold)]
+        other.take([ranking for ranking in case.rankings if ranking not in doubtful], plain)
+        other.notes = [_note(doubtful, other_hold)]
         return other, case.refit(stripped)
     refuted = [ranking for ranking in doubtful if not _is_missing(other, case.fit.model, ranking)]
     if refuted:

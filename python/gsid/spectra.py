@@ -18,6 +18,7 @@ from gsid._lib import check, ffi, lib
 from gsid.bands import within
 from gsid.errors import InputError
 from gsid.excited import above_noise, large_lines, say_slip
+from gsid.hold import DECLARE
 from gsid.record import Record, split_periods
 
 if TYPE_CHECKING:
@@ -487,7 +488,7 @@ def require_same(first: Realisation | Spectra | Frf, other: Realisation | Spectr
                 f"the records differ in {what}",
                 other.name,
                 f"{theirs!r}, not {ours!r} as in {first.name or 'the first'}",
-                "give records of one experiment only",
+                DECLARE if what == "hold" else "give records of one experiment only",
             )
 
 

@@ -183,7 +183,7 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        measured = as_list(spectra)
+        measured = diagnosis.read(as_list(spectra))
         fitted = diagnosis.steps[0].fit.model
         before = compare(fitted, measured, band=band, alpha=diagnosis.alpha, fitted=True)
         drawn = [("Where it fails", lambda: plots.comparison(before))]
