@@ -5,7 +5,7 @@
  * sample. gsid_frf_init_spread: a transform spread over the ticks of the next period, for N even and N/2 without prime
  * factors above 7; the lines enter the mean one after the other during that period, the last one with GSID_DONE. On a
  * Cortex-M7 a tick takes 19 instructions a line or so with the direct engine (25 when the input is measured; in a period's
- * last tick 36 and 91), with the spread one 210 at most for any number of lines (300): that pays from eight lines on, and
+ * last tick 35 and 91), with the spread one 210 at most for any number of lines (300): that pays from eight lines on, and
  * costs two buffers of the period for each signal that is measured.
  *
  * On a target gsid_frf_step or gsid_frf_skip belongs into the tick, one of the two in each; init and result into the

@@ -25,7 +25,7 @@ size_t gsid_lsq_mem_size(uint32_t n_columns);
 
 /** Lay out an empty problem min |A x - b|.
  *  @param[in] n_columns  1 .. GSID_LSQ_COLUMNS_MAX
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY; GSID_E_BUILD */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY */
 gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem_size);
 
 /** Forget all rows.

@@ -48,10 +48,8 @@ static gsid_status check_model(const gsid_rational *model) {
 }
 
 gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model) {
-    gsid_status status = check_data(data);
-    if (status == GSID_OK)
-        status = check_model(model);
-    return status == GSID_OK ? gsid_check_build() : status;
+    const gsid_status status = check_data(data);
+    return status != GSID_OK ? status : check_model(model);
 }
 
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
@@ -108,19 +106,8 @@ void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real h
         model->delay_s = x[q->n - 1];
 }
 
-int gsid_equations_is_finite(const gsid_rational *model) {
-    gsid_real sum = 0 * model->delay_s; /* 0 times a number that is not finite is not 0 */
-    for (uint32_t i = 0; i <= model->n_poles; i++)
-        sum += 0 * model->den[i];
-    for (uint32_t i = 0; i <= model->n_zeros; i++)
-        sum += 0 * model->num[i];
-    return sum == 0;
-}
-
 gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) {
     gsid_real cost = 0;
-    if (!gsid_equations_is_finite(model)) /* an infinite denominator answers 0 */
-        return INFINITY;
     for (uint32_t k = 0; k < data->n_lines; k++) {
         gsid_cplx g;
         if (gsid_rational_eval(model, 1, &data->f_hz[k], &g) != GSID_OK)
@@ -130,6 +117,15 @@ gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) 
     return gsid_is_finite(cost) ? cost : (gsid_real)INFINITY;
 }
 
+int gsid_equations_is_finite(const gsid_rational *model) {
+    gsid_real sum = 0 * model->delay_s; /* 0 times a number that is not finite is not 0 */
+    for (uint32_t i = 0; i <= model->n_poles; i++)
+        sum += 0 * model->den[i];
+    for (uint32_t i = 0; i <= model->n_zeros; i++)
+        sum += 0 * model->num[i];
+    return sum == 0;
+}
+
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
     const gsid_status status = gsid_equations_check(data, model);
     if (status != GSID_OK)
@@ -137,7 +133,7 @@ gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model,
     if (cost == NULL)
         return GSID_E_NULL;
     const gsid_real v = gsid_equations_cost(data, model);
-    if (!gsid_is_finite(v))
+    if (!gsid_is_finite(v) || !gsid_equations_is_finite(model))
         return GSID_E_NONFINITE;
     *cost = v;
     return GSID_OK;

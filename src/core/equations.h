@@ -48,10 +48,10 @@ void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real h
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model);
 
-/** Whether delay and coefficients are. */
+/** Whether delay and coefficients are: an infinite denominator answers 0, and the cost is finite. */
 int gsid_equations_is_finite(const gsid_rational *model);
 
-/** V, infinite where the model cannot be evaluated or is not finite.  Eq: EST-3 */
+/** V, infinite where the model cannot be evaluated.  Eq: EST-3 */
 gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model);
 
 /** Whether the responses of two models differ by no more than this share of the data, both root mean squares over sigma. */

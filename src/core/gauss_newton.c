@@ -193,7 +193,9 @@ static gsid_real try_damping(search *s, const gsid_rational *from, gsid_real dam
     if (solve_damped(&s->q, damping) < 0 || bend_step(&s->q, s->data, s->cfg->drift, from) < 0)
         return UNUSABLE;
     add_step(&s->q, from, to);
-    return update(s, to, 0) < 0 ? UNUSABLE : gsid_equations_cost(s->data, to);
+    if (!gsid_equations_is_finite(to) || update(s, to, 0) < 0)
+        return UNUSABLE;
+    return gsid_equations_cost(s->data, to);
 }
 
 /* The best step from where q.normal was linearised, with V = v: the damping is raised until V falls, or lowered as long as
@@ -227,6 +229,8 @@ gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_
         return GSID_E_CONFIG;
     search s = {.data = data, .cfg = cfg};
     gsid_status status = gsid_equations_init(&s.q, data, model, cfg->free_delay, mem, mem_size);
+    if (status == GSID_OK && !gsid_equations_is_finite(model))
+        status = GSID_E_NONFINITE;
     if (status == GSID_OK)
         status = update(&s, model, 0);
     if (status != GSID_OK)

@@ -32,9 +32,6 @@ gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem
         return GSID_E_CONFIG;
     if (mem_size < GSID_LSQ_MEM_SIZE(n_columns) || (uintptr_t)mem % sizeof(gsid_real) != 0)
         return GSID_E_MEMORY;
-    const gsid_status build = gsid_check_build();
-    if (build != GSID_OK)
-        return build;
     q->n_columns = n_columns;
     q->r = mem;
     q->row = q->r + ((size_t)n_columns + 1) * ((size_t)n_columns + 1);
