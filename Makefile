@@ -248,6 +248,10 @@ coverage-mimo: all ## the same for common poles, delays and responses of a simul
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
 	$(PY) tests/python/distortion_study.py
 
+.PHONY: hostile
+hostile: all ## bad input of every kind through every verb that reads it, with limits of time and memory (an hour or two)
+	$(PY) tests/hostile/hostile_runs.py --processes
+
 .PHONY: errors-page
 errors-page: all ## make docs/errors.md anew from the list of status codes
 	$(PY) tools/make_errors_page > docs/errors.md

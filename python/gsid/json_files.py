@@ -6,8 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 SIZE_MOST = 64 * 2**20  # bytes
 DEPTH_MOST = 32  # lists and objects inside each other; a model file has 7
+LARGEST = 1e100  # of a coefficient
 DIGITS_MOST = 300  # of a whole number: more is no double
 
 
@@ -102,6 +105,24 @@ def text(data: Any, key: str, default: str | None = "") -> str | None:
 def flag(data: Any, key: str, default: bool | None = False) -> bool | None:
     """True or false of an object, as `number`."""
     return _of_kind(data, key, bool, "true or false", default)
+
+
+def moderate(values: Any, name: str, most: float = LARGEST) -> Any:
+    """Numbers, or lists of them, whose squares are doubles; null as it is.
+
+    Raises
+    ------
+    ValueError
+        One is no number, or larger than `most`.
+    """
+    if values is None:
+        return None
+    array = np.asarray(values)
+    if array.size and array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} has what is no number: {str(values)[:40]!r}")
+    if not np.all(np.abs(array.astype(float)) <= most):
+        raise ValueError(f"{name} has a value beyond {most:g}")
+    return values
 
 
 def listed(data: Any, key: str) -> list[Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from gsid._lib import lib, version
 from gsid.confidence import NORMAL_95, root_quantities
 from gsid.errors import InputError
-from gsid.json_files import flag, how_fitted, number, text, texts
+from gsid.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
 from gsid.model import FORMAT, RationalModel, read_model_file, write_model_file
 
 if TYPE_CHECKING:
@@ -437,17 +437,15 @@ class MimoModel:
         common = data["common_denominator"]
         try:
             return cls(
-                sections=common["sections"],
-                num=common["num"],
-                delay_s=common["delay_s"],
+                **{name: moderate(common[name], name) for name in ("sections", "num", "delay_s")},
                 domain=text(common, "domain", "s"),
                 hold=text(common, "hold", "none"),
                 hold_assumed=flag(common, "hold_assumed"),
                 other_delay_s=common.get("other_delay_s"),
                 fs_hz=number(data, "fs_hz"),
-                cov=common.get("covariance"),
+                cov=moderate(common.get("covariance"), "covariance", LARGEST**2),
                 delay_of=common.get("delay_of"),
-                delay_range_s=common.get("delay_range_s"),
+                delay_range_s=moderate(common.get("delay_range_s"), "delay_range_s"),
                 **{name: texts(data, name) for name in ("inputs", "outputs", "u_units", "y_units")},
                 **how_fitted(data),
             )

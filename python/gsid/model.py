@@ -13,7 +13,7 @@ from gsid._lib import check, ffi, lib, version
 from gsid.errors import InputError
 from gsid.files import write_atomically
 from gsid.fit_warnings import FitWarning
-from gsid.json_files import flag, how_fitted, listed, number, read_json, text
+from gsid.json_files import LARGEST, flag, how_fitted, listed, moderate, number, read_json, text
 
 if TYPE_CHECKING:
     import control
@@ -386,16 +386,16 @@ class RationalModel:
             raise InputError("the model file has no transfer function", where, ", ".join(data), hint)
         rational = data["rational"]
         try:
-            return cls(
-                num=rational["num"],
-                den=rational["den"],
-                delay_s=number(rational, "delay_s", 0.0),
+            model = cls(
+                num=moderate(rational["num"], "num"),
+                den=moderate(rational["den"], "den"),
+                delay_s=moderate(number(rational, "delay_s", 0.0), "delay_s"),
                 domain=text(rational, "domain", "s"),
                 fs_hz=number(data, "fs_hz"),
                 hold=text(rational, "hold", "none"),
                 hold_assumed=flag(rational, "hold_assumed"),
                 other_delay_s=number(rational, "other_delay_s"),
-                cov=rational.get("covariance"),
+                cov=moderate(rational.get("covariance"), "covariance", LARGEST**2),
                 free_delay=flag(rational, "free_delay"),
                 u_unit=text(data, "u_unit"),
                 y_unit=text(data, "y_unit"),
@@ -404,6 +404,9 @@ class RationalModel:
                 ),
                 **how_fitted(data),
             )
+            for name in ("num", "den"):  # once den[0] is 1
+                moderate(getattr(model, name), name)
+            return model
         except KeyError as error:
             raise InputError(
                 "a key is missing in the model file", where, error.args[0], "give num and den"

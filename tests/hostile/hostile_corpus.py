@@ -80,7 +80,7 @@ def plant():
     """A stack of effects with everything that a model file may have."""
     table = {
         "variable": "w",
-        "unit": "deg",
+        "unit": "deg/s",
         "at": [-2.0, -1.0, 0.0, 1.0, 2.0],
         "torque": [-2.0, -1.5, 0.0, 1.5, 2.0],
     }
@@ -123,6 +123,22 @@ def small_plant():
     return {"gsid_model": 1, "fs_hz": FS_HZ, "effects": effects}
 
 
+def catalogue_plant():
+    """A stack of the catalogue's effects, one of each stage, that can be exported as C."""
+    stack = {
+        "rigid_body": {"gain": 500.0},
+        "transport_delay": {"delay_s": 1e-3},
+        "motor_lag": {"time_constant_s": 1e-3},
+        "drive_saturation": {"limit": 100.0},
+        "viscous_friction": {"rate": 200.0},
+        "stribeck_friction": {"level": 0.1, "extra": 0.1, "velocity": 1.0},
+        "flexible_mode": {"f_hz": 100.0, "zeta": 0.1, "residue": 0.01},
+        "sensor_lag": {"time_constant_s": 1e-3},
+    }
+    effects = [{"effect": effect, "params": params} for effect, params in stack.items()]
+    return {"gsid_model": 1, "fs_hz": FS_HZ, "y_unit": "deg/s", "effects": effects}
+
+
 def rational(domain="s"):
     """A fitted transfer function with its covariance."""
     from gsid.model import RationalModel
@@ -132,7 +148,7 @@ def rational(domain="s"):
     p = len(num) + len(den)
     how = {"fs_hz": FS_HZ, "cov": 1e-6 * np.eye(p), "free_delay": True, "band_hz": (10.0, 350.0)}
     units = {"u_unit": "A", "y_unit": "deg/s"}
-    return RationalModel(num, den, 5e-4, domain, **how, **fitted, **units).to_dict()
+    return RationalModel(num, den, 1e-3, domain, **how, **fitted, **units).to_dict()
 
 
 def pieces():
@@ -179,87 +195,73 @@ def sound_files():
 
 # ---------------------------------------------------------------- commands
 
-RECORD_VERBS = [
-    ["noise", "@", "--json"],
-    ["distortion", "@"],
-    ["fit", "@", "--order", "1/0", "-o", "m.json"],
-    ["compare", "--model", "rational.json", "@", "--json"],
-    ["compare", "--model", "plant.json", "@"],
-    ["fit", "@", "--model", "plant.json", "--json"],
-    ["frf", "@", "--lpm"],
-    ["report", "@", "-o", "r.html"],
-    ["run", "--port", "none", "--u", "@", "-o", "x.csv"],
-    ["distortion", "sound.csv", "--other-level", "@"],
-    ["add", "coulomb_friction", "--model", "plant.json", "sound.csv", "--held-out", "@", "-o", "m.json"],
-    ["fit", "sound.csv", "@", "--order", "auto", "--json"],
-    ["frf", "@", "--window", "30", "--json"],
-    ["frf", "@", "-o", "f.mat"],
-    ["diagnose", "--model", "plant.json", "@", "-o", "m.json"],
-]
-EXCITATION_VERBS = [["run", "--port", "none", "--u", "@", "-o", "x.csv"], ["frf", "@", "--y", "u"]]
-PLANT_VERBS = [
-    ["compare", "--model", "@", "sound.csv", "--json"],
-    ["export-c", "@", "-o", "axis.c"],
-    ["fit", "sound.csv", "--model", "@", "-o", "m.json"],
-    ["add", "coulomb_friction", "--model", "@", "sound.csv", "-o", "m.json"],
-    ["add", "--undo", "--model", "@", "-o", "m.json"],
-    ["report", "sound.csv", "--model", "@", "-o", "r.html"],
-    ["diagnose", "--model", "@", "sound.csv", "--json"],
+# For each kind of file those that are quick, then those that take seconds.
+
+RECORD_VERBS = (
     [
-        *[
-            "design",
-            "multisine",
-            "--fs",
-            "1000",
-            "--period",
-            "60",
-            "--band",
-            "10:300",
-            "--limit-travel-deg",
-            "2",
-            "-o",
-            "u.csv",
-            "--model",
-        ],
-        "@",
+        ["frf", "@", "--json"],
+        ["noise", "@", "--json"],
+        ["distortion", "@"],
+        ["fit", "@", "--order", "1/0", "-o", "m.json"],
+        ["compare", "--model", "rational.json", "@", "--json"],
+        ["frf", "@", "--lpm"],
+        ["run", "--port", "none", "--u", "@", "-o", "x.csv"],
+        ["distortion", "sound.csv", "--other-level", "@"],
+        ["compare", "--model", "plant.json", "@"],
+        ["frf", "@", "--window", "30", "-o", "f.mat"],
     ],
-]
-RATIONAL_VERBS = [
-    ["compare", "--model", "@", "sound.csv"],
-    ["export-c", "@", "-o", "axis.c", "--json"],
-    ["report", "sound.csv", "--model", "@", "-o", "r.html"],
-    ["compare", "--model", "@", "sound.csv", "--json", "--plot", "c.svg"],
     [
-        *[
-            "design",
-            "multisine",
-            "--fs",
-            "1000",
-            "--period",
-            "60",
-            "--band",
-            "10:300",
-            "--limit-travel-deg",
-            "2",
-            "-o",
-            "u.csv",
-            "--model",
-        ],
-        "@",
+        ["fit", "sound.csv", "@", "--order", "auto", "--json"],
+        ["report", "@", "-o", "r.html"],
+        ["fit", "@", "--model", "plant.json", "--json"],
+        ["add", "coulomb_friction", "--model", "plant.json", "sound.csv", "--held-out", "@", "-o", "m.json"],
+        ["diagnose", "--model", "plant.json", "@", "-o", "m.json"],
     ],
-    ["diagnose", "--model", "@", "sound.csv"],
-]
-MATRIX_VERBS = [
-    RATIONAL_VERBS[0],
-    ["compare", "--model", "@", "--u", "u1", "--y", "y1,y2", "two.csv"],
-    RATIONAL_VERBS[1],
-]
-TABLE_VERBS = [["add", "--table", "@", "--model", "plant.json", "sound.csv", "-o", "m.json"]]
+)
+EXCITATION_VERBS = ([["run", "--port", "none", "--u", "@", "-o", "x.csv"], ["frf", "@", "--y", "u"]], [])
+DESIGN = "design multisine --fs 1000 --period 60 --band 10:300 --limit-travel-deg 2 -o u.csv --model"
+PLANT_VERBS = (
+    [
+        ["compare", "--model", "@", "sound.csv", "--json"],
+        ["export-c", "@", "-o", "axis.c"],
+        ["add", "--undo", "--model", "@", "-o", "m.json"],
+        ["fit", "sound.csv", "--model", "@", "-o", "m.json"],
+    ],
+    [
+        [*DESIGN.split(), "@"],
+        ["add", "coulomb_friction", "--model", "@", "sound.csv", "-o", "m.json"],
+        ["report", "sound.csv", "--model", "@", "-o", "r.html"],
+        ["diagnose", "--model", "@", "sound.csv", "--json"],
+    ],
+)
+RATIONAL_VERBS = (
+    [
+        ["compare", "--model", "@", "sound.csv", "--json"],
+        ["export-c", "@", "-o", "axis.c", "--json"],
+        ["diagnose", "--model", "@", "sound.csv"],
+    ],
+    [
+        ["compare", "--model", "@", "sound.csv", "--plot", "c.svg"],
+        ["report", "sound.csv", "--model", "@", "-o", "r.html"],
+        [*DESIGN.split(), "@"],
+    ],
+)
+MATRIX_VERBS = (
+    [
+        ["compare", "--model", "@", "sound.csv"],
+        ["compare", "--model", "@", "--u", "u1", "--y", "y1,y2", "two.csv"],
+        ["export-c", "@", "-o", "axis.c"],
+    ],
+    [],
+)
+BESIDE_VERBS = ([["frf", "@"], ["compare", "--model", "rational.json", "@"]], [])
+TABLE_VERBS = ([["add", "--table", "@", "--model", "plant.json", "sound.csv", "-o", "m.json"]], [])
 
 
-def read_by(verbs, file, *more):
-    """The commands with a file's name in the place of @."""
-    return [[file if word == "@" else word for word in command] + list(more) for command in verbs]
+def read_by(verbs, file, *more, turn=0):
+    """The commands with a file's name in the place of @; each turn begins with another of the quick ones."""
+    ordered = [part[(turn + i) % len(part)] for part in verbs for i in range(len(part))]
+    return [[file if word == "@" else word for word in command] + list(more) for command in ordered]
 
 
 # ---------------------------------------------------------------- records
@@ -347,7 +349,8 @@ def wrong_kinds():
     n = len(U)
     good = {"u": U, "y": Y, "fs_hz": FS_HZ}
     for name in ("u", "y", "t_s", "valid", "fs_hz", "period_samples", "settle_samples", "u_unit", "hold"):
-        yield f"{name} of texts", {**good, name: np.array(["1.0"] * n)}
+        yield f"{name} of texts", {**good, name: np.array(["word"] * n)}
+        yield f"{name} of digits", {**good, name: np.array(["1.0"] * n)}
         yield f"{name} of bytes", {**good, name: np.array([b"1"] * n)}
         yield f"{name} complex", {**good, name: U * 1j}
         yield f"{name} a matrix", {**good, name: U.reshape(60, 6)}
@@ -374,7 +377,7 @@ def as_mat(arrays):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         savemat(file, arrays)
-    return file.getvalue()
+    return b"MATLAB 5.0 MAT-file".ljust(116) + file.getvalue()[116:]  # scipy writes the time there
 
 
 def as_h5(arrays):
@@ -387,14 +390,13 @@ def as_h5(arrays):
 
 
 def record_entries(rng):
-    verbs = itertools.cycle(RECORD_VERBS)
-
     def entry(kind, name, file, content, *more):
         number = next(numbers)
         file = f"{number}{file}"
-        chosen = [["frf", "@", "--json"], *itertools.islice(verbs, len(RECORD_VERBS)), next(verbs)][:-1]
-        next(verbs)
-        return Entry(kind, name, {file: content}, read_by(chosen, file, *more))
+        commands = read_by(RECORD_VERBS, file, *more, turn=number)
+        if more:  # `gsid run` reads files of its own only
+            commands = [command for command in commands if command[0] != "run"]
+        return Entry(kind, name, {file: content}, commands)
 
     numbers = itertools.count()
     for key, value in itertools.product(("fs_hz", "period_samples", "settle_samples"), BAD_NUMBERS):
@@ -589,7 +591,8 @@ def zipped(members):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in members.items():
-            archive.writestr(f"{name}.npy", content)
+            member = zipfile.ZipInfo(f"{name}.npy")  # without the time
+            archive.writestr(member, content, zipfile.ZIP_DEFLATED)
     return file.getvalue()
 
 
@@ -636,7 +639,7 @@ def beside_entries():
             f"beside{i}/meta.json": text.encode(),
             f"beside{i}/r.csv": csv(keys={}, columns={"u": U, "y": Y}),
         }
-        verbs = read_by([["frf", "@"], ["compare", "--model", "rational.json", "@"]], f"beside{i}/r.csv")
+        verbs = read_by(BESIDE_VERBS, f"beside{i}/r.csv", turn=i)
         yield Entry("meta.json", text[:60], files, verbs)
 
 
@@ -713,9 +716,10 @@ def renamed(data, path, name):
     return json.dumps(document)
 
 
-def model_entries(rng, all_of_it):
+def model_entries(rng):
     documents = {
         "plant": (plant(), PLANT_VERBS, 5),
+        "catalogue": (catalogue_plant(), PLANT_VERBS, 3),
         "rational": (rational(), RATIONAL_VERBS, 5),
         "rational z": (rational("z"), RATIONAL_VERBS, 2),
         "matrix": (matrix(), MATRIX_VERBS, 3),
@@ -726,20 +730,19 @@ def model_entries(rng, all_of_it):
 
         def entry(name, text, kind=kind, verbs=verbs, turn=turn):
             i = next(turn)
-            ordered = [verbs[(i + k) % len(verbs)] for k in range(len(verbs))]
             content = text if isinstance(text, bytes) else text.encode()
             return Entry(
                 kind,
                 name,
                 {f"{kind[0]}{kind[-1]}{i}.json": content},
-                read_by(ordered, f"{kind[0]}{kind[-1]}{i}.json"),
+                read_by(verbs, f"{kind[0]}{kind[-1]}{i}.json", turn=i),
             )
 
         for path in paths(data):
-            chosen = BAD_JSON if all_of_it else [BAD_JSON[i] for i in rng.permutation(len(BAD_JSON))[:most]]
+            chosen = [BAD_JSON[i] for i in rng.permutation(len(BAD_JSON))[:most]]
             for raw in chosen:
                 yield entry(f"{path} = {raw[:40]}", replaced(data, path, raw))
-            if isinstance(path[-1], str) and (all_of_it or rng.random() < 0.5):
+            if isinstance(path[-1], str) and rng.random() < 0.5:
                 yield entry(f"without {path}", without(data, path))
                 yield entry(f"{path} by another name", renamed(data, path, ESCAPE))
         text = json.dumps(data)
@@ -761,8 +764,7 @@ def model_entries(rng, all_of_it):
         '{"gsid_model": 1}',
         "9" * 5000,
     ):
-        for i, verb in enumerate(PLANT_VERBS[:2]):
-            yield Entry("model", text[:30], {f"m{i}.json": text.encode()}, read_by([verb], f"m{i}.json"))
+        yield Entry("model", text[:30], {"m.json": text.encode()}, read_by(PLANT_VERBS, "m.json"))
     yield from large_models()
     yield from law_entries()
 
@@ -905,18 +907,42 @@ def table_entries():
     yield Entry("library", "text", {"bad.so": b"no library"}, [["--library", "./bad.so:x", "effects"]])
 
 
-def corpus(all_of_it=False):
+MOST = {
+    "samples": 90,
+    "catalogue": 50,
+    "container": 90,
+    "type": 60,
+    "plant": 90,
+    "rational": 50,
+    "matrix": 50,
+}
+MOST |= {"rational z": 20, "pieces": 20, "meta.json": 40, "excitation": 30}
+"""Entries of each class in the short form; all of the others."""
+
+
+def corpus(*, short=False):
     """Every entry, in an order and with contents that depend on the seed alone."""
     rng = np.random.default_rng(SEED)
-    two = csv(columns={"t_s": T, "u1": U, "y1": Y, "y2": 2 * Y})
     entries = [
         *record_entries(rng),
         *excitation_entries(),
         *beside_entries(),
-        *model_entries(rng, all_of_it),
+        *model_entries(rng),
         *table_entries(),
     ]
     for entry in entries:
         if any("two.csv" in command for command in entry.commands):
-            entry.files["two.csv"] = two
-    return entries
+            entry.files["two.csv"] = csv(columns={"t_s": T, "u1": U, "y1": Y, "y2": 2 * Y})
+    return shortened(entries) if short else entries
+
+
+def shortened(entries):
+    """Some of each class, evenly over it."""
+    of_kind = {}
+    for entry in entries:
+        of_kind.setdefault(entry.kind, []).append(entry)
+    chosen = []
+    for kind, listed in of_kind.items():
+        n = min(len(listed), MOST.get(kind, len(listed)))
+        chosen += [listed[int(i * len(listed) / n)] for i in range(n)]
+    return chosen

@@ -97,7 +97,9 @@ def run_corpus(entries, n_verbs, own_process, show=None):
         import gsid.report  # noqa: F401
     results = []
     with tempfile.TemporaryDirectory() as place:
-        for entry in entries:
+        for n, entry in enumerate(entries, 1):
+            if show and n % 50 == 0:
+                print(f"-- {n} of {len(entries)}", file=show, flush=True)
             folder = Path(place) / "run"
             folder.mkdir()
             for name, content in (sound_files() | entry.files).items():
@@ -152,13 +154,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--verbs", type=int, default=99, help="commands of each entry, at most")
     parser.add_argument("--processes", action="store_true", help="each run is a process of its own")
-    parser.add_argument("--all", action="store_true", help="every bad value at every place of a model")
+    parser.add_argument("--short", action="store_true", help="some entries of each class")
     parser.add_argument("--part", default="0/1", help="I/N: every N-th entry from I on")
     parser.add_argument("--only", default="", help="entries of this class")
     parser.add_argument("--out", help="write the runs as JSON")
     arguments = parser.parse_args()
     part, parts = map(int, arguments.part.split("/"))
-    entries = [e for e in corpus(arguments.all) if arguments.only in ("", e.kind)][part::parts]
+    entries = [e for e in corpus(short=arguments.short) if arguments.only in ("", e.kind)][part::parts]
     print(f"seed {SEED}, {len(entries)} inputs", file=sys.stderr)
     results = run_corpus(entries, arguments.verbs, arguments.processes, sys.stderr)
     if arguments.out:

@@ -190,6 +190,13 @@ def test_a_string_array_in_npz_is_bad_input(tmp_path):
             read_record(path)
 
 
+def test_a_key_that_is_an_array_of_texts_is_no_column(tmp_path):
+    """A bug: it was taken for a column of the record, and ended as a usage error."""
+    np.savez(tmp_path / "rec.npz", **{**arrays(), "u_unit": np.array(["volt"] * len(U)), "hold": U * 1j})
+    record = read_record(tmp_path / "rec.npz")
+    assert (record.u_unit, record.hold, record.columns) == ("", None, {})
+
+
 # ---------------------------------------------------------------- the worker
 
 

@@ -151,6 +151,17 @@ def test_values_of_the_wrong_kind_are_bad_input(tmp_path, kind, key, value):
         load_model(tmp_path / "m.json")
 
 
+@pytest.mark.parametrize("key", ["num", "den", "covariance"])
+@pytest.mark.parametrize("value", [1e308, "1.0", None, [1.0]])
+def test_coefficients_that_are_no_moderate_numbers_are_bad_input(tmp_path, key, value):
+    """A bug: a numerator of 1e308 was an internal error of `gsid compare`; texts were taken for numbers."""
+    rational = {"num": [1.0], "den": [1.0, 1.0], "covariance": [[1.0, 0.0], [0.0, 1.0]]}
+    rational[key][-1] = value
+    (tmp_path / "m.json").write_text(json.dumps({"gsid_model": 1, "rational": rational}))
+    with pytest.raises(InputError, match="not usable"):
+        load_model(tmp_path / "m.json")
+
+
 @pytest.mark.parametrize("value", ["0", "-60", "1e30", "nan", "inf", "0.5", "", "9" * 20])
 def test_a_period_that_none_can_have_is_bad_input(tmp_path, value):
     """Bugs: 0 was an internal error, 1e30 a usage error."""

@@ -63,7 +63,11 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
         settle_samples=_key_number(path, raw, "settle_samples", int),
         valid=valid,
         name=path.name,
-        columns={name: c.astype(np.float64) for name, c in same_length.items() if name not in (u, y)},
+        columns={
+            name: c.astype(np.float64)
+            for name, c in same_length.items()
+            if name not in (u, y) and c.dtype.kind in "fiub"
+        },
         meta={key: str(value) for key, value in raw.keys.items() if key not in KEYS},
         **text,
     )
