@@ -147,6 +147,27 @@ def _of_kind(data: Any, key: str, kind: type | tuple, words: str, default: Any) 
     return value
 
 
+def numbers(data: Any, key: str, needed: tuple[str, ...]) -> dict[str, Any]:
+    """An object of numbers, some of which must be there; others may be null, as a std that is not known."""
+    values = _of_kind(data, key, dict, "an object of numbers", None)
+    if values is None:
+        raise ValueError(f"{key} is missing")
+    for name in (*needed, *values):
+        if number(values, name) is None and name in needed:
+            raise ValueError(f"{name} of {key} is missing")
+    return values
+
+
+def band_of(data: Any) -> dict[str, list[float]]:
+    """{"band_hz": [lo, hi]} where an object has it, else {}."""
+    band = _of_kind(data, "band_hz", list, "two numbers", None)
+    if band is None:
+        return {}
+    if len(band) != 2 or any(number({"band_hz": edge}, "band_hz") is None for edge in band):
+        raise ValueError(f"band_hz is not two numbers: {str(band)[:40]!r}")
+    return {"band_hz": band}
+
+
 def how_fitted(data: Any) -> dict[str, Any]:
     """How a model was fitted: the key "fit" of its file, each value of its kind.
 
@@ -156,12 +177,10 @@ def how_fitted(data: Any) -> dict[str, Any]:
         A value is of another kind.
     """
     fit = data.get("fit") or {}
-    band = _of_kind(fit, "band_hz", list, "two numbers", None)
-    if band is not None and len(band) != 2:
-        raise ValueError(f"band_hz is not two numbers: {str(band)[:40]!r}")
+    band = band_of(fit).get("band_hz")
     return {
         "method": text(fit, "method", None),
         **{key: number(fit, key) for key in ("cost", "cost_expected", "n_lines")},
         "converged": flag(fit, "converged", None),
-        "band_hz": None if band is None else tuple(number({"band_hz": f}, "band_hz") for f in band),
+        "band_hz": None if band is None else tuple(band),
     }

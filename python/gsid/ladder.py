@@ -23,6 +23,7 @@ from gsid.errors import GsidError, InputError, close
 from gsid.fall import FALL_ALARM, fall_p_value
 from gsid.greybox import PlantFit, as_assumed, fit_plant, require_motion
 from gsid.hold import facts_of, other_reading, read_as
+from gsid.json_files import band_of, number, numbers, text, texts
 from gsid.linear_start import linear_start
 from gsid.plant import Param, PlantModel, check_plant
 from gsid.probes import Probe
@@ -105,6 +106,36 @@ class Rung:
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid add --json`."""
         return dict(vars(self))
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Rung:
+        """A step out of a model file.
+
+        Raises
+        ------
+        ValueError
+            A value is missing or of another kind.
+        """
+        judged_on, used = text(data, "judged_on", None), data.get("data")
+        floor = number(data, "noise_floor_rms")
+        if floor is None:
+            raise ValueError("noise_floor_rms is missing")
+        if judged_on not in JUDGED_ON:
+            raise ValueError(f"judged_on is {judged_on!r}")
+        fit = ("cost_per_dof", "rms_error", "noise_floor_rms")
+        return cls(
+            effect=text(data, "effect"),
+            params={name: numbers(data["params"], name, ("value",)) for name in data["params"]},
+            before=numbers(data, "before", fit),
+            after=numbers(data, "after", fit),
+            held_out=numbers(data, "held_out", ("before", "after")),
+            noise_floor_rms=floor,
+            kept_out=text(data, "kept_out"),
+            y_unit=text(data, "y_unit"),
+            data=used and {name: texts(used, name) for name in ("fitted", "kept_out")} | band_of(used),
+            judged_on=judged_on,
+            fall_p_value=number(data, "fall_p_value"),
+        )
 
     @property
     def falls(self) -> bool:
@@ -415,7 +446,7 @@ def undo(model: PlantModel) -> PlantModel:
     InputError
         There is no step to take back.
     """
-    if not model.history or "previous" not in model.history[-1]:
+    if not model.history or not isinstance(model.history[-1].get("previous"), dict):
         hint = "its history is empty: `gsid add` writes one"
         raise InputError("the model has no step to take back", "", None, hint)
     data = {key: value for key, value in model.to_dict().items() if key not in STATE}
@@ -436,9 +467,10 @@ def ladder(model: PlantModel) -> Ladder:
         The history is not what `add` writes.
     """
     try:
-        return Ladder([Rung(**entry["rung"]) for entry in model.history if "rung" in entry])
-    except TypeError as error:
-        raise InputError(f"the model's history cannot be read: {error}") from error
+        return Ladder([Rung.from_dict(entry["rung"]) for entry in model.history if "rung" in entry])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        hint = "take it out of the model file, or write the model again by `gsid add`"
+        raise InputError("the model's history cannot be read", "", error, hint) from error
 
 
 def _again(last: Rung, new: Rung) -> str:

@@ -116,7 +116,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
     Raises
     ------
     InputError
-        No common line, or the same level twice.
+        No common line, the same level twice, or a record whose output has neither response nor noise.
     """
     if (first.fs_hz, first.period_samples) != (second.fs_hz, second.period_samples):
         what = "the two levels were measured with different periods or rates"
@@ -132,6 +132,10 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
         nu=np.array([_degrees(first), _degrees(second)]),
         expected=(first.u[a] ** 2 * first.n_periods) / (second.u[b] ** 2 * second.n_periods),
     )
+    for d, variance in zip((first, second), scatter.variance, strict=True):
+        if not np.all(variance > 0):
+            hint = "measure an output that answers to the input"
+            raise InputError("the output is constant: there is nothing to compare", d.name, None, hint)
     judged = _judged(np.abs(change) ** 2, scatter)
     return Superposition(
         line=line,

@@ -17,6 +17,7 @@ from gsid._lib import version
 from gsid.arguments import printable_text
 from gsid.effects import EffectParameter, EffectType, entry_keys, find, of_entry
 from gsid.errors import InputError, close
+from gsid.json_files import listed, number, text
 from gsid.model import FORMAT, read_model_file, write_model_file
 from gsid.plant_periodic import PeriodicPlant, Prediction
 from gsid.spectra import Spectra
@@ -431,6 +432,15 @@ def _read_story(data: dict[str, Any], where: str) -> tuple[dict[str, Any] | None
     fit, history = data.get("fit"), data.get("history", [])
     if not (fit is None or isinstance(fit, dict)):
         raise InputError("fit is not an object", where, fit, "leave it out")
+    try:
+        for key in ("cost", "cost_per_dof", "n_dof", "variance_dof"):
+            number(fit or {}, key)
+        text(fit or {}, "method")
+        per_record = listed(fit or {}, "per_record")
+        if not all(isinstance(record, dict) for record in per_record):
+            raise ValueError("per_record is not a list of objects")
+    except ValueError as error:
+        raise InputError("fit is not usable", where, error, "leave it out") from error
     if not isinstance(history, list) or not all(isinstance(step, dict) for step in history):
         raise InputError("history is not a list of steps", where, history, "leave it out")
     return fit, history

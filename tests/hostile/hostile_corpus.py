@@ -95,7 +95,22 @@ def plant():
         {"effect": "expression", "params": {"c": {"value": 1.0, "free": True}}, **law},
         {"effect": "table", "params": {"scale": {"value": 0.1, "free": False}}, **table},
     ]
-    history = [{"step": "viscous_friction", "effects": ["viscous_friction"], "rms_error": 0.1}]
+    figures = {"cost_per_dof": 1.0, "rms_error": 0.1, "noise_floor_rms": 0.1}
+    rung = {
+        "effect": "viscous_friction",
+        "params": {"rate": {"value": 200.0, "std": 1.0}},
+        "before": figures,
+        "after": figures,
+        "held_out": {"before": 1.0, "after": 0.1},
+        "noise_floor_rms": 0.1,
+        "kept_out": "the later periods",
+        "y_unit": "deg/s",
+        "data": {"fitted": ["a.csv"], "kept_out": ["b.csv"], "band_hz": [10.0, 300.0]},
+        "judged_on": "later_periods",
+        "fall_p_value": 0.01,
+    }
+    previous = {"effects": [{"effect": "rigid_body", "params": {"gain": 500.0}}]}
+    history = [{"add": "viscous_friction", "rung": rung, "previous": previous}]
     return {
         "gsid_model": 1,
         "made_by": "gsid 0",

@@ -6,6 +6,7 @@ python tests/hostile/hostile_runs.py --processes --out runs.json       # a proce
 
 import argparse
 import collections
+import importlib
 import json
 import os
 import resource
@@ -91,10 +92,21 @@ def run_corpus(entries, n_verbs, own_process, show=None):
         import scipy.signal
         import scipy.stats  # noqa: F401
 
-        import gsid.cli.main
-        import gsid.diagnose
-        import gsid.io
-        import gsid.report  # noqa: F401
+        from gsid.cli.main import VERBS
+
+        for verb in VERBS:
+            importlib.import_module(f"gsid.cli.{verb.replace('-', '_')}")
+        for module in (
+            "diagnose",
+            "export_c",
+            "greybox",
+            "io",
+            "ladder",
+            "mimo_model",
+            "piecewise",
+            "report",
+        ):
+            importlib.import_module(f"gsid.{module}")
     results = []
     with tempfile.TemporaryDirectory() as place:
         for n, entry in enumerate(entries, 1):

@@ -7,10 +7,14 @@ import pytest
 
 from gsid.cli.common import visible
 from gsid.cli.main import main
+from gsid.distortion import distortion
 from gsid.errors import InputError
 from gsid.io import read_record, write_record
 from gsid.json_files import DEPTH_MOST, parse_json
+from gsid.ladder import ladder
+from gsid.level_tests import superposition
 from gsid.model import load_model
+from gsid.plant import PlantModel
 from gsid.record import Record, split_periods
 
 ESCAPE = "\x1b[31mred\x07"
@@ -197,3 +201,40 @@ def test_samples_whose_squares_are_no_doubles_are_bad_input(name, scale):
     samples[name] = samples[name] * scale
     with pytest.raises(InputError, match=f"samples of {name} are too"):
         split_periods(Record(**samples, fs_hz=100.0))
+
+
+HISTORY = {
+    "effect": "viscous_friction",
+    "params": {"rate": {"value": 200.0, "std": None}},
+    "before": {"cost_per_dof": 2.0, "rms_error": 0.2, "noise_floor_rms": 0.1},
+    "after": {"cost_per_dof": 1.0, "rms_error": 0.1, "noise_floor_rms": 0.1},
+    "held_out": {"before": 0.2, "after": 0.1},
+    "noise_floor_rms": 0.1,
+    "kept_out": "the later periods",
+}
+
+
+def test_a_history_is_read_with_each_value_of_its_kind():
+    """A bug: a text for a number of a step was an internal error when the ladder was printed."""
+    effects = [{"effect": "rigid_body", "params": {"gain": 500.0}}]
+
+    def rows(**wrong):
+        step = {"add": "viscous_friction", "rung": HISTORY | wrong}
+        data = {"gsid_model": 1, "fs_hz": 100.0, "effects": effects, "history": [step]}
+        return ladder(PlantModel.from_dict(data)).rows()
+
+    assert rows()
+    for key in HISTORY:
+        for value in ([1], {"a": "b"}, True, ESCAPE):
+            with pytest.raises(InputError, match="history cannot be read"):
+                rows(**{key: value})
+
+
+@pytest.mark.parametrize("constant", [0.0, 1.0])
+def test_a_constant_output_has_no_level_to_compare(constant):
+    """A bug: `gsid distortion --other-level` of a constant output was an internal error."""
+    rng = np.random.default_rng(3)
+    sound = distortion(Record(U, U + 0.1 * rng.standard_normal(len(U)), 100.0, period_samples=20))
+    still = distortion(Record(2 * U, np.full(len(U), constant), 100.0, period_samples=20))
+    with pytest.raises(InputError, match="output is constant"):
+        superposition(sound, still)
