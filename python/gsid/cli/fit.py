@@ -328,6 +328,7 @@ def _fit_pieces(
 
     with working(f"fitting pieces of {order} to {records}"), options_as_arguments():
         found = fit_piecewise(frf, order, n_pieces, **options)
+    say_assumed_hold(found.pieces[0].hold_assumed, found.pieces[0].hold)
     if output:
         found.save(output)
         say(f"wrote {output}")
