@@ -253,7 +253,7 @@ def test_the_bound_of_a_comparison_includes_the_model_s_uncertainty():
         next(line for line in one.axes[0].lines if line.get_label().startswith("95 %"))
         for one in (figure, plots.comparison(known))
     )
-    assert drawn.get_label() == "95 % bound of noise and the model's uncertainty"
+    assert drawn.get_label() == "95 % bound, noise and model"
     excited = result.kind == "excited"
     ratio = 10 ** ((drawn.get_ydata() - noise.get_ydata()) / 20)
     model, sigma = result.sigma_model[excited], known.sigma[excited]

@@ -42,7 +42,7 @@ JUDGED = {
     "search records": "records used in the search",
     "judged": "the data that judge",
 }
-BOUND_OF_BOTH = "95 % bound of noise and the model's uncertainty"
+BOUND_OF_BOTH = "95 % bound, noise and model"
 
 
 @styled
