@@ -3,11 +3,11 @@
 #include "residual.h"
 
 /* Whether the variance of g - G is positive for every G: the error of g and that of the input have no more in common than their
- * variances allow, but for rounding. */
+ * variances allow, but for the rounding of two numbers that cancel. */
 static int is_covariance(const gsid_frd *data, uint32_t k) {
-    const gsid_real var_u = data->var_u[k], size = gsid_hypot(data->g[k].re, data->g[k].im);
-    const gsid_cplx common = gsid_cplx_sub(data->cov_yu[k], gsid_cplx_scale(var_u, data->g[k]));
-    const gsid_real rounding = 64 * GSID_EPSILON * (gsid_hypot(data->cov_yu[k].re, data->cov_yu[k].im) + size * var_u);
+    const gsid_real var_u = data->var_u[k];
+    const gsid_cplx cov = data->cov_yu[k], common = gsid_cplx_sub(cov, gsid_cplx_scale(var_u, data->g[k]));
+    const gsid_real rounding = 128 * GSID_EPSILON * (gsid_fabs(cov.re) + gsid_fabs(cov.im));
     return gsid_hypot(common.re, common.im) <= GSID_R(1.0001) * data->sigma[k] * gsid_sqrt(var_u) + rounding;
 }
 
@@ -151,5 +151,5 @@ int gsid_equations_are_alike(const gsid_frd *data, const gsid_rational *a, const
         difference += gsid_cplx_abs2(gsid_cplx_scale(weight, gsid_cplx_sub(g[0], g[1])));
         size += gsid_cplx_abs2(gsid_cplx_scale(weight, data->g[k]));
     }
-    return difference <= tolerance * tolerance * size;
+    return difference < tolerance * tolerance * size;
 }

@@ -52,10 +52,8 @@ static gsid_status solve_reweighted(gsid_equations *q, const gsid_frd *data, gsi
 static gsid_status check_iwls(const gsid_iwls_cfg *cfg) {
     if (cfg == NULL)
         return GSID_E_NULL;
-    if (!(cfg->exponent >= 0) || !gsid_is_finite(cfg->exponent) || !(cfg->tolerance >= 0) ||
-        !gsid_is_finite(cfg->tolerance))
-        return GSID_E_CONFIG;
-    return GSID_OK;
+    const int is_good = cfg->exponent >= 0 && cfg->tolerance >= 0 && gsid_is_finite(cfg->exponent + cfg->tolerance);
+    return is_good ? GSID_OK : GSID_E_CONFIG;
 }
 
 gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
@@ -75,15 +73,15 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     int settled = 0;
     for (uint32_t i = 0; i <= cfg->n_iterations && !settled; i++) {
         const gsid_rational last = trial;
-        status = solve_reweighted(&q, data, exponent, i > 0 || cfg->from_model, &trial);
+        const int reweight = i > 0 || cfg->from_model;
+        status = solve_reweighted(&q, data, exponent, reweight, &trial);
         if (status < 0 && i == 0)
             return status;
         if (status < 0)
             break; /* a denominator that vanishes on a line: what was found before stands */
         const gsid_real v = gsid_equations_cost(data, &trial);
-        settled = (i > 0 || cfg->from_model) && cfg->tolerance > 0 &&
-                  gsid_equations_are_alike(data, &last, &trial, cfg->tolerance);
-        if (v < best_cost || (settled && gsid_is_finite(v))) {
+        settled = reweight && gsid_equations_are_alike(data, &last, &trial, cfg->tolerance);
+        if (settled || v < best_cost) {
             best = trial;
             best_cost = v;
             best_status = status;
@@ -94,5 +92,5 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
     *model = best;
     if (cost != NULL)
         *cost = best_cost;
-    return cfg->tolerance > 0 && !settled ? GSID_MAX_ITER : best_status;
+    return settled || !(cfg->tolerance > 0) ? best_status : GSID_MAX_ITER;
 }
