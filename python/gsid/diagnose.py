@@ -90,7 +90,7 @@ class Diagnosis:
         As in `gsid.greybox.PlantFit`.
     hold_assumed : bool
         The records do not state their hold. The diagnosis was made under both readings: adequate under either
-        is adequate, and a lag, a delay or a sampler is named only if it is missing under both.
+        is adequate, and a lag, a delay, a sampler or a mode is named only if it is missing under both.
     other_delay_s : float or None
         The model's delay [s] under the other reading; None where the hold is stated or there is no delay.
     hold_notes : list of str

@@ -2,8 +2,8 @@
 
 The model as it was given is fitted under both; adequate under either is adequate. Else the search runs under
 the likelier reading. Only where that settles nothing, and the other reading then fits what was found better,
-it runs under the other too. A lag, a delay or a sampler can stand in for a hold: what was found of these has
-to be missing under the other reading beside all else that was found.
+it runs under the other too. A lag, a delay, a sampler or a far mode can stand in for a hold: what was found
+of these has to be missing under the other reading beside all else that was found.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from gsid.hold import ALIKE, DECLARE, MEANING, likelier, other_reading
 from gsid.plant import PlantModel
 from gsid.search import Ranking, Search, without_effect
 
-STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold"}  # for a hold
+# For a hold; the mode where it lies above the band.
+STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold", "flexible_mode"}
 
 
 @dataclass(eq=False)

@@ -150,9 +150,10 @@ def test_a_lag_that_is_missing_under_both_is_named(record):
     assert found.hold_assumed
 
 
-def test_friction_is_named_beside_an_unknown_hold():
+def test_friction_is_named_beside_an_unknown_hold_and_no_mode_that_stands_in_for_it():
     found = diagnose(plant(AXIS), held_record(200, 1e-3, coulomb_level=5.0))
-    assert (found.verdict, found.hold_assumed) == ("missing_effect", True)
+    assert (found.verdict, found.hold, found.hold_assumed) == ("missing_effect", "zoh", True)
+    assert "flexible_mode is not missing if the input is held" in found.notes[0]
     assert [group.effects[0] for group in found.found] == ["coulomb_friction"]
 
 
