@@ -268,9 +268,22 @@ class RationalModel:
         if self.hold == "none":
             return self.gradient(f) @ half
         # By differences: what folds back from above fs/2 changes too.
-        step = 1e-2
-        moved = [[self._moved(sign * step * column).response(f) for sign in (1, -1)] for column in half.T]
-        return np.array([(plus - minus) / (2 * step) for plus, minus in moved]).reshape(-1, len(f)).T
+        moved = []
+        for column in half.T:
+            step = self._small_step(column, f)
+            plus, minus = (self._moved(sign * step * column).response(f) for sign in (1, -1))
+            moved.append((plus - minus) / (2 * step))
+        return np.array(moved).reshape(-1, len(f)).T
+
+    def _small_step(self, by: np.ndarray, f_hz: np.ndarray) -> float:
+        """Part of a change of the parameters for a difference that is a derivative, however large the change.
+
+        The response is linear in its numerator; denominator and phase change by 1e-3 at most at every line.
+        """
+        terms = self._variable(f_hz)[:, None] ** self._powers(self.n_poles)
+        den = np.abs(terms[:, 1:] @ by[: self.n_poles]) / np.abs(terms @ self.den)
+        phase = 2 * np.pi * f_hz * abs(by[-1]) if self.free_delay else np.zeros(1)
+        return 1e-3 / max(float(np.max(den, initial=0.1)), float(np.max(phase, initial=0.0)))
 
     def _moved(self, by: np.ndarray) -> RationalModel:
         """The model with its free parameters changed, in the order of `cov`."""

@@ -82,6 +82,21 @@ def test_standard_deviations_of_response_and_poles_are_those_of_drawn_parameters
     assert model.std_den[0] == 0
 
 
+@pytest.mark.parametrize("relative_std", [1e-3, 0.1, 10.0, 1000.0])
+def test_a_parameter_less_certain_than_its_size_moves_a_held_response_by_the_derivative(relative_std):
+    """Far below fs the hold is a factor; a difference over a large part of a parameter is no derivative."""
+    f = np.linspace(1.0, 60.0, 30)
+    spread = relative_std * np.array([40.0, 2500.0, 50.0, 1e-3])  # den[1:], num, delay
+    held = RationalModel(
+        [50.0], [1.0, 40.0, 2500.0], 1e-3, fs_hz=3000.0, hold="zoh", cov=np.diag(spread**2), free_delay=True
+    )
+    hold = np.sinc(f / 3000.0) * np.exp(-1j * np.pi * f / 3000.0)
+    by_parameter = held.gradient(f) * spread * hold[:, None]
+    expected = np.sum(np.abs(by_parameter) ** 2, axis=1)
+    found = np.sum(np.abs(held.deviations(f)) ** 2, axis=1)
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
 def test_a_file_gives_the_same_model_back(tmp_path):
     cov = np.diag(np.arange(1.0, 11.0))
     model = axis(cov=cov, free_delay=True, fs_hz=3000.0, hold="zoh", method="ml", cost=5.0, n_lines=4)
