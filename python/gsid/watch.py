@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING = 1 + 1e-6  # the line carries single precision
+BLIND_S = 1.0  # without a rate for so long, the axis is not watched
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Watch:
         self.rate_offset = rate_offset
         self.angle_deg = 0.0
         self._rate = rate_offset
+        self._n_blind = 0
 
     def check(self, u: np.ndarray, y: np.ndarray, came: np.ndarray) -> tuple[int, str] | None:
         """Take the next samples.
@@ -65,7 +67,7 @@ class Watch:
         u, y : (n,) float64
             Command in force and rate.
         came : (n,) bool
-            False: the sample was lost, and the rate before it is held.
+            False: the sample was lost or is no number, and the rate before it is held, for `BLIND_S` at most.
 
         Returns
         -------
@@ -74,12 +76,15 @@ class Watch:
         """
         last = np.maximum.accumulate(np.where(came, np.arange(len(y)), -1))
         rate = np.where(last >= 0, y[np.maximum(last, 0)], self._rate)
+        blind = np.arange(1, len(y) + 1) + np.where(last >= 0, -1 - last, self._n_blind)
         angle = self.angle_deg + np.cumsum(rate - self.rate_offset) / self.fs_hz
-        self._rate, self.angle_deg = float(rate[-1]), float(angle[-1])
+        self._rate, self.angle_deg, self._n_blind = float(rate[-1]), float(angle[-1]), int(blind[-1])
+        needs_rate = self.limits.rate is not None or self.limits.travel_deg is not None
         found = [
             self._first(np.where(came, u, 0.0), self.limits.command, "command"),
             self._first(rate, self.limits.rate, "rate"),
             self._first(angle, self.limits.travel_deg, "travel [deg]"),
+            self._first(blind / self.fs_hz, BLIND_S if needs_rate else None, "time without a rate [s]"),
         ]
         return min((one for one in found if one is not None), default=None)
 

@@ -51,6 +51,16 @@ def test_a_lost_sample_holds_the_rate():
     assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, came)[0] == 100
 
 
+@pytest.mark.parametrize("limits", [RunLimits(rate=5.0), RunLimits(travel_deg=90.0)])
+def test_an_axis_whose_gyro_fails_does_not_move_on_unwatched(limits):
+    """At 100 Hz a second is 100 samples."""
+    y, came = np.full(300, 1.0), np.ones(300, bool)
+    came[50:149] = False  # not long enough
+    came[160:] = False
+    assert first_excess(limits, np.zeros(300), y, came) == (260, "time without a rate [s] 1.01, limit 1")
+    assert first_excess(RunLimits(command=1.0), np.zeros(300), y, came) is None
+
+
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
 def test_a_limit_that_is_none_is_refused(limit):
     with pytest.raises(ValueError, match="must be positive"):
