@@ -128,6 +128,7 @@ class Journal:
         self._blocks: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._sync_due = threading.Event()
         self._ended = False
+        description = _description(run)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
         try:
             self._file = os.open(self.path, flags, 0o666)
@@ -141,7 +142,7 @@ class Journal:
         except OSError as error:
             raise self._failed(error) from error
         try:
-            self._write(_description(run))
+            self._write(description)
             os.fsync(self._file)
             _sync_folder(self.path.parent)
         except OSError as error:

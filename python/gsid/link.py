@@ -616,7 +616,8 @@ def run(
     limits : RunLimits, optional
         Of the planned command, checked before the start, and of the command in force, rate and travel as the
         samples come. The travel is the integral of the rate less its mean during half a second of command
-        zero before the start, in which the axis has to stand still; the rate is taken to be in deg/s.
+        zero before the start, in which the axis has to stand still; the rate is taken to be in deg/s. With a
+        limit on rate or travel, samples without a rate, lost or not numbers, end the run after 1 s.
 
     Returns
     -------
@@ -640,7 +641,7 @@ def run(
         Ctrl-C, or `should_stop`; its `record` is what was measured until then.
     """
     table, fs_hz = _one_period(excitation, fs_hz)
-    settle = 2 * len(table) if settle is None else settle
+    settle = 2 * len(table) if settle is None else int(settle)
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
     name = port if isinstance(port, str) else ""
@@ -720,8 +721,10 @@ def _close(journal: Journal | None, samples: _Samples) -> BaseException | None:
     if journal is None:
         return None
     try:
-        _keep(journal, samples)
-        journal.close()
+        try:
+            _keep(journal, samples)
+        finally:
+            journal.close()
     except JournalError as error:
         return error
     finally:

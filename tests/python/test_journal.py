@@ -4,6 +4,7 @@ import json
 import os
 import resource
 import struct
+import threading
 import time
 import zlib
 from dataclasses import replace
@@ -245,3 +246,29 @@ def test_a_disk_that_is_slow_does_not_delay_the_line(tmp_path, monkeypatch):
     assert time.monotonic() - start < 0.1
     journal.close()
     np.testing.assert_array_equal(recover(tmp_path / "a.journal").record.u, u[:35])
+
+
+def test_a_run_whose_settling_is_a_number_of_numpy_has_a_journal(tmp_path):
+    path = tmp_path / "a.journal"
+    run(Loopback(Server(quiet_axis())), multisine(N), periods=2, settle=np.int64(SETTLE), journal=path)
+    assert recover(path).record.settle_samples == SETTLE
+
+
+def test_a_description_that_cannot_be_written_leaves_no_journal(tmp_path):
+    """An empty one would refuse the next run."""
+    with pytest.raises(TypeError, match="serializable"):
+        Journal(tmp_path / "a.journal", replace(RUN, meta={"who": object()}))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_journal_that_fails_leaves_no_threads(tmp_path, monkeypatch):
+    def write(descriptor, data):
+        if data.startswith(b"SMPL"):
+            raise OSError(28, "No space left on device")
+        return len(data)
+
+    before = threading.active_count()
+    monkeypatch.setattr("gsid.journal.os.write", write)
+    with pytest.raises(JournalError, match="No space"):
+        run(Loopback(Server(quiet_axis())), multisine(N), periods=20, journal=tmp_path / "a.journal")
+    assert threading.active_count() == before
