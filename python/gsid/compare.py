@@ -386,11 +386,16 @@ def _same_lines(parts: list[_Lines]) -> bool:
 
 
 def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
-    """Whether the uncertainty of all of a model is known, of the parameters that are free now."""
+    """Whether the uncertainty of all of a model is known, of the parameters that are free now.
+
+    One that was made free after the fit has no standard deviation: the covariance is that of others.
+    """
 
     def known(cov: np.ndarray | None, n_free: int) -> bool:
         return cov is not None and cov.shape == (n_free, n_free) and bool(np.all(np.isfinite(cov)))
 
+    if isinstance(model, PlantModel) and any(model[name].std is None for name in model.free_names):
+        return False
     pieces = getattr(model, "pieces", (model,))
     return all(known(piece.cov, _n_parameters(piece)) for piece in pieces)
 

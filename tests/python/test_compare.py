@@ -333,6 +333,17 @@ def test_a_covariance_of_other_parameters_is_not_used(command):
     assert compare(model, noisy(rng, command, y, 4)).model_uncertainty == "none"
 
 
+def test_a_covariance_of_as_many_other_parameters_is_not_used(command):
+    """One fixed and another made free after the fit leave its shape."""
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    record = noisy(rng, command, y, 4)
+    model = fit_plant(plant(STACK), record, fixed=["rigid_body.gain"]).model
+    assert compare(model, record).model_uncertainty == "included"
+    model["rigid_body.gain"].free, model["cable_spring.stiffness"].free = True, False
+    assert model.cov.shape == (len(model.free_names),) * 2
+    assert compare(model, record).model_uncertainty == "none"
+
+
 def test_what_the_fit_left_open_may_have_any_value(command, caplog):
     """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
