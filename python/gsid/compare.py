@@ -92,13 +92,13 @@ class Comparison:
     hold : {"zoh", "none"} or None
         How the records' input was taken between the samples; None where they state different holds.
     hold_assumed : bool
-        The records do not state it: of both readings the one under which the model is adequate, else the
+        The records do not state it: of both assumptions the one under which the model is adequate, else the
         likelier.
     other_delay_s : float or None
-        The model's delay [s] as the other reading has it: from its fit where the hold was assumed there too,
+        The model's delay [s] under the other assumption: from its fit where the hold was assumed there too,
         else half a sample apart. None where the hold is stated or the model has no delay.
     delay_hold_uncertainty_s : float or None
-        By how much the delay depends on the reading [s].
+        Difference of the delay between the two assumptions [s].
     """
 
     adequate: bool
@@ -247,10 +247,10 @@ def compare(
     alpha : float
         False-alarm rate of the test.
     fitted : bool
-        Whether the free parameters were fitted to these very records in this band. The test of the whole band
-        allows for them by their number; where the misfit is, is still told mildly. A model fitted to other
-        records, as by default, is allowed the covariance of its fit; one without covariance is judged as if
-        it were known exactly.
+        Whether the free parameters were fitted to these very records in this band. The test of the whole
+        band allows for them by their number; the bands of the misfit are still judged mildly. A model
+        fitted to other records, as by default, is allowed the covariance of its fit; one without covariance
+        is judged as if it were known exactly.
 
     Returns
     -------
@@ -270,7 +270,7 @@ def compare(
 
     Notes
     -----
-    Of records that do not state their hold both readings are looked at: see `Comparison.hold_assumed`.
+    Records that do not state their hold are compared under both assumptions: see `Comparison.hold_assumed`.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
@@ -296,7 +296,7 @@ def _either(
     measured: list[Spectra],
     compared: Callable[[Any, list[Spectra]], Comparison],
 ) -> Comparison:
-    """The reading under which the model is adequate; of two alike the likelier."""
+    """The assumption under which the model is adequate; of two alike the likelier."""
     cases = fit_readings(lambda reading: compared(_behind(model, reading), read_as(measured, reading)))
     adequate = [reading for reading, case in cases.items() if case.adequate]
     likeliest = likelier({reading: case.deviance for reading, case in cases.items()})
@@ -482,7 +482,7 @@ def _open_parameters(model: PlantModel) -> list[str]:
 def _say_what_is_open(model: PlantModel) -> None:
     found = _open_parameters(model) if has_covariance(model) else []
     if found:
-        text = "the fit says nothing of %s in other records: any value of its size is allowed, to first order"
+        text = "the fit does not determine %s elsewhere: any value of its size is allowed, to first order"
         _log.warning(text, ", ".join(found))
 
 

@@ -89,12 +89,13 @@ class Diagnosis:
     hold : {"zoh", "none"} or None
         As in `gsid.greybox.PlantFit`.
     hold_assumed : bool
-        The records do not state their hold. The diagnosis was made under both readings: adequate under either
-        is adequate, and a lag, a delay, a sampler or a mode is named only if it is missing under both.
+        The records do not state their hold. The diagnosis was made under both assumptions: a model that is
+        adequate under either is adequate, and a lag, a delay, a sampler or a mode is named only if it is
+        missing under both.
     other_delay_s : float or None
-        The model's delay [s] under the other reading; None where the hold is stated or there is no delay.
+        The model's delay [s] under the other assumption; None where the hold is stated or there is no delay.
     hold_notes : list of str
-        What was not named because it is missing under one reading only.
+        What was not named because it is missing under one assumption only.
     """
 
     verdict: str
@@ -257,8 +258,8 @@ def diagnose(
     model : PlantModel
         What is believed so far; its free parameters are fitted first.
     records : Record or Spectra, or a sequence of them
-        Realisations, best at two levels of the excitation. Where they do not state their hold, both readings
-        are looked at (`gsid.hold_cases`).
+        Realisations, best at two levels of the excitation. Where they do not state their hold, both
+        assumptions are tried (`gsid.hold_cases`).
     band : (lo, hi), optional
         Hz; default from the first to the last excited line, the lines between them that are not excited too.
     alpha : float

@@ -267,12 +267,12 @@ def fit_plant(
 
 
 def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:
-    """The likelier of the fits under both readings of records that do not state their hold.
+    """The likelier of the fits under both assumptions for records that do not state their hold.
 
     Parameters
     ----------
     fits : dict of PlantFit
-        By reading; one may be missing.
+        By assumption; one may be missing.
 
     Returns
     -------
@@ -284,13 +284,13 @@ def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:
 
 
 def as_assumed(fit: PlantFit, other: PlantFit | None) -> PlantFit:
-    """Mark a fit, and its model, as made under a reading of records that do not state their hold.
+    """Mark a fit, and its model, as made under one assumption for records that do not state their hold.
 
     Parameters
     ----------
     fit : PlantFit
     other : PlantFit or None
-        The same fit under the other reading, if there is one.
+        The same fit under the other assumption, if there is one.
 
     Returns
     -------

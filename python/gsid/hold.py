@@ -1,9 +1,9 @@
-"""Was the input held between the samples? Both readings of a record that does not state it.
+"""Was the input held between the samples? Both assumptions on a record that does not state it.
 
 A command that is held over each sample is half a sample late, falls as a sinc and has images; a signal
 without lines above half the sample rate has none of that. Up to about 0.08 of the sample rate a lag or a far
 mode more makes up for the difference, so that data cannot tell the two apart there. What depends on the
-reading is therefore fitted under both (docs/decisions.md, "A record that does not state its hold").
+assumption is therefore fitted under both (docs/decisions.md, "A record that does not state its hold").
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ MEANING = {"zoh": "held over each sample", "none": "not held between samples"}
 
 
 def other_reading(hold: str) -> str:
-    """The reading that was not taken."""
+    """The assumption that was not taken."""
     return READINGS[hold == READINGS[0]]
 
 
 def likelier(deviance: Mapping[str, float]) -> str:
-    """Reading of least -2 log likelihood; "none" where it is worse by no more than `ALIKE`."""
+    """Assumption of least -2 log likelihood; "none" where it is worse by no more than `ALIKE`."""
     zoh_by = deviance.get("none", float("inf")) - deviance.get("zoh", float("inf"))
     return "zoh" if zoh_by > ALIKE else "none"
 
 
 def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
-    """The likelier of the fits of a response under both readings, marked as assumed.
+    """The likelier of the fits of a response under both assumptions, marked as assumed.
 
     Parameters
     ----------
     under : callable
-        From a reading to the fit under it.
+        From an assumption to the fit under it.
     dof : float
         Degrees of freedom of the variances that weigh: their scatter raises a cost.
 
@@ -67,17 +67,17 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
 
 
 def fit_readings(under: Callable[[str], Fit]) -> dict[str, Fit]:
-    """What can be fitted under each reading.
+    """What can be fitted under each assumption.
 
     Parameters
     ----------
     under : callable
-        From a reading to the fit under it.
+        From an assumption to the fit under it.
 
     Returns
     -------
     dict of fits
-        By reading, one at least.
+        By assumption, one at least.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def facts_of(model: RationalModel | PlantModel) -> dict[str, Any]:
 
 
 def words(hold: str, other_delay_s: float | None = None) -> str:
-    """What to tell a person of a reading that was assumed: the other one's delay, and how to settle it."""
+    """Message on the assumption that was made: the delay under the other one, and how to settle it."""
     taken, other = MEANING[hold], MEANING[other_reading(hold)]
     delay = "" if other_delay_s is None else f"; {other}, the delay would be {1e3 * other_delay_s:.5g} ms"
     return (

@@ -1,9 +1,9 @@
-"""A diagnosis of records that do not state their hold: what is missing has to be missing under both readings.
+"""A diagnosis of records that do not state their hold: an effect has to be missing under both assumptions.
 
-The model as it was given is fitted under both; adequate under either is adequate. Else the search runs under
-the likelier reading. Only where that settles nothing, and the other reading then fits what was found better,
-it runs under the other too. A lag, a delay, a sampler or a far mode can stand in for a hold: what was found
-of these has to be missing under the other reading beside all else that was found.
+The given model is fitted under both; if it is adequate under either it is adequate. Otherwise the search
+runs under the likelier assumption. Only if that search settles nothing, and the other assumption then fits
+what was found better, it runs under the other too. A lag, a delay, a sampler or a far mode can stand in for a
+hold: what was found of these has to be missing under the other assumption beside all else that was found.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold", 
 
 @dataclass(eq=False)
 class Case:
-    """A search on records of a known hold, or under one reading of those that do not state it.
+    """A search on records of a known hold, or under one assumption of those that do not state it.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Case:
         return self.search.fit_or_none(model, anew=True)
 
     def take(self, rankings: list[Ranking], fit: PlantFit) -> None:
-        """Take what was found under the other reading, with the fit under this one."""
+        """Take what was found under the other assumption, with the fit under this one."""
         if not rankings:  # a better minimum of the model as it was given
             self.first = fit
         before = [self.first] if rankings else []
@@ -83,19 +83,19 @@ class Case:
 
 
 def settle(cases: dict[str, Case]) -> tuple[Case, PlantFit | None]:
-    """Search under the readings of records that do not state their hold.
+    """Search under the assumptions of records that do not state their hold.
 
     Parameters
     ----------
     cases : dict of Case
-        By reading, one at least, not run yet.
+        By assumption, one at least, not run yet.
 
     Returns
     -------
     Case
-        Of the reading taken.
+        Of the assumption taken.
     PlantFit or None
-        The same model under the other reading.
+        The same model under the other assumption.
     """
     taken = likelier({reading: case.first.cost for reading, case in cases.items()})
     for reading in (taken, other_reading(taken)):
@@ -113,7 +113,7 @@ def settle(cases: dict[str, Case]) -> tuple[Case, PlantFit | None]:
 
 
 def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit | None]:
-    """Without what is missing under one reading only; the model of the other where that needs none of it."""
+    """Without what is missing under one assumption only; the other's model where that needs none of it."""
     doubtful = [ranking for ranking in case.rankings if STAND_IN & set(ranking[0].effects)]
     if not doubtful:
         return case, other.refit(case.fit.model)

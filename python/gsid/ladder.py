@@ -282,8 +282,8 @@ def add(
     model : PlantModel
         Its free parameters are fitted with and without the effect.
     records : Record or Spectra, or a sequence of them
-        Realisations. Where they do not state their hold, all steps take the reading that is the likelier for
-        the model as it was given.
+        Realisations. Where they do not state their hold, all steps take the assumption that is
+        the likelier for the model as it was given.
     params : dict of float, optional
         Where the fit starts; those not given are typical ones. Default: the best of several sizes and
         shapes, found along the model's own path; for an effect of your own, its typical values.

@@ -361,7 +361,7 @@ def _likelier(
     band: tuple[float, float] | None,
     options: dict,
 ) -> PiecewiseModel:
-    """One reading for all pieces of a response that does not state its hold: that of least MDL."""
+    """One assumption for all pieces of a response that does not state its hold: that of least MDL."""
     options.pop("hold", None)
     found = fit_readings(
         lambda reading: fit_piecewise(frf, order, n_pieces, band=band, hold=reading, **options)

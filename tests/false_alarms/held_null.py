@@ -54,7 +54,7 @@ STUDY = Study(
         "mode, half of them behind a gyro with a lag, under commands that are held over each sample of 3 "
         "kHz; two records of 8 periods, at two levels, with excited lines up to 190 or 450 Hz. `gsid "
         "diagnose` gets the right model with all values 5 % off. Both cells have the same records. Where "
-        "a record does not state its hold, the model is rejected only if it fails under both readings, so "
+        "a record does not state its hold, the model is rejected only if it fails under both assumptions, so "
         "that the level is a bound there. A lag, a delay or a sampler must never be named, not even as "
         "the nearest effect."
     ),
