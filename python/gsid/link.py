@@ -468,6 +468,7 @@ class _Echo:
         wrong = np.flatnonzero(error > 0.999 * step + 1e-6 * np.abs(self.sent).max())
         if np.ptp(self.known) == 0 and np.ptp(self.sent) > 0:
             wrong = np.arange(len(self.sent))
+        self.n_wrong += len(wrong)
         if len(wrong) > max(1, 0.01 * len(self.sent)):
             worst = wrong[np.argmax(np.abs(self.known - self.sent)[wrong])]
             example = f"{self.known[worst]:g} at tick {worst} for {self.sent[worst]:g}"
@@ -479,7 +480,6 @@ class _Echo:
                 "it was sent, clipped and rounded at most: docs/protocol.md",
             )
         self.known[wrong] = np.nan
-        self.n_wrong += len(wrong)
         self.is_judged = True
         return wrong
 
@@ -538,7 +538,12 @@ class _Samples:
 
     def _judge_echo(self) -> None:
         if not self.echo.is_judged and not np.isnan(self.echo.known).any():
-            for sample in self.echo.judge():
+            try:
+                wrong = self.echo.judge()
+            except LinkError:  # nobody knows the input of what was measured
+                self.valid[: self.end] = False
+                raise
+            for sample in wrong:
                 self.valid[sample : self.end : self.period] = False
                 self.kept = 0
 

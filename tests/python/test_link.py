@@ -436,6 +436,16 @@ def test_an_axis_that_applies_another_command_is_refused(alter):
     assert line.stopped
 
 
+def test_no_period_of_a_wrong_command_is_called_good():
+    """Without settling, the period that showed the wrong echo counted as good in the record that was kept."""
+    with pytest.raises(LinkError, match="another command than the one sent") as caught:
+        run(Loopback(Altered(counts)), multisine(N), periods=3, settle=0)
+    kept = caught.value.record
+    assert not kept.valid.any()
+    assert kept.meta["good_periods"] == "0"
+    assert int(kept.meta["wrong_echoes"]) > 0.9 * N
+
+
 @pytest.mark.parametrize(
     "axis", [{"command_limit": 20.0}, {"command_limit": 4.0, "command_bits": 3}, {"command_limit": 0.0}]
 )
