@@ -148,7 +148,7 @@ def _temporary(folder: Path, extension: str, mode: int) -> Iterator[Path]:
     part = folder / f".gsid-{secrets.token_hex(8)}{extension}"
     with _removed_by_signals(part):
         try:
-            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode))
+            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
             yield part
         finally:
             part.unlink(missing_ok=True)
@@ -190,7 +190,7 @@ def _copy_attributes(old: Path, new: Path) -> None:
 
 def _sync(path: Path) -> None:
     """Wait until a file or a folder is on the disk; some file systems cannot sync folders."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError:

@@ -116,7 +116,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
     Raises
     ------
     InputError
-        No common line, the same level twice, or a record whose output has neither response nor noise.
+        No common line, or a record whose output has neither response nor noise.
     """
     if (first.fs_hz, first.period_samples) != (second.fs_hz, second.period_samples):
         what = "the two levels were measured with different periods or rates"
