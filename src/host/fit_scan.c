@@ -13,6 +13,12 @@
 #define REWEIGHTINGS_MAX 200 /* on the way to the fixed point of IWLS */
 #define FIXED_POINT 1e-9 /* of the response: a reweighting that changes it by less has reached the fixed point */
 #define STARTS_MAX 8
+#define LOW_SHARE_MAX 16 /* of the highest frequency: the lowest band that is scanned by itself */
+#define LOW_BANDS_MAX 4
+#define LOW_STARTS 2
+#define LOW_STEPS 4 /* where parameters are few, the scans of low bands are finer by this, and there are more bands */
+#define LOW_FINE_PARAMETERS 8
+#define LOW_ITERATIONS 15
 #define LS_STEPS 4 /* the basins of LS, which does not reweight, are narrower by this */
 #define SEARCHES 5 /* minima of the scan that LS and IWLS search */
 
@@ -83,15 +89,22 @@ static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *
     return status;
 }
 
-void gsid_fit_thin_out(fit_run *r) {
-    uint32_t n = 0;
-    for (uint32_t k = 0; k < r->work.n_lines; k += r->stride, n++) {
+/* Every stride-th of the lines up to a frequency. */
+static void thin_out_band(fit_run *r, double f_most_hz, uint32_t stride) {
+    uint32_t n = 0, n_within = 0;
+    for (uint32_t k = 0; k < r->work.n_lines; k++) {
+        if (fabs(r->work.f_hz[k]) > f_most_hz || n_within++ % stride != 0)
+            continue;
         r->thin_f[n] = r->work.f_hz[k];
         r->thin_g[n] = r->work.g[k];
-        r->thin_sigma[n] = r->work.sigma[k];
+        r->thin_sigma[n++] = r->work.sigma[k];
     }
     r->thin = (gsid_frd){
         .n_lines = n, .f_hz = r->thin_f, .g = r->thin_g, .sigma = r->thin_sigma, .logarithmic = r->work.logarithmic};
+}
+
+void gsid_fit_thin_out(fit_run *r) {
+    thin_out_band(r, HUGE_VAL, r->stride);
 }
 
 /* Half the width of the basin of the least cost [s]. */
@@ -108,22 +121,55 @@ void gsid_fit_forget(uint32_t n, fit_candidate *kept) {
         kept[i].cost = HUGE_VAL;
 }
 
-/* The best linear fits at delays from 0 to the limit: to a few lines at every delay, then to all lines at the best ones. Fails
- * only when every one does. */
-static gsid_status scan(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
-    gsid_status last = GSID_E_SINGULAR, status;
-    fit_candidate coarse[STARTS_MAX], c;
-    gsid_fit_thin_out(r);
-    gsid_fit_forget(n_kept, coarse);
-    const uint32_t n_steps = n_scan_steps(r);
-    for (uint32_t i = 0; i <= n_steps; i++) {
-        status = linear_fit(r, &r->thin, r->delay_limit_s * i / n_steps, SCAN_REWEIGHTINGS, &c);
-        last = status < 0 ? status : last;
-        gsid_fit_keep_best(&c, n_kept, coarse);
-    }
+/* The best linear fits to the thinned lines at delays from 0 to the limit. */
+static gsid_status scan_delays(fit_run *r, uint32_t n_steps, uint32_t n_kept, fit_candidate *kept) {
+    gsid_status last = GSID_E_SINGULAR;
+    fit_candidate c;
     gsid_fit_forget(n_kept, kept);
-    for (uint32_t i = 0; i < n_kept && coarse[i].cost < HUGE_VAL; i++) {
-        status = linear_fit(r, &r->work, coarse[i].model.delay_s, SCAN_REWEIGHTINGS, &c);
+    for (uint32_t i = 0; i <= n_steps; i++) {
+        const gsid_status status = linear_fit(r, &r->thin, r->delay_limit_s * i / n_steps, SCAN_REWEIGHTINGS, &c);
+        last = status < 0 ? status : last;
+        gsid_fit_keep_best(&c, n_kept, kept);
+    }
+    return last;
+}
+
+/* Delays found in the lines up to a share of the highest frequency, by a scan and Gauss-Newton; failures cost HUGE_VAL. */
+static void scan_low_band(fit_run *r, uint32_t share, uint32_t finer, fit_candidate *kept) {
+    const double f_most_hz = gsid_fit_highest_frequency(r->data) / share;
+    const uint32_t n_parameters = gsid_fit_n_parameters(&r->cfg);
+    gsid_fit_forget(LOW_STARTS, kept);
+    thin_out_band(r, f_most_hz, 1);
+    const uint32_t stride = r->thin.n_lines / (SCAN_LINES_PER_PARAMETER * n_parameters);
+    if (stride > 1)
+        thin_out_band(r, f_most_hz, stride);
+    if (r->thin.n_lines < n_parameters)
+        return;
+    scan_delays(r, finer * (n_scan_steps(r) + share - 1) / share, LOW_STARTS, kept);
+    const gsid_ml_cfg ml = {.n_iterations = LOW_ITERATIONS, .free_delay = 1};
+    for (uint32_t i = 0; i < LOW_STARTS && kept[i].cost < HUGE_VAL; i++)
+        if (gsid_estimate_ml(&r->thin, &ml, &kept[i].model, &kept[i].cost, r->mem, r->mem_size) < 0)
+            kept[i].cost = HUGE_VAL;
+}
+
+/* The best linear fits to all lines, at the best delays of a scan and at those found in the low lines. Where the noise is
+ * small against |g| at every line, the basin over the delay is far narrower than a step of the scan: the phase error of the
+ * many high lines outweighs the few lines that show the poles. Their share is larger in the low lines, and the delay found
+ * there is exact enough for all. Fails only when every fit does. */
+static gsid_status scan(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
+    fit_candidate found[STARTS_MAX + LOW_BANDS_MAX * LOW_STARTS], c;
+    const int has_few = gsid_fit_n_parameters(&r->cfg) <= LOW_FINE_PARAMETERS;
+    const uint32_t ratio = has_few ? 2 : 8, finer = has_few ? LOW_STEPS : 1;
+    gsid_fit_thin_out(r);
+    gsid_status last = scan_delays(r, n_scan_steps(r), n_kept, found);
+    uint32_t n = n_kept;
+    for (uint32_t share = ratio; share <= LOW_SHARE_MAX; share *= ratio, n += LOW_STARTS)
+        scan_low_band(r, share, finer, found + n);
+    gsid_fit_forget(n_kept, kept);
+    for (uint32_t i = 0; i < n; i++) {
+        if (!(found[i].cost < HUGE_VAL))
+            continue;
+        const gsid_status status = linear_fit(r, &r->work, found[i].model.delay_s, SCAN_REWEIGHTINGS, &c);
         last = status < 0 ? status : last;
         gsid_fit_keep_best(&c, n_kept, kept);
     }

@@ -286,3 +286,22 @@ def test_bug_a_held_lag_faster_than_a_sample_was_taken_for_a_delay(order, poles_
         response = Frf.from_arrays(f_hz, g + errors, np.full(len(g), 2 * sigma**2), fs_hz=fs_hz)
         found = fit(response, order, hold="zoh")
         assert found.cost <= 1.001 * fit(response, order, hold="zoh", start=truth).cost, samples
+
+
+def relative_noise(truth, f_hz, rng, share=1e-3):
+    """A response whose errors have the same share of |g| at every line."""
+    g = truth.response(f_hz)
+    errors = share * np.abs(g) * (rng.standard_normal(len(g)) + 1j * rng.standard_normal(len(g))) / np.sqrt(2)
+    return Frf.from_arrays(f_hz, g + errors, (share * np.abs(g)) ** 2, fs_hz=3000.0)
+
+
+@pytest.mark.parametrize("hold", ["none", "zoh"])
+@pytest.mark.parametrize("step_hz", [0.5, 1.0, 4.0])
+def test_bug_a_damped_axis_was_fitted_with_poles_that_stand_in_for_the_delay(hold, step_hz):
+    """The default fit ended at up to a thousand times the least cost, and had converged."""
+    f_hz = np.arange(4.0, 600.1, step_hz)
+    for seed, delay_s in enumerate((0.0, 0.7e-3, 2e-3, 3.33e-3, 5.17e-3, 9.9e-3)):
+        truth = RationalModel([200, 9000], [1, 40, 900], delay_s, hold=hold, fs_hz=3000.0)
+        response = relative_noise(truth, f_hz, np.random.default_rng(seed))
+        found = fit(response, "2/1", hold=hold)
+        assert found.cost <= 1.001 * fit(response, "2/1", hold=hold, start=truth).cost, delay_s
