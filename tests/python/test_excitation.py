@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gsid.errors import InputError
 from gsid.excitation import Multisine, crest_factor, power_share
 
 
@@ -157,7 +158,7 @@ def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
     """Bug: the table was written under one fixed name, which stayed behind when the renaming failed."""
     path = tmp_path / "u.csv"
     path.mkdir()
-    with pytest.raises(OSError, match=r"u\.csv"):
+    with pytest.raises(InputError, match=r"u\.csv: a folder"):
         Multisine.design(3000, 600, (5, 250)).write_table(path)
     assert list(tmp_path.iterdir()) == [path]
 
