@@ -161,7 +161,9 @@ def start_host(port: str, folder: Path, file_bytes: int | None) -> subprocess.Po
     """`gsid run` for a long while, with a limit on the size of its files."""
 
     def prepare() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's job in the background ignores it
+        # A shell's background job ignores SIGINT and SIGQUIT, nohup SIGHUP; `gsid run` keeps that.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            signal.signal(number, signal.SIG_DFL)
         if file_bytes is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, resource.RLIM_INFINITY))
 
