@@ -177,7 +177,7 @@ test: all peers check sanitize valgrind ## all tests: C in double and float, the
 	$(PY) -m pytest -q
 
 .PHONY: test-data
-test-data: all ## the tests on measured records, those of docs/real_data.md that take minutes too
+test-data: all ## the tests on measured records, those of docs/how-to/real_data.md that take minutes too
 	GSID_SLOW_DATA=1 $(PY) -m pytest -q tests/build/test_real_data.py
 
 .PHONY: check
@@ -231,10 +231,10 @@ bench: all peers ## run the benchmarks; each prints its figures and versions as 
 	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; PYTHONPATH=build/peers $(PY) $$bench || exit 1; done
 
 .PHONY: bench-fit
-bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estimator from 200 starts, into docs/estimators.md (minutes)
+bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estimator from 200 starts, into docs/explanation/estimators.md (minutes)
 	@tools/setup peers || echo "bench-fit: without Octave" >&2
-	$(PY) benchmarks/bench_fit.py --page docs/estimators.md
-	$(PY) benchmarks/bench_estimators.py --page docs/estimators.md
+	$(PY) benchmarks/bench_fit.py --page docs/explanation/estimators.md
+	$(PY) benchmarks/bench_estimators.py --page docs/explanation/estimators.md
 
 .PHONY: coverage
 coverage: all ## how often the intervals of fits hold the truth (minutes); fails outside 93 to 97 %
@@ -253,8 +253,8 @@ hostile: all ## bad input of every kind through every verb that reads it, with l
 	$(PY) tests/hostile/hostile_runs.py --processes
 
 .PHONY: errors-page
-errors-page: all ## make docs/errors.md anew from the list of status codes
-	$(PY) tools/make_errors_page > docs/errors.md
+errors-page: all ## make docs/reference/errors.md anew from the list of status codes
+	$(PY) tools/make_errors_page > docs/reference/errors.md
 
 .PHONY: clean
 clean: ## remove what was built; .venv stays

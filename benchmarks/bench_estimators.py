@@ -1,6 +1,6 @@
 """Every estimator on the axis of the source, and from random starts on the benchmarks' plant; JSON on stdout.
 
-    make bench-fit       (or .venv/bin/python benchmarks/bench_estimators.py [--page docs/estimators.md])
+    make bench-fit       (or bench_estimators.py [--page docs/explanation/estimators.md])
 
 The source's own ML model (eq. 7.30) is the truth, its excitation the input (500 lines of 3 V up to 250 Hz, 75
 periods at 3 kHz), its band the one fitted (1 to 120 Hz), its order 3/2. Its noise is shown in pictures only:

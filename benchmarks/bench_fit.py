@@ -1,6 +1,6 @@
 """Fits with a free delay beside scipy, scikit-rf and Octave on the same data; JSON on stdout.
 
-    make bench-fit       (or .venv/bin/python benchmarks/bench_fit.py [--page docs/estimators.md])
+    make bench-fit       (or .venv/bin/python benchmarks/bench_fit.py [--page docs/explanation/estimators.md])
 
 Figures to reach (design, section 7), orders 4/3, 6/5 and 9/8, ten noise seeds each: cost at most the true
 model's, all poles stable, the delay found from nothing, in at most 60, 120 and 250 ms. scipy gets what a

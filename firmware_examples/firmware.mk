@@ -72,11 +72,11 @@ $(BUILD)/firmware/count.so: firmware_examples/budget/count.c
 
 COUNTED := $(BUILD)/firmware/m7-budget.elf $(BUILD)/firmware/m4-budget.elf $(BUILD)/firmware/count.so
 .PHONY: size
-size: all firmware $(COUNTED) ## what the firmware costs: docs/budget.md anew, and what has changed
+size: all firmware $(COUNTED) ## what the firmware costs: docs/reference/budget.md anew, and what has changed
 	$(PY) tools/firmware_budget > $(BUILD)/firmware/budget.md
-	@cp $(BUILD)/firmware/budget.md docs/budget.md
-	@cat docs/budget.md
-	@git diff --unified=0 -- docs/budget.md
+	@cp $(BUILD)/firmware/budget.md docs/reference/budget.md
+	@cat docs/reference/budget.md
+	@git diff --unified=0 -- docs/reference/budget.md
 
 .PHONY: firmware
 firmware: $(IMAGES:%=$(BUILD)/firmware/%.elf) ## cross-build the example firmware for Cortex-M7 and M4F

@@ -1,4 +1,4 @@
-/* The drive: rate controller, experiment, and their end of the serial line (docs/protocol.md), without a line of what they
+/* The drive: rate controller, experiment, and their end of the serial line (docs/reference/protocol.md), without a line of what they
  * run on. The axis is at the other end of the line; the drive is what the protocol calls the host, and takes the sample
  * of a tick for the cue to the next one, so that drive and simulated axis go in lock-step.
  *
@@ -12,7 +12,7 @@
 #include "controller.h"
 #include "experiment.h"
 
-/* The line may be silent for 0.25 s, then the excitation is to be gone (docs/protocol.md). The guard stands
+/* The line may be silent for 0.25 s, then the excitation is to be gone (docs/reference/protocol.md). The guard stands
  * EXPERIMENT_N_MISSING_MAX samples lost in a row: the next one trips it. Images for tests wait longer. */
 #ifndef DRIVE_SILENCE_MS
 #define DRIVE_SILENCE_MS 80

@@ -13,7 +13,7 @@ CPUS = ("m7", "m4")
 
 @pytest.fixture(scope="module")
 def budget() -> dict:
-    """What docs/budget.md is made of."""
+    """What docs/reference/budget.md is made of."""
     command = [ROOT / ".venv/bin/python", ROOT / "tools/firmware_budget", "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:

@@ -1,4 +1,4 @@
-/* Frames on the serial line between host and axis; docs/protocol.md describes the bytes. */
+/* Frames on the serial line between host and axis; docs/reference/protocol.md describes the bytes. */
 #ifndef GSID_LINK_H
 #define GSID_LINK_H
 

@@ -75,7 +75,7 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  The float build stays within 1e-3 of the peak, but for periodic_disturbance, whose time is summed up: it is off by a
  *  hundredth of its amplitude after 1 s and tells nothing after 10 s (double: 4e-4 after two hours).
  *  Context: a linear stack: ISR-safe, one writer. Other laws: background; their time is bounded, but by far more than a tick has
- *  (docs/budget.md). */
+ *  (docs/reference/budget.md). */
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
 /** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best

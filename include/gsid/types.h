@@ -25,7 +25,7 @@ typedef struct {
 } gsid_cplx;
 
 /* X(name, code, meaning, hint). Negative: the call failed and left its outputs and its object as they were.
- * Positive: it worked, and this is why it returned. tools/make_errors_page prints docs/errors.md from this list. */
+ * Positive: it worked, and this is why it returned. tools/make_errors_page prints docs/reference/errors.md from this list. */
 #define GSID_STATUS_LIST(X)                                                                                            \
     X(GSID_OK, 0, "done", "")                                                                                          \
     X(GSID_DONE, 1, "the period, or the sequence, is complete", "")                                                    \

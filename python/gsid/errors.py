@@ -10,7 +10,7 @@ class GsidError(RuntimeError):
     Parameters
     ----------
     code : int
-        Negative status of the library; docs/errors.md lists them.
+        Negative status of the library; docs/reference/errors.md lists them.
     message : str
         What was being done and what went wrong.
     hint : str

@@ -261,7 +261,8 @@ def fit_plant(
         minimum = minimise(problem, solver, max_iter)
         dof = min(part.dof for part in problem.parts)
         cov, pinned = _covariance(minimum.point.r)
-        # Weights that are estimates: the estimate scatters more than their inverse says (docs/decisions.md).
+        # Weights that are estimates: the estimate scatters more than their inverse says
+        # (docs/explanation/decisions.md).
         cov *= (dof - 1) / (dof - 2)
         return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
 

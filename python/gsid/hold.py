@@ -3,7 +3,8 @@
 A command that is held over each sample is half a sample late, falls as a sinc and has images; a signal
 without lines above half the sample rate has none of that. Up to about 0.08 of the sample rate a lag or a far
 mode more makes up for the difference, so that data cannot tell the two apart there. What depends on the
-assumption is therefore fitted under both (docs/decisions.md, "A record that does not state its hold").
+assumption is therefore fitted under both (docs/explanation/decisions.md, "A record that does not state its
+hold").
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drive an axis over a serial line and collect what it measures; docs/protocol.md has the bytes and rules."""
+"""Drive an axis over a serial line and collect its samples; docs/reference/protocol.md defines the frames."""
 
 from __future__ import annotations
 
@@ -371,7 +371,7 @@ class Link:
                 "the axis uses another version of the protocol",
                 self.name,
                 f"version {max(1, answer['flags'])}, not {VERSION}",
-                "update the link.h and link.c of its firmware, or gsid: docs/protocol.md, Versions",
+                "update the link.h and link.c of its firmware, or gsid: docs/reference/protocol.md, Versions",
             )
         fs_hz, n_queue = float(answer["a"]), float(answer["b"])
         if not (0 < fs_hz < np.inf and 1 <= n_queue < np.inf):
@@ -379,7 +379,8 @@ class Link:
                 "the axis states no usable rate or queue",
                 self.name,
                 f"{fs_hz:g} Hz, {n_queue:g} commands",
-                "its HELLO carries ticks per second in a and commands it can queue in b: docs/protocol.md",
+                "its HELLO carries ticks per second in a and commands it can queue in b: "
+                "docs/reference/protocol.md",
             )
         return fs_hz, int(n_queue)
 
@@ -477,7 +478,7 @@ class _Echo:
                 "",
                 f"{len(wrong)} samples of a period, {example}",
                 "is the drive enabled? SAMPLE carries the command in force at its tick, in the unit in which "
-                "it was sent, clipped and rounded at most: docs/protocol.md",
+                "it was sent, clipped and rounded at most: docs/reference/protocol.md",
             )
         self.known[wrong] = np.nan
         self.is_judged = True

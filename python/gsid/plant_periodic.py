@@ -16,7 +16,7 @@ from gsid.units import RADIANS, check_plant_units
 if TYPE_CHECKING:
     from gsid.plant import Effect, PlantModel
 
-# An input that is not held is simulated at this many times the sample rate; see docs/decisions.md.
+# An input that is not held is simulated at this many times the sample rate (docs/explanation/decisions.md).
 OVERSAMPLING = 4
 
 SETTLE_PERIODS = 2  # before the first Newton step

@@ -1,4 +1,4 @@
-"""A simulated gimbal axis, and its end of the serial line; docs/protocol.md describes the rules it keeps."""
+"""A simulated gimbal axis, and its end of the serial line; docs/reference/protocol.md has its rules."""
 
 from __future__ import annotations
 

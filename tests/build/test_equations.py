@@ -1,4 +1,4 @@
-"""docs/equations.md lists the equation keys of the tree, all and no others, and where each one stands."""
+"""docs/reference/equations.md lists the equation keys of the tree, all and no others, and their files."""
 
 import re
 
@@ -32,7 +32,7 @@ def used(root, places) -> dict[str, set[str]]:
 @pytest.fixture(scope="module")
 def page(root) -> dict[str, str]:
     """Each key's part of the page."""
-    parts = re.split(r"^### (\S+) .*$", (root / "docs/equations.md").read_text(), flags=re.M)
+    parts = re.split(r"^### (\S+) .*$", (root / "docs/reference/equations.md").read_text(), flags=re.M)
     keys = parts[1::2]
     assert len(keys) == len(set(keys)), "a key is listed twice"
     return dict(zip(keys, (part.split("\n## ")[0] for part in parts[2::2]), strict=True))
@@ -41,7 +41,7 @@ def page(root) -> dict[str, str]:
 def test_every_key_used_is_listed(page, root):
     unknown = {key: sorted(files) for key, files in used(root, READING).items() if key not in page}
     assert not unknown, (
-        "list these in docs/equations.md, or their first letters in NOT_KEYS if they are no keys"
+        "list these in docs/reference/equations.md, or their first letters in NOT_KEYS if they are no keys"
     )
 
 

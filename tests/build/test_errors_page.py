@@ -1,4 +1,4 @@
-"""docs/errors.md says what the library says."""
+"""docs/reference/errors.md says what the library says."""
 
 import sys
 
@@ -6,7 +6,7 @@ import sys
 def test_the_page_of_status_codes_is_up_to_date(run, root):
     made = run(sys.executable, root / "tools/make_errors_page")
     assert made.returncode == 0, made.stderr
-    assert (root / "docs/errors.md").read_text() == made.stdout, "call: make errors-page"
+    assert (root / "docs/reference/errors.md").read_text() == made.stdout, "call: make errors-page"
 
 
 def test_every_failure_of_the_list_becomes_an_exception():

@@ -1,4 +1,4 @@
-"""docs/firmware.md: the files it names are enough to link."""
+"""docs/how-to/firmware.md: the files it names are enough to link."""
 
 import re
 import shutil
@@ -21,7 +21,8 @@ def sources_of(root, cell):
 
 def rows_of(root):
     """Sources of each row, by what it is for; the first is the base of the others."""
-    table = (root / "docs/firmware.md").read_text().split("## Which files")[1].split("## Which flags")[0]
+    text = (root / "docs/how-to/firmware.md").read_text()
+    table = text.split("## Which files")[1].split("## Which flags")[0]
     return {name: sources_of(root, cell) for name, cell in ROW.findall(table)[1:]}
 
 
@@ -82,7 +83,7 @@ int main(void) {
 
 
 def test_lines_of_a_rounded_command(run, root, tmp_path):
-    (block,) = pages.blocks(root / "docs/firmware.md", "c")
+    (block,) = pages.blocks(root / "docs/how-to/firmware.md", "c")
     copied = (root / "firmware_examples/minimal/main.c").read_text()
     copied = copied[copied.index("#include") : copied.index("/* ---- to here")]
     copied = copied.replace("gsid_multisine_spectrum(&multisine, input)", "round_command(179)")

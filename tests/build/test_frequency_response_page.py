@@ -1,4 +1,4 @@
-"""docs/frequency_response.md: its program runs, its commands print what it shows."""
+"""docs/how-to/frequency_response.md: its program runs, its commands print what it shows."""
 
 import shlex
 import sys
@@ -8,7 +8,7 @@ from pages import assert_same_text, commands
 
 
 def test_the_page(run, root, tmp_path):
-    page = root / "docs/frequency_response.md"
+    page = root / "docs/how-to/frequency_response.md"
     (program,) = pages.blocks(page, "python")
     (tmp_path / "made.py").write_text(program)
     programs = {"gsid": [sys.executable, "-m", "gsid.cli.main"], "python": [sys.executable]}

@@ -58,7 +58,7 @@ def test_the_session(run, root, tmp_path):
 
 
 def test_links_between_pages_lead_somewhere(root):
-    pages = [*root.glob("*.md"), *(root / "docs").glob("*.md")]
+    pages = [*root.glob("*.md"), *(root / "docs").rglob("*.md")]
     links = [(page, link) for page in pages for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text())]
     assert len(links) > 5
     for page, link in links:

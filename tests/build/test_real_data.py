@@ -1,4 +1,4 @@
-"""docs/real_data.md on the measured records: its commands print what it shows, and the answers are right.
+"""docs/how-to/real_data.md on the measured records: its commands print its text, and the answers are right.
 
 Blocks marked `console` run here; those marked `shell-session` take minutes and run by `make test-data`.
 """
@@ -29,7 +29,7 @@ def page(run, root, tmp_path):
     (tmp_path / "shared/data").symlink_to(DATA)
 
     def follow(title, language="console"):
-        text = (root / "docs/real_data.md").read_text()
+        text = (root / "docs/how-to/real_data.md").read_text()
         (section,) = re.findall(rf"^## {title}.*?(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
         for name, body in re.findall(
             r"`(\w+\.\w+)`:\n\n```(?:json|python)\n(.*?)^```$", section, re.DOTALL | re.MULTILINE

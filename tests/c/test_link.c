@@ -9,7 +9,7 @@
 
 #include "gsid/link.h"
 
-#define BYTES 18 /* docs/protocol.md */
+#define BYTES 18 /* docs/reference/protocol.md */
 /* With some ids a piece of the garbage below has the right check by chance, as 1 in 65536 does: not with this one. */
 #define SESSION 0x7777u
 

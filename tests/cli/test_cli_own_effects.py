@@ -82,7 +82,7 @@ def test_the_curve_of_a_diagnosis(gsid):
 
 def test_a_compiled_effect(gsid, monkeypatch):
     monkeypatch.setattr(effects, "_loaded", {})
-    page = (ROOT / "docs/own_effects.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/how-to/own_effects.md").read_text(encoding="utf-8")
     Path("harness.c").write_text(re.search(r"^```c\n(.*?)^```", page, re.M | re.S)[1])
     flags = ["-std=c99", "-O2", "-fPIC", "-shared", f"-I{ROOT / 'include'}"]
     subprocess.run([shutil.which("cc") or "gcc", *flags, "harness.c", "-o", "harness.so"], check=True)

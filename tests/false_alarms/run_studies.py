@@ -1,4 +1,4 @@
-"""Run the studies of false alarms and put their tables into docs/false_alarms.md.
+"""Run the studies of false alarms and put their tables into docs/explanation/false_alarms.md.
 
     make false-alarms [STUDY=NAME] [N=SEEDS] [TABLE=1]
 

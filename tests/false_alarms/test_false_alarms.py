@@ -28,7 +28,7 @@ def test_level_is_kept_in_the_short_form(name):
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_page_has_a_block_for_every_study(name):
-    page = (run_studies.ROOT / "docs/false_alarms.md").read_text()
+    page = (run_studies.ROOT / "docs/explanation/false_alarms.md").read_text()
     assert f"<!-- {name} -->\n" in page
     assert f"<!-- end {name} -->" in page
 

@@ -66,7 +66,7 @@ def test_input_and_output_alone_lean_towards_the_controller():
     through_r = frf(record, reference="r")
     np.testing.assert_array_equal(through_r.line, LINES)
     off, direct_off = chi_square(through_r, truth), chi_square(replace(through_r, g=direct), truth)
-    # the figures of docs/estimators.md
+    # the figures of docs/explanation/estimators.md
     print(f"off by {off:.2g} standard deviations, the direct estimate by {direct_off:.3g}")
     assert abs(off) < 3.3  # 99.9 % of a normal variable
     assert direct_off > 50

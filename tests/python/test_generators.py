@@ -3,7 +3,7 @@
 Its spectrum line by line, over periods that begin in the middle of one; the same bits in every period and
 after a restart; and the table of the desk.
 
-The references are written anew from the formulas of docs/equations.md, in double precision.
+The references are written anew from the formulas of docs/reference/equations.md, in double precision.
 """
 
 import numpy as np

@@ -248,8 +248,8 @@ def compiled(folder, source, name="own"):
 
 
 def example():
-    """The C code of docs/own_effects.md."""
-    return re.search(r"^```c\n(.*?)^```", (ROOT / "docs/own_effects.md").read_text(), re.M | re.S)[1]
+    """The C code of docs/how-to/own_effects.md."""
+    return re.search(r"^```c\n(.*?)^```", (ROOT / "docs/how-to/own_effects.md").read_text(), re.M | re.S)[1]
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def test_two_low_orders_do_on_the_axis_what_the_true_order_does():
     response = measured(f, AXIS.response(f))
     found = fit_piecewise(response, "3/2")
     cost_true = np.sum(np.abs(response.g - AXIS.response(f)) ** 2 / response.var_g)
-    # the figures of docs/estimators.md
+    # the figures of docs/explanation/estimators.md
     print(f"cost {found.cost:.4g}, of the true model {cost_true:.4g}, of one piece {found.tried[0].cost:.2g}")
     print(f"break at {found.breaks_hz[0]:.3g} Hz")
     assert [piece.n_poles for piece in found.pieces] == [3, 3]

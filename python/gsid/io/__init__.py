@@ -44,8 +44,8 @@ def read_record(
 ) -> Record:
     """Read one realisation from a file.
 
-    Binary files are read in a process of their own (docs/conventions.md, "Files from elsewhere"); arrays as
-    long as u become columns of the record.
+    Binary files are read in a separate process (docs/reference/conventions.md, "Files from elsewhere").
+    Arrays as long as u become columns of the record.
 
     Parameters
     ----------
