@@ -203,11 +203,12 @@ include firmware_examples/firmware.mk
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
 LINT_FLAGS := -O2 -Werror -fno-stack-protector -U_FORTIFY_SOURCE
 .PHONY: lint
-lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, Python style
+lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, wording, Python style
 	$(MAKE) BUILD=$(BUILD)/lint CFLAGS='$(LINT_FLAGS)' libs
 	CC="$(CC)" CXX="$(CXX)" $(PY) tools/check_layers $(CORE_LIBS:$(BUILD)/%=--core $(BUILD)/lint/%) \
 	    $(EFFECTS_LIBS:$(BUILD)/%=--effects $(BUILD)/lint/%) \
 	    --host $(BUILD)/lint/libgsid_host.a
+	$(PY) tools/check_wording
 	$(VENV)/bin/ruff check -q .
 	$(VENV)/bin/ruff format -q --check .
 	$(VENV)/bin/clang-format --dry-run -Werror $(C_FILES)
@@ -251,6 +252,18 @@ distortion-study: all ## how well the intervals of gsid.distortion cover a known
 .PHONY: hostile
 hostile: all ## bad input of every kind through every verb that reads it, with limits of time and memory (an hour or two)
 	$(PY) tests/hostile/hostile_runs.py --processes
+
+# The site needs no network; its packages do, once.
+$(VENV)/docs.stamp: docs/requirements.txt $(VENV)/requirements.stamp
+	@echo "$(PY) -m pip install -r docs/requirements.txt"
+	@$(PY) -m pip install -q --disable-pip-version-check -r docs/requirements.txt
+	@touch $@
+
+.PHONY: docs
+docs: all $(VENV)/docs.stamp ## build the documentation into build/docs; a warning is an error
+	@rm -rf $(BUILD)/docs
+	$(VENV)/bin/sphinx-build -q -E -W --keep-going -b html -d $(BUILD)/docs-cache docs $(BUILD)/docs
+	@echo "$(BUILD)/docs/index.html"
 
 .PHONY: errors-page
 errors-page: all ## make docs/reference/errors.md anew from the list of status codes

@@ -52,8 +52,10 @@ typedef struct {
     gsid_real *level_noise;   /* [n_lines - n_excited] what noise alone would leave of that, rms */
 } gsid_distortion_out;
 
-/** Bytes that gsid_distortion_init needs, or gsid_distortion_init_spread; 0 for a configuration that it refuses. */
+/** Bytes that gsid_distortion_init needs; 0 for an invalid configuration. */
 size_t gsid_distortion_mem_size(const gsid_distortion_cfg *cfg);
+
+/** Bytes that gsid_distortion_init_spread needs; 0 for an invalid configuration. */
 size_t gsid_distortion_spread_mem_size(const gsid_distortion_cfg *cfg);
 
 /** Lay a measurement with the direct engine (see gsid_frf) out in the caller's memory; the first realisation begins with gsid_distortion_start.

@@ -146,6 +146,7 @@ class Diagnosis:
 
     @property
     def adequate(self) -> bool:
+        """Whether the model leaves only noise."""
         return self.verdict == "adequate"
 
     @property

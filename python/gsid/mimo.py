@@ -214,10 +214,12 @@ class MimoFrf:
 
     @property
     def n_y(self) -> int:
+        """Number of outputs."""
         return self.g.shape[1]
 
     @property
     def n_u(self) -> int:
+        """Number of inputs."""
         return self.g.shape[2]
 
     @property

@@ -127,6 +127,7 @@ class MimoModel:
 
     @property
     def n_poles(self) -> int:
+        """Number of poles."""
         return len(self.sections)
 
     @property
@@ -136,10 +137,12 @@ class MimoModel:
 
     @property
     def n_y(self) -> int:
+        """Number of outputs."""
         return self.num.shape[0]
 
     @property
     def n_u(self) -> int:
+        """Number of inputs."""
         return self.num.shape[1]
 
     @property
@@ -170,6 +173,7 @@ class MimoModel:
 
     @property
     def stable(self) -> bool:
+        """Whether all poles are stable."""
         return bool(np.all(self.poles.real < 0 if self.domain == "s" else np.abs(self.poles) < 1))
 
     def _variable(self, f_hz: np.ndarray) -> np.ndarray:

@@ -113,10 +113,12 @@ class RationalModel:
 
     @property
     def n_poles(self) -> int:
+        """Number of poles."""
         return len(self.den) - 1
 
     @property
     def n_zeros(self) -> int:
+        """Number of zeros."""
         return len(self.num) - 1
 
     @property
@@ -136,6 +138,7 @@ class RationalModel:
 
     @property
     def stable(self) -> bool:
+        """Whether all poles are stable."""
         if self.domain == "s":
             return bool(np.all(self.poles.real < 0))
         return bool(np.all(np.abs(self.poles) < 1))

@@ -51,8 +51,12 @@ typedef struct gsid_axis gsid_axis;
  *  @return GSID_OK; GSID_E_NULL */
 gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg);
 
-/** @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY */
+/** Create a simulated axis.
+ *  @param[out] axis  the new axis, to be freed with gsid_axis_destroy
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY */
 gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg);
+
+/** Free a simulated axis; NULL is allowed. */
 void gsid_axis_destroy(gsid_axis *axis);
 
 /** Come to rest at tick 0, with the noise started anew from the seed. */

@@ -44,7 +44,7 @@ def read_record(
 ) -> Record:
     """Read one realisation from a file.
 
-    Binary files are read in a separate process (docs/reference/conventions.md, "Files from elsewhere").
+    Binary files are read in a separate process (docs/reference/conventions.md, "Input files").
     Arrays as long as u become columns of the record.
 
     Parameters
