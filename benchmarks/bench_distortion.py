@@ -61,7 +61,7 @@ def main() -> None:
     }
     if "package" in seconds:
         figures["times_faster_than_package"] = seconds["package"] / seconds["gsid"]
-    rows = [("what", "time", "to gsid's")]
+    rows = [("what", "time", "over gsid's")]
     for name, value in seconds.items():
         own = seconds["gsid, input measured" if name.endswith("measured") else "gsid"]
         rows.append((name, f"{1e3 * value:.1f} ms", f"{value / own:.2f}"))

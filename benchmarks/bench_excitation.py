@@ -119,7 +119,7 @@ def main() -> None:
         for name in SHAPES
         if f"L2p in Octave, {name}" in results
     }
-    rows = [("phases", "crest factor", "travel to Schroeder's", "time")]
+    rows = [("phases", "crest factor", "travel over Schroeder's", "time")]
     for name, result in results.items():
         moved = f"{result['travel_to_schroeder']:.3f}" if "travel_to_schroeder" in result else ""
         rows.append((name, f"{result['crest_factor']:.3f}", moved, f"{1e3 * result['seconds']:.1f} ms"))

@@ -104,7 +104,7 @@ def main() -> None:
             precision: ticks(precision) for precision in ("double", "float")
         },
     }
-    rows = [("what", "time", "to gsid's", "variance", "largest difference from gsid's response")]
+    rows = [("what", "time", "over gsid's", "variance", "largest difference from gsid's response")]
     for name, value in seconds.items():
         difference = f"{apart[name]:.1g}" if name in apart else "-"
         ratio = f"{value / seconds['gsid']:.2f}"
