@@ -12,6 +12,7 @@ from gsid.effects import find
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit, fit_plant
 from gsid.joint import joint_starts
+from gsid.linear_start import linear_start
 from gsid.linear_view import JOINT
 from gsid.plant import Param, PlantModel
 from gsid.scan import Scored, noise_p_value, with_probe
@@ -53,9 +54,21 @@ class Given:
         records = self.measured if only is None else [self.measured[i] for i in only]
         return fit_plant(model, records, band=self.band, max_iter=max_iter)
 
+    def started_anew(self, model: PlantModel) -> PlantModel:
+        """The model with new starting values of its linear part, from the records."""
+        return linear_start(model, self.measured)
+
+    def joint_starts(self, fit: PlantFit) -> list[tuple[PlantModel, float]]:
+        """The model of a fit with a joint added, and by how much that lowers the error of the response."""
+        return joint_starts(fit, self.measured, self.model)
+
+    def noise_p_value(self, fit: PlantFit) -> float:
+        """Probability of a misfit as large or larger by noise alone, of a fit of all records."""
+        return noise_p_value(fit, self.measured)
+
     def is_noise(self, fit: PlantFit) -> bool:
         """Whether what a fit of all records leaves may be noise."""
-        return noise_p_value(fit, self.measured) > self.alpha
+        return self.noise_p_value(fit) > self.alpha
 
 
 @dataclass(eq=False)
@@ -204,7 +217,7 @@ def _joint(fit: PlantFit, given: Given, beaten: float) -> list[Candidate]:
     Followed to its end only where the first steps lead below the least cost of the others.
     """
     found = []
-    for start, gain in joint_starts(fit, given.measured, given.model):
+    for start, gain in given.joint_starts(fit):
         try:
             fitted = given.fit(start, STEPS_LOOK)
             if fitted.cost < FORGIVEN * fit.cost:

@@ -11,9 +11,8 @@ import numpy as np
 from gsid.candidates import CONVERGED_BY, STEPS_LOOK, Candidate, Given, Group, evidence, ranked, tried
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
-from gsid.linear_start import linear_start
 from gsid.plant import PlantModel
-from gsid.scan import SAMPLER, Scored, noise_p_value, scan, scan_rates, stacked, with_effect
+from gsid.scan import SAMPLER, Scored, scan, scan_rates, stacked, with_effect
 from gsid.scores import (
     Score,
     apart,
@@ -97,14 +96,21 @@ class Search:
         self.steps.append(step)
         if not explore or step.p_value >= self.given.alpha:
             return False
-        n_shapes = Counter(probe.effect for probe, _ in scored)
-        rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
-        scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
-        candidates = tried(fit, scored, n_shapes, self.given)
-        step.ranking = ranked(fit, candidates)
+        step.ranking = ranked(fit, self.candidates(fit, scored))
         if step.ranking:
             self._judge(step)
         return step.taken
+
+    def scan(self, fit: PlantFit) -> Scored:
+        """Every effect that the model does not have, scored."""
+        return scan(fit, self.given.measured)
+
+    def candidates(self, fit: PlantFit, scored: Scored) -> list[Candidate]:
+        """The best of them, fitted; a sensor's refresh is scored over a grid of rates of its own."""
+        n_shapes = Counter(probe.effect for probe, _ in scored)
+        rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
+        scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
+        return tried(fit, scored, n_shapes, self.given)
 
     def test(self, fit: PlantFit) -> Step:
         """The tests of a fit, made once."""
@@ -112,9 +118,9 @@ class Search:
 
     def _test(self, fit: PlantFit) -> tuple[Step, Scored]:
         if id(fit) not in self._tested:  # a step has its fit, so that no other gets its id
-            scored = scan(fit, self.given.measured)
+            scored = self.scan(fit)
             p_score = self._score_p_value(fit, [item for _, item in scored])
-            step = Step(fit, noise_p_value(fit, self.given.measured), p_score, [])
+            step = Step(fit, self.given.noise_p_value(fit), p_score, [])
             self._tested[id(fit)] = step, scored
         return self._tested[id(fit)]
 
@@ -190,7 +196,7 @@ class Search:
             others = {r[0].candidates[0].effect for r in [*again, *rankings[i:]]}
             for rival in self._rivals(own, others):
                 self.given.on_step(f"trying {rival.effect} in place of {own.effect}")
-                exchanged = self._with_rival(fit.model, own.effect, rival)
+                exchanged = self.with_rival(fit.model, own.effect, rival)
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
             now += self._simpler(fit.model, own, others | {candidate.effect for candidate in now})
@@ -229,7 +235,7 @@ class Search:
             self._smaller[left] = self.fit_or_none(model, anew=effect == SAMPLER)
         return self._smaller[left]
 
-    def _with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
+    def with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
         """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
         model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
         """
@@ -250,7 +256,7 @@ class Search:
         """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
         which the values at hand lack without it."""
         try:
-            return self.given.fit(linear_start(model, self.given.measured) if anew else model, max_iter)
+            return self.given.fit(self.given.started_anew(model) if anew else model, max_iter)
         except (GsidError, InputError):
             return None
 

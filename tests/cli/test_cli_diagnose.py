@@ -8,6 +8,7 @@ import pytest
 
 from gsid.excitation import Multisine
 from gsid.io import read_record, write_record
+from gsid.ladder import Rung
 from gsid.model import RationalModel, load_model
 from gsid.plant import PlantModel
 from gsid.record import Record
@@ -114,7 +115,7 @@ def test_in_words(gsid):
 
 def test_a_step_that_does_not_pay_on_new_data_is_named(gsid, monkeypatch):
     """A bug: the error on the data that judge rose with an effect found, and one had to see that oneself."""
-    monkeypatch.setattr("gsid.ladder.Rung.falls", False)
+    monkeypatch.setattr(Rung, "falls", False)
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "-o", "found.json")
     idle = "The error on search records DOES NOT FALL significantly with coulomb_friction: "
     assert idle in result.out

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsid.cli.main import gsid as verbs
+from gsid.errors import GsidError
 from gsid.files import write_atomically
 
 COMMAND = Path(sys.executable).parent / "gsid"
@@ -153,48 +155,45 @@ def test_bad_usage(gsid, snapshot, rec_csv, kind):
     snapshot(f"usage_{kind}", result.err)
 
 
-def test_failure_of_the_library_is_code_4(gsid, rec_csv, monkeypatch):
-    from gsid.errors import GsidError
+@pytest.fixture
+def broken_frf(gsid, rec_csv, monkeypatch):
+    """Run `gsid frf` with a body that raises: what remains is what the command makes of it."""
 
-    def fail(*args, **kwargs):
-        raise GsidError(-9, "transforming: out of memory")
+    def run(error):
+        def body(*_, **__):
+            raise error
 
-    monkeypatch.setattr("gsid.frf.frf", fail)
-    result = gsid("frf", rec_csv)
+        monkeypatch.setattr(verbs.get_command(None, "frf"), "callback", body)
+        return gsid("frf", rec_csv)
+
+    return run
+
+
+def test_failure_of_the_library_is_code_4(broken_frf):
+    result = broken_frf(GsidError(-9, "transforming: out of memory"))
     assert result.code == 4
     assert result.err == "error: transforming: out of memory (status -9)\n"
 
 
 @pytest.mark.parametrize("status", [-4, -6, -7, -8, -11])
-def test_data_that_the_library_refuses_are_bad_input(gsid, rec_csv, monkeypatch, status):
+def test_data_that_the_library_refuses_are_bad_input(broken_frf, status):
     """A bug: a fit to a constant output was an internal error, since its equations are singular."""
-    from gsid.errors import GsidError
-
-    def fail(*args, **kwargs):
-        raise GsidError(status, "fit")
-
-    monkeypatch.setattr("gsid.frf.frf", fail)
-    result = gsid("frf", rec_csv)
+    result = broken_frf(GsidError(status, "fit"))
     assert result.code == 3
     assert "hint: " in result.err
 
 
-def test_faults_of_gsid_are_code_4_and_traced_when_asked(gsid, rec_csv, monkeypatch):
-    monkeypatch.setattr("gsid.frf.frf", lambda *args, **kwargs: 1 / 0)
-    result = gsid("frf", rec_csv)
+def test_faults_of_gsid_are_code_4_and_traced_when_asked(broken_frf, monkeypatch):
+    result = broken_frf(ZeroDivisionError("division by zero"))
     assert result.code == 4
     assert "Traceback" not in result.err
     assert "GSID_DEBUG=1" in result.err
     monkeypatch.setenv("GSID_DEBUG", "1")
-    assert "Traceback" in gsid("frf", rec_csv).err
+    assert "Traceback" in broken_frf(ZeroDivisionError("division by zero")).err
 
 
-def test_interrupt(gsid, rec_csv, monkeypatch):
-    def interrupted(*args, **kwargs):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("gsid.frf.frf", interrupted)
-    assert gsid("frf", rec_csv).code == 130
+def test_interrupt(broken_frf):
+    assert broken_frf(KeyboardInterrupt()).code == 130
 
 
 def test_real_process(rec_csv):

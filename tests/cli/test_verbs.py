@@ -11,6 +11,7 @@ import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 from scipy.io import loadmat
 
+from gsid import order
 from gsid.io import write_record
 from gsid.record import Record
 from measured import BENCH, needs_bench
@@ -62,7 +63,7 @@ def test_frf_table(gsid, record, rec_csv):
 
 def test_table_on_a_terminal(gsid, rec_csv, monkeypatch):
     """Drawn by rich, which would take the units' brackets for markup."""
-    monkeypatch.setattr("gsid.cli.common.is_terminal", lambda stream: True)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     out = gsid("frf", rec_csv, "--band", "50:70").out
     for header in ("f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"):
         assert header in out
@@ -304,11 +305,11 @@ def test_fit_of_an_order_found(gsid, rec_csv):
 
 def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
     assert "cannot be told apart" not in gsid("fit", rec_csv, "--order", "2/0").err
-    monkeypatch.setattr("gsid.order.near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
+    monkeypatch.setattr(order, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err
     assert "near 31.83 Hz cannot be told apart; the delay may trade against them: try --order auto" in err
     # A bug: of a complex pair it was said twice, and --order auto advised --order auto.
-    monkeypatch.setattr("gsid.order.near_cancelled", lambda model: 2 * [(-200 + 0j, -201 + 0j)])
+    monkeypatch.setattr(order, "near_cancelled", lambda model: 2 * [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "auto", "--band", "5:100").err
     assert err.count("cannot be told apart") == 1
     assert "try --order auto" not in err

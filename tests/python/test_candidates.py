@@ -1,20 +1,68 @@
 """How candidates are started, priced and grouped."""
 
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.candidates import SAME, Candidate, Given, _joint, _refitted, evidence, ranked
+from gsid.candidates import SAME, Candidate, Given, evidence, ranked, tried
 from gsid.errors import InputError
 from gsid.linear_view import linear_view
 from gsid.plant_periodic import PeriodicPlant
+from gsid.probes import Probe
+from gsid.scores import Score
 
 N = 3000
 AXIS = {"rigid_body": {"gain": 10.0}, "viscous_friction": {"rate": 3.0}, "cable_spring": {"stiffness": 150.0}}
 GEAR = {"gap_deg": 0.0, "stiffness": 4e5, "inertia_ratio": 0.3, "damping": 100.0}
-GIVEN = Given(None, [], None, 0.05, print)
+
+
+@dataclass(frozen=True, eq=False)
+class FakeFits(Given):
+    """A search's input whose fits are those of `answers`, and which tries a joint from `joints`."""
+
+    answers: Callable = None
+    is_enough: bool = False  # whether a candidate leaves noise only, after which no joint is tried
+    joints: tuple = ()
+
+    def fit(self, model, max_iter=50, only=None):
+        return self.answers(model, max_iter)
+
+    def noise_p_value(self, fit):
+        return float(self.is_enough)
+
+    def joint_starts(self, fit):
+        return list(self.joints)
+
+
+def given(answers, **how):
+    return FakeFits(None, [], None, 0.05, print, answers=answers, **how)
+
+
+def scored(effect, drop, params, fixed=()):
+    """One point of an effect's grid, and the drop that it promises."""
+    probe = Probe(effect, [], lambda size: params, fixed=fixed)
+    return probe, Score(drop, np.ones(1), 1.0, np.empty((0, 1)))
+
+
+def rates(**drops):
+    """A sensor's refresh at some rates [Hz], `r750=99.0` for 750 Hz."""
+    return [
+        scored("sensor_sample_hold", drop, {"rate_hz": float(name[1:])}, ("rate_hz",))
+        for name, drop in drops.items()
+    ]
+
+
+def rate_of(model):
+    return model.effects[-1].params["rate_hz"].value
+
+
+def candidates(before, several, given):
+    return tried(before, several, Counter(probe.effect for probe, _ in several), given)
 
 
 def fitted(cost, n_dof=1000, n_free=5):
@@ -41,74 +89,51 @@ def test_the_best_of_many_shapes_pays_for_the_choice():
     assert price == pytest.approx(largest, rel=0.2)
 
 
-def test_the_next_shape_is_tried_though_the_first_brought_nearly_its_promise(monkeypatch):
+def test_the_next_shape_is_tried_though_the_first_brought_nearly_its_promise():
     """A bug: a sensor of 750 Hz, tried at 1000 Hz, brought 95; 750 Hz promised 99 and would bring 117."""
     brings = {1000.0: 95.0, 750.0: 117.0}
 
-    def start(model, probe, size):
-        return SimpleNamespace(rate=probe.rate)
+    def fit(model, max_iter):
+        return SimpleNamespace(cost=3251.0 - brings[rate_of(model)], converged=True, model=model)
 
-    def fit(model, measured, **options):
-        return SimpleNamespace(cost=3251.0 - brings[model.rate], converged=True)
-
-    monkeypatch.setattr("gsid.candidates.with_probe", start)
-    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
-    tries = [
-        (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=drop, size=None))
-        for rate, drop in ((1000.0, 113.0), (750.0, 99.0))
-    ]
-    found = _refitted(fitted(3251.0), "sensor_sample_hold", tries, GIVEN)
+    (found,) = candidates(fitted(3251.0), rates(r1000=113.0, r750=99.0), given(fit, is_enough=True))
     assert found.fit.cost == 3251.0 - 117.0
 
 
-def test_of_held_shapes_only_the_best_is_fitted_to_its_end(monkeypatch):
+def test_of_held_shapes_only_the_best_is_fitted_to_its_end():
     """A bug: five rates of a refresh, none of which converged, had 15 steps each before anything else."""
     steps = []
 
-    def fit(model, measured, *, band, max_iter):
-        steps.append((model.rate, max_iter))
-        return SimpleNamespace(cost=900.0 - model.rate, converged=False, model=model)
+    def fit(model, max_iter):
+        steps.append((rate_of(model), max_iter))
+        return SimpleNamespace(cost=900.0 - rate_of(model), converged=False, model=model)
 
-    monkeypatch.setattr(
-        "gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace(rate=probe.rate)
-    )
-    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
-    tries = [
-        (SimpleNamespace(rate=rate, fixed=("rate_hz",)), SimpleNamespace(drop=900.0, size=None))
-        for rate in (300.0, 500.0, 400.0)
-    ]
-    _refitted(fitted(1000.0), "sensor_sample_hold", tries, GIVEN)
-    assert steps == [(300.0, 3), (500.0, 3), (400.0, 3), (500.0, 15)]
+    candidates(fitted(1000.0), rates(r300=900.0, r500=900.0, r400=900.0), given(fit, is_enough=True))
+    assert steps == [(300.0, 3), (500.0, 3), (400.0, 3), (500.0, 15), (500.0, 50)]
 
 
-def test_a_fit_that_cannot_be_carried_on_is_kept(monkeypatch):
+def test_a_fit_that_cannot_be_carried_on_is_kept():
     """A bug: begun again, a plant that had just been fitted could not be simulated, and the diagnosis broke
     off."""
 
-    def fit(model, measured, *, band, max_iter):
+    def fit(model, max_iter):
         if max_iter > 3:
             raise InputError("the model cannot be simulated as it starts", "", "", "")
         return SimpleNamespace(cost=900.0, converged=False, model=model)
 
-    monkeypatch.setattr("gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace())
-    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
-    tries = [(SimpleNamespace(fixed=("rate_hz",)), SimpleNamespace(drop=900.0, size=None))]
-    found = _refitted(fitted(1000.0), "sensor_sample_hold", tries, GIVEN)
+    (found,) = candidates(fitted(1000.0), rates(r300=900.0), given(fit, is_enough=True))
     assert found.fit.cost == 900.0
 
 
-def test_what_no_start_could_be_fitted_of_is_told(monkeypatch):
+def test_an_effect_that_cannot_be_fitted_from_any_start_is_reported():
     """A bug: an effect that could not be simulated was left out without a word."""
 
-    def refuse(*_, **__):
+    def refuse(model, max_iter):
         raise InputError("the model cannot be simulated as it starts", "", "", "")
 
-    monkeypatch.setattr("gsid.candidates.with_probe", lambda model, probe, size: SimpleNamespace())
-    monkeypatch.setattr("gsid.candidates.fit_plant", refuse)
-    tries = [(SimpleNamespace(fixed=()), SimpleNamespace(drop=900.0, size=None))]
-    given = Given(None, [], None, 0.05, print)
-    assert _refitted(fitted(1000.0), "hard_stop", tries, given) is None
-    assert "cannot be simulated" in given.untried["hard_stop"]
+    asked = given(refuse)
+    assert candidates(fitted(1000.0), [scored("hard_stop", 900.0, {})], asked) == []
+    assert "cannot be simulated" in asked.untried["hard_stop"]
 
 
 def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():
@@ -146,17 +171,17 @@ def test_a_sensor_that_follows_at_once_is_none():
 
 
 def stopped_plant():
-    """An axis that only just touches a stop, at the far end of its travel."""
+    """An axis that only just touches a stop, at the far end of its travel; the travel; its parameters."""
     command = 60 * np.sin(2 * np.pi * np.arange(N) / N)
     free = PeriodicPlant(plant(AXIS), command, FS_HZ).run()
     furthest = float(np.max(np.abs(free.angle)))
-    stack = AXIS | {"hard_stop": {"angle_deg": 0.995 * furthest, "stiffness": 1500.0}}
-    return PeriodicPlant(plant(stack), command, FS_HZ), furthest
+    stopped = plant(AXIS | {"hard_stop": {"angle_deg": 0.995 * furthest, "stiffness": 1500.0}})
+    return PeriodicPlant(stopped, command, FS_HZ), furthest, stopped.free_values
 
 
 def test_an_axis_with_stops_is_not_thrown_onto_another_orbit():
     """A bug: from rest the transient hit the stops, and the orbit found rattled between them."""
-    stopped, furthest = stopped_plant()
+    stopped, furthest, _ = stopped_plant()
     answer = stopped.run()
     assert answer.settled
     assert np.max(np.abs(answer.angle)) < furthest
@@ -164,8 +189,7 @@ def test_an_axis_with_stops_is_not_thrown_onto_another_orbit():
 
 def test_a_step_that_is_taken_back_leaves_no_trace():
     """A bug: the next answer was searched from the rejected one, on its orbit."""
-    stopped, _ = stopped_plant()
-    values = np.array(stopped._values)
+    stopped, _, values = stopped_plant()
     first = stopped.run(values)
     stopped.keep()
     moved = values.copy()
@@ -176,17 +200,22 @@ def test_a_step_that_is_taken_back_leaves_no_trace():
     np.testing.assert_allclose(again.y, first.y, atol=1e-9 * np.max(np.abs(first.y)))
 
 
-def test_a_joint_that_others_beat_is_not_followed(monkeypatch):
+def test_a_joint_that_others_beat_is_not_followed():
     """A bug: on a record with hysteresis half an hour went into a gear that was worse than a spring."""
-    steps = []
+    joint = SimpleNamespace(effects=[SimpleNamespace(id="gear_backlash", params={})])
 
-    def fit(model, measured, *, band, max_iter):
-        steps.append(max_iter)
-        return SimpleNamespace(cost=900.0, converged=False, model=model)
+    def steps_of_the_joint(least):
+        """With a spring that leaves a cost of `least`."""
+        steps = []
 
-    monkeypatch.setattr("gsid.candidates.joint_starts", lambda *_: [(SimpleNamespace(), 1.0)])
-    monkeypatch.setattr("gsid.candidates.fit_plant", fit)
-    _joint(fitted(1000.0), GIVEN, beaten=800.0)
-    assert steps == [3]
-    _joint(fitted(1000.0), GIVEN, beaten=950.0)
-    assert steps == [3, 3, 15]
+        def fit(model, max_iter):
+            if model is not joint:
+                return SimpleNamespace(cost=least, converged=True, model=model)
+            steps.append(max_iter)
+            return SimpleNamespace(cost=900.0, converged=False, model=model)
+
+        candidates(fitted(1000.0), [scored("cubic_spring", 500.0, {})], given(fit, joints=((joint, 1.0),)))
+        return steps
+
+    assert steps_of_the_joint(800.0) == [3]
+    assert steps_of_the_joint(950.0) == [3, 15]

@@ -309,7 +309,7 @@ def test_path_inside_h5(tmp_path):
 
 
 def test_meta_json_beside(tmp_path, caplog):
-    caplog.set_level("INFO", "gsid.io")
+    caplog.set_level("INFO", "gsid")
     beside = {
         "fs_hz": 2500.0,
         "period_samples": 5,

@@ -237,7 +237,7 @@ def test_a_disk_that_is_slow_does_not_delay_the_line(tmp_path, monkeypatch):
         return slow(file, data)
 
     journal = Journal(tmp_path / "a.journal", RUN)
-    monkeypatch.setattr("gsid.journal.os.write", write)
+    monkeypatch.setattr(os, "write", write)
     u, y, valid = samples(40)
     start = time.monotonic()
     for first in range(0, 40, 10):
@@ -268,7 +268,7 @@ def test_a_journal_that_fails_leaves_no_threads(tmp_path, monkeypatch):
         return len(data)
 
     before = threading.active_count()
-    monkeypatch.setattr("gsid.journal.os.write", write)
+    monkeypatch.setattr(os, "write", write)
     with pytest.raises(JournalError, match="No space"):
         run(Loopback(Server(quiet_axis())), multisine(N), periods=20, journal=tmp_path / "a.journal")
     assert threading.active_count() == before

@@ -174,7 +174,7 @@ def test_the_degrees_of_freedom_of_a_fall():
 def test_which_data_are_kept_out(caplog):
     few = [realisation(SEED, n_periods=4), realisation(SEED + 1, n_periods=4)]
     loud = [realisation(SEED + i, 9.0, 4) for i in (2, 3)]
-    with caplog.at_level(logging.INFO, "gsid.ladder"):
+    with caplog.at_level(logging.INFO, "gsid"):
         assert add("coulomb_friction", start(), [*few, *loud]).rung.kept_out == "2 records kept out"
         assert f"r{SEED + 1}, r{SEED + 3}" in caplog.text
         assert (

@@ -1,13 +1,12 @@
 """Search for effects, in a world of known costs: each set of effects has its cost, and fits are looked up."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-import gsid.search
 from gsid.candidates import Candidate, Given
 from gsid.search import Search
 
@@ -25,34 +24,62 @@ def given(measured):
     return Given(None, measured, None, 0.05, lambda text: None)
 
 
-@pytest.fixture
-def search_in(monkeypatch):
-    def begin(costs: dict[str, float], catalogue: str) -> tuple[Search, SimpleNamespace]:
-        """`costs` of models by the letters of their effects, in the order of the alphabet."""
+@dataclass(frozen=True, eq=False)
+class KnownCosts(Given):
+    """A search's input whose fits are looked up: `costs` by the sorted letters of the effects.
 
-        def fitted(model, *_, **__):
-            cost = costs["".join(sorted(e.id for e in model.effects))]
-            model.free_names = [e.id for e in model.effects]
-            return SimpleNamespace(
-                cost=cost, model=model, n_dof=N_DOF, misfit=max(cost - NOISE, 0.0), converged=True
-            )
+    `names` are the ids of the effects that a letter stands for, where that is not the letter itself.
+    """
 
-        def tried(fit, *_):
-            has = [e.id for e in fit.model.effects]
-            fits = {e: fitted(model([*has, e])) for e in catalogue if e not in has}
-            return [Candidate(e, one, fit.cost - one.cost) for e, one in fits.items()]
+    costs: dict[str, float] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
+    noise: float = NOISE
+    started: list[str] = field(default_factory=list)  # models whose linear part was started anew
 
-        monkeypatch.setattr("gsid.candidates.fit_plant", fitted)
-        monkeypatch.setattr("gsid.search.tried", tried)
-        monkeypatch.setattr("gsid.search.scan", lambda *_: [])
-        monkeypatch.setattr("gsid.search.scan_rates", lambda *_: ([], 0))
-        monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, _: 1.0 if fit.cost <= NOISE else 0.0)
-        return Search(given([]), 0), fitted(model(""))
+    def letters(self, model):
+        letter = {name: one for one, name in self.names.items()}
+        return [letter.get(e.id, e.id) for e in model.effects]
 
-    return begin
+    def fit(self, model, *_, **__):
+        cost = self.costs["".join(sorted(self.letters(model)))]
+        model.free_names = [e.id for e in model.effects]
+        return SimpleNamespace(
+            cost=cost, model=model, n_dof=N_DOF, misfit=max(cost - NOISE, 0.0), converged=True
+        )
+
+    def started_anew(self, model):
+        self.started.append("".join(self.letters(model)))
+        return model
+
+    def noise_p_value(self, fit):
+        return 1.0 if fit.cost <= self.noise else 0.0
 
 
-def test_what_is_named_first_is_what_was_found_in_the_end(search_in):
+class KnownSearch(Search):
+    """Tries each effect of a catalogue, given as letters, that the model does not have."""
+
+    catalogue = ""
+    alone = ""  # letters, of effects that do not stand out in a model without any
+
+    def scan(self, fit):
+        return []
+
+    def candidates(self, fit, scored):
+        has, names = self.given.letters(fit.model), self.given.names
+        absent = [e for e in self.catalogue if e not in has and (has or e not in self.alone)]
+        ids = [e.id for e in fit.model.effects]
+        fits = [(names.get(e, e), self.given.fit(model([*ids, names.get(e, e)]))) for e in absent]
+        return [Candidate(effect, one, fit.cost - one.cost) for effect, one in fits]
+
+
+def search_in(costs: dict[str, float], catalogue: str, **known) -> tuple[Search, SimpleNamespace]:
+    world = KnownCosts(None, [], None, 0.05, lambda text: None, costs=costs, **known)
+    search = KnownSearch(world, 0)
+    search.catalogue = catalogue
+    return search, world.fit(model(""))
+
+
+def test_what_is_named_first_is_what_was_found_in_the_end():
     """A bug: friction named first for sure, and left out again in the end, stayed first in the ranking."""
     # c looks best alone, but a and b together need no c.
     costs = {"": 5000, "a": 2100, "b": 2200, "c": 2000, "ac": 900, "bc": 1000, "ab": 100, "abc": 99}
@@ -63,7 +90,7 @@ def test_what_is_named_first_is_what_was_found_in_the_end(search_in):
     assert all(ranking[0].candidates[0].fit is fit for ranking in rankings)
 
 
-def test_the_last_test_is_of_the_model_that_comes_out(search_in):
+def test_the_last_test_is_of_the_model_that_comes_out():
     """A bug: an exchange that left only noise was judged by what had been left before it."""
     # After c, b looks better than a; beside b, a is far better than c, but not found from beside both.
     costs = {"": 5000, "a": 2100, "b": 4000, "c": 2000, "ac": 1000, "bc": 900, "ab": 100, "abc": 899}
@@ -74,7 +101,7 @@ def test_the_last_test_is_of_the_model_that_comes_out(search_in):
     assert search.steps[-1].p_value == 1.0
 
 
-def test_probability_is_of_the_ranking_beside_the_others(search_in):
+def test_probability_is_of_the_ranking_beside_the_others():
     """A bug: an effect exchanged for its rival kept the probability of the round before."""
     costs = {"": 5000, "a": 2001, "b": 4000, "c": 2000, "ac": 1999, "bc": 112, "ab": 100, "abc": 111}
     search, fit = search_in(costs, "abc")
@@ -84,7 +111,7 @@ def test_probability_is_of_the_ranking_beside_the_others(search_in):
     assert first[0].probability == pytest.approx(1 / (1 + 2.718281828**-6), rel=1e-3)  # half of 12
 
 
-def test_probability_of_a_second_effect_is_against_the_model_with_the_first(search_in):
+def test_probability_of_a_second_effect_is_against_the_model_with_the_first():
     """A bug: it was against the model with neither, so that one that brought next to nothing was certain."""
     search, fit = search_in({"": 5000, "a": 120, "b": 4000, "ab": 108}, "ab")
     rankings, fit = search.run(fit)
@@ -94,7 +121,7 @@ def test_probability_of_a_second_effect_is_against_the_model_with_the_first(sear
     assert rankings[1][0].probability == pytest.approx(1 / (1 + np.exp(evidence / 2)), rel=1e-6)
 
 
-def test_what_an_exchange_leaves_is_searched_again(search_in):
+def test_what_an_exchange_leaves_is_searched_again():
     # a and b bring little alone; in the place of c, a lets d be seen.
     costs = {"": 9000, "a": 5000, "b": 8000, "c": 4000, "d": 8500, "ab": 2500, "ac": 3990, "bc": 3000}
     costs |= {"cd": 3999, "ad": 4999, "bd": 8400, "abc": 2499, "abd": 100, "bcd": 2999, "acd": 3989}
@@ -104,20 +131,17 @@ def test_what_an_exchange_leaves_is_searched_again(search_in):
     assert sorted(ranking[0].effects[0] for ranking in rankings) == ["a", "b", "d"]
 
 
-def test_one_effect_that_is_left_is_that_of_the_model(search_in, monkeypatch):
+def test_one_effect_that_is_left_is_that_of_the_model():
     """A bug: with the first effect left out again, the only one found was still fitted beside it."""
     costs = {"": 5000, "c": 2000, "ac": 100, "a": 102}
     search, fit = search_in(costs, "ac")
-    all_of = gsid.search.tried
-    monkeypatch.setattr(  # a does not stand out alone
-        "gsid.search.tried", lambda fit, *_: [c for c in all_of(fit) if c.effect == "c" or fit.model.effects]
-    )
+    search.alone = "a"
     rankings, fit = search.run(fit)
     assert [[e.id for e in r[0].candidates[0].fit.model.effects] for r in rankings] == [["a"]]
     assert rankings[0][0].candidates[0].fit is fit
 
 
-def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing(search_in):
+def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing():
     """A bug: beside an effect that the catalogue does not have, three others were found that did nearly
     nothing, in four minutes."""
     costs = {"": 50_000, "a": 40_000, "b": 49_000, "ab": 39_600}
@@ -130,7 +154,7 @@ def test_a_law_that_takes_a_hundredth_off_the_misfit_is_not_what_is_missing(sear
     assert search.steps[-1].too_small == pytest.approx(0.01, rel=0.01)
 
 
-def test_what_made_it_worse_is_no_rival(search_in):
+def test_what_made_it_worse_is_no_rival():
     """A bug: beside hysteresis a gear, dear to simulate and worse than nothing, was tried for each."""
     costs = {"": 5000, "a": 2000, "b": 2500, "c": 6000, "ab": 100, "ac": 7000, "bc": 7000, "abc": 99}
     search, fit = search_in(costs, "abc")
@@ -140,23 +164,19 @@ def test_what_made_it_worse_is_no_rival(search_in):
     assert not [words for words in told if "trying c" in words]
 
 
-def test_what_stands_in_a_samplers_place_starts_with_its_delay(search_in, monkeypatch):
+def test_what_stands_in_a_samplers_place_starts_with_its_delay():
     """A bug: a sampler's rival was fitted without the delay that had gone with it, and lost for that."""
     # b looks best beside c; in the end a is as good, and b is the sampler.
-    search, fit = search_in(
-        {"": 5000, "b": 2000, "a": 2100, "c": 3000, "ab": 1990, "bc": 100, "ac": 104, "abc": 99}, "abc"
-    )
-    anew = []
-    monkeypatch.setattr("gsid.search.SAMPLER", "b")
-    monkeypatch.setattr(
-        "gsid.search.linear_start",
-        lambda model, _: anew.append("".join(e.id for e in model.effects)) or model,
-    )
+    costs = {"": 5000, "b": 2000, "a": 2100, "c": 3000, "ab": 1990, "bc": 100, "ac": 104, "abc": 99}
+    search, fit = search_in(costs, "abc", names={"b": "sensor_sample_hold"})
     search.run(fit)
-    assert set(anew) == {"c", "ca"}  # left out, and exchanged; what keeps the sampler goes on as it is
+    assert set(search.given.started) == {
+        "c",
+        "ca",
+    }  # left out, and exchanged; what keeps the sampler goes on as it is
 
 
-def test_a_rival_is_tried_with_the_values_that_went_with_it(monkeypatch):
+def test_a_rival_is_tried_with_the_values_that_went_with_it():
     """A bug: in the place of an unbalance, cogging began with the spring that the unbalance had left, ended
     in another minimum, and was ruled out (seed 1020, trial 32)."""
 
@@ -169,29 +189,29 @@ def test_a_rival_is_tried_with_the_values_that_went_with_it(monkeypatch):
         cost = 100.0 if model.effects[0].params["p"] == 2 else 900.0
         return SimpleNamespace(cost=cost, model=model, converged=True)
 
-    monkeypatch.setattr("gsid.candidates.fit_plant", fitted)
+    class Springs(Given):
+        fit = staticmethod(fitted)
+
     rival = Candidate("cogging", fitted(axis(2, "cogging")), 0.0)
-    fit = Search(given([]), 0)._with_rival(axis(1, "unbalance", "friction"), "unbalance", rival)
+    search = Search(Springs(None, [], None, 0.05, lambda text: None), 0)
+    fit = search.with_rival(axis(1, "unbalance", "friction"), "unbalance", rival)
     assert fit.cost == 100.0
     assert sorted(effect.id for effect in fit.model.effects) == ["cogging", "friction", "spring"]
 
 
-def test_the_law_that_another_contains_stands_beside_it(search_in, monkeypatch):
+def test_the_law_that_another_contains_stands_beside_it():
     """A bug: without quadratic drag only Stribeck friction stood out; Coulomb's, which was the truth, was not
     tried again beside it (seed 1024, trial 18)."""
-    search, fit = search_in({"": 5000, "b": 900, "c": 4000, "bc": 98, "ac": 100}, "bc")
-    monkeypatch.setattr("gsid.search.SIMPLER", {"b": "a"})
-    monkeypatch.setattr(
-        "gsid.search.with_effect", lambda fitted, effect, _: model([*(e.id for e in fitted.effects), effect])
-    )
+    names = {"a": "coulomb_friction", "b": "stribeck_friction"}
+    costs = {"": 5000, "b": 900, "c": 4000, "bc": 98, "ac": 100}
+    search, fit = search_in(costs, "bc", names=names)
     rankings, _ = search.run(fit)
-    assert [sorted(ranking[0].effects) for ranking in rankings] == [["a", "b"], ["c"]]
+    assert [sorted(ranking[0].effects) for ranking in rankings] == [sorted(names.values()), ["c"]]
 
 
-def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for(search_in, monkeypatch):
+def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for():
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
-    search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab")
-    monkeypatch.setattr("gsid.search.noise_p_value", lambda fit, _: 1.0 if fit.cost < 100 else 0.0)
+    search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab", noise=99.0)
     rankings, _ = search.run(fit)
     assert [ranking[0].effects for ranking in rankings] == [["a"], ["b"]]
 

@@ -55,7 +55,7 @@ def fit_matrix(
     with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
         model = fit_mimo(measured, order, method=method, **options)
     say_assumed_hold(model.hold_assumed, model.hold)
-    _say_what_is_ill_determined(model)
+    say_what_is_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
     errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
     if output:
@@ -86,7 +86,7 @@ def _as_json(model: MimoModel) -> dict:
     return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
 
 
-def _say_what_is_ill_determined(model: MimoModel) -> None:
+def say_what_is_ill_determined(model: MimoModel) -> None:
     import numpy as np
 
     if not model.ill_determined_delays.any():
