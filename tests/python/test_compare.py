@@ -298,6 +298,21 @@ def test_false_alarm_rate_on_the_record_of_the_fit():
     assert np.mean([r.cost_per_dof for r in results]) == pytest.approx(1, abs=0.1)  # scatters by 0.02
 
 
+def test_each_fitted_parameter_takes_a_degree_of_freedom():
+    """The p-value: chi-square of twice the lines less the parameters, of one record and of two."""
+    rng = np.random.default_rng(SEED)
+    ours = [measured(rng, periods=4, u_noise=0.02) for _ in range(2)]
+    rational = fit(frf(ours[0]), "2/0")
+    inside = (ours[0].line >= 1) & (ours[0].line <= 60)
+    errors = [one.Y[:, inside] - rational.response(one.f_hz[inside]) * one.U[:, inside] for one in ours]
+    for several in (errors[:1], errors):
+        t = [4 * np.abs(e.mean(0)) ** 2 / e.var(0, ddof=1) for e in several]
+        chi2 = 2 * np.sum(3 * np.log1p(np.array(t) / 3))
+        n_dof = 2 * 60 * len(several) - 4  # gain, two coefficients of the denominator, delay
+        found = compare(rational, ours[: len(several)], fitted=True)
+        assert found.p_value == pytest.approx(stats.chi2.sf(chi2, n_dof), rel=1e-6)
+
+
 def test_a_fitted_plant_is_allowed_its_covariance_on_new_records(command):
     """A bug: the noise of the fit was left out, and 83 % of right plants of 4 periods rejected by 40."""
     print("seed", SEED)
@@ -384,7 +399,7 @@ def test_an_offset_is_seen_at_0_only_where_the_plant_knows_its_mean(command):
 @pytest.mark.parametrize(("share", "told"), [(0.05, False), (0.2, True)])
 def test_an_answer_that_is_not_steady_is_told(command, monkeypatch, caplog, share, told):
     """A bug: a plant without steady state was judged like any other. A tenth of the noise may move."""
-    caplog.set_level("WARNING", "gsid.compare")
+    caplog.set_level("WARNING", "gsid")
     seen = noisy(np.random.default_rng(SEED), command, axis_period(command, **AXIS), 3)
     noise_rms = compare(plant(STACK), seen).noise_floor_rms
     predict = PlantModel.predict

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from plants import plant
+from scipy import stats
 
 from gsid.candidates import Given, Group
 from gsid.diagnose import Diagnosis, diagnose
@@ -86,6 +87,22 @@ def test_the_false_alarm_rate_asked_for_is_the_one_that_decides():
     searched = diagnose(null(), measured(SLIGHT), alpha=0.5)
     assert searched.verdict != "adequate"
     assert searched.steps[0].ranking
+
+
+def test_the_noise_test_of_the_search_allows_for_what_was_fitted():
+    """Of 8 parameters and 15 lines: p by the definition, from the periods and the fitted model's answer."""
+    records, band = measured(0.0), (2.0, 9.0)
+    (step,) = diagnose(null(), list(records), band=band).steps
+    chi2, n = 0.0, 0
+    for one in records:
+        use = (one.f_hz >= band[0]) & (one.f_hz <= band[1])
+        error = one.y[use] - step.fit.model.predict(one).Y[use]
+        t = one.n_periods * np.abs(error) ** 2 / one.noise_y[use]
+        chi2 += 2 * np.sum((one.n_periods - 1) * np.log1p(t / (one.n_periods - 1)))
+        n += 2 * np.count_nonzero(use)
+    p = stats.chi2.sf(chi2, n - len(step.fit.model.free_names))
+    assert step.p_noise == pytest.approx(p, rel=1e-6)
+    assert stats.chi2.sf(chi2, n) > 1.2 * p  # what the test would say without
 
 
 def test_coulomb_friction_is_named_and_its_size_found():

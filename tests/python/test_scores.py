@@ -107,6 +107,20 @@ def test_the_best_of_many_is_an_alarm_at_the_stated_rate():
     assert lo <= alarms <= hi
 
 
+@pytest.mark.parametrize("periods", [2, 3, 8])
+def test_what_the_periods_draw_scatters_as_their_mean(periods):
+    """The variance of a mean of P is the sample variance over P, that of P - 1 degrees of freedom: with two
+    periods a draw that divides by P instead of sqrt(P (P - 1)) has half of it."""
+    print("seed", SEED)
+    rng, draws = np.random.default_rng([SEED, periods]), 20_000
+    lines = rng.standard_normal((periods, 5)) + 1j * rng.standard_normal((periods, 5))
+    drawn = random_periods([lines - lines.mean(0), 3 * (lines - lines.mean(0))], draws, SEED)
+    parts = [scale * part for part in (lines.real, lines.imag) for scale in (1, 3)]
+    expected = np.concatenate([part.var(axis=0, ddof=1) / periods for part in parts])
+    # A variance from 20 000 normal draws scatters by 1 %: five of those.
+    np.testing.assert_allclose(drawn.var(axis=1), expected, rtol=5 * np.sqrt(2 / draws))
+
+
 def test_noise_that_moves_all_lines_together_is_no_alarm():
     """A gain that flutters from period to period: 200 cases, 30 smooth candidates, 8 periods, 2 records."""
     rng = np.random.default_rng(SEED)
