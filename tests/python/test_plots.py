@@ -307,15 +307,15 @@ def test_pole_zero_map_leaves_out_what_may_be_anywhere():
 def test_two_periods_and_one_line():
     record = simulate(n_periods=2, line=np.array([20]))
     measured = frf(record)
-    for figure in (
-        plots.periods(record, spectra(record)),
-        plots.excitation(spectra(record)),
-        plots.frf(measured),
-        plots.bode(axis(), measured),
-        plots.residual(axis(), measured),
-        plots.comparison(compare(axis(), record)),
+    for figure, words in (
+        (plots.periods(record, spectra(record)), "2 good periods"),
+        (plots.excitation(spectra(record)), "1, 40 to 40 Hz"),
+        (plots.frf(measured), "mean of 2 periods"),
+        (plots.bode(axis(), measured), "95 % interval, measured"),
+        (plots.residual(axis(), measured), "of 1 line"),
+        (plots.comparison(compare(axis(), record)), "Excited lines: "),
     ):
-        labels(figure)
+        assert words in labels(figure)
 
 
 def test_units_from_a_file_are_text_not_mathematics():

@@ -1,0 +1,60 @@
+"""The tests themselves: each asserts something, and none replaces a name by its path in the package."""
+
+import ast
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+CHECKS = ("raises", "warns", "fail")  # of pytest; and whatever is called assert_...
+
+
+def parsed():
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(TESTS.rglob("*.py"))}
+
+
+def called(node):
+    """Names of the functions called in a node."""
+    calls = [one.func for one in ast.walk(node) if isinstance(one, ast.Call)]
+    return {one.attr if isinstance(one, ast.Attribute) else getattr(one, "id", "") for one in calls}
+
+
+def asserts(node, helpers=frozenset()):
+    names = called(node)
+    return (
+        any(isinstance(one, ast.Assert) for one in ast.walk(node))
+        or any(name in CHECKS or name.startswith("assert_") for name in names)
+        or bool(names & helpers)
+    )
+
+
+def test_every_test_asserts_something():
+    """A bug: a test drew six pictures of a short record and looked at none of them."""
+    trees = parsed()
+    functions = [
+        (path, one)
+        for path, tree in trees.items()
+        for one in ast.walk(tree)
+        if isinstance(one, ast.FunctionDef)
+    ]
+    assert len(functions) > 1000
+    helpers = frozenset(one.name for _, one in functions if not one.name.startswith("test_") and asserts(one))
+    idle = [
+        f"{path.relative_to(TESTS)}:{one.lineno} {one.name}"
+        for path, one in functions
+        if one.name.startswith("test_") and not asserts(one, helpers)
+    ]
+    assert not idle
+
+
+def test_no_test_names_what_it_replaces_by_a_path():
+    """`monkeypatch.setattr("gsid.module.name", ...)` breaks when a file moves, and hides a missing seam."""
+    named = [
+        f"{path.relative_to(TESTS)}:{call.lineno}"
+        for path, tree in parsed().items()
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call)
+        and getattr(call.func, "attr", "") in ("setattr", "patch")
+        and call.args
+        and isinstance(call.args[0], ast.Constant)
+        and str(call.args[0].value).startswith("gsid.")
+    ]
+    assert not named
