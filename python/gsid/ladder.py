@@ -1,9 +1,9 @@
 """Add an effect to a plant and watch the error fall: the ladder of models, judged on data not fitted.
 
 A rung is fitted on some realisations and judged on others (or, with less than three records, fitted on the
-first half of the periods and judged on the second). `Rung.judged_on` states how new these data are: a search
-may have chosen the effect by them, and later periods repeat the realisation that was fitted. The model keeps
-its ladder in its history, so that a step can be taken back.
+first half of the periods and judged on the second). `Rung.judged_on` states how new these data are: only
+records that the caller keeps out, and that no earlier step has used, are called kept out. The model keeps its
+ladder in its history, so that a step can be taken back, and with each step the digests of the records used.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -48,6 +48,8 @@ PERIODS_LEAST = 2  # for a variance, on either side
 # Data that judge a step, and what a column of their errors is called. None is in files of older versions.
 JUDGED_ON = {
     "kept_out": "kept out",
+    "not_fitted": "not fitted",
+    "used_before": "used before",
     "later_periods": "later periods",
     "search_records": "search records",
     None: "judged",
@@ -82,10 +84,11 @@ class Rung:
     y_unit : str
     data : dict or None
         Names of the records "fitted" and "kept_out" of this fit, and "band_hz"; None in old files.
-    judged_on : {"kept_out", "later_periods", "search_records"} or None
-        What kind of data judge: records kept out of the fit and of the choice of the effect; later periods of
-        the realisations that were fitted; or records out of this fit that a search has used to choose the
-        effect. None in old files.
+    judged_on : {"kept_out", "not_fitted", "used_before", "later_periods", "search_records"} or None
+        What kind of data judge: records that the caller keeps out; some of the records, left out of this fit,
+        which may have helped to choose the effect; records that an earlier step of the model has fitted or
+        searched; later periods of the realisations that were fitted; or records that the search of this
+        effect has used. None in old files.
     fall_p_value : float or None
         Probability of a fall this large when the effect brings the model no nearer to the truth (CMP-3). It
         does not allow for the choice of the effect by a search. None in old files.
@@ -288,8 +291,9 @@ def add(
         Where the fit starts; those not given are typical ones. Default: the best of several sizes and
         shapes, found along the model's own path; for an effect of your own, its typical values.
     held_out : Record or Spectra, or a sequence of them, optional
-        Judged on, never fitted. Default: the last third of the realisations of each level; with less than
-        three records, or one of each level, the second half of the periods of each.
+        Judged on, never fitted: realisations that have not helped to choose the effect either. Default: the
+        last third of the realisations of each level; with less than three records, or one of each level, the
+        second half of the periods of each.
     band : (lo, hi), optional
         Hz; default as in `gsid.greybox.fit_plant`.
     on_step : callable
@@ -314,7 +318,8 @@ def add(
         raise InputError("this effect is what a plant starts with, not one to add", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
-    split = _split(spectra_of(records), None if held_out is None else spectra_of(held_out))
+    kept = None if held_out is None else spectra_of(held_out)
+    split = _split(spectra_of(records), kept, _used_records(model))
     fitted = silent = split.fitted
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
@@ -327,7 +332,7 @@ def add(
     _note_places_outside(after)
     on_step(f"judging on {split.words}")
     rung = _rung(-1, before, after, split, band)
-    step = {"add": known.id, "rung": rung.to_dict(), "previous": _previous(model)}
+    step = _step(known.id, rung, _previous(model), fitted)
     if before.hold_assumed:
         other = read_as(silent, other_reading(before.hold))
         as_assumed(after, _fit_or_none(after.model, other, band))
@@ -390,7 +395,8 @@ def with_history(
     InputError
         As :func:`add`.
     """
-    split = _split_of_search(spectra_of(records))
+    searched = spectra_of(records)
+    split = _split_of_search(searched)
     fitted = split.fitted
     steps = list(range(len(given.effects), len(found.effects)))  # places in the stack: there they stay
     if order:
@@ -405,7 +411,7 @@ def with_history(
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
         at = place - sum(later < place for later in steps[i + 1 :])
         rung = _rung(at, before, after, split, band)
-        told.history.append({"add": found.effects[place].id, "rung": rung.to_dict(), "previous": previous})
+        told.history.append(_step(found.effects[place].id, rung, previous, searched))
         previous, before = _previous(after.model), after
     return told
 
@@ -466,8 +472,20 @@ def ladder(model: PlantModel) -> Ladder:
     InputError
         The history is not what `add` writes.
     """
-    try:
+    with _history_of_file():
         return Ladder([Rung.from_dict(entry["rung"]) for entry in model.history if "rung" in entry])
+
+
+def _used_records(model: PlantModel) -> set[str]:
+    """Digests of the records that earlier steps have fitted, or searched for their effect."""
+    with _history_of_file():
+        return {digest for entry in model.history for digest in texts(entry, "used_records") if digest}
+
+
+@contextlib.contextmanager
+def _history_of_file() -> Iterator[None]:
+    try:
+        yield
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         hint = "take it out of the model file, or write the model again by `gsid add`"
         raise InputError("the model's history cannot be read", "", error, hint) from error
@@ -478,6 +496,12 @@ def _again(last: Rung, new: Rung) -> str:
     if last.same_data(new):
         return "same, fitted again"
     return f"same, on {new.kept_out if new.kept_out != last.kept_out else 'other data'}"
+
+
+def _step(effect: str, rung: Rung, previous: dict[str, Any], used: list[Spectra]) -> dict[str, Any]:
+    """An entry of the history; `used` are the records that were fitted, or searched for the effect."""
+    digests = [one.digest for one in used if one.digest]
+    return {"add": effect, "rung": rung.to_dict(), "previous": previous, "used_records": digests}
 
 
 def _previous(model: PlantModel) -> dict[str, Any]:
@@ -497,19 +521,22 @@ class _Split(NamedTuple):
     judged_on: str
 
 
-def _split(measured: list[Spectra], held_out: list[Spectra] | None) -> _Split:
+def _split(
+    measured: list[Spectra], held_out: list[Spectra] | None = None, used: Collection[str] = ()
+) -> _Split:
+    """What is fitted, and what judges; `used` are digests of the records of earlier steps."""
     if held_out is not None:
         both = next((k.name for k in held_out for m in measured if np.array_equal(k.Y, m.Y)), None)
         if both is not None:
             hint = "leave it out of the records to fit, or judge on another"
             raise InputError("a record is fitted and kept out", both, None, hint)
-        return _Split(measured, held_out, _names(held_out), "kept_out")
+        return _split_of_records(measured, held_out, "kept_out", used)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:
         kept = [measured[i] for i in chosen]
         _log.info("left out of the fit, to judge on: %s", ", ".join(s.name or "a record" for s in kept))
         fitted = [s for i, s in enumerate(measured) if i not in chosen]
-        return _Split(fitted, kept, _names(kept), "kept_out")
+        return _split_of_records(fitted, kept, "not_fitted", used)
     _log.info("fitted to the first half of the periods, judged on the second")
     halves = [_halves(s) for s in measured]
     words = f"the later periods of the same realisation{'s' * (len(measured) > 1)}"
@@ -518,7 +545,7 @@ def _split(measured: list[Spectra], held_out: list[Spectra] | None) -> _Split:
 
 def _split_of_search(measured: list[Spectra]) -> _Split:
     """The same of records that a search has used, all of them."""
-    split = _split(measured, None)
+    split = _split(measured)
     if split.judged_on == "later_periods":
         words = "later periods (used in the search)"
     elif len(split.kept) == 1:
@@ -528,8 +555,21 @@ def _split_of_search(measured: list[Spectra]) -> _Split:
     return split._replace(words=words, judged_on="search_records")
 
 
-def _names(kept: list[Spectra]) -> str:
-    return kept[0].name or "the record kept out" if len(kept) == 1 else f"{len(kept)} records kept out"
+def _split_of_records(
+    fitted: list[Spectra], kept: list[Spectra], judged_on: str, used: Collection[str]
+) -> _Split:
+    before = [one.name or "a record" for one in kept if one.digest in used]
+    if before:
+        judged_on = "used_before"
+        _log.info("used in an earlier step of the model, so not kept out: %s", ", ".join(before))
+    kind = JUDGED_ON[judged_on]
+    if len(kept) > 1:
+        words = f"{len(kept)} records {kind}"
+    elif before:
+        words = f"{before[0]} ({kind})"
+    else:
+        words = kept[0].name or f"the record {kind}"
+    return _Split(fitted, kept, words, judged_on)
 
 
 def _last_third(measured: list[Spectra]) -> set[int]:

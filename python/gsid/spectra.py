@@ -5,6 +5,7 @@ The phases of the lines count from the record's first sample on, whatever was th
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,9 @@ from gsid.record import Record, split_periods
 
 if TYPE_CHECKING:
     from gsid.frf import Frf
+
+
+DIGEST_LENGTH = 16  # hexadecimal digits
 
 
 @dataclass(repr=False)
@@ -47,6 +51,9 @@ class Spectra:
     hold : {"zoh", "none"} or None
         As in `gsid.record.Record`.
     u_unit, y_unit, name : str
+    digest : str
+        Of the record's output samples, whatever was thrown away to settle: which measurement it is. Empty
+        where there is no record.
     """
 
     fs_hz: float
@@ -61,6 +68,7 @@ class Spectra:
     u_unit: str = ""
     y_unit: str = ""
     name: str = ""
+    digest: str = ""
 
     @property
     def f_hz(self) -> np.ndarray:
@@ -150,6 +158,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
         u_unit=part.u_unit,
         y_unit=part.y_unit,
         name=part.name,
+        digest=hashlib.sha256(record.y.tobytes()).hexdigest()[:DIGEST_LENGTH],
     )
 
 

@@ -96,11 +96,15 @@ def test_in_words(gsid):
     assert lines[1].startswith("Not adequate: ")
     assert "round  probability  effects" in result.out
     assert "deg/s^2 per command" in result.out
-    # A bug: the options by which the records were read were left out, and the command failed as it stood.
-    assert (
-        "hint: gsid add coulomb_friction --model null.json r0.npz r1.npz r2.npz --y y --band 2:100 -o"
-        in result.err
+    # Bugs: the options by which the records were read were left out, and the command failed as it stood;
+    # it judged on records that had chosen the effect.
+    typed = (
+        "gsid add coulomb_friction --model null.json --held-out NEW.csv r0.npz r1.npz r2.npz "
+        "--y y --band 2:100 -o M2.json"
     )
+    assert f"hint: {typed} judges it on a new record: these have chosen the effect\n" in result.err
+    asked = typed.replace("NEW.csv", "r3.npz").split()[1:]
+    assert json.loads(gsid(*asked, "--json").out)["judged_on"] == "kept_out"
 
     asked = ["-o", "one.json", "--plot", "ladder.png"]
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS[:2], *asked)
@@ -110,6 +114,7 @@ def test_in_words(gsid):
     )
     assert "later periods [deg/s]" in result.out
     assert "note: fitted to the first half of the periods, judged on the second\n" in result.err
+    assert "only a new one can judge it: --held-out NEW.csv\n" in result.err
     assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
 
 
@@ -131,6 +136,22 @@ def test_records_of_the_search_are_not_called_kept_out(gsid, n_records):
     (step,) = json.loads(Path("found.json").read_text())["history"]
     assert step["rung"]["judged_on"] == "search_records"
     assert step["rung"]["fall_p_value"] < 1e-3
+
+
+def test_records_that_chose_the_effect_are_not_called_kept_out_by_add(gsid):
+    """A bug: `diagnose` suggested `add` on the same records, which called some of them kept out."""
+    given = ["--model", "null.json", *RECORDS[:3], "-o", "found.json"]
+    result = gsid("add", "coulomb_friction", *given)
+    assert "kept out" not in result.out + result.err
+    assert "not fitted [deg/s]" in result.out
+    assert "only a new one can judge it: --held-out NEW.csv\n" in result.err
+    assert gsid("diagnose", *given).code == 0
+    next_step = ["torque_bias", "--model", "found.json", *RECORDS[:2], "-o", "next.json"]
+    result = gsid("add", *next_step, "--held-out", RECORDS[2], "--plot", "ladder.png")
+    assert "on r2.npz (used before) " in result.out
+    assert "kept out [" not in result.out
+    assert "note: used in an earlier step of the model, so not kept out: r2.npz\n" in result.err
+    assert is_png("ladder.png")
 
 
 def test_start_and_records_to_judge_on(gsid):

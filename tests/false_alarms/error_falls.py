@@ -30,7 +30,7 @@ def added(rng: np.random.Generator, effect: str, records: int, periods: int) -> 
     """Of an effect that the axis does not have, added by `gsid.ladder.add`."""
     measured = [record(rng, periods) for _ in range(records)]
     rung = add(effect, plant(GAIN * 1.03, RATE * 0.97), measured).rung
-    assert rung.judged_on == ("kept_out" if records > 2 else "later_periods")
+    assert rung.judged_on == ("not_fitted" if records > 2 else "later_periods")
     return rung.fall_p_value if rung.held_out["after"] < rung.held_out["before"] else 1.0
 
 

@@ -76,7 +76,7 @@ def test_the_error_falls_to_the_noise_on_data_not_fitted(added, records):
     assert abs(level["value"] - LEVEL) < 4 * level["std"]
     assert compare(added.model, records[2]).rms_error == pytest.approx(rung.held_out["after"])
     assert "falls" in rung.sentence
-    assert rung.judged_on == "kept_out"
+    assert rung.judged_on == "not_fitted"
     assert rung.fall_p_value < 1e-6
 
 
@@ -93,7 +93,7 @@ def test_a_second_step_that_the_data_do_not_need(added, records):
     assert second.rung.held_out["after"] == pytest.approx(added.rung.held_out["after"], rel=0.02)
     rows = second.ladder.rows()
     assert [row[0] for row in rows] == ["as it was", "+ coulomb_friction", "+ quadratic_drag"]
-    assert "kept out [deg/s]" in repr(second)
+    assert "not fitted [deg/s]" in repr(second)
     assert not second.rung.falls
     assert "DOES NOT FALL" in second.rung.sentence or "NOT fall significantly" in second.rung.sentence
 
@@ -175,7 +175,7 @@ def test_which_data_are_kept_out(caplog):
     few = [realisation(SEED, n_periods=4), realisation(SEED + 1, n_periods=4)]
     loud = [realisation(SEED + i, 9.0, 4) for i in (2, 3)]
     with caplog.at_level(logging.INFO, "gsid"):
-        assert add("coulomb_friction", start(), [*few, *loud]).rung.kept_out == "2 records kept out"
+        assert add("coulomb_friction", start(), [*few, *loud]).rung.kept_out == "2 records not fitted"
         assert f"r{SEED + 1}, r{SEED + 3}" in caplog.text
         assert (
             add("coulomb_friction", start(), few).rung.kept_out
@@ -184,11 +184,35 @@ def test_which_data_are_kept_out(caplog):
         assert "first half of the periods" in caplog.text
     named = add("coulomb_friction", start(), few, held_out=loud[0])
     assert named.rung.kept_out == f"r{SEED + 2}"
+    assert named.rung.judged_on == "kept_out"
     # Fitted at a third of this level by one half of the data: the parameters' errors show a little.
     assert named.rung.held_out["after"] < 1.5 * named.rung.noise_floor_rms
     with pytest.raises(InputError, match="too few periods to keep half") as refused:
         add("coulomb_friction", start(), realisation(SEED, n_periods=3))
     assert "--held-out" in refused.value.hint
+
+
+def test_records_that_an_earlier_step_used_are_not_called_kept_out(added, records):
+    """A bug: effects of a model were chosen and fitted on a record; the next step called it kept out."""
+    searched = with_history(start(), added.model, records)
+    renamed = replace(records[2], name="other.csv")
+    for model, fitted, judge in (
+        (searched, records[:2], renamed),  # its search used all three
+        (searched, records, None),
+        (added.model, records[1:], records[0]),  # its fit used the first two
+    ):
+        rung = add("torque_bias", model, fitted, held_out=judge).rung
+        assert rung.judged_on == "used_before"
+        assert "(used before)" in rung.sentence
+    assert add("torque_bias", added.model, records[:2], held_out=records[2]).rung.judged_on == "kept_out"
+    assert add("torque_bias", searched, records, held_out=realisation(7)).rung.judged_on == "kept_out"
+
+
+def test_records_in_a_history_that_are_none(records):
+    model = start()
+    model.history = [{"used_records": 7}]
+    with pytest.raises(InputError, match="history cannot be read"):
+        add("torque_bias", model, records)
 
 
 def test_the_half_fitted_knows_nothing_of_the_other_half():

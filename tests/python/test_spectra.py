@@ -1,9 +1,12 @@
 """Variance of the mean of a wandering output: from between the lines, not from period to period."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.signal import lfilter
 
-from gsid.spectra import covariance, period_lines, variance_between_lines
+from gsid.record import Record
+from gsid.spectra import covariance, period_lines, spectra, variance_between_lines
 
 N, P, SEED = 600, 4, 41
 
@@ -46,6 +49,16 @@ def test_a_wandering_output_is_not_counted_by_its_jumps():
     # Leakage of a whole record hits all lines alike: the mean over lines is good to 1 / sqrt(400) = 5 %.
     assert abs(found[0] - 1) < 0.15
     assert found[1] < 0.75
+
+
+def test_the_digest_is_of_the_measurement():
+    rng = np.random.default_rng(SEED)
+    u = np.tile(np.sin(2 * np.pi * 7 * np.arange(N) / N), P)
+    record = Record(u, u + rng.standard_normal(P * N), 1e3, N, 0, hold="zoh", name="a.csv")
+    digest = spectra(record).digest
+    assert len(digest) == 16
+    assert spectra(replace(record, name="b.csv"), settle=100).digest == digest
+    assert spectra(replace(record, y=u + rng.standard_normal(P * N))).digest != digest
 
 
 def test_settling_that_is_no_whole_number_of_periods_changes_nothing():

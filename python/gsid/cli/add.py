@@ -88,7 +88,8 @@ class Start(Value):
     metavar="REC",
     multiple=True,
     type=RECORD,
-    help="Judge on this record. [default: a third of REC... of each level, or the later periods]",
+    help="Judge on this record, which has not helped to choose EFFECT either. "
+    "[default: a third of REC... of each level, or the later periods]",
 )
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Take the last step back instead.")
@@ -113,7 +114,7 @@ def add(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Add an effect to a model, fit it, and judge it on records that were not fitted.
+    """Add an effect to a model, fit it, and judge it on data that were not fitted.
 
     The effect is one of the catalogue, or one of your own: an expression, a table or a compiled function.
     Laws are torque over inertia against the motion [unit of angle / s^2]; an expression has numbers, + - * /
@@ -158,6 +159,8 @@ def add(
         print_json(result.to_dict())
     else:
         _print(result)
+        if result.rung.judged_on in ("not_fitted", "later_periods"):
+            say("note: if these records led to this effect, only a new one can judge it: --held-out NEW.csv")
         if is_stdout(output):
             return
         suggest(f"{as_typed('diagnose', '--model', output, records=records)} tells whether more is missing")

@@ -116,16 +116,18 @@ def diagnose(
 
 
 def _suggest(result: Diagnosis, records: Sequence[str], model_path: str, curve: str | None) -> None:
-    """What to type next."""
-    given = ["--model", model_path]
+    """What to type next: a record that judges has to be a new one, since these have chosen the effect."""
+    given, judge = ["--model", model_path], ["--held-out", "NEW.csv"]
     if result.named:
-        suggest(as_typed("add", result.found[0].effects[0], *given, records=records, output="M2.json"))
+        effect = result.found[0].effects[0]
+        typed = as_typed("add", effect, *given, *judge, records=records, output="M2.json")
+        suggest(f"{typed} judges it on a new record: these have chosen the effect")
     if result.verdict == "unknown_effect":
         report = as_typed("report", "--diagnose", *given, records=records)
         suggest(f"{report} draws the torque that is missing")
         if curve:
-            as_law = as_typed("add", "--table", curve, *given, records=records, output="M2.json")
-            suggest(f"{as_law} takes it as a law")
+            as_law = as_typed("add", "--table", curve, *given, *judge, records=records, output="M2.json")
+            suggest(f"{as_law} takes it as a law, judged on a new record")
         else:
             suggest("--curve CURVE.csv saves it as a law")
 

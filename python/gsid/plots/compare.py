@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 # Legend of the errors that judge a ladder, by the name of their column.
 JUDGED = {
     "kept out": "the data kept out",
+    "not fitted": "the records not fitted",
+    "used before": "records used before",
     "later periods": "the later periods",
     "search records": "records used in the search",
     "judged": "the data that judge",
