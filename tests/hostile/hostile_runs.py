@@ -1,7 +1,10 @@
 """Run the corpus of bad input through the command, each run in a process with limits: status, time, memory.
 
-python tests/hostile/hostile_runs.py --verbs 2 --out runs.json         # forks of one process: quick
-python tests/hostile/hostile_runs.py --processes --out runs.json       # a process of its own each
+python tests/hostile/hostile_runs.py --verbs 2 --out runs.jsonl         # forks of one process: quick
+python tests/hostile/hostile_runs.py --processes --out runs.jsonl       # a process of its own each
+
+Each finished run is a line of the file. A call that finds lines there goes on: it leaves out what has ended
+well, and runs again what was at fault.
 """
 
 import argparse
@@ -18,7 +21,9 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[1] / "false_alarms"))
 from hostile_corpus import SEED, corpus, sound_files
+from study import current_commit
 
 SECONDS, MEGABYTES = 10.0, 500.0
 PATIENCE = 60  # s: until a run is ended
@@ -83,8 +88,8 @@ def faults(result):
     return found
 
 
-def run_corpus(entries, n_verbs, own_process, show=None):
-    """Run every entry through some of its commands."""
+def run_corpus(entries, n_verbs, own_process, ended=()):
+    """Run every entry through some of its commands but those that have `ended`; yields one result each."""
     if not own_process:  # what every fork then has
         import h5py  # noqa: F401
         import matplotlib.figure  # noqa: F401
@@ -107,41 +112,45 @@ def run_corpus(entries, n_verbs, own_process, show=None):
             "report",
         ):
             importlib.import_module(f"gsid.{module}")
-    results = []
     with tempfile.TemporaryDirectory() as place:
         for n, entry in enumerate(entries, 1):
-            if show and n % 50 == 0:
-                print(f"-- {n} of {len(entries)}", file=show, flush=True)
+            if n % 50 == 0:
+                print(f"-- {n} of {len(entries)}", file=sys.stderr, flush=True)
+            commands = [argv for argv in entry.commands[:n_verbs] if key(entry.name, argv) not in ended]
+            if not commands:
+                continue
             folder = Path(place) / "run"
             folder.mkdir()
             for name, content in (sound_files() | entry.files).items():
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
-            for argv in entry.commands[:n_verbs]:
+            for argv in commands:
                 result = run(argv, folder, own_process)
                 wrong = faults(result)
                 printed = result.pop("printed").decode(errors="backslashreplace")[:600]
-                results.append(
-                    {"kind": entry.kind, "name": entry.name, "argv": argv, "faults": wrong, **result}
-                )
-                if wrong:
-                    results[-1]["printed"] = printed
-                    if show:
-                        print(
-                            entry.kind,
-                            "|",
-                            entry.name[:60],
-                            "|",
-                            " ".join(argv),
-                            "|",
-                            wrong,
-                            "|",
-                            printed[:300],
-                            file=show,
-                        )
-                        show.flush()
+                what = {"kind": entry.kind, "name": entry.name, "argv": argv, "faults": wrong}
+                yield what | result | ({"printed": printed} if wrong else {})
             shutil.rmtree(folder)
-    return results
+
+
+def key(name, argv):
+    """What tells a run from all others; the files of an entry bear its number."""
+    return " ".join([*argv, "|", name])
+
+
+def load(path):
+    """The runs in a file that have ended well; the others, and a line that was cut, are removed from it."""
+    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+    runs = [json.loads(line) for line in lines if line.endswith("\n")]
+    good = [one for one in runs if not one["faults"]]
+    path.write_text("".join(json.dumps(one) + "\n" for one in good))
+    return good
+
+
+def show(result):
+    """A run at fault, for people."""
+    words = [result["kind"], result["name"][:60], " ".join(result["argv"]), result["faults"]]
+    print(*words, result["printed"][:300], sep=" | ", file=sys.stderr, flush=True)
 
 
 def table(results):
@@ -169,15 +178,24 @@ def main():
     parser.add_argument("--short", action="store_true", help="some entries of each class")
     parser.add_argument("--part", default="0/1", help="I/N: every N-th entry from I on")
     parser.add_argument("--only", default="", help="entries of this class")
-    parser.add_argument("--out", help="write the runs as JSON")
+    parser.add_argument(
+        "--out", type=Path, default=os.devnull, help="write each run as a line of JSON, and go on there"
+    )
     arguments = parser.parse_args()
     part, parts = map(int, arguments.part.split("/"))
     entries = [e for e in corpus(short=arguments.short) if arguments.only in ("", e.kind)][part::parts]
-    print(f"seed {SEED}, {len(entries)} inputs", file=sys.stderr)
-    results = run_corpus(entries, arguments.verbs, arguments.processes, sys.stderr)
-    if arguments.out:
-        Path(arguments.out).write_text(json.dumps(results))
-    print(table(results))
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    results, commit = load(arguments.out), current_commit()
+    ended = {key(one["name"], one["argv"]) for one in results}
+    print(f"seed {SEED}, {len(entries)} inputs, {len(ended)} runs made before", file=sys.stderr)
+    with arguments.out.open("a") as file:
+        for result in run_corpus(entries, arguments.verbs, arguments.processes, ended):
+            results.append(result | {"commit": commit})
+            file.write(json.dumps(results[-1]) + "\n")
+            file.flush()
+            if result["faults"]:
+                show(result)
+    print(f"seed {SEED}, code {', '.join(sorted({one['commit'] for one in results}))}\n\n{table(results)}")
     return any(r["faults"] for r in results)
 
 

@@ -9,8 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from hostile_corpus import corpus
-from hostile_runs import faults, table
+from hostile_runs import faults, key, load, run_corpus, table
 
 RUNS = Path(__file__).with_name("hostile_runs.py")
 CLASSES = {
@@ -29,11 +30,26 @@ CLASSES |= {"catalogue", "rational z", "matrix", "pieces", "model", "size", "law
 PARTS = 2  # at a time
 
 
+@pytest.fixture(scope="module")
+def entries():
+    return corpus()
+
+
 def test_no_bad_input_ends_otherwise(tmp_path):
     """Of 434 bad inputs 22 ended with 4, 7 with 2, and one wrong byte of a .mat ended the process."""
     parts = [
         subprocess.Popen(
-            [sys.executable, RUNS, "--short", "--verbs", "1", "--part", f"{i}/{PARTS}", "--out", f"{i}.json"],
+            [
+                sys.executable,
+                RUNS,
+                "--short",
+                "--verbs",
+                "1",
+                "--part",
+                f"{i}/{PARTS}",
+                "--out",
+                f"{i}.jsonl",
+            ],
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -42,18 +58,40 @@ def test_no_bad_input_ends_otherwise(tmp_path):
         for i in range(PARTS)
     ]
     talk = [part.communicate(timeout=1800)[1] for part in parts]
-    results = [run for i in range(PARTS) for run in json.loads((tmp_path / f"{i}.json").read_text())]
+    lines = [line for i in range(PARTS) for line in (tmp_path / f"{i}.jsonl").read_text().splitlines()]
+    results = [json.loads(line) for line in lines]
     wrong = [run for run in results if run["faults"]]
     assert not wrong, "\n".join(talk)
     assert len(results) >= 400
     assert {run["kind"] for run in results} == CLASSES
 
 
-def test_the_corpus_depends_on_its_seed_alone():
+def test_the_corpus_depends_on_its_seed_alone(entries):
     first, second = corpus(short=True), corpus(short=True)
     assert [entry.files for entry in first] == [entry.files for entry in second]
     assert min(collections.Counter(entry.kind for entry in first).values()) >= 1
-    assert not [entry.name for entry in corpus() if not entry.commands]
+    assert not [entry.name for entry in entries if not entry.commands]
+
+
+def test_a_run_that_was_cut_goes_on(tmp_path, entries):
+    """What ended well is left out, what was at fault or cut off is run again."""
+    runs = [{"faults": []}, {"faults": ["exit 4"]}, {"faults": []}]
+    lines = [json.dumps(one) + "\n" for one in runs]
+    file = tmp_path / "runs.jsonl"
+    file.write_text("".join(lines) + lines[0][:5])
+    assert load(file) == [runs[0], runs[2]]
+    assert file.read_text() == lines[0] + lines[2]
+    assert load(tmp_path / "none.jsonl") == []
+    first = next(iter(run_corpus(entries[:1], 1, own_process=True)))
+    ended = {key(first["name"], first["argv"])}
+    assert [one["name"] for one in run_corpus(entries[:2], 1, own_process=True, ended=ended)] == [
+        entries[1].name
+    ]
+
+
+def test_no_two_runs_have_one_key(entries):
+    keys = [key(entry.name, argv) for entry in entries for argv in entry.commands]
+    assert len(keys) == len(set(keys))
 
 
 def test_what_counts_as_a_fault():
