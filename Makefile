@@ -172,9 +172,19 @@ $(BUILD)/tests/%: tests/c/%.c $(HOST_LIB) $(BUILD)/double/libgsid_effects.a $(BU
 	@mkdir -p $(@D)
 	$(CC) $(TEST_FLAGS) $(HOST_FLAGS) $(CFLAGS) -o $@ $(filter %.c %.a,$^) $(LDFLAGS) -lcmocka $(HOST_LIBS)
 
+# One process for each processor, unless make was called with -j. The steps follow one another, so that their outputs do not mix.
+JOBS = $(if $(filter -j%,$(MAKEFLAGS)),,-j$(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1))
+
 .PHONY: test
-test: all peers check sanitize valgrind ## all tests: C in double and float, the same sanitized and under valgrind, then Python
-	$(PY) -m pytest -q
+test: setup ## all tests: C in double and float, the same sanitized and under valgrind, then Python
+	$(MAKE) $(JOBS) tests-built
+	$(MAKE) check
+	$(MAKE) sanitize
+	$(MAKE) valgrind
+	$(PY) -m pytest -q -n auto --dist loadgroup
+
+.PHONY: tests-built
+tests-built: all peers $(C_TESTS) sanitized-built
 
 .PHONY: test-data
 test-data: all ## the tests on measured records, those of docs/how-to/real_data.md that take minutes too
@@ -185,9 +195,15 @@ check: $(C_TESTS) ## the C tests, in double and float
 	tools/run_c_tests $(C_TESTS)
 
 SANITIZE := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+SANITIZED = BUILD=$(BUILD)/sanitize CFLAGS='$(SANITIZE)'
 .PHONY: sanitize
 sanitize: build/setup.stamp ## the C tests under AddressSanitizer and UndefinedBehaviorSanitizer
-	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='$(SANITIZE)' check
+	$(MAKE) $(SANITIZED) check
+
+.PHONY: sanitized-built c-tests-built
+sanitized-built: build/setup.stamp
+	$(MAKE) $(SANITIZED) c-tests-built
+c-tests-built: $(C_TESTS)
 
 .PHONY: valgrind
 valgrind: $(C_TESTS) ## the C tests under valgrind

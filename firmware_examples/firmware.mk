@@ -19,7 +19,7 @@ $(REPLAY): firmware_examples/tests/replay.c $(wildcard firmware_examples/rate_lo
 
 .PHONY: examples
 examples: $(EXAMPLES) ## the firmware examples that run on a computer
-test: $(EXAMPLES)
+tests-built: $(EXAMPLES)
 C_FILES += $(wildcard firmware_examples/*/*.[ch])
 
 # ---- Cortex-M ----------------------------------------------------------------------------------------------------

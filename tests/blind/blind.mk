@@ -5,7 +5,7 @@ $(TRUTH): tests/blind/truth.c tests/blind/truth.h $(BUILD)/flags.txt
 	@mkdir -p $(@D)
 	$(CC) $(BASE_FLAGS) $(WARN) $(CFLAGS) -shared -o $@ $< $(LDFLAGS) -lm
 
-test: $(TRUTH)
+tests-built: $(TRUTH)
 C_FILES += tests/blind/truth.c tests/blind/truth.h
 
 N ?= 100

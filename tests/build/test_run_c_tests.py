@@ -30,14 +30,24 @@ LEAKS = "volatile char *lost = malloc(8); lost = NULL; (void)lost;"
 
 
 @pytest.fixture
-def outcome(run, tmp_path):
-    """Compile the program with a planted test and run it; give the exit status and what was printed."""
+def program(run, tmp_path):
+    """Compile a program with a planted test; give its path."""
+
+    def program(planted, name="planted"):
+        (tmp_path / f"{name}.c").write_text(PROGRAM.replace("PLANTED", planted))
+        built = run("cc", "-std=c99", "-o", tmp_path / name, tmp_path / f"{name}.c", "-lcmocka")
+        assert built.returncode == 0, built.stderr
+        return tmp_path / name
+
+    return program
+
+
+@pytest.fixture
+def outcome(run, program):
+    """Run the program with a planted test; give the exit status and what was printed."""
 
     def outcome(planted, *options):
-        (tmp_path / "planted.c").write_text(PROGRAM.replace("PLANTED", planted))
-        built = run("cc", "-std=c99", "-o", tmp_path / "planted", tmp_path / "planted.c", "-lcmocka")
-        assert built.returncode == 0, built.stderr
-        result = run("tools/run_c_tests", *options, tmp_path / "planted")
+        result = run("tools/run_c_tests", *options, program(planted))
         return result.returncode, result.stdout
 
     return outcome
@@ -57,6 +67,24 @@ def test_under_valgrind(outcome):
     assert outcome(PASSES, "--valgrind")[0] == 0
     status, said = outcome(LEAKS, "--valgrind")
     assert (status, "definitely lost" in said) == (1, True)
+
+
+def test_one_failure_among_many_programs_is_reported_once(run, program):
+    """They run at the same time; each prints its report in one piece, and all are run."""
+    passing, failing, skipping = program(PASSES, "a b"), program(FAILS, "failing"), program(SKIPS, "skipping")
+    programs = [passing] * 5 + [failing] + [skipping] * 4
+    result = run("tools/run_c_tests", *programs)
+    assert result.returncode == 1
+    assert result.stdout.endswith("C tests: 9 of 10 programs passed\n")
+    assert result.stdout.count(f"  pass  {passing}: 1 tests") == 5
+    assert result.stdout.count(f"  FAIL  {failing} (exit status 1)\n        [") == 1
+    skipped = f"  pass  {skipping}: 1 tests \n        skipped planted\n        skipped: planted so\n"
+    assert result.stdout.count(skipped) == 4
+
+
+def test_a_program_that_cannot_start_is_a_failure(run, program, tmp_path):
+    result = run("tools/run_c_tests", program(PASSES), tmp_path / "missing")
+    assert (result.returncode, "1 of 2 programs passed" in result.stdout) == (1, True)
 
 
 def test_no_programs_is_an_error(run):

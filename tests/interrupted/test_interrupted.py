@@ -5,6 +5,8 @@ import pytest
 
 from interrupted.study import WAYS, run_trial
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
+
 
 @pytest.mark.parametrize("way", WAYS)
 def test_an_interrupted_run_loses_nothing_and_the_axis_stops(tmp_path, way):

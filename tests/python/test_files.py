@@ -21,6 +21,7 @@ from gsid.io import read_record, write_record
 from gsid.model import RationalModel
 from gsid.record import Record
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 TEXT = "the new text\n"
 
 

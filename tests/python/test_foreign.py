@@ -17,6 +17,7 @@ from foreign_files import NAMES, U, Y, arrays, flipped, npy_claiming, write
 from gsid.errors import InputError
 from gsid.io import foreign, read_record
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 KINDS = ["rec.mat", "recz.mat", "v73.mat", "rec.h5", "rec.npz", "rec.ulg"]
 SEED, FLIPS = 140, 150
 

@@ -18,6 +18,7 @@ from gsid.journal import Journal, JournalError, RunDescription, recover
 from gsid.link import SAMPLE, LinkError, run
 from gsid.simulate import Server
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 N = 600
 SETTLE = 2 * N
 RUN = RunDescription(1000.0, 10, 5, 1000, "A", "deg/s", "port", {"who": "test"})

@@ -22,6 +22,7 @@ from gsid.link import Link, LinkError, run
 from gsid.simulate import Damage, Server, pseudo_terminal, serve_line
 from gsid.spectra import spectra
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 EXCITE = ("--period", "600", "--band", "5:600", "--lines", "odd", "--amplitude", "8")
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import gsid
 
+pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 HERE = Path(__file__).parent
 PACKAGE = Path(gsid.__file__).parent
 SEED = 14
