@@ -2,7 +2,7 @@
 #include <float.h>
 #include <string.h>
 
-#include "plant_private.h"
+#include "plant_linear.h"
 
 #ifdef GSID_SINGLE
 #define ROUNDING_UNIT FLT_EPSILON
@@ -102,12 +102,10 @@ static void build(const gsid_plant_cfg *cfg, gsid_real instant_s, gsid_linear *t
     add_channels(cfg, to);
 }
 
-/* `to` brings its lists and the columns of the free parameters. */
 void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to) {
     build(cfg, INSTANT / cfg->fs_hz, to);
 }
 
-/* The most that any values need: every lag with its state, and as many delays as when every lag is one. */
 void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to) {
     memset(to, 0, sizeof *to);
     build(cfg, INFINITY, to);
@@ -116,8 +114,6 @@ void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to) {
     to->n_delays = n_delays;
 }
 
-/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. What
- * drives the states from outside cannot make them faster. */
 gsid_real gsid_plant_fastest(const gsid_linear *a) {
     gsid_real spring = 1, largest = 0, scale[GSID_Z_MAX], sum[GSID_Z_MAX] = {0};
     for (uint32_t k = 0; k < a->n_entries; k++) {
@@ -150,16 +146,16 @@ typedef struct {
 /* to += factor from G, G = scale A with the forcing's shift, columns as in z. */
 static void add_times(const generator *g, gsid_real factor, const gsid_real *from, gsid_real *to) {
     const gsid_plant_layout *l = g->l;
-    const uint32_t w = l->width;
-    for (uint32_t k = 0; k < l->linear.n_entries; k++) {
-        const gsid_linear_entry e = l->linear.entry[k];
-        if (!acts(&l->linear, g->regime, e))
+    const uint32_t w = l->shape.width;
+    for (uint32_t k = 0; k < l->linear.a.n_entries; k++) {
+        const gsid_linear_entry e = l->linear.a.entry[k];
+        if (!gsid_plant_acts(&l->linear.a, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value;
         for (uint32_t i = 0; i < w; i++)
             to[i * w + e.column] += value * from[i * w + e.row];
     }
-    for (uint32_t at = l->linear.n; at < w; at += FORCING) {
+    for (uint32_t at = l->linear.a.n; at < w; at += FORCING) {
         for (uint32_t i = 0; i < w; i++) {
             to[i * w + at + 1] += factor * g->forcing * from[i * w + at];
             to[i * w + at + 2] += 2 * factor * g->forcing * from[i * w + at + 1];
@@ -170,10 +166,10 @@ static void add_times(const generator *g, gsid_real factor, const gsid_real *fro
 /* to += factor from dG, by the parameter of a column. */
 static void add_times_slope(const generator *g, uint32_t by, gsid_real factor, const gsid_real *from, gsid_real *to) {
     const gsid_plant_layout *l = g->l;
-    const uint32_t w = l->width;
-    for (uint32_t k = 0; k < l->linear.n_slopes; k++) {
-        const gsid_linear_entry e = l->linear.slope[k];
-        if (e.by != by || !acts(&l->linear, g->regime, e))
+    const uint32_t w = l->shape.width;
+    for (uint32_t k = 0; k < l->linear.a.n_slopes; k++) {
+        const gsid_linear_entry e = l->linear.a.slope[k];
+        if (e.by != by || !gsid_plant_acts(&l->linear.a, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value;
         for (uint32_t i = 0; i < w; i++)
@@ -197,8 +193,8 @@ static void add_product(uint32_t w, const gsid_real *a, const gsid_real *b, gsid
 /* exp(G) = sum G^k / k!, and its derivatives: T <- T G / k, dT <- (dT G + T dG) / k. */
 static void sum_series(const generator *g, gsid_real *map) {
     const gsid_plant_layout *l = g->l;
-    const size_t w = l->width, n = w * w, n_maps = 1 + (size_t)l->n_slope_columns;
-    gsid_real *term = l->square, *next = l->square + n_maps * n;
+    const size_t w = l->shape.width, n = w * w, n_maps = 1 + (size_t)l->linear.n_slope_columns;
+    gsid_real *term = l->linear.square, *next = l->linear.square + n_maps * n;
     memset(map, 0, n_maps * n * sizeof *map);
     memset(term, 0, n_maps * n * sizeof *term);
     for (size_t i = 0; i < w; i++)
@@ -209,7 +205,7 @@ static void sum_series(const generator *g, gsid_real *map) {
         add_times(g, factor, term, next);
         for (size_t p = 0; p + 1 < n_maps; p++) {
             add_times(g, factor, term + (p + 1) * n, next + (p + 1) * n);
-            add_times_slope(g, l->slope_column[p], factor, term, next + (p + 1) * n);
+            add_times_slope(g, l->linear.slope_column[p], factor, term, next + (p + 1) * n);
         }
         for (size_t i = 0; i < n_maps * n; i++)
             map[i] += next[i];
@@ -221,13 +217,13 @@ static void sum_series(const generator *g, gsid_real *map) {
 
 /* exp(2 G) = exp(G)^2 */
 static void square(const gsid_plant_layout *l, gsid_real *map) {
-    const size_t w = l->width, n = w * w, n_maps = 1 + (size_t)l->n_slope_columns;
-    gsid_real *to = l->square;
+    const size_t w = l->shape.width, n = w * w, n_maps = 1 + (size_t)l->linear.n_slope_columns;
+    gsid_real *to = l->linear.square;
     memset(to, 0, n_maps * n * sizeof *to);
-    add_product(l->width, map, map, to);
+    add_product(l->shape.width, map, map, to);
     for (size_t p = 1; p < n_maps; p++) {
-        add_product(l->width, map, map + p * n, to + p * n);
-        add_product(l->width, map + p * n, map, to + p * n);
+        add_product(l->shape.width, map, map + p * n, to + p * n);
+        add_product(l->shape.width, map + p * n, map, to + p * n);
     }
     memcpy(map, to, n_maps * n * sizeof *to);
 }
@@ -235,7 +231,7 @@ static void square(const gsid_plant_layout *l, gsid_real *map) {
 static void build_map(const gsid_plant_layout *l, gsid_real length_s, int regime, gsid_real *map) {
     uint32_t n_doublings = 0;
     gsid_real part = 1;
-    for (; l->fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5))
+    for (; l->linear.fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5))
         n_doublings++;
     const generator g = {l, regime, length_s * part, part};
     sum_series(&g, map);
@@ -257,19 +253,18 @@ static gsid_real dot(size_t n, const gsid_real *row, const gsid_real *z, size_t 
     return sum;
 }
 
-/* to = exp(A length) z in the first n_rows of l->row. */
 void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
                           gsid_real *to) {
-    const size_t w = l->width, n_columns = l->n_columns;
-    const uint32_t n_active = l->n_active;
+    const size_t w = l->shape.width, n_columns = l->shape.n_columns;
+    const uint32_t n_active = l->shape.n_active;
     if (n_active == 1) {
         for (uint32_t i = 0; i < n_rows; i++)
-            to[l->row[i] * n_columns] = dot(w, map + l->row[i] * w, z, n_columns);
+            to[l->shape.row[i] * n_columns] = dot(w, map + l->shape.row[i] * w, z, n_columns);
         return;
     }
     for (uint32_t i = 0; i < n_rows; i++) {
-        const gsid_real *m = map + l->row[i] * w;
-        gsid_real *out = to + l->row[i] * n_columns;
+        const gsid_real *m = map + l->shape.row[i] * w;
+        gsid_real *out = to + l->shape.row[i] * n_columns;
         memset(out, 0, n_active * sizeof *out);
         for (size_t k = 0; k < w; k++) {
             const gsid_real mk = m[k], *from = z + k * n_columns;
@@ -278,10 +273,10 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
             for (uint32_t c = 0; c < n_active; c++)
                 out[c] += mk * from[c];
         }
-        if (l->n_free == 0)
+        if (l->shape.n_free == 0)
             continue;
-        for (uint32_t p = 0; p < l->n_slope_columns; p++)
-            out[l->slope_column[p]] += dot(w, m + (p + 1) * w * w, z, n_columns);
+        for (uint32_t p = 0; p < l->linear.n_slope_columns; p++)
+            out[l->linear.slope_column[p]] += dot(w, m + (p + 1) * w * w, z, n_columns);
     }
 }
 
@@ -290,27 +285,27 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
 /* next = G term / k in all active columns. */
 static void next_term(const generator *g, gsid_real factor, const gsid_real *term, gsid_real *next) {
     const gsid_plant_layout *l = g->l;
-    const size_t n_columns = l->n_columns;
-    for (uint32_t i = 0; i < l->width; i++)
-        memset(next + i * n_columns, 0, l->n_active * sizeof *next);
-    for (uint32_t k = 0; k < l->linear.n_entries; k++) {
-        const gsid_linear_entry e = l->linear.entry[k];
-        if (!acts(&l->linear, g->regime, e))
+    const size_t n_columns = l->shape.n_columns;
+    for (uint32_t i = 0; i < l->shape.width; i++)
+        memset(next + i * n_columns, 0, l->shape.n_active * sizeof *next);
+    for (uint32_t k = 0; k < l->linear.a.n_entries; k++) {
+        const gsid_linear_entry e = l->linear.a.entry[k];
+        if (!gsid_plant_acts(&l->linear.a, g->regime, e))
             continue;
         const gsid_real value = factor * g->scale * e.value, *from = term + e.column * n_columns;
         gsid_real *to = next + e.row * n_columns;
-        for (uint32_t c = 0; c < l->n_active; c++)
+        for (uint32_t c = 0; c < l->shape.n_active; c++)
             to[c] += value * from[c];
     }
-    for (uint32_t k = 0; l->n_free > 0 && k < l->linear.n_slopes; k++) {
-        const gsid_linear_entry e = l->linear.slope[k];
-        if (acts(&l->linear, g->regime, e))
+    for (uint32_t k = 0; l->shape.n_free > 0 && k < l->linear.a.n_slopes; k++) {
+        const gsid_linear_entry e = l->linear.a.slope[k];
+        if (gsid_plant_acts(&l->linear.a, g->regime, e))
             next[e.row * n_columns + e.by] += factor * g->scale * e.value * term[e.column * n_columns];
     }
-    for (uint32_t at = l->linear.n; at < l->width; at += FORCING) {
+    for (uint32_t at = l->linear.a.n; at < l->shape.width; at += FORCING) {
         gsid_real *to = next + at * n_columns;
         const gsid_real *from = term + at * n_columns;
-        for (uint32_t c = 0; c < l->n_active; c++) {
+        for (uint32_t c = 0; c < l->shape.n_active; c++) {
             to[c] = factor * g->forcing * from[n_columns + c];
             to[n_columns + c] = 2 * factor * g->forcing * from[2 * n_columns + c];
         }
@@ -326,30 +321,29 @@ static int terms_for(gsid_real reach) {
 }
 
 static void copy_rows(const gsid_plant_layout *l, const gsid_real *from, gsid_real *to) {
-    for (uint32_t i = 0; i < l->width; i++)
-        memcpy(to + (size_t)i * l->n_columns, from + (size_t)i * l->n_columns, l->n_active * sizeof *to);
+    for (uint32_t i = 0; i < l->shape.width; i++)
+        memcpy(to + (size_t)i * l->shape.n_columns, from + (size_t)i * l->shape.n_columns,
+               l->shape.n_active * sizeof *to);
 }
 
-/* A series is summed up over so many parts of a length. */
 uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s) {
-    return 1 + (uint32_t)(l->fastest * length_s / SERIES_REACH);
+    return 1 + (uint32_t)(l->linear.fastest * length_s / SERIES_REACH);
 }
 
-/* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
 void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
                             gsid_real *to) {
-    const size_t n_columns = l->n_columns;
+    const size_t n_columns = l->shape.n_columns;
     const uint32_t n_parts = gsid_plant_series_parts(l, length_s);
     const generator g = {l, gsid_plant_regime(l), length_s / (gsid_real)n_parts, 1 / (gsid_real)n_parts};
-    const int n_terms = terms_for(l->fastest * g.scale);
-    gsid_real *sum = l->term[0], *term = l->term[1], *next = l->term[2];
+    const int n_terms = terms_for(l->linear.fastest * g.scale);
+    gsid_real *sum = l->linear.term[0], *term = l->linear.term[1], *next = l->linear.term[2];
     copy_rows(l, z, sum);
     for (uint32_t part = 0; part < n_parts; part++) {
         copy_rows(l, sum, term);
         for (int k = 1; k <= n_terms; k++) {
             next_term(&g, 1 / (gsid_real)k, term, next);
-            for (uint32_t i = 0; i < l->width; i++)
-                for (uint32_t c = 0; c < l->n_active; c++)
+            for (uint32_t i = 0; i < l->shape.width; i++)
+                for (uint32_t c = 0; c < l->shape.n_active; c++)
                     sum[i * n_columns + c] += next[i * n_columns + c];
             gsid_real *spare = term;
             term = next;
@@ -357,5 +351,5 @@ void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint
         }
     }
     for (uint32_t i = 0; i < n_rows; i++)
-        memcpy(to + l->row[i] * n_columns, sum + l->row[i] * n_columns, l->n_active * sizeof *sum);
+        memcpy(to + l->shape.row[i] * n_columns, sum + l->shape.row[i] * n_columns, l->shape.n_active * sizeof *sum);
 }

@@ -7,7 +7,10 @@
 #include <float.h>
 #include <string.h>
 
-#include "plant_private.h"
+#include "plant_laws.h"
+#include "plant_linear.h"
+#include "plant_motion.h"
+#include "plant_sensor.h"
 
 #ifdef GSID_SINGLE
 #define ROUNDING_UNIT FLT_EPSILON
@@ -32,149 +35,6 @@
 #define HALVINGS_MAX 20
 #define PARTS_MAX 256
 
-/* ---- torques ---- */
-
-static uint32_t angle_row(const gsid_plant_layout *l, const plant_law *law) {
-    return law->channel == JOINT ? l->linear.twist : (uint32_t)GSID_Z_ANGLE;
-}
-
-/* Row of the command at z: one that is held stays as it was at the step's start. */
-static const gsid_real *command_row(const gsid_plant_layout *l, const gsid_real *z) {
-    const uint32_t row = l->linear.command;
-    return (row < GSID_Z_STATES ? l->z : z) + (size_t)row * l->n_columns;
-}
-
-/* One law at z, in a step that began at z0. */
-static gsid_torque ask(const gsid_plant_layout *l, const plant_law *law, const gsid_real *z, const gsid_real *z0) {
-    const size_t n = l->n_columns;
-    const gsid_motion motion = {
-        .angle = z[angle_row(l, law) * n],
-        .rate = z[GSID_Z_RATE * n],
-        .command = l->looks_at_command ? command_row(l, z)[VALUE] : 0,
-        .side = l->side,
-        .zone = law->zone,
-        .turned = z[GSID_Z_ANGLE * n] - z0[GSID_Z_ANGLE * n],
-        .memory = law->memory == NONE ? 0 : z0[law->memory * n],
-        .unit_rad = l->unit_rad,
-    };
-    gsid_torque answer;
-    memset(&answer, 0, sizeof answer);
-    law->item->effect->torque(law->item, &motion, &answer);
-    return answer;
-}
-
-static void add_torque(const gsid_plant_layout *l, const plant_law *law, uint32_t n_active, const gsid_real *z,
-                       const gsid_real *z0, gsid_real *to) {
-    const size_t n = l->n_columns;
-    const gsid_torque t = ask(l, law, z, z0);
-    const gsid_real *angle = z + angle_row(l, law) * n, *rate = z + GSID_Z_RATE * n;
-    to[VALUE] += t.torque;
-    if (n_active == 1)
-        return;
-    for (uint32_t c = 1; c < n_active; c++)
-        to[c] += t.by_angle * angle[c] + t.by_rate * rate[c];
-    if (law->item->effect->looks_at_command) {
-        const gsid_real *command = command_row(l, z);
-        for (uint32_t c = 1; c < n_active; c++)
-            to[c] += t.by_command * command[c];
-    }
-    if (law->memory != NONE) {
-        const gsid_real *end = z + GSID_Z_ANGLE * n, *begin = z0 + GSID_Z_ANGLE * n, *memory = z0 + law->memory * n;
-        for (uint32_t c = 1; c < n_active; c++)
-            to[c] += t.by_turned * (end[c] - begin[c]) + t.by_memory * memory[c];
-    }
-    for (uint32_t k = 0; l->n_free > 0 && k < law->item->effect->n_parameters; k++)
-        if (law->column[k] != 0)
-            to[law->column[k]] += t.by_value[k];
-}
-
-/* Torques of all laws by channel; without those that hold the axis, when `but_holding`. */
-static void add_torques(const gsid_plant_layout *l, int but_holding, uint32_t n_active, const gsid_real *z,
-                        const gsid_real *z0, gsid_real *to) {
-    for (uint32_t channel = 0; channel < l->n_channels; channel++)
-        memset(to + channel * l->n_columns, 0, n_active * sizeof *to);
-    for (uint32_t i = 0; i < l->n_laws; i++) {
-        const plant_law *law = &l->law[i];
-        if (!(but_holding && law->item->effect->holding != NULL))
-            add_torque(l, law, n_active, z, z0, to + law->channel * l->n_columns);
-    }
-}
-
-static gsid_real largest_hold(const gsid_plant_layout *l) {
-    gsid_real sum = 0;
-    for (uint32_t i = 0; i < l->n_laws; i++)
-        if (l->law[i].item->effect->holding != NULL)
-            sum += l->law[i].item->effect->holding(l->law[i].item);
-    return sum;
-}
-
-/* Row of A z at an instant, with these torques. */
-static gsid_real row_rate(const gsid_plant_layout *l, uint32_t row, const gsid_real *z, const gsid_real *torque) {
-    const gsid_linear *a = &l->linear;
-    gsid_real sum = 0;
-    for (uint32_t k = 0; k < a->n_entries; k++)
-        if (a->entry[k].row == row && a->entry[k].column < a->n && acts(a, l->is_loose ? LOOSE : 0, a->entry[k]))
-            sum += a->entry[k].value * z[a->entry[k].column * l->n_columns];
-    for (uint32_t channel = 0; channel < l->n_channels; channel++) {
-        if (row == GSID_Z_RATE)
-            sum -= torque[channel * l->n_columns];
-        else if (channel == JOINT && row == a->reaction)
-            sum += torque[channel * l->n_columns];
-    }
-    return sum;
-}
-
-/* Time derivative of the states, [linear.n]. */
-void gsid_plant_derivative(const gsid_plant_layout *l, const gsid_real *z, gsid_real *rates) {
-    add_torques(l, l->sticks, 1, z, z, l->torque[0]);
-    for (uint32_t row = 0; row < l->linear.n; row++)
-        rates[row] = row < GSID_Z_STATES ? 0 : row_rate(l, row, z, l->torque[0]);
-    if (l->sticks)
-        rates[GSID_Z_RATE] = 0;
-}
-
-/* Acceleration without the friction that can hold the axis. */
-static gsid_real pull(const gsid_plant_layout *l, const gsid_real *z) {
-    add_torques(l, 1, 1, z, z, l->torque[0]);
-    return row_rate(l, GSID_Z_RATE, z, l->torque[0]);
-}
-
-/* ---- regimes ---- */
-
-/* Stick or slip, and which way, where the rate is zero. */
-void gsid_plant_choose_regime(gsid_plant_layout *l) {
-    const gsid_real rate = l->z[GSID_Z_RATE * l->n_columns];
-    if (!l->has_side)
-        return;
-    if (rate != 0) {
-        l->sticks = 0;
-        l->side = rate > 0 ? GSID_R(1.0) : GSID_R(-1.0);
-        return;
-    }
-    const gsid_real towards = pull(l, l->z);
-    l->sticks = l->holds && gsid_fabs(towards) <= largest_hold(l);
-    if (!l->sticks && towards != 0)
-        l->side = towards > 0 ? GSID_R(1.0) : GSID_R(-1.0);
-}
-
-static int zone_of(gsid_real angle, gsid_real edge) {
-    return angle > edge ? 1 : angle < -edge ? -1 : 0;
-}
-
-static void enter_zone(gsid_plant_layout *l, plant_law *law, int zone) {
-    law->zone = zone;
-    if (law->channel == JOINT)
-        l->is_loose = zone == 0;
-}
-
-void gsid_plant_choose_zones(gsid_plant_layout *l) {
-    for (uint32_t i = 0; i < l->n_laws; i++) {
-        plant_law *law = &l->law[i];
-        if (law->item->effect->edge != NULL)
-            enter_zone(l, law, zone_of(l->z[angle_row(l, law) * l->n_columns], law->item->effect->edge(law->item)));
-    }
-}
-
 /* ---- guards: below zero, the regime has ended ---- */
 
 enum { RATE_GUARD = 0, HOLD_GUARD = 1, ZONE_GUARD = 2 }; /* and the law's number */
@@ -193,15 +53,16 @@ static void consider(guard *worst, gsid_real margin, uint32_t which) {
 
 static guard look(const gsid_plant_layout *l, const gsid_real *z) {
     guard worst = {INFINITY, NONE};
-    if (l->sticks)
-        consider(&worst, largest_hold(l) - gsid_fabs(pull(l, z)), HOLD_GUARD);
-    else if (l->has_side)
-        consider(&worst, l->side * z[GSID_Z_RATE * l->n_columns], RATE_GUARD);
-    for (uint32_t i = 0; i < l->n_laws; i++) {
-        const plant_law *law = &l->law[i];
+    if (l->regime.sticks)
+        consider(&worst, gsid_plant_largest_hold(l) - gsid_fabs(gsid_plant_free_acceleration(l, z)), HOLD_GUARD);
+    else if (l->laws.have_side)
+        consider(&worst, l->regime.side * z[GSID_Z_RATE * l->shape.n_columns], RATE_GUARD);
+    for (uint32_t i = 0; i < l->laws.n; i++) {
+        const plant_law *law = &l->laws.law[i];
         if (law->item->effect->edge == NULL)
             continue;
-        const gsid_real angle = z[angle_row(l, law) * l->n_columns], edge = law->item->effect->edge(law->item);
+        const gsid_real angle = z[gsid_plant_angle_row(l, law) * l->shape.n_columns],
+                        edge = law->item->effect->edge(law->item);
         const gsid_real margin = law->zone == 0 ? edge - gsid_fabs(angle) : (gsid_real)law->zone * angle - edge;
         consider(&worst, margin, ZONE_GUARD + i);
     }
@@ -212,75 +73,57 @@ static guard look(const gsid_plant_layout *l, const gsid_real *z) {
 
 /* Forcing of the step that starts at l->z: c0 + c1 t + c2 t^2, t from 0 to 1. */
 static void force(gsid_plant_layout *l, gsid_real start[3], gsid_real middle[3], gsid_real end[3]) {
-    const size_t n = l->n_columns;
-    for (uint32_t channel = 0; channel < l->n_channels; channel++) {
-        gsid_real *c = l->z + (l->linear.n + FORCING * channel) * n;
-        const gsid_real *t0 = l->torque[0] + channel * n, *t1 = l->torque[1] + channel * n,
-                        *t2 = l->torque[2] + channel * n;
+    const size_t n = l->shape.n_columns;
+    for (uint32_t channel = 0; channel < l->laws.n_channels; channel++) {
+        gsid_real *c = l->z + (l->linear.a.n + FORCING * channel) * n;
+        const gsid_real *t0 = l->laws.torque[0] + channel * n, *t1 = l->laws.torque[1] + channel * n,
+                        *t2 = l->laws.torque[2] + channel * n;
         for (int k = 0; k < FORCING; k++)
-            for (uint32_t i = 0; i < l->n_active; i++)
+            for (uint32_t i = 0; i < l->shape.n_active; i++)
                 c[(size_t)k * n + i] = start[k] * t0[i] + middle[k] * t1[i] + end[k] * t2[i];
     }
 }
 
 /* The sample has taken so many moves that it is given up: bounded time, whatever the values. */
 static int is_spent(const gsid_plant_layout *l) {
-    return l->n_moves > GSID_PLANT_MOVES_MAX;
+    return l->motion.n_moves > GSID_PLANT_MOVES_MAX;
 }
 
 static void move(gsid_plant_layout *l, const plant_flow *flow, int part, gsid_real length_s, uint32_t n_rows,
                  gsid_real *to) {
-    l->n_moves += flow != NULL ? 1 : gsid_plant_series_parts(l, part == HALF ? length_s / 2 : length_s);
+    l->motion.n_moves += flow != NULL ? 1 : gsid_plant_series_parts(l, part == HALF ? length_s / 2 : length_s);
     if (flow != NULL)
         gsid_plant_flow_move(l, flow->map[gsid_plant_regime(l)][part], n_rows, l->z, to);
     else
         gsid_plant_series_move(l, part == HALF ? length_s / 2 : length_s, n_rows, l->z, to);
 }
 
-static void move_memories(gsid_plant_layout *l, gsid_real *to) {
-    const size_t n = l->n_columns;
-    for (uint32_t i = 0; i < l->n_laws; i++) {
-        const plant_law *law = &l->law[i];
-        if (law->memory == NONE)
-            continue;
-        const gsid_torque t = ask(l, law, to, l->z);
-        const gsid_real *end = to + GSID_Z_ANGLE * n, *begin = l->z + GSID_Z_ANGLE * n, *old = l->z + law->memory * n;
-        gsid_real *memory = to + law->memory * n;
-        memory[VALUE] = t.memory;
-        for (uint32_t c = 1; c < l->n_active; c++)
-            memory[c] = t.memory_by_turned * (end[c] - begin[c]) + t.memory_by_memory * old[c];
-        for (uint32_t k = 0; l->n_free > 0 && k < law->item->effect->n_parameters; k++)
-            if (law->column[k] != 0)
-                memory[law->column[k]] += t.memory_by_value[k];
-    }
-}
-
 /* From l->z over a length: by the flow's maps, or by series where there are none. */
 static void advance(gsid_plant_layout *l, const plant_flow *flow, gsid_real length_s, gsid_real *to) {
-    const uint32_t n_states = l->linear.n - GSID_Z_STATES;
+    const uint32_t n_states = l->linear.a.n - GSID_Z_STATES;
     for (uint32_t row = 0; row < GSID_Z_STATES; row++)
-        memcpy(to + row * l->n_columns, l->z + row * l->n_columns, l->n_active * sizeof *to);
-    if (l->n_laws == 0) {
+        memcpy(to + row * l->shape.n_columns, l->z + row * l->shape.n_columns, l->shape.n_active * sizeof *to);
+    if (l->laws.n == 0) {
         move(l, flow, WHOLE, length_s, n_states, to);
         return;
     }
-    gsid_real *t0 = l->torque[0], *t1 = l->torque[1], *t2 = l->torque[2];
+    gsid_real *t0 = l->laws.torque[0], *t1 = l->laws.torque[1], *t2 = l->laws.torque[2];
     gsid_real none[3] = {0, 0, 0}, constant[3] = {1, 0, 0}, slope0[3] = {1, -2, 0}, slope1[3] = {0, 2, 0};
     gsid_real parabola0[3] = {1, -3, 2}, parabola1[3] = {0, 4, -4}, parabola2[3] = {0, -1, 2};
-    add_torques(l, l->sticks, l->n_active, l->z, l->z, t0);
+    gsid_plant_sum_torques(l, l->regime.sticks, l->shape.n_active, l->z, l->z, t0);
     force(l, constant, none, none);
-    if (l->is_constant) {
+    if (l->laws.are_constant) {
         move(l, flow, WHOLE, length_s, n_states, to);
         return;
     }
-    move(l, flow, HALF, length_s, l->n_look, l->stage);
-    add_torques(l, l->sticks, l->n_active, l->stage, l->z, t1);
+    move(l, flow, HALF, length_s, l->shape.n_look, l->motion.stage);
+    gsid_plant_sum_torques(l, l->regime.sticks, l->shape.n_active, l->motion.stage, l->z, t1);
     force(l, slope0, slope1, none);
-    move(l, flow, WHOLE, length_s, l->n_look, l->stage);
-    add_torques(l, l->sticks, l->n_active, l->stage, l->z, t2);
+    move(l, flow, WHOLE, length_s, l->shape.n_look, l->motion.stage);
+    gsid_plant_sum_torques(l, l->regime.sticks, l->shape.n_active, l->motion.stage, l->z, t2);
     force(l, parabola0, parabola1, parabola2);
     move(l, flow, WHOLE, length_s, n_states, to);
-    move_memories(l, to);
+    gsid_plant_move_memories(l, to);
 }
 
 /* ---- events ---- */
@@ -288,18 +131,18 @@ static void advance(gsid_plant_layout *l, const plant_flow *flow, gsid_real leng
 /* Instant at which the first guard is broken, known to be before length_s: false position (Illinois), with a bisection now and
  * then. Only the value moves. */
 static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real margin_at_end) {
-    const uint32_t n_active = l->n_active, n_free = l->n_free;
+    const uint32_t n_active = l->shape.n_active, n_free = l->shape.n_free;
     gsid_real low = 0, high = length_s, at_low = look(l, l->z).margin, at_high = margin_at_end;
     const gsid_real margin_tol = ROUNDING_UNIT * (gsid_fabs(at_low) + gsid_fabs(at_high));
     int last = 0;
-    l->n_active = 1;
-    l->n_free = 0;
+    l->shape.n_active = 1;
+    l->shape.n_free = 0;
     for (int i = 0; i < SEARCH_MAX && high - low > ROUNDING_UNIT * length_s && !is_spent(l); i++) {
         gsid_real at = low + (high - low) / 2;
         if (at_low > 0 && i % 4 != 3)
             at = low + (high - low) * (at_low / (at_low - at_high));
-        advance(l, NULL, at, l->next);
-        const gsid_real margin = look(l, l->next).margin;
+        advance(l, NULL, at, l->motion.next);
+        const gsid_real margin = look(l, l->motion.next).margin;
         if (margin < 0) {
             high = at;
             at_high = margin;
@@ -316,8 +159,8 @@ static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real marg
             break;
         }
     }
-    l->n_active = n_active;
-    l->n_free = n_free;
+    l->shape.n_active = n_active;
+    l->shape.n_free = n_free;
     return high;
 }
 
@@ -325,22 +168,22 @@ static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real marg
  * acceleration from before to after: S+ = S- + (before - after) dt* = S- after / before (the saltation matrix). */
 static void pass_zero(gsid_plant_layout *l) {
     gsid_real rates[GSID_Z_MAX];
-    gsid_real *rate = l->z + GSID_Z_RATE * l->n_columns;
+    gsid_real *rate = l->z + GSID_Z_RATE * l->shape.n_columns;
     gsid_plant_derivative(l, l->z, rates);
     const gsid_real before = rates[GSID_Z_RATE];
     rate[VALUE] = 0;
-    l->side = -l->side;
+    l->regime.side = -l->regime.side;
     gsid_plant_choose_regime(l);
     gsid_plant_derivative(l, l->z, rates);
     const gsid_real after = rates[GSID_Z_RATE];
-    const gsid_real ratio = l->sticks ? 0 : before != 0 ? after / before : GSID_R(1.0);
-    for (uint32_t c = 1; c < l->n_active; c++)
+    const gsid_real ratio = l->regime.sticks ? 0 : before != 0 ? after / before : GSID_R(1.0);
+    for (uint32_t c = 1; c < l->shape.n_active; c++)
         rate[c] *= ratio;
 }
 
 static void change_zone(gsid_plant_layout *l, plant_law *law) {
-    const gsid_real angle = l->z[angle_row(l, law) * l->n_columns];
-    enter_zone(l, law, law->zone != 0 ? 0 : angle > 0 ? 1 : -1);
+    const gsid_real angle = l->z[gsid_plant_angle_row(l, law) * l->shape.n_columns];
+    gsid_plant_enter_zone(l, law, law->zone != 0 ? 0 : angle > 0 ? 1 : -1);
 }
 
 /* Torques are continuous where friction breaks loose and at the edge of a zone: no jump of the sensitivities there. */
@@ -348,10 +191,10 @@ static void handle(gsid_plant_layout *l, uint32_t which) {
     if (which == RATE_GUARD) {
         pass_zero(l);
     } else if (which == HOLD_GUARD) {
-        l->side = pull(l, l->z) > 0 ? GSID_R(1.0) : GSID_R(-1.0);
-        l->sticks = 0;
+        l->regime.side = gsid_plant_free_acceleration(l, l->z) > 0 ? GSID_R(1.0) : GSID_R(-1.0);
+        l->regime.sticks = 0;
     } else if (which != NONE) {
-        change_zone(l, &l->law[which - ZONE_GUARD]);
+        change_zone(l, &l->laws.law[which - ZONE_GUARD]);
     }
 }
 
@@ -361,75 +204,69 @@ static void swap(gsid_real **a, gsid_real **b) {
     *b = c;
 }
 
-/* Take the step to l->next, with the refreshes of the sensor that fall in it. */
+/* Take the step to l->motion.next, with the refreshes of the sensor that fall in it. */
 static void accept(gsid_plant_layout *l, gsid_real length_s) {
-    const gsid_real end_s = l->at_s + length_s;
-    for (; l->refresh_s > 0 && l->to_refresh * l->sample_s <= end_s + NEARLY * l->sample_s && !is_spent(l);
-         l->to_refresh += l->refresh) {
-        const gsid_real at_s = l->to_refresh * l->sample_s - l->at_s;
-        const int is_at_end = at_s >= length_s - NEARLY * l->sample_s;
+    const gsid_real end_s = l->motion.at_s + length_s;
+    for (; l->sensor.refresh_s > 0 &&
+           l->sensor.to_refresh * l->motion.sample_s <= end_s + NEARLY * l->motion.sample_s && !is_spent(l);
+         l->sensor.to_refresh += l->sensor.refresh_samples) {
+        const gsid_real at_s = l->sensor.to_refresh * l->motion.sample_s - l->motion.at_s;
+        const int is_at_end = at_s >= length_s - NEARLY * l->motion.sample_s;
         if (!is_at_end)
-            advance(l, NULL, at_s > 0 ? at_s : 0, l->peek);
-        gsid_plant_refresh(l, is_at_end ? l->next : l->peek);
+            advance(l, NULL, at_s > 0 ? at_s : 0, l->motion.peek);
+        gsid_plant_refresh(l, is_at_end ? l->motion.next : l->motion.peek);
     }
-    l->at_s = end_s;
-    swap(&l->z, &l->next);
+    l->motion.at_s = end_s;
+    swap(&l->z, &l->motion.next);
 }
 
-/* Whether the torques of the step to l->next are not what it was made with: the parabola's last point is a prediction, and
+/* Whether the torques of the step to l->motion.next are not what it was made with: the parabola's last point is a prediction, and
  * three points far from a line may be a jump (PLT-4). */
 static int is_surprised(gsid_plant_layout *l) {
-    gsid_real found[CHANNELS_MAX] = {0}, size = 0, off = 0, curved = 0;
-    for (uint32_t i = 0; i < l->n_laws; i++) {
-        const plant_law *law = &l->law[i];
-        if (l->sticks && law->item->effect->holding != NULL)
-            continue;
-        const gsid_real torque = ask(l, law, l->next, l->z).torque;
-        found[law->channel] += torque;
-        size += gsid_fabs(torque);
-    }
-    for (size_t channel = 0, at = 0; channel < l->n_channels; channel++, at += l->n_columns) {
-        const gsid_real t0 = l->torque[0][at], t1 = l->torque[1][at], t2 = l->torque[2][at];
+    gsid_real found[CHANNELS_MAX], off = 0, curved = 0;
+    const gsid_real size = gsid_plant_torques_at_end(l, l->motion.next, found);
+    for (size_t channel = 0, at = 0; channel < l->laws.n_channels; channel++, at += l->shape.n_columns) {
+        const gsid_real t0 = l->laws.torque[0][at], t1 = l->laws.torque[1][at], t2 = l->laws.torque[2][at];
         off += gsid_fabs(found[channel] - t2);
         curved += gsid_fabs(t1 - (t0 + t2) / 2);
     }
-    if (size > l->largest_torque)
-        l->largest_torque = size;
-    return off > SURPRISE * l->largest_torque || curved > CURVED * l->largest_torque;
+    if (size > l->steep.largest_torque)
+        l->steep.largest_torque = size;
+    return off > SURPRISE * l->steep.largest_torque || curved > CURVED * l->steep.largest_torque;
 }
 
 /* Length of a step, at most left_s, over which the torques are those that it is made with. Only the value moves. A law that
  * jumps surprises however short the step is. */
 static gsid_real foreseeable(gsid_plant_layout *l, const plant_flow *maps, gsid_real left_s) {
-    const uint32_t n_active = l->n_active, n_free = l->n_free;
-    gsid_real length_s = l->stride_s < left_s ? l->stride_s : left_s;
+    const uint32_t n_active = l->shape.n_active, n_free = l->shape.n_free;
+    gsid_real length_s = l->steep.stride_s < left_s ? l->steep.stride_s : left_s;
     int n = 0;
-    if (!l->may_be_steep || l->is_too_steep)
+    if (!l->laws.may_be_steep || l->steep.is_given_up)
         return left_s;
-    l->n_active = 1;
-    l->n_free = 0;
+    l->shape.n_active = 1;
+    l->shape.n_free = 0;
     for (; n <= HALVINGS_MAX && !is_spent(l); n++) {
-        advance(l, length_s < left_s ? NULL : maps, length_s, l->next);
+        advance(l, length_s < left_s ? NULL : maps, length_s, l->motion.next);
         if (!is_surprised(l))
             break;
         length_s /= 2;
     }
-    l->n_active = n_active;
-    l->n_free = n_free;
-    l->is_too_steep |= n > HALVINGS_MAX || ++l->n_parts > PARTS_MAX;
-    l->stride_s = 2 * length_s;
-    return l->is_too_steep ? left_s : length_s;
+    l->shape.n_active = n_active;
+    l->shape.n_free = n_free;
+    l->steep.is_given_up |= n > HALVINGS_MAX || ++l->steep.n_parts > PARTS_MAX;
+    l->steep.stride_s = 2 * length_s;
+    return l->steep.is_given_up ? left_s : length_s;
 }
 
 static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
     const plant_flow *maps = flow;
     gsid_real left_s = flow->length_s;
-    l->n_parts = 0;
+    l->steep.n_parts = 0;
     for (int n_events = 0; left_s > 0 && !is_spent(l);) {
         const gsid_real length_s = foreseeable(l, maps, left_s);
         maps = length_s < left_s ? NULL : maps;
-        advance(l, maps, length_s, l->next);
-        guard end = look(l, l->next);
+        advance(l, maps, length_s, l->motion.next);
+        guard end = look(l, l->motion.next);
         if (end.margin >= 0 || n_events == EVENTS_MAX) {
             accept(l, length_s);
             left_s -= length_s;
@@ -440,8 +277,8 @@ static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
             continue;
         }
         const gsid_real at_s = locate(l, length_s, end.margin);
-        advance(l, NULL, at_s, l->next);
-        end = look(l, l->next);
+        advance(l, NULL, at_s, l->motion.next);
+        end = look(l, l->motion.next);
         accept(l, at_s);
         handle(l, end.which);
         left_s -= at_s;
@@ -453,5 +290,5 @@ static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
 void gsid_plant_run_piece(gsid_plant_layout *l, const plant_piece *piece) {
     for (uint32_t i = 0; i < piece->n_steps; i++)
         run_step(l, &piece->step);
-    l->is_too_steep |= is_spent(l);
+    l->steep.is_given_up |= is_spent(l);
 }

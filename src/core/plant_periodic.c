@@ -3,7 +3,9 @@
 #include <string.h>
 
 #include "gsid/lsq.h"
-#include "plant_private.h"
+#include "plant_laws.h"
+#include "plant_sample.h"
+#include "plant_sensor.h"
 
 /* The answer is settled when one more period changes it by less than this part of its peak. */
 #ifdef GSID_SINGLE
@@ -35,35 +37,35 @@ static void fill_delay(shooting *s) {
     gsid_plant_layout *l = s->l;
     if (s->closed_loop)
         return;
-    for (uint32_t k = l->delay_samples + 1; k > 0; k--)
+    for (uint32_t k = l->command.delay_samples + 1; k > 0; k--)
         gsid_plant_give(s->plant, s->u[(s->n_period - k % s->n_period) % s->n_period]);
     gsid_plant_take_command(l);
 }
 
 static void keep_largest(gsid_plant_layout *l) {
-    for (uint32_t c = 0; c < l->n_active; c++) {
-        const gsid_real size = gsid_fabs(l->y[c]);
-        if (size > l->largest_dy[c])
-            l->largest_dy[c] = size;
+    for (uint32_t c = 0; c < l->shape.n_active; c++) {
+        const gsid_real size = gsid_fabs(l->sensor.y[c]);
+        if (size > l->shooting.largest_dy[c])
+            l->shooting.largest_dy[c] = size;
     }
 }
 
 static void run_period(shooting *s) {
     gsid_plant_layout *l = s->l;
-    memset(l->largest_dy, 0, l->n_active * sizeof *l->largest_dy);
+    memset(l->shooting.largest_dy, 0, l->shape.n_active * sizeof *l->shooting.largest_dy);
     fill_delay(s);
     gsid_plant_start_refresh(l);
-    for (uint32_t n = 0; n < s->n_period && !l->is_too_steep; n++) {
-        gsid_plant_output(l, l->y);
+    for (uint32_t n = 0; n < s->n_period && !l->steep.is_given_up; n++) {
+        gsid_plant_output(l, l->sensor.y);
         keep_largest(l);
         if (s->y != NULL)
-            s->y[n] = l->y[VALUE];
-        for (uint32_t p = 0; p < l->n_free; p++)
-            s->dy[(size_t)p * s->n_period + n] = l->y[FIRST_FREE + p];
+            s->y[n] = l->sensor.y[VALUE];
+        for (uint32_t p = 0; p < l->shape.n_free; p++)
+            s->dy[(size_t)p * s->n_period + n] = l->sensor.y[FIRST_FREE + p];
         if (s->angle != NULL)
-            s->angle[n] = l->z[GSID_Z_ANGLE * l->n_columns];
+            s->angle[n] = l->z[GSID_Z_ANGLE * l->shape.n_columns];
         if (s->rate != NULL)
-            s->rate[n] = l->z[GSID_Z_RATE * l->n_columns];
+            s->rate[n] = l->z[GSID_Z_RATE * l->shape.n_columns];
         gsid_plant_sample(s->plant, s->u[n]);
     }
 }
@@ -71,67 +73,67 @@ static void run_period(shooting *s) {
 /* ---- the state at the start ---- */
 
 static gsid_real *state(const shooting *s, uint32_t j) {
-    return s->l->z + (size_t)s->l->shoot_row[j] * s->l->n_columns;
+    return s->l->z + (size_t)s->l->shooting.row[j] * s->l->shape.n_columns;
 }
 
 static gsid_real *start(const shooting *s, uint32_t j) {
-    return s->l->start + (size_t)j * s->l->n_columns;
+    return s->l->shooting.start + (size_t)j * s->l->shape.n_columns;
 }
 
 /* Value and free columns come from the start that was found; each further column is one state's derivative by itself. */
 static void enter_start(shooting *s) {
     gsid_plant_layout *l = s->l;
-    l->is_too_steep = 0;
-    l->stride_s = l->sample_s;
-    for (uint32_t row = GSID_Z_STATES; row < l->n_rows; row++)
-        memset(l->z + (size_t)row * l->n_columns + 1, 0, (l->n_active - 1) * sizeof *l->z);
-    for (uint32_t j = 0; j < l->n_shoot; j++) {
+    l->steep.is_given_up = 0;
+    l->steep.stride_s = l->motion.sample_s;
+    for (uint32_t row = GSID_Z_STATES; row < l->shape.n_rows; row++)
+        memset(l->z + (size_t)row * l->shape.n_columns + 1, 0, (l->shape.n_active - 1) * sizeof *l->z);
+    for (uint32_t j = 0; j < l->shooting.n; j++) {
         memcpy(state(s, j), start(s, j), s->first_shoot * sizeof *l->z);
         state(s, j)[s->first_shoot + j] = 1;
     }
-    if (!l->looks_at_angle)
-        l->z[GSID_Z_ANGLE * l->n_columns] = s->angle_start;
+    if (!l->stack.looks_at_angle)
+        l->z[GSID_Z_ANGLE * l->shape.n_columns] = s->angle_start;
     gsid_plant_choose_zones(l);
     gsid_plant_choose_regime(l);
-    if (l->sticks)
-        memset(l->z + GSID_Z_RATE * l->n_columns + 1, 0, (l->n_active - 1) * sizeof *l->z);
+    if (l->regime.sticks)
+        memset(l->z + GSID_Z_RATE * l->shape.n_columns + 1, 0, (l->shape.n_active - 1) * sizeof *l->z);
     if (s->closed_loop)
         gsid_plant_clear_ring(l, s->first_shoot);
 }
 
 /* Where the last good period ended, in the columns that are searched in. */
 static gsid_real *fallback(const shooting *s, uint32_t j) {
-    return s->l->fallback + (size_t)j * s->l->n_columns;
+    return s->l->shooting.fallback + (size_t)j * s->l->shape.n_columns;
 }
 
 static void keep(const shooting *s) {
-    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++)
         memcpy(fallback(s, j), state(s, j), s->first_shoot * sizeof(gsid_real));
 }
 
 static void go_back(const shooting *s) {
-    for (uint32_t j = 0; j < s->l->n_shoot; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++)
         memcpy(start(s, j), fallback(s, j), s->first_shoot * sizeof(gsid_real));
 }
 
 /* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
 static gsid_real change_of(const shooting *s, uint32_t column) {
     gsid_real sum = 0;
-    for (uint32_t j = 0; j < s->l->n_shoot; j++)
-        sum += s->l->largest_dy[s->first_shoot + j] * gsid_fabs(state(s, j)[column] - start(s, j)[column]);
+    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+        sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(state(s, j)[column] - start(s, j)[column]);
     return sum;
 }
 
 /* What a column of the start makes of y: beside it, the change of a derivative that is 0 but for rounding is none. */
 static gsid_real reach_of(const shooting *s, uint32_t column) {
-    gsid_real sum = s->l->largest_dy[column];
-    for (uint32_t j = 0; j < s->l->n_shoot; j++)
-        sum += s->l->largest_dy[s->first_shoot + j] * gsid_fabs(start(s, j)[column]);
+    gsid_real sum = s->l->shooting.largest_dy[column];
+    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+        sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(start(s, j)[column]);
     return sum;
 }
 
 static int is_at_rounding(const shooting *s, gsid_real change) {
-    return change <= SETTLED * s->l->largest_dy[VALUE];
+    return change <= SETTLED * s->l->shooting.largest_dy[VALUE];
 }
 
 static int is_settled(const shooting *s, gsid_real change) {
@@ -145,23 +147,23 @@ static int is_settled(const shooting *s, gsid_real change) {
 
 /* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
  * direction with eigenvalue 1 is determined by nothing: it stays. After a failure only a part of the columns is corrected.
- * What the last one was stays in l->correction. */
+ * What the last one was stays in l->shooting.correction. */
 static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
-    const uint32_t n = l->n_shoot;
+    const uint32_t n = l->shooting.n;
     gsid_lsq q;
-    gsid_status status = gsid_lsq_init(&q, n, l->lsq_mem, GSID_LSQ_MEM_SIZE(l->n_shoot_max));
+    gsid_status status = gsid_lsq_init(&q, n, l->shooting.lsq_mem, GSID_LSQ_MEM_SIZE(l->shooting.n_max));
     for (uint32_t c = s->first_shoot; c > 0 && status >= 0; c--) {
         status = gsid_lsq_reset(&q);
         for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
             for (uint32_t j = 0; j < n; j++)
-                l->correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
-            status = gsid_lsq_add(&q, l->correction, state(s, i)[c - 1] - start(s, i)[c - 1]);
+                l->shooting.correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
+            status = gsid_lsq_add(&q, l->shooting.correction, state(s, i)[c - 1] - start(s, i)[c - 1]);
         }
         if (status == GSID_OK)
-            status = gsid_lsq_solve(&q, RANK_TOL, l->correction, NULL);
+            status = gsid_lsq_solve(&q, RANK_TOL, l->shooting.correction, NULL);
         for (uint32_t j = 0; j < n && status >= 0; j++)
-            start(s, j)[c - 1] += l->correction[j];
+            start(s, j)[c - 1] += l->shooting.correction[j];
     }
     return status < 0 ? status : GSID_OK;
 }
@@ -170,11 +172,11 @@ static gsid_status correct_start(shooting *s) {
 static gsid_real left_of_change(const shooting *s) {
     const gsid_plant_layout *l = s->l;
     gsid_real sum = 0;
-    for (uint32_t i = 0; i < l->n_shoot; i++) {
+    for (uint32_t i = 0; i < l->shooting.n; i++) {
         gsid_real left = state(s, i)[VALUE] - start(s, i)[VALUE]; /* the start is corrected already */
-        for (uint32_t j = 0; j < l->n_shoot; j++)
-            left += state(s, i)[s->first_shoot + j] * l->correction[j];
-        sum += l->largest_dy[s->first_shoot + i] * gsid_fabs(left);
+        for (uint32_t j = 0; j < l->shooting.n; j++)
+            left += state(s, i)[s->first_shoot + j] * l->shooting.correction[j];
+        sum += l->shooting.largest_dy[s->first_shoot + i] * gsid_fabs(left);
     }
     return sum;
 }
@@ -211,7 +213,7 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real
     for (uint32_t i = 0; i <= n_newton; i++) {
         const gsid_status status = pass(s, change);
         const int helped = status == GSID_OK && (*change <= GSID_R(0.5) * before || is_at_rounding(s, *change));
-        if (helped && approach && *change <= CLOSE * s->l->largest_dy[VALUE])
+        if (helped && approach && *change <= CLOSE * s->l->shooting.largest_dy[VALUE])
             return correct_start(s);
         if (helped && !approach && is_settled(s, *change))
             return GSID_OK;
@@ -234,15 +236,15 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real
  * settle too, sensitivities and all; and a plant that is linear between events takes but one step. */
 static gsid_status find_orbit(shooting *s, uint32_t n_newton, gsid_real *change) {
     gsid_plant_layout *l = s->l;
-    const uint32_t n_free = l->n_free;
+    const uint32_t n_free = l->shape.n_free;
     gsid_status status = GSID_OK;
-    if (n_free > 0 && !l->is_constant && !s->closed_loop) {
-        l->n_free = 0;
-        l->n_active = 1 + l->n_shoot;
+    if (n_free > 0 && !l->laws.are_constant && !s->closed_loop) {
+        l->shape.n_free = 0;
+        l->shape.n_active = 1 + l->shooting.n;
         s->first_shoot = FIRST_FREE;
         status = shoot(s, n_newton, 1, change);
-        l->n_free = n_free;
-        l->n_active = 1 + n_free + l->n_shoot;
+        l->shape.n_free = n_free;
+        l->shape.n_active = 1 + n_free + l->shooting.n;
         s->first_shoot = FIRST_FREE + n_free;
     }
     return status < 0 ? status : shoot(s, status == GSID_OK ? n_newton : 1, 0, change);
@@ -252,18 +254,18 @@ static gsid_status find_orbit(shooting *s, uint32_t n_newton, gsid_real *change)
  * commands under way and angles seen are no part of the state that is corrected: they stay those of the period from rest. */
 static gsid_status find_linear_orbit(shooting *s) {
     gsid_plant_layout *l = s->l;
-    l->n_free = 0;
-    l->n_active = 1 + l->n_shoot;
+    l->shape.n_free = 0;
+    l->shape.n_active = 1 + l->shooting.n;
     s->first_shoot = FIRST_FREE;
-    memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
+    memset(l->shooting.start, 0, (size_t)l->shooting.n * l->shape.n_columns * sizeof *l->shooting.start);
     enter_start(s);
     run_period(s);
     gsid_status status = gsid_plant_health(l);
     if (status == GSID_OK)
         status = correct_start(s);
-    for (uint32_t j = 0; j < l->n_shoot; j++)
+    for (uint32_t j = 0; j < l->shooting.n; j++)
         state(s, j)[VALUE] = start(s, j)[VALUE];
-    l->n_active = 1;
+    l->shape.n_active = 1;
     return status;
 }
 
@@ -286,14 +288,14 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
         return status;
     gsid_plant_reset(plant);
     gsid_plant_layout *l = plant->layout;
-    const uint32_t n_laws = l->n_laws;
-    const int has_side = l->has_side;
-    shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = plant->layout->has_controller};
-    l->n_laws = 0;
-    l->has_side = l->sticks = l->is_loose = 0;
+    const uint32_t n_laws = l->laws.n;
+    const int has_side = l->laws.have_side;
+    shooting s = {.plant = plant, .l = l, .n_period = n_period, .u = u, .closed_loop = l->stack.has_controller};
+    l->laws.n = 0;
+    l->laws.have_side = l->regime.sticks = l->regime.is_loose = 0;
     status = find_linear_orbit(&s);
-    l->n_laws = n_laws;
-    l->has_side = has_side;
+    l->laws.n = n_laws;
+    l->laws.have_side = has_side;
     if (status != GSID_OK) {
         gsid_plant_reset(plant);
         return status;
@@ -305,8 +307,8 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
 
 static gsid_status settle(shooting *s, uint32_t n_periods) {
     gsid_plant_layout *l = s->l;
-    l->n_active = 1;
-    l->n_free = 0;
+    l->shape.n_active = 1;
+    l->shape.n_free = 0;
     gsid_plant_choose_zones(l);
     gsid_plant_choose_regime(l);
     for (uint32_t p = 0; p < n_periods; p++) {
@@ -327,23 +329,33 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
     if (status != GSID_OK)
         return status;
     gsid_plant_layout *l = plant->layout;
-    shooting s = {plant,   l, n_period, u, y, dy, angle, rate, 0, l->has_controller, l->z[GSID_Z_ANGLE * l->n_columns],
+    shooting s = {plant,
+                  l,
+                  n_period,
+                  u,
+                  y,
+                  dy,
+                  angle,
+                  rate,
+                  0,
+                  l->stack.has_controller,
+                  l->z[GSID_Z_ANGLE * l->shape.n_columns],
                   INFINITY};
     gsid_real change = INFINITY;
     status = settle(&s, n_settle_periods);
     if (status == GSID_OK) {
-        l->n_free = dy != NULL ? plant->cfg.n_free : 0;
-        l->n_active = 1 + l->n_free + l->n_shoot;
-        s.first_shoot = FIRST_FREE + l->n_free;
-        memset(l->start, 0, (size_t)l->n_shoot * l->n_columns * sizeof *l->start);
-        for (uint32_t j = 0; j < l->n_shoot; j++)
+        l->shape.n_free = dy != NULL ? plant->cfg.n_free : 0;
+        l->shape.n_active = 1 + l->shape.n_free + l->shooting.n;
+        s.first_shoot = FIRST_FREE + l->shape.n_free;
+        memset(l->shooting.start, 0, (size_t)l->shooting.n * l->shape.n_columns * sizeof *l->shooting.start);
+        for (uint32_t j = 0; j < l->shooting.n; j++)
             start(&s, j)[VALUE] = state(&s, j)[VALUE];
         if (s.closed_loop)
             gsid_plant_clear_ring(l, FIRST_FREE);
         status = find_orbit(&s, n_newton, &change);
     }
-    l->n_free = 0;
-    l->n_active = 1;
+    l->shape.n_free = 0;
+    l->shape.n_active = 1;
     if (status < 0)
         gsid_plant_reset(plant);
     else if (residual != NULL)

@@ -1,6 +1,6 @@
 /* Sizes of memory near the most that a size can say: what does not fit is refused, never wrapped around to something small. */
 #include "../../src/core/block.h"
-#include "../../src/core/plant_private.h"
+#include "../../src/core/plant_layout.h"
 #include "plant_bench.h"
 
 /* Against numbers with room to spare, for sizes of 8 bits: all products and sums there are. */

@@ -1,5 +1,5 @@
 /* What a sample of a plant takes at most, whatever its values. */
-#include "../../src/core/plant_private.h"
+#include "../../src/core/plant_parts.h"
 #include "plant_bench.h"
 
 enum { N = 300, PARTS_MOST = 8001 };
@@ -22,14 +22,14 @@ static cost run(uint32_t n_samples) {
         gsid_real y = 7;
         const gsid_status status = gsid_plant_step(&b.plant, wild(n), &y, NULL);
         uint32_t *most = status == GSID_OK ? &c.followed : &c.given_up;
-        *most = l->n_moves > *most ? l->n_moves : *most;
+        *most = l->motion.n_moves > *most ? l->motion.n_moves : *most;
         if (status == GSID_OK)
             continue;
         assert_int_equal(status, GSID_E_STEEP);
         assert_true(y == 7);
         c.n_given_up++;
-        for (uint32_t row = GSID_Z_STATES; row < l->linear.n; row++)
-            assert_true(l->z[row * l->n_columns] == 0); /* at rest */
+        for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++)
+            assert_true(l->z[row * l->shape.n_columns] == 0); /* at rest */
     }
     return c;
 }

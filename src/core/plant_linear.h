@@ -1,0 +1,50 @@
+/* The linear part of a plant: see plant_linear.c. */
+#ifndef GSID_PLANT_LINEAR_H
+#define GSID_PLANT_LINEAR_H
+
+#include "plant_parts.h"
+
+#define gsid_plant_fastest GSID_NAME(gsid_plant_fastest)
+#define gsid_plant_flow_build GSID_NAME(gsid_plant_flow_build)
+#define gsid_plant_flow_move GSID_NAME(gsid_plant_flow_move)
+#define gsid_plant_linear_build GSID_NAME(gsid_plant_linear_build)
+#define gsid_plant_linear_count GSID_NAME(gsid_plant_linear_count)
+#define gsid_plant_series_move GSID_NAME(gsid_plant_series_move)
+#define gsid_plant_series_parts GSID_NAME(gsid_plant_series_parts)
+
+/* Whether an entry of A, or of a slope of it, acts in a regime: a held axis does not accelerate, and within the play the
+ * joint's spring, which is all that looks at the twist, is slack. */
+static inline int gsid_plant_acts(const gsid_linear *a, int regime, gsid_linear_entry e) {
+    return !((regime & HELD) && e.row == GSID_Z_RATE) && !((regime & LOOSE) && e.column == a->twist);
+}
+
+/* The regime that holds now, HELD | LOOSE. */
+static inline int gsid_plant_regime(const gsid_plant_layout *l) {
+    return (l->regime.sticks ? HELD : 0) | (l->regime.is_loose ? LOOSE : 0);
+}
+
+/* The most that any values need: every lag with its state, and as many delays as when every lag is one. */
+void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to);
+
+/* `to` brings its lists and the columns of the free parameters. */
+void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to);
+
+/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. What
+ * drives the states from outside cannot make them faster. */
+gsid_real gsid_plant_fastest(const gsid_linear *a);
+
+/* The maps of a flow that are needed, for its length. */
+void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow);
+
+/* to = exp(A length) z in the first n_rows of l->shape.row. */
+void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
+                          gsid_real *to);
+
+/* A series is summed up over so many parts of a length. */
+uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s);
+
+/* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
+void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
+                            gsid_real *to);
+
+#endif

@@ -1,0 +1,28 @@
+/* One sample of a plant, without its output: see plant_sample.c. */
+#ifndef GSID_PLANT_SAMPLE_H
+#define GSID_PLANT_SAMPLE_H
+
+#include "plant_parts.h"
+
+#define gsid_plant_clear_ring GSID_NAME(gsid_plant_clear_ring)
+#define gsid_plant_give GSID_NAME(gsid_plant_give)
+#define gsid_plant_health GSID_NAME(gsid_plant_health)
+#define gsid_plant_sample GSID_NAME(gsid_plant_sample)
+#define gsid_plant_take_command GSID_NAME(gsid_plant_take_command)
+
+/* A command on its way: through controller and static maps into the delay. */
+void gsid_plant_give(gsid_plant *plant, gsid_real u);
+
+/* The motor gets the command given a delay ago. */
+void gsid_plant_take_command(gsid_plant_layout *l);
+
+/* Derivatives of commands and angles on their way, from this column on, are 0. */
+void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column);
+
+/* Take a command, and move to the end of the sample. */
+void gsid_plant_sample(gsid_plant *plant, gsid_real u);
+
+/* GSID_OK, or why the state is no longer to be believed. */
+gsid_status gsid_plant_health(const gsid_plant_layout *l);
+
+#endif
