@@ -8,6 +8,7 @@
 #include "gsid/estimate.h"
 #include "gsid/excitation.h"
 #include "gsid/expression.h"
+#include "gsid/frd.h"
 #include "gsid/frf.h"
 #include "gsid/guard.h"
 #include "gsid/link.h"

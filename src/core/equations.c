@@ -1,5 +1,6 @@
-#include "equations.h"
+#include "gsid/estimate.h"
 
+#include "equations.h"
 #include "residual.h"
 
 /* Whether the variance of g - G is positive for every G: the error of g and that of the input have no more in common than their
@@ -50,12 +51,6 @@ static gsid_status check_model(const gsid_rational *model) {
 gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model) {
     const gsid_status status = check_data(data);
     return status != GSID_OK ? status : check_model(model);
-}
-
-size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
-    if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX)
-        return 0;
-    return GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros);
 }
 
 gsid_status gsid_equations_init(gsid_equations *q, const gsid_frd *data, const gsid_rational *model, int free_delay,
@@ -124,19 +119,6 @@ int gsid_equations_is_finite(const gsid_rational *model) {
     for (uint32_t i = 0; i <= model->n_zeros; i++)
         sum += 0 * model->num[i];
     return sum == 0;
-}
-
-gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
-    const gsid_status status = gsid_equations_check(data, model);
-    if (status != GSID_OK)
-        return status;
-    if (cost == NULL)
-        return GSID_E_NULL;
-    const gsid_real v = gsid_equations_cost(data, model);
-    if (!gsid_is_finite(v) || !gsid_equations_is_finite(model))
-        return GSID_E_NONFINITE;
-    *cost = v;
-    return GSID_OK;
 }
 
 int gsid_equations_are_alike(const gsid_frd *data, const gsid_rational *a, const gsid_rational *b,

@@ -2,7 +2,9 @@
 #ifndef GSID_EQUATIONS_H
 #define GSID_EQUATIONS_H
 
-#include "gsid/estimate.h"
+#include "gsid/frd.h"
+#include "gsid/lsq.h"
+#include "gsid/rational.h"
 
 #define gsid_equations_init GSID_NAME(gsid_equations_init)
 #define gsid_equations_next GSID_NAME(gsid_equations_next)

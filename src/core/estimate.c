@@ -3,6 +3,25 @@
 #include "equations.h"
 #include "residual.h"
 
+size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
+    if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX)
+        return 0;
+    return GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros);
+}
+
+gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
+    const gsid_status status = gsid_equations_check(data, model);
+    if (status != GSID_OK)
+        return status;
+    if (cost == NULL)
+        return GSID_E_NULL;
+    const gsid_real v = gsid_equations_cost(data, model);
+    if (!gsid_is_finite(v) || !gsid_equations_is_finite(model))
+        return GSID_E_NONFINITE;
+    *cost = v;
+    return GSID_OK;
+}
+
 /* One line of the equation error e = A G' - B, G' the response without the delay, weighted by `weight`.  Eq: EST-1 */
 static gsid_status add_equation_error(gsid_equations *q, const gsid_rational *model, gsid_cplx v, gsid_cplx g,
                                       gsid_real weight) {

@@ -1,3 +1,5 @@
+#include "gsid/estimate.h"
+
 #include <string.h>
 
 #include "equations.h"

@@ -3,7 +3,7 @@
 #define GSID_RESIDUAL_H
 
 #include "complex_math.h"
-#include "gsid/estimate.h"
+#include "gsid/frd.h"
 
 /* d value = by_model dG + by_data dg + value Re(tilt dG) */
 typedef struct {
