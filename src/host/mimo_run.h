@@ -34,7 +34,6 @@ typedef struct {
     double cost;
 } mimo_candidate;
 
-/* ---- mimo.c */
 gsid_cplx gsid_mimo_variable(const mimo_run *r, double f_hz);
 
 /* q0 and q1 of each section. */
@@ -48,6 +47,8 @@ void gsid_mimo_basis(const mimo_run *r, const double *q, gsid_cplx v, gsid_cplx 
 
 /* r->num <- the numerators of least V, c->cost <- V; HUGE_VAL when they cannot be found. */
 void gsid_mimo_solve(mimo_run *r, mimo_candidate *c);
+
+/* The same for one channel; returns its V. */
 double gsid_mimo_solve_channel(mimo_run *r, uint32_t channel, const double *q, double delay_s);
 
 /* Equations of one channel: start with so many shared unknowns, put both rows of a line column by column (the right-
@@ -62,7 +63,6 @@ gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared);
 
 double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel);
 
-/* ---- mimo_start.c */
 #define GSID_MIMO_SCAN_STEPS 8    /* of delays, in a period of the highest frequency */
 #define GSID_MIMO_FINE_STEPS 32   /* the same, where each is looked for by itself */
 #define GSID_MIMO_DELAYS_MAX 4096 /* of a scan */
@@ -76,6 +76,8 @@ void gsid_mimo_set_group(const mimo_run *r, uint32_t group, double value, double
 
 /* V of the channels that have it, at this delay. */
 double gsid_mimo_group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s);
+
+/* ---- mimo_start.c: poles and delays that the search begins with */
 gsid_status gsid_mimo_start(mimo_run *r, mimo_candidate *c);
 
 /* ---- mimo_delays.c */

@@ -12,7 +12,6 @@
 #define SCAN_RELOCATIONS 4
 #define RELOCATIONS 20
 #define SCAN_LINES_PER_POLE 16
-#define SCAN_PERIODS 3 /* of the highest frequency: the default range of delays */
 #define DELAY_ROUNDS 3
 #define SWAP_DAMPING 0.03
 #define SWAP_PLACES_PER_PAIR 4
@@ -48,12 +47,6 @@ static void thin_free(const mimo_run *r, gsid_frd *thin) {
     free(thin);
 }
 
-double gsid_mimo_delay_limit(const mimo_run *r) {
-    if (r->cfg.delay_max_s > 0)
-        return r->cfg.delay_max_s;
-    return SCAN_PERIODS / gsid_mimo_highest_frequency(r->n_channels, r->channel);
-}
-
 static void keep(const mimo_candidate *c, uint32_t n_kept, mimo_candidate *kept) {
     if (!(c->cost < kept[n_kept - 1].cost))
         return;
@@ -83,27 +76,6 @@ static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kep
             keep(&c, n_kept, kept);
     }
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
-}
-
-double gsid_mimo_group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s) {
-    double cost = 0;
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
-        if (r->cfg.delay_of[channel] == group)
-            cost += gsid_mimo_solve_channel(r, channel, q, delay_s);
-    return cost;
-}
-
-double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c) {
-    uint32_t channel = 0;
-    while (channel + 1 < r->n_channels && r->cfg.delay_of[channel] != group)
-        channel++;
-    return c->delay_s[channel];
-}
-
-void gsid_mimo_set_group(const mimo_run *r, uint32_t group, double value, double *of_channel) {
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
-        if (r->cfg.delay_of[channel] == group)
-            of_channel[channel] = value;
 }
 
 /* Each free delay by itself over the whole range, the poles as they are. The numerators of a weak channel can do with
