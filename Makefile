@@ -281,6 +281,10 @@ docs: all $(VENV)/docs.stamp ## build the documentation into build/docs; a warni
 	$(VENV)/bin/sphinx-build -q -E -W --keep-going -b html -d $(BUILD)/docs-cache docs $(BUILD)/docs
 	@echo "$(BUILD)/docs/index.html"
 
+.PHONY: effects-page
+effects-page: all ## make docs/reference/effects.md anew from the descriptors of the effects
+	$(PY) tools/make_effects_page > docs/reference/effects.md
+
 .PHONY: errors-page
 errors-page: all ## make docs/reference/errors.md anew from the list of status codes
 	$(PY) tools/make_errors_page > docs/reference/errors.md

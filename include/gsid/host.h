@@ -2,6 +2,7 @@
 #ifndef GSID_HOST_H
 #define GSID_HOST_H
 
+#include "gsid/effect_facts.h"
 #include "gsid/gsid.h"
 #include "gsid/host/axis.h"
 #include "gsid/host/batch.h"

@@ -37,6 +37,107 @@ NULL_KINDS = {
     lib.GSID_NULL_THRESHOLD: "threshold",
     lib.GSID_NULL_NEVER: "never",
 }
+LINEAR_PARTS = {
+    lib.GSID_LINEAR_NONE: None,
+    lib.GSID_LINEAR_GAIN: "gain",
+    lib.GSID_LINEAR_DAMPING: "damping",
+    lib.GSID_LINEAR_SPRING: "spring",
+    lib.GSID_LINEAR_PENDULUM: "pendulum",
+    lib.GSID_LINEAR_DELAY: "delay",
+    lib.GSID_LINEAR_LAG: "lag",
+    lib.GSID_LINEAR_HOLD: "hold",
+    lib.GSID_LINEAR_MODE: "mode",
+    lib.GSID_LINEAR_JOINT: "joint",
+    lib.GSID_LINEAR_LOOP: "loop",
+}
+SPACINGS = {
+    lib.GSID_SPACING_GEOMETRIC: "geometric",
+    lib.GSID_SPACING_INVERSE: "inverse",
+    lib.GSID_SPACING_FROM_END: "from_end",
+    lib.GSID_SPACING_TURNS: "turns",
+    lib.GSID_SPACING_LIST: "list",
+    lib.GSID_SPACING_DECADES: "decades",
+    lib.GSID_SPACING_ROUNDING: "rounding",
+}
+SCALES = {
+    lib.GSID_SHARE_OF_RATE: "largest rate",
+    lib.GSID_SHARE_OF_ANGLE: "largest angle",
+    lib.GSID_SHARE_OF_TRAVEL: "travel",
+    lib.GSID_SHARE_OF_COMMAND: "largest command",
+    lib.GSID_SHARE_OF_SAMPLE: "sample",
+    lib.GSID_SHARE_OF_FS: "sampling rate",
+    lib.GSID_SHARE_OF_BAND: "highest excited line",
+    lib.GSID_SHARE_OF_ONE: "1",
+}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points of a parameter at which the search for missing effects begins; include/gsid/effect_facts.h.
+
+    Attributes
+    ----------
+    spacing : str
+        How the points lie, of `SPACINGS`.
+    of : str
+        What they are shares of, of `SCALES`.
+    first, last, step : float
+        In units of `of`; meaning by the spacing.
+    n : int
+        Number of points; 0 where `step` gives it.
+    points : tuple of float
+        Of a list.
+    reason : str
+    """
+
+    spacing: str
+    of: str
+    first: float
+    last: float
+    step: float
+    n: int
+    points: tuple[float, ...]
+    reason: str
+
+    def at(self, scale: float) -> np.ndarray:
+        """The points, for the size of what they are shares of.
+
+        Parameters
+        ----------
+        scale : float
+            Of this motion, in the unit of `of`.
+
+        Returns
+        -------
+        (n,) ndarray
+        """
+        if self.spacing == "list":
+            return scale * np.array(self.points)
+        if self.spacing == "turns":
+            return np.arange(self.first / scale, self.last / scale, self.step / scale)
+        if self.spacing == "rounding":
+            points = [self.first * scale]
+            for _ in range(self.n):
+                points.append(points[-1] - self.gap(scale, points[-1]))
+            return np.array(points)
+        if self.spacing == "decades":
+            lowest, highest = self.first * scale, self.last * scale
+            decades = 10.0 ** np.arange(np.floor(np.log10(lowest)), np.log10(scale))
+            points = np.outer(decades, self.points).ravel()
+            return points[(points >= lowest) & (points <= highest)]
+        shares = np.geomspace(self.first, self.last, self.n)
+        if self.spacing == "from_end":
+            return (1 - shares) * scale
+        return scale * shares if self.spacing == "geometric" else 1 / (scale * shares)
+
+    def gap(self, scale: float, point: float) -> float:
+        """Distance of neighbours of the spacing "rounding".
+
+        Parameters
+        ----------
+        scale, point : float
+        """
+        return point**2 / (self.step * scale)
 
 
 @dataclass(frozen=True)
@@ -52,6 +153,12 @@ class EffectParameter:
         Values outside are refused, except `null_value`; infinite where there is no bound.
     null_value : float or None
         The effect vanishes here; None: a shape, without meaning when the effect is absent.
+    in_response : bool
+        The response of the linear part determines it.
+    axis_field : str or None
+        What the simulated axis calls it (include/gsid/host/axis.h); None: the axis has no such law.
+    grid : Grid or None
+        Where the search for missing effects begins.
     """
 
     name: str
@@ -60,6 +167,15 @@ class EffectParameter:
     lower: float
     upper: float
     null_value: float | None
+    in_response: bool = False
+    axis_field: str | None = None
+    grid: Grid | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its part of the entry of `gsid effects --json`."""
+        entry = dict(vars(self))
+        del entry["axis_field"]
+        return entry | {"grid": self.grid and vars(self.grid) | {"points": list(self.grid.points)}}
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,6 +193,18 @@ class EffectType:
         What the derivative by its strength is worth where it vanishes; "never": the plant is not one
         without it, or it is known.
     parameters : tuple of EffectParameter
+    law : str
+        For a reader: u command, w rate, theta angle, y output; "" where none is written.
+    as_c : str or None
+        The law in C, with {parameter} for values; None: it is not exported, or by its linear part.
+    linear_part : str or None
+        Form of its linear part in the frequency domain, of `LINEAR_PARTS`.
+    turns_only : bool
+        The law takes an angle: it has no meaning for an axis whose unit is a length.
+    simpler : str or None
+        The law that it becomes at one end of its shapes.
+    not_searched : str or None
+        Why the search for missing effects leaves it out; None: it is searched.
     definition : dict
         What a model file says of an effect of your own besides its id and parameters; empty in the catalogue.
     c, data : cffi pointers
@@ -89,6 +217,12 @@ class EffectType:
     stage: str
     null_kind: str
     parameters: tuple[EffectParameter, ...]
+    law: str = ""
+    as_c: str | None = None
+    linear_part: str | None = None
+    turns_only: bool = False
+    simpler: str | None = None
+    not_searched: str | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
     c: Any = field(default=None, compare=False)
     data: Any = field(default=None, compare=False)
@@ -116,7 +250,12 @@ class EffectType:
             "sentence": self.sentence,
             "null_kind": self.null_kind,
             "confused_with": list(self.confused_with),
-            "parameters": [vars(parameter) for parameter in self.parameters],
+            "law": self.law,
+            "linear_part": self.linear_part,
+            "turns_only": self.turns_only,
+            "simpler": self.simpler,
+            "not_searched": self.not_searched,
+            "parameters": [parameter.to_dict() for parameter in self.parameters],
         }
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
@@ -126,12 +265,15 @@ class EffectType:
 
     def __repr__(self) -> str:
         lines = [f"{self.id} ({self.stage}): {self.sentence}"]
+        lines += [f"  {self.law}"] if self.law else []
         lines += [
             f"  {name:18} {unit:22} typical {typical:10} {bounds}"
             for name, unit, typical, bounds in self._rows()
         ]
         if self.confused_with:
             lines.append(f"  easily taken for {', '.join(self.confused_with)}")
+        if self.not_searched:
+            lines.append(f"  not searched by gsid diagnose: {self.not_searched}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -147,8 +289,19 @@ class EffectType:
 @functools.cache
 def catalogue() -> dict[str, EffectType]:
     """Every effect that the library knows, by id, in the order of the chain from command to output."""
-    types = [_read(lib.gsid_catalogue[i]) for i in range(lib.gsid_n_catalogue)]
+    types = [_with_facts(lib.gsid_catalogue_facts[i]) for i in range(lib.gsid_n_catalogue)]
     return {effect.id: effect for effect in types}
+
+
+def linear_part(effect: str) -> EffectType | None:
+    """The effect of an id if it has a linear part, else None; an id outside the catalogue has none.
+
+    Parameters
+    ----------
+    effect : str
+    """
+    known = catalogue().get(effect)
+    return known if known is not None and known.linear_part else None
 
 
 def find(effect: str, where: str = "") -> EffectType:
@@ -456,10 +609,10 @@ def _own(
         "torque",
         null_kind,
         parameters,
-        definition,
-        c,
-        ffi.cast("void *", keep[0]),
-        keep,
+        definition=definition,
+        c=c,
+        data=ffi.cast("void *", keep[0]),
+        keep=keep,
     )
 
 
@@ -478,6 +631,38 @@ def _read(effect: Any) -> EffectType:
         c=effect,
         data=ffi.NULL,
     )
+
+
+def _with_facts(facts: Any) -> EffectType:
+    """An effect of the catalogue: its descriptor, and the facts that stand beside it."""
+    known = _read(facts.effect)
+    parameters = tuple(
+        dataclasses.replace(
+            parameter,
+            in_response=bool(more.in_response),
+            axis_field=_text(more.axis_field) or None,
+            grid=_read_grid(more.grid),
+        )
+        for parameter, more in zip(known.parameters, facts.parameter, strict=False)  # C has room for more
+    )
+    return dataclasses.replace(
+        known,
+        parameters=parameters,
+        law=_text(facts.law),
+        as_c=_text(facts.as_c) or None,
+        linear_part=LINEAR_PARTS[facts.linear_part],
+        turns_only=bool(facts.turns_only),
+        simpler=_text(facts.simpler) or None,
+        not_searched=_text(facts.not_searched) or None,
+    )
+
+
+def _read_grid(grid: Any) -> Grid | None:
+    if grid.spacing == lib.GSID_SPACING_NONE:
+        return None
+    points = tuple(grid.list[0 : grid.n]) if grid.list != ffi.NULL else ()
+    spacing, of = SPACINGS[grid.spacing], SCALES[grid.of]
+    return Grid(spacing, of, grid.first, grid.last, grid.step, grid.n, points, _text(grid.reason))
 
 
 def _read_parameter(parameter: Any) -> EffectParameter:

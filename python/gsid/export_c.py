@@ -10,6 +10,7 @@ import numpy as np
 
 from gsid._lib import version
 from gsid.c_text import comment, literal, refused_name
+from gsid.effects import EffectType, catalogue
 from gsid.errors import InputError
 from gsid.model import RationalModel
 from gsid.piecewise import PiecewiseModel
@@ -21,26 +22,9 @@ DELAY_MAX = 1_000_000
 #: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
 ROUNDING_RAD_S = 1e-6
 
-# Laws that are not linear, as C. {name} is a parameter, `rate` and `angle` are the motion; torque / inertia.
-SIGN = "(rate > 0 ? 1.0f : rate < 0 ? -1.0f : 0.0f)"
-TORQUES = {
-    "coulomb_friction": f"{{level}} * {SIGN}",
-    "stribeck_friction": "({level} + {extra} * expf(-(rate / {velocity}) * (rate / {velocity}))) * " + SIGN,
-    "quadratic_drag": "{rate} * rate * fabsf(rate)",
-    "torque_bias": "{level}",
-    "cubic_spring": "{stiffness} * angle * angle * angle",
-    "mass_unbalance": "{level} * (sinf(angle * {unit_rad} + {angle_deg} * RAD_PER_DEG)"
-    " - sinf({angle_deg} * RAD_PER_DEG))",
-    "motor_cogging": "{level} * sinf({cycles_per_rev} * angle * {unit_rad} + {phase_rad})",
-}
-# Static maps of the command.
-MAPS = {
-    "drive_saturation": "u > {limit} ? {limit} : u < -{limit} ? -{limit} : u",
-    "drive_dead_zone": "u > {half_width} ? u - {half_width} : u < -{half_width} ? u + {half_width} : 0.0f",
-    "drive_quantization": "copysignf({step} * floorf(fabsf(u) / {step} + 0.5f), u)",
-}  # none of them changes the command where its parameter is zero
-LINEAR = {"rigid_body", "viscous_friction", "cable_spring", "transport_delay", "motor_lag", "sensor_lag",
-          "flexible_mode"}  # fmt: skip
+# Linear parts that the step has. The descriptors write the other laws in C (`EffectType.as_c`): maps of the
+# command u, which go into the step, and torques / inertia by `rate` and `angle`, for the feed-forward.
+LINEAR_PARTS = ("gain", "damping", "spring", "delay", "lag", "mode")
 
 
 class _NoLiteral(ValueError):
@@ -167,31 +151,31 @@ def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
     """The linear effects in series, as states: command, actuator, axis beside flexible mode, sensor."""
     import control
 
-    body = _all(model, "rigid_body", "gain")[0]
+    body = _all(model, "gain")[0][0]
 
     def filter_of(num: list[float], den: list[float]) -> control.StateSpace:
         return control.tf2ss(control.tf(num, den))
 
-    rate, spring = sum(_all(model, "viscous_friction", "rate")), sum(_all(model, "cable_spring", "stiffness"))
+    rate, spring = (sum(value for (value,) in _all(model, part)) for part in ("damping", "spring"))
     if model.output == "angle":
         axis = filter_of([body], [1, rate, spring])
     else:
         axis = filter_of([body, 0], [1, rate, spring]) if spring else filter_of([body], [1, rate])
-    modes = (_all(model, "flexible_mode", name) for name in ("f_hz", "zeta", "residue"))
-    for f_hz, zeta, residue in zip(*modes, strict=True):
+    for f_hz, zeta, residue in _all(model, "mode"):
         w, bend = 2 * math.pi * f_hz, residue * body
         num = [bend] if model.output == "angle" else [bend, 0]
         axis = axis + filter_of(num, [1, 2 * zeta * w, w**2])
-    for lag_s in _all(model, "motor_lag", "time_constant_s") + _all(model, "sensor_lag", "time_constant_s"):
+    for (lag_s,) in (*_all(model, "lag", "actuator"), *_all(model, "lag", "sensor")):
         if lag_s > 0:
             axis = axis * filter_of([1], [lag_s, 1])
     system = _schur((axis.A, axis.B, axis.C, axis.D))
-    return _held(system, sum(_all(model, "transport_delay", "delay_s")), fs_hz, where)
+    return _held(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
 
 
-def _all(model: PlantModel, effect_id: str, parameter: str) -> list[float]:
-    """Values of a parameter in every effect of an id: there may be none, one or more."""
-    return [effect.params[parameter].value for effect in model.effects if effect.id == effect_id]
+def _all(model: PlantModel, part: str, stage: str | None = None) -> list[list[float]]:
+    """Values of the parameters of every effect with this linear part: there may be none, one or more."""
+    having = [e for e in model.effects if e.type.linear_part == part and stage in (None, e.type.stage)]
+    return [[effect.params[name].value for name in effect.type.names] for effect in having]
 
 
 def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -252,13 +236,15 @@ def _refuse_unstable(outside: np.ndarray, poles: np.ndarray, where: str) -> None
 
 def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSource:
     for effect in model.effects:
-        if effect.id not in LINEAR | MAPS.keys() | TORQUES.keys():
-            known = ", ".join(sorted(LINEAR | MAPS.keys() | TORQUES.keys()))
+        if not _is_exported(effect.type):
+            known = ", ".join(sorted(one.id for one in catalogue().values() if _is_exported(one)))
             raise InputError("this effect is not exported as C", where, effect.id, f"exported are {known}")
     gain = next(effect for effect in model.effects if effect.id == "rigid_body").params["gain"].value
-    changed = [e for e in model.effects if e.id in MAPS and any(p.value for p in e.params.values())]
-    maps = [_fill(MAPS[e.id], e, model) for e in changed]
-    laws = [(e.id, _fill(TORQUES[e.id], e, model)) for e in model.effects if e.id in TORQUES]
+    written = [effect for effect in model.effects if effect.type.as_c]
+    # No map changes the command where its parameters are zero.
+    changed = [e for e in written if e.type.stage == "actuator" and any(p.value for p in e.params.values())]
+    maps = [_fill(effect, model) for effect in changed]
+    laws = [(effect.id, _fill(effect, model)) for effect in written if effect.type.stage == "torque"]
     if laws and not gain:
         hint = "remove the effects that are not linear, or give the gain"
         raise InputError(
@@ -268,9 +254,13 @@ def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSo
     return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), per_torque, maps, laws)
 
 
-def _fill(law: str, effect: Effect, model: PlantModel) -> str:
+def _is_exported(effect: EffectType) -> bool:
+    return effect.as_c is not None or effect.linear_part in LINEAR_PARTS
+
+
+def _fill(effect: Effect, model: PlantModel) -> str:
     values = {name: _number(param.value) for name, param in effect.params.items()}
-    return law.format(**values, unit_rad=_number(RADIANS[model.angle_unit]))
+    return effect.type.as_c.format(**values, unit_rad=_number(RADIANS[model.angle_unit]))
 
 
 # ---- C ---------------------------------------------------------------------------------------------------

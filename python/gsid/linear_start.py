@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from gsid.effects import catalogue
 from gsid.linear_view import linear_view
 from gsid.plant import PlantModel
 from gsid.spectra import Spectra
@@ -27,19 +28,8 @@ STEP = 0.1  # of its half-power width: finer than the peak
 RELATIVE_FLOOR = 1e-3  # of the response: friction bends it by more than noise, and no line may rule
 ENOUGH = 1e-5  # of the cost, or of the values: it is a start
 STEPS_MAX = 60
-LINEAR = {
-    "rigid_body.gain",
-    "viscous_friction.rate",
-    "cable_spring.stiffness",
-    "transport_delay.delay_s",
-    "motor_lag.time_constant_s",
-    "sensor_lag.time_constant_s",
-    "flexible_mode.f_hz",
-    "flexible_mode.zeta",
-    "flexible_mode.residue",
-    "gear_backlash.stiffness",
-    "gear_backlash.damping",
-}
+# Parameters that the response of the linear part determines.
+LINEAR = frozenset(f"{e.id}.{p.name}" for e in catalogue().values() for p in e.parameters if p.in_response)
 
 
 def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:

@@ -1,19 +1,25 @@
 """Frequency responses of the linear part of a plant: what a small torque or command does to the output.
 
-Laws that are not linear are left out: friction, stops and the like bend the response only where they act, and
-these responses only have to point the search in the right direction (see `gsid.probes`).
+The form of an effect's linear part stands in its descriptor (`EffectType.linear_part`); the forms are those
+of include/gsid/effect_facts.h. Laws that are not linear have none: friction, stops and the like bend the
+response only where they act, and these responses only have to point the search in the right direction (see
+`gsid.probes`).
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-JOINT = "gear_backlash"  # the effect that puts motor and load apart
+from gsid.effects import catalogue, linear_part
 
+JOINT = next(e.id for e in catalogue().values() if e.linear_part == "joint")  # puts motor and load apart
+
+Parts = Mapping[str, list[tuple[float, ...]]]  # values of the parameters of each effect, by its linear part
 Stack = Mapping[str, Mapping[str, float]]
 
 
@@ -74,43 +80,52 @@ def linear_view(
     """
     f = np.where(f_hz == 0, 1e-3 * np.min(f_hz[f_hz > 0]), f_hz)
     s = 2j * np.pi * f
-    spring = _sum(stack, "cable_spring", "stiffness")
-    unbalance = sum(p["level"] * np.cos(np.radians(p["angle_deg"])) for p in _every(stack, "mass_unbalance"))
-    taken_up, motor_felt = _joint(stack, s)
-    springs = (spring + unbalance * radians_per_unit) / s
-    body = 1 / (s + _sum(stack, "viscous_friction", "rate") + springs + motor_felt)
-    actuator = _sum(stack, "rigid_body", "gain") * _lag(stack, "motor_lag", s)
-    actuator = actuator * np.exp(-s * _sum(stack, "transport_delay", "delay_s"))
+    parts = _parts(stack)
+    spring = _sum(parts["spring"])
+    pendulum = sum(level * np.cos(np.radians(angle_deg)) for level, angle_deg in parts["pendulum"])
+    taken_up, motor_felt = _joint(parts, s)
+    springs = (spring + pendulum * radians_per_unit) / s
+    body = 1 / (s + _sum(parts["damping"]) + springs + motor_felt)
+    actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
+    actuator = actuator * np.exp(-s * _sum(parts["delay"]))
     actuator = actuator * (_held(s, fs_hz) if held else 1.0)
     driven = actuator * taken_up
-    sensor = _lag(stack, "sensor_lag", s)
-    for sampler in _every(stack, "sensor_sample_hold"):
-        if sampler["rate_hz"] > 0:  # 0: it follows at once
-            sensor = sensor * _held(s, sampler["rate_hz"])
+    sensor = _lag(parts["lag of the sensor"], s)
+    for (rate_hz,) in parts["hold"]:
+        if rate_hz > 0:  # 0: it follows at once
+            sensor = sensor * _held(s, rate_hz)
     if output_angle:
         sensor = sensor / s
-    loop = 1 / (1 + driven * body * _feedback(stack, s, fs_hz))
-    change = (driven * body + actuator * _mode(stack, s)) * loop * sensor
+    loop = 1 / (1 + driven * body * _feedback(parts, s, fs_hz))
+    change = (driven * body + actuator * _mode(parts, s)) * loop * sensor
     return LinearView(
         torque=body * loop * sensor,
-        command=change * _reference(stack),
+        command=change * _reference(parts),
         change=change,
         direct=actuator * sensor,
         drive=actuator,
     )
 
 
-def _every(stack: Stack, effect: str) -> list[Mapping[str, float]]:
-    """Parameters of all effects of one id: the second is labelled "id#2"."""
-    return [params for label, params in stack.items() if label.partition("#")[0] == effect]
+def _parts(stack: Stack) -> Parts:
+    """Values of the effects that have a linear part; the second of an id is labelled "id#2"."""
+    parts: dict[str, list[tuple[float, ...]]] = defaultdict(list)
+    for label, params in stack.items():
+        known = linear_part(label.partition("#")[0])
+        if known is not None:
+            part = known.linear_part
+            if part == "lag":
+                part = f"lag of the {known.stage}"
+            parts[part].append(tuple(params.get(p.name, p.null_value) for p in known.parameters))
+    return parts
 
 
-def _sum(stack: Stack, effect: str, parameter: str) -> float:
-    return float(sum(params[parameter] for params in _every(stack, effect)))
+def _sum(values: list[tuple[float, ...]]) -> float:
+    return float(sum(value for (value,) in values))
 
 
-def _lag(stack: Stack, effect: str, s: np.ndarray) -> np.ndarray | float:
-    return 1 / math.prod((1 + s * params["time_constant_s"] for params in _every(stack, effect)), start=1.0)
+def _lag(values: list[tuple[float, ...]], s: np.ndarray) -> np.ndarray | float:
+    return 1 / math.prod((1 + s * time_constant for (time_constant,) in values), start=1.0)
 
 
 def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -118,36 +133,35 @@ def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
     return -np.expm1(-s / rate_hz) * rate_hz / s
 
 
-def _joint(stack: Stack, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
+def _joint(parts: Parts, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
     """Share of the motor's torque that reaches the load, and what the load feels of the motor (DIA-8)."""
-    if JOINT not in stack:
+    if not parts["joint"]:
         return 1.0, 0.0
-    gear = stack[JOINT]
-    spring, motor = gear["stiffness"] / s + gear["damping"], gear["inertia_ratio"] * s
+    _, stiffness, inertia_ratio, damping = parts["joint"][0]
+    spring, motor = stiffness / s + damping, inertia_ratio * s
     return spring / (motor + spring), spring * motor / (motor + spring)
 
 
-def _mode(stack: Stack, s: np.ndarray) -> np.ndarray | float:
+def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:
     answer = 0.0
-    for mode in _every(stack, "flexible_mode"):
-        w0 = 2 * np.pi * mode["f_hz"]
-        answer = answer + mode["residue"] * s / (s**2 + 2 * mode["zeta"] * w0 * s + w0**2)
+    for f_hz, zeta, residue in parts["mode"]:
+        w0 = 2 * np.pi * f_hz
+        answer = answer + residue * s / (s**2 + 2 * zeta * w0 * s + w0**2)
     return answer
 
 
-def _feedback(stack: Stack, s: np.ndarray, fs_hz: float) -> np.ndarray | float:
+def _feedback(parts: Parts, s: np.ndarray, fs_hz: float) -> np.ndarray | float:
     """Rate to command through the controller kv (kp (r - angle) - rate seen)."""
-    if "position_velocity_loop" not in stack:
+    if not parts["loop"]:
         return 0.0
-    loop = stack["position_velocity_loop"]
-    samples = loop.get("rate_samples", 0.0)
+    kp, kv, _, samples = parts["loop"][0]
     seen = _held(s, fs_hz / samples) if samples > 0 else 1.0  # the angle's change is the rate's mean
-    return loop["kv"] * (seen + loop["kp"] / s)
+    return kv * (seen + kp / s)
 
 
-def _reference(stack: Stack) -> float:
+def _reference(parts: Parts) -> float:
     """Record's input to command: 1 in open loop."""
-    if "position_velocity_loop" not in stack:
+    if not parts["loop"]:
         return 1.0
-    loop = stack["position_velocity_loop"]
-    return loop["kv"] * loop["kp"]
+    kp, kv, *_ = parts["loop"][0]
+    return kv * kp

@@ -17,16 +17,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from gsid._cached import cached_property
-from gsid.effects import find
+from gsid.effects import Grid, find
 from gsid.spectra import lines_of, period_of
 
 Params = dict[str, float]
 
-QUANTIZATION_POINTS = 1500  # down to a step of about a five hundredth of the peak
 SOFTEST_STOP = 10.0  # 1/s^2: what is softer pushes an axis back for seconds, and is a spring
-LAGS = (0.6, 1.5, 3, 6, 15)  # samples
-NOMINAL = (1, 1.2, 1.25, 1.5, 1.75, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7.5, 8)  # rates of sensors, in each decade
-SLOWEST_SENSOR = 1 / 30  # of the sampling rate
 
 
 @dataclass(eq=False)
@@ -153,13 +149,18 @@ def _largest(trajectories: list[Trajectory], signal: str) -> float:
     return max(float(np.max(np.abs(getattr(t, signal)))) for t in trajectories)
 
 
+def _grid(effect: str, parameter: str) -> Grid:
+    """Where the search for an effect begins, as its descriptor says."""
+    return find(effect)[parameter].grid
+
+
 def _swing(trajectories: list[Trajectory]) -> float:
     """Largest travel, peak to peak."""
     return max(float(np.ptp(t.angle)) for t in trajectories)
 
 
 def _stribeck(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    velocities = _largest(trajectories, "rate") * np.geomspace(0.003, 0.5, 8)
+    velocities = _grid("stribeck_friction", "velocity").at(_largest(trajectories, "rate"))
     for velocity in velocities:
         yield _torque(
             "stribeck_friction",
@@ -195,15 +196,15 @@ def dahl_state(angle: np.ndarray, stiffness: float) -> np.ndarray:
 
 
 def _presliding(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    lengths = _swing(trajectories) * np.geomspace(0.001, 4.0, 11)
-    for length in lengths:
+    stiffnesses = _grid("presliding_friction", "stiffness").at(_swing(trajectories))
+    for stiffness in stiffnesses:
         yield _torque(
             "presliding_friction",
             trajectories,
-            lambda t, s=1 / length: [dahl_state(t.angle, s)],
-            lambda c, s=1 / length: {"level": c[0], "stiffness": s},
+            lambda t, s=stiffness: [dahl_state(t.angle, s)],
+            lambda c, s=stiffness: {"level": c[0], "stiffness": s},
             one_sided=True,
-            limits={"stiffness": (1 / lengths[-1], 1 / lengths[0])},
+            limits={"stiffness": (stiffnesses[-1], stiffnesses[0])},
         )
 
 
@@ -221,9 +222,9 @@ def _unbalance(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
     swing = _swing(trajectories) * trajectories[0].radians_per_unit
-    # From a quarter of a pitch in the travel to twenty; steps that turn the far end by a third of a turn.
-    lowest, highest, step = np.pi / 2 / swing, 40 * np.pi / swing, 2 * np.pi / 3 / swing
-    for cycles in np.arange(lowest, highest, step):
+    grid = _grid("motor_cogging", "cycles_per_rev")
+    lowest, step = grid.first / swing, grid.step / swing
+    for cycles in grid.at(swing):
         yield _torque(
             "motor_cogging",
             trajectories,
@@ -243,13 +244,12 @@ def _cogging(trajectories: list[Trajectory]) -> Iterator[Probe]:
 def _hard_stop(trajectories: list[Trajectory]) -> Iterator[Probe]:
     furthest = _largest(trajectories, "angle")
     stiffest = find("hard_stop")["stiffness"].upper
-    # Dense towards the end: most stops are only just touched, and often on one side.
-    for share in 1 - np.geomspace(0.5, 0.002, 14):
+    for angle in _grid("hard_stop", "angle_deg").at(furthest):
         yield _torque(
             "hard_stop",
             trajectories,
-            lambda t, a=share * furthest: [np.sign(t.angle) * np.maximum(np.abs(t.angle) - a, 0)],
-            lambda c, a=share * furthest: {"angle_deg": a, "stiffness": c[0]},
+            lambda t, a=angle: [np.sign(t.angle) * np.maximum(np.abs(t.angle) - a, 0)],
+            lambda c, a=angle: {"angle_deg": a, "stiffness": c[0]},
             one_sided=True,
             limits={"angle_deg": (0.2 * furthest, furthest), "stiffness": (SOFTEST_STOP, stiffest)},
         )
@@ -287,19 +287,17 @@ def quantization_at(trajectories: list[Trajectory], steps: np.ndarray) -> Iterat
 
 
 def quantization_spacing(trajectories: list[Trajectory], step: float) -> float:
-    """Distance of neighbours in the grid: at the peak their rounding differs by a third of a step."""
-    return step**2 / (3 * _largest(trajectories, "command"))
+    """Distance of neighbours in the grid."""
+    return _grid("drive_quantization", "step").gap(_largest(trajectories, "command"), step)
 
 
 def _quantization(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    sizes = [0.3 * _largest(trajectories, "command")]
-    for _ in range(QUANTIZATION_POINTS):
-        sizes.append(sizes[-1] - quantization_spacing(trajectories, sizes[-1]))
-    yield from quantization_at(trajectories, np.array(sizes))
+    sizes = _grid("drive_quantization", "step").at(_largest(trajectories, "command"))
+    yield from quantization_at(trajectories, sizes)
 
 
 def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    sizes = _largest(trajectories, "command") * np.geomspace(1e-4, 0.3, 14)
+    sizes = _grid("drive_dead_zone", "half_width").at(_largest(trajectories, "command"))
     for probe in _command(
         "drive_dead_zone",
         trajectories,
@@ -314,9 +312,7 @@ def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 
 def _saturation(trajectories: list[Trajectory]) -> Iterator[Probe]:
-    sizes = _largest(trajectories, "command") * np.array(
-        [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.86, 0.92, 0.96, 0.985]
-    )
+    sizes = _grid("drive_saturation", "limit").at(_largest(trajectories, "command"))
     yield from _command("drive_saturation", trajectories, "limit", sizes, lambda u, s: np.clip(u, -s, s))
 
 
@@ -326,7 +322,8 @@ def _saturation(trajectories: list[Trajectory]) -> Iterator[Probe]:
 def _lag(effect: str):
     def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
         spare = trajectories[0].spare_delay_s
-        for time_constant in np.array(LAGS) / trajectories[0].fs_hz:
+        samples = _grid(effect, "time_constant_s").at(1.0)
+        for time_constant in samples / trajectories[0].fs_hz:
             less = min(time_constant, spare)
             columns = [_lag_less_delay(t, time_constant, less)[None, :] for t in trajectories]
 
@@ -358,8 +355,9 @@ def _delay(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 def _flexible_mode(trajectories: list[Trajectory]) -> Iterator[Probe]:
     f = trajectories[0].f_hz[trajectories[0].excited]
-    for f_mode in np.geomspace(max(f.min(), f.max() / 50), f.max() * 1.1, 60):
-        for zeta in (0.005, 0.02, 0.08):
+    band, zetas = _grid("flexible_mode", "f_hz"), _grid("flexible_mode", "zeta").points
+    for f_mode in np.geomspace(max(f.min(), f.max() * band.first), f.max() * band.last, band.n):
+        for zeta in zetas:
             yield _mode_probe(trajectories, f_mode, zeta)
 
 
@@ -448,18 +446,17 @@ def locked_rates(t: Trajectory) -> np.ndarray:
     Returns
     -------
     (k,) ndarray
-        From `SLOWEST_SENSOR` to 0.7 of the sampling rate.
+        From the slowest of the grid to 0.7 of the sampling rate.
     """
+    slowest = _grid("sensor_sample_hold", "rate_hz").first
     once = t.fs_hz / len(t.output)
     every = once * np.ceil(t.fs_hz / 3000 / once)
-    return np.arange(np.ceil(SLOWEST_SENSOR * t.fs_hz / every), 0.7 * t.fs_hz / every) * every
+    return np.arange(np.ceil(slowest * t.fs_hz / every), 0.7 * t.fs_hz / every) * every
 
 
 def nominal_rates(fs_hz: float) -> list[float]:
-    """Rates that sensors usually have, from `SLOWEST_SENSOR` to half the sampling rate."""
-    decades = 10.0 ** np.arange(np.floor(np.log10(SLOWEST_SENSOR * fs_hz)), np.log10(fs_hz))
-    rates = np.outer(decades, NOMINAL).ravel()
-    return rates[(rates >= SLOWEST_SENSOR * fs_hz) & (rates <= fs_hz / 2)].tolist()
+    """Usual rates of sensors, for a sampling rate."""
+    return _grid("sensor_sample_hold", "rate_hz").at(fs_hz).tolist()
 
 
 def _sample_hold(trajectories: list[Trajectory]) -> Iterator[Probe]:

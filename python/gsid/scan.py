@@ -28,8 +28,8 @@ from gsid.scores import Score, orthonormal, score
 from gsid.spectra import Spectra
 from gsid.units import RADIANS
 
-NOT_SEEN_IN_THE_MEAN = ("periodic_disturbance",)
-TURNING_ONLY = ("mass_unbalance", "motor_cogging")  # laws of an angle: not for an axis whose unit is a length
+NOT_SEARCHED = frozenset(effect.id for effect in catalogue().values() if effect.not_searched)
+TURNS_ONLY = frozenset(effect.id for effect in catalogue().values() if effect.turns_only)
 ZOOMS, ZOOM_POINTS = 4, 8  # refinements of a step's grid, points on each side: to one sample in 10 000
 SAMPLER, RATES = "sensor_sample_hold", 5  # effect; rates that are looked at in all records
 
@@ -190,8 +190,8 @@ def _spare_delay(model: PlantModel) -> float:
 
 def _absent(model: PlantModel) -> list[str]:
     present = {effect.id for effect in model.effects}
-    left_out = present | set(NOT_SEEN_IN_THE_MEAN) | set(TURNING_ONLY if model.angle_unit == "m" else ())
-    return [e.id for e in catalogue().values() if e.id not in left_out and e.stage != "controller"]
+    left_out = present | NOT_SEARCHED | (TURNS_ONLY if model.angle_unit == "m" else frozenset())
+    return [effect for effect in catalogue() if effect not in left_out]
 
 
 def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None = None) -> Scored:

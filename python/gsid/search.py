@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gsid.candidates import CONVERGED_BY, STEPS_LOOK, Candidate, Given, Group, evidence, ranked, tried
+from gsid.effects import catalogue
 from gsid.errors import GsidError, InputError
 from gsid.greybox import PlantFit
 from gsid.plant import PlantModel
@@ -27,10 +28,8 @@ EFFECTS_MAX = 3  # effects looked for, one after the other
 SEARCHES = 2  # the second when leaving out or exchanging has changed the model
 SHARE_LEAST = 0.03  # of the misfit that the effects found before have left
 RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
-SIMPLER = {  # what a law is at one end of its shapes: tried in its place though it did not stand out alone
-    "presliding_friction": "coulomb_friction",
-    "stribeck_friction": "coulomb_friction",
-}
+# What a law is at one end of its shapes: tried in its place though it did not stand out alone.
+SIMPLER = {effect.id: effect.simpler for effect in catalogue().values() if effect.simpler}
 DRAWS = 999  # of the bootstrap
 SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid._lib import check, ffi, lib
-from gsid.effects import find
+from gsid.effects import catalogue, find
 from gsid.errors import InputError, close
 from gsid.link import (
     COMMAND,
@@ -37,25 +37,11 @@ WATCHDOG_S = SILENCE_STOP_S  # paced; 0.25 s with the delays of a desktop
 WAKE_S = 0.002  # paced: ticks are served in bursts
 OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
 
-#: Effects of the catalogue that can be hidden in the axis: their parameters, and what the axis calls them.
+#: Effects that the axis has laws of its own for, and can hide: their parameters, and the names in the axis.
 HIDDEN = {
-    "drive_dead_zone": {"half_width": "drive_dead_zone"},
-    "drive_saturation": {"limit": "drive_limit"},
-    "coulomb_friction": {"level": "coulomb_level"},
-    "stribeck_friction": {
-        "level": "coulomb_level",
-        "extra": "stribeck_extra",
-        "velocity": "stribeck_velocity",
-    },
-    "quadratic_drag": {"rate": "drag_rate"},
-    "cubic_spring": {"stiffness": "cubic_stiffness"},
-    "mass_unbalance": {"level": "unbalance_level", "angle_deg": "unbalance_angle_deg"},
-    "motor_cogging": {
-        "level": "cogging_level",
-        "cycles_per_rev": "cogging_cycles",
-        "phase_rad": "cogging_phase_rad",
-    },
-    "sensor_sample_hold": {"rate_hz": "gyro_refresh_hz"},
+    effect.id: {p.name: p.axis_field for p in effect.parameters}
+    for effect in catalogue().values()
+    if all(p.axis_field for p in effect.parameters)
 }
 
 
@@ -89,7 +75,10 @@ def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, flo
     known = find(effect)
     if effect not in HIDDEN:
         raise InputError(
-            "the simulated axis cannot hide this effect", "", effect, f"it can: {', '.join(HIDDEN)}"
+            "the simulated axis has no law of its own for this effect",
+            "",
+            effect,
+            f"it has one for {', '.join(HIDDEN)}",
         )
     for name in params:
         if name not in known.names:

@@ -16,3 +16,10 @@ const gsid_effect EFFECT(cable_spring) = {
     .looks_at_angle = 1,
     .linear = linear,
 };
+
+const gsid_effect_facts FACTS(cable_spring) = {
+    .effect = &EFFECT(cable_spring),
+    .law = "stiffness theta",
+    .linear_part = GSID_LINEAR_SPRING,
+    .parameter = {{.in_response = 1}},
+};

@@ -21,3 +21,10 @@ const gsid_effect EFFECT(coulomb_friction) = {
     .torque = torque,
     .holding = holding,
 };
+
+const gsid_effect_facts FACTS(coulomb_friction) = {
+    .effect = &EFFECT(coulomb_friction),
+    .law = "level sign(w)",
+    .as_c = "{level} * (rate > 0 ? 1.0f : rate < 0 ? -1.0f : 0.0f)",
+    .parameter = {{.axis_field = "coulomb_level"}},
+};

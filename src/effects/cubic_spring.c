@@ -18,3 +18,10 @@ const gsid_effect EFFECT(cubic_spring) = {
     .looks_at_angle = 1,
     .torque = torque,
 };
+
+const gsid_effect_facts FACTS(cubic_spring) = {
+    .effect = &EFFECT(cubic_spring),
+    .law = "stiffness theta^3",
+    .as_c = "{stiffness} * angle * angle * angle",
+    .parameter = {{.axis_field = "cubic_stiffness"}},
+};

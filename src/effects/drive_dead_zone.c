@@ -19,3 +19,12 @@ const gsid_effect EFFECT(drive_dead_zone) = {
     .parameter = {{"half_width", "command", R(1.0), R(0.0), ANY, R(0.0)}},
     .command = command,
 };
+
+const gsid_effect_facts FACTS(drive_dead_zone) = {
+    .effect = &EFFECT(drive_dead_zone),
+    .law = "0 for |u| <= half_width, else u - half_width sign(u)",
+    .as_c = "u > {half_width} ? u - {half_width} : u < -{half_width} ? u + {half_width} : 0.0f",
+    .parameter = {{.axis_field = "drive_dead_zone",
+                   .grid = {GSID_SPACING_GEOMETRIC, GSID_SHARE_OF_COMMAND, R(1e-4), R(0.3), 0, 14, NULL,
+                            "the smallest is below most noise, the largest swallows a third of the command"}}},
+};

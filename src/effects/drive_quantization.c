@@ -21,3 +21,12 @@ const gsid_effect EFFECT(drive_quantization) = {
     .parameter = {{"step", "command", R(0.0874), R(1e-6), ANY, R(0.0)}},
     .command = command,
 };
+
+const gsid_effect_facts FACTS(drive_quantization) = {
+    .effect = &EFFECT(drive_quantization),
+    .law = "step round(u / step)",
+    .as_c = "copysignf({step} * floorf(fabsf(u) / {step} + 0.5f), u)",
+    .parameter = {{.grid = {GSID_SPACING_ROUNDING, GSID_SHARE_OF_COMMAND, R(0.3), 0, 3, 1500, NULL,
+                            "at the largest command the rounding of neighbours differs by a third of a step; "
+                            "down to a five hundredth of it"}}},
+};

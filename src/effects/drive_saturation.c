@@ -20,3 +20,14 @@ const gsid_effect EFFECT(drive_saturation) = {
     .parameter = {{"limit", "command", R(150.0), R(1e-6), ANY, R(0.0)}},
     .command = command,
 };
+
+static const gsid_real SHARES[] = {R(0.3), R(0.4), R(0.5), R(0.6), R(0.7), R(0.8), R(0.86), R(0.92), R(0.96), R(0.985)};
+
+const gsid_effect_facts FACTS(drive_saturation) = {
+    .effect = &EFFECT(drive_saturation),
+    .law = "u clipped to +-limit",
+    .as_c = "u > {limit} ? {limit} : u < -{limit} ? -{limit} : u",
+    .parameter = {{.axis_field = "drive_limit",
+                   .grid = {GSID_SPACING_LIST, GSID_SHARE_OF_COMMAND, 0, 0, 0, 10, SHARES,
+                            "dense towards the peak: most limits clip the highest peaks only"}}},
+};

@@ -4,6 +4,7 @@
 
 #include "../core/real.h"
 #include "gsid/catalogue.h"
+#include "gsid/effect_facts.h"
 
 #define R GSID_R
 
@@ -11,6 +12,7 @@
 #define ANY GSID_R(1e9)
 
 #define EFFECT(id) GSID_NAME(gsid_effect_##id)
+#define FACTS(id) GSID_NAME(gsid_facts_##id)
 
 #define EFFECTS(X)                                                                                                     \
     X(position_velocity_loop)                                                                                          \
@@ -37,7 +39,9 @@
     X(sensor_sample_hold)                                                                                              \
     X(periodic_disturbance)
 
-#define DECLARE_EFFECT(id) extern const gsid_effect EFFECT(id);
+#define DECLARE_EFFECT(id)                                                                                             \
+    extern const gsid_effect EFFECT(id);                                                                               \
+    extern const gsid_effect_facts FACTS(id);
 EFFECTS(DECLARE_EFFECT)
 
 #endif

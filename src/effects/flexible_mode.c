@@ -40,3 +40,18 @@ const gsid_effect EFFECT(flexible_mode) = {
     .n_states = 2,
     .linear = linear,
 };
+
+static const gsid_real ZETAS[] = {R(0.005), R(0.02), R(0.08)};
+
+const gsid_effect_facts FACTS(flexible_mode) = {
+    .effect = &EFFECT(flexible_mode),
+    .law = "adds q' to the rate; q'' + 2 zeta w0 q' + w0^2 q = residue gain u, w0 = 2 pi f_hz",
+    .linear_part = GSID_LINEAR_MODE,
+    .parameter = {{.in_response = 1,
+                   .grid = {GSID_SPACING_GEOMETRIC, GSID_SHARE_OF_BAND, R(1.0) / 50, R(1.1), 0, 60, NULL,
+                            "the excited band and a little above: a mode further up is a spring to the data"}},
+                  {.in_response = 1,
+                   .grid = {GSID_SPACING_LIST, GSID_SHARE_OF_ONE, 0, 0, 0, 3, ZETAS,
+                            "metal structures; a fit moves it on from the nearest"}},
+                  {.in_response = 1}},
+};

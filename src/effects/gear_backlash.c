@@ -54,3 +54,12 @@ const gsid_effect EFFECT(gear_backlash) = {
     .torque = torque,
     .edge = edge_of,
 };
+
+const gsid_effect_facts FACTS(gear_backlash) = {
+    .effect = &EFFECT(gear_backlash),
+    .law =
+        "between motor (inertia inertia_ratio) and load: stiffness times the twist beyond +-gap_deg / 2, damping times "
+        "its rate",
+    .linear_part = GSID_LINEAR_JOINT,
+    .parameter = {{0}, {.in_response = 1}, {0}, {.in_response = 1}},
+};

@@ -28,3 +28,11 @@ const gsid_effect EFFECT(hard_stop) = {
     .torque = torque,
     .edge = edge_of,
 };
+
+const gsid_effect_facts FACTS(hard_stop) = {
+    .effect = &EFFECT(hard_stop),
+    .law = "stiffness (|theta| - angle_deg) sign(theta) for |theta| > angle_deg, else 0",
+    .parameter = {{.grid = {GSID_SPACING_FROM_END, GSID_SHARE_OF_ANGLE, R(0.5), R(0.002), 0, 14, NULL,
+                            "dense towards the largest angle: most stops are only just touched, and often on one "
+                            "side"}}},
+};

@@ -24,3 +24,12 @@ const gsid_effect EFFECT(mass_unbalance) = {
     .looks_at_angle = 1,
     .torque = torque,
 };
+
+const gsid_effect_facts FACTS(mass_unbalance) = {
+    .effect = &EFFECT(mass_unbalance),
+    .law = "level (sin(theta + angle_deg) - sin(angle_deg))",
+    .as_c = "{level} * (sinf(angle * {unit_rad} + {angle_deg} * RAD_PER_DEG) - sinf({angle_deg} * RAD_PER_DEG))",
+    .linear_part = GSID_LINEAR_PENDULUM,
+    .turns_only = 1,
+    .parameter = {{.axis_field = "unbalance_level"}, {.axis_field = "unbalance_angle_deg"}},
+};

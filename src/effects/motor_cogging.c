@@ -23,3 +23,18 @@ const gsid_effect EFFECT(motor_cogging) = {
     .looks_at_angle = 1,
     .torque = torque,
 };
+
+#define PI R(3.14159265358979323846)
+
+const gsid_effect_facts FACTS(motor_cogging) = {
+    .effect = &EFFECT(motor_cogging),
+    .law = "level sin(cycles_per_rev theta + phase_rad)",
+    .as_c = "{level} * sinf({cycles_per_rev} * angle * {unit_rad} + {phase_rad})",
+    .turns_only = 1,
+    .parameter = {{.axis_field = "cogging_level"},
+                  {.axis_field = "cogging_cycles",
+                   .grid = {GSID_SPACING_TURNS, GSID_SHARE_OF_TRAVEL, PI / 2, 40 * PI, 2 * PI / 3, 0, NULL,
+                            "from a quarter of a pitch in the travel to twenty; a step turns the phase at the far end "
+                            "by a third of a turn"}},
+                  {.axis_field = "cogging_phase_rad"}},
+};

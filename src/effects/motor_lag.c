@@ -26,3 +26,14 @@ const gsid_effect EFFECT(motor_lag) = {
     .n_states = 1,
     .linear = linear,
 };
+
+static const gsid_real SAMPLES[] = {R(0.6), R(1.5), 3, 6, 15};
+
+const gsid_effect_facts FACTS(motor_lag) = {
+    .effect = &EFFECT(motor_lag),
+    .law = "dv/dt = (u - v) / time_constant_s",
+    .linear_part = GSID_LINEAR_LAG,
+    .parameter = {{.in_response = 1,
+                   .grid = {GSID_SPACING_LIST, GSID_SHARE_OF_SAMPLE, 0, 0, 0, 5, SAMPLES,
+                            "below half a sample a lag is a delay, above 15 samples nearly a friction"}}},
+};

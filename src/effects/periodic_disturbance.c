@@ -24,3 +24,10 @@ const gsid_effect EFFECT(periodic_disturbance) = {
                   {"phase_rad", "rad", R(0.0), R(-10.0), R(10.0), NAN}},
     .disturbance = disturbance,
 };
+
+const gsid_effect_facts FACTS(periodic_disturbance) = {
+    .effect = &EFFECT(periodic_disturbance),
+    .law = "adds amplitude sin(2 pi f_hz t + phase_rad) to the output",
+    .not_searched = "it is not locked to the excitation and adds to the variance only",
+    .parameter = {{0}},
+};

@@ -37,3 +37,12 @@ const gsid_effect EFFECT(position_velocity_loop) = {
     .control = control,
     .rate_samples = rate_samples,
 };
+
+const gsid_effect_facts FACTS(position_velocity_loop) = {
+    .effect = &EFFECT(position_velocity_loop),
+    .law = "u = kv (kp (reference - theta) - w), clipped to +-limit; w as the change of theta over rate_samples, 0: w "
+           "itself",
+    .linear_part = GSID_LINEAR_LOOP,
+    .not_searched = "a controller is known, not found",
+    .parameter = {{0}},
+};

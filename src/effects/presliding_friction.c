@@ -29,3 +29,13 @@ const gsid_effect EFFECT(presliding_friction) = {
     .has_memory = 1,
     .torque = torque,
 };
+
+const gsid_effect_facts FACTS(presliding_friction) = {
+    .effect = &EFFECT(presliding_friction),
+    .law = "level z, dz/dt = stiffness (w - |w| z)",
+    .simpler = "coulomb_friction",
+    .parameter = {{0},
+                  {.grid = {GSID_SPACING_INVERSE, GSID_SHARE_OF_TRAVEL, R(0.001), R(4.0), 0, 11, NULL,
+                            "within a thousandth of the travel it is coulomb_friction, over four times the travel a "
+                            "spring"}}},
+};

@@ -17,3 +17,10 @@ const gsid_effect EFFECT(quadratic_drag) = {
     .parameter = {{"rate", "1/deg", R(0.05), R(0.0), R(1e6), R(0.0)}},
     .torque = torque,
 };
+
+const gsid_effect_facts FACTS(quadratic_drag) = {
+    .effect = &EFFECT(quadratic_drag),
+    .law = "rate w |w|",
+    .as_c = "{rate} * rate * fabsf(rate)",
+    .parameter = {{.axis_field = "drag_rate"}},
+};

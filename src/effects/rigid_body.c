@@ -18,3 +18,10 @@ const gsid_effect EFFECT(rigid_body) = {
     .parameter = {{"gain", "deg/s^2 per command", R(7.4), -ANY, ANY, NAN}},
     .linear = linear,
 };
+
+const gsid_effect_facts FACTS(rigid_body) = {
+    .effect = &EFFECT(rigid_body),
+    .law = "dw/dt = gain u - torques, dtheta/dt = w",
+    .linear_part = GSID_LINEAR_GAIN,
+    .parameter = {{.in_response = 1}},
+};

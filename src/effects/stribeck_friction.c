@@ -27,3 +27,17 @@ const gsid_effect EFFECT(stribeck_friction) = {
     .torque = torque,
     .holding = holding,
 };
+
+const gsid_effect_facts FACTS(stribeck_friction) = {
+    .effect = &EFFECT(stribeck_friction),
+    .law = "(level + extra exp(-(w / velocity)^2)) sign(w)",
+    .as_c = "({level} + {extra} * expf(-(rate / {velocity}) * (rate / {velocity}))) * "
+            "(rate > 0 ? 1.0f : rate < 0 ? -1.0f : 0.0f)",
+    .simpler = "coulomb_friction",
+    .parameter = {{.axis_field = "coulomb_level"},
+                  {.axis_field = "stribeck_extra"},
+                  {.axis_field = "stribeck_velocity",
+                   .grid = {GSID_SPACING_GEOMETRIC, GSID_SHARE_OF_RATE, R(0.003), R(0.5), 0, 8, NULL,
+                            "a narrower peak is crossed within a few samples, a wider one is a friction that falls "
+                            "everywhere"}}},
+};

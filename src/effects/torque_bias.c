@@ -15,3 +15,10 @@ const gsid_effect EFFECT(torque_bias) = {
     .parameter = {{"level", "deg/s^2", R(5.0), -ANY, ANY, R(0.0)}},
     .linear = linear,
 };
+
+const gsid_effect_facts FACTS(torque_bias) = {
+    .effect = &EFFECT(torque_bias),
+    .law = "level",
+    .as_c = "{level}",
+    .parameter = {{0}},
+};

@@ -14,3 +14,10 @@ const gsid_effect EFFECT(transport_delay) = {
     .parameter = {{"delay_s", "s", R(0.0054), R(0.0), R(10.0), R(0.0)}},
     .linear = linear,
 };
+
+const gsid_effect_facts FACTS(transport_delay) = {
+    .effect = &EFFECT(transport_delay),
+    .law = "u(t - delay_s)",
+    .linear_part = GSID_LINEAR_DELAY,
+    .parameter = {{.in_response = 1}},
+};

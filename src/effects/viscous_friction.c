@@ -15,3 +15,10 @@ const gsid_effect EFFECT(viscous_friction) = {
     .parameter = {{"rate", "1/s", R(11.0), R(0.0), R(1e6), R(0.0)}},
     .linear = linear,
 };
+
+const gsid_effect_facts FACTS(viscous_friction) = {
+    .effect = &EFFECT(viscous_friction),
+    .law = "rate w",
+    .linear_part = GSID_LINEAR_DAMPING,
+    .parameter = {{.in_response = 1}},
+};

@@ -1,6 +1,7 @@
 /* Every law of the catalogue against equations written down once more here and integrated by brute force, and every
  * derivative against differences of the simulation. */
 #include "plant_bench.h"
+#include "gsid/effect_facts.h"
 
 #ifdef GSID_SINGLE
 #define TOLERANCE 1e-3 /* of the peak: float rounds the state 400 times to 6e-8, and springs add the errors up */
@@ -420,6 +421,7 @@ static void descriptors_are_complete(void **state) {
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *e = gsid_catalogue[i];
         assert_ptr_equal(gsid_catalogue_find(e->id), e);
+        assert_ptr_equal(gsid_catalogue_facts[i]->effect, e);
         assert_true(e->sentence[strlen(e->sentence) - 1] == '.');
         assert_true(is_listed(e->confused_with));
         assert_in_range(e->n_parameters, 1, GSID_EFFECT_PARAMETERS_MAX);
