@@ -8,7 +8,7 @@
 #define gsid_plant_size_within GSID_NAME(gsid_plant_size_within)
 #define gsid_plant_take_values GSID_NAME(gsid_plant_take_values)
 
-/* gsid_plant_mem_size where a size can say no more than `most`. */
+/* gsid_plant_mem_size where `most` is the largest size. */
 size_t gsid_plant_size_within(const gsid_plant_cfg *cfg, size_t most);
 
 /* Check a configuration and lay its plant out in the caller's memory, still without the values of the items.
