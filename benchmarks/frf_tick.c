@@ -23,9 +23,11 @@ static int set_up(gsid_frf *frf, int measured) {
 }
 
 static void run(gsid_frf *frf, uint32_t n_periods) {
-    for (uint32_t p = 0; p < n_periods; p++)
-        for (uint32_t n = 0; n < N_PERIOD; n++)
+    for (uint32_t p = 0; p < n_periods; p++) {
+        for (uint32_t n = 0; n < N_PERIOD; n++) {
             gsid_frf_step(frf, u[n], y[n]);
+        }
+    }
 }
 
 /* The least of several runs, each after periods that fill the pipeline; negative when it did not measure. */
@@ -33,14 +35,16 @@ static double nanoseconds(int measured) {
     double least = HUGE_VAL;
     for (int turn = 0; turn < N_TURNS; turn++) {
         gsid_frf frf;
-        if (!set_up(&frf, measured))
+        if (!set_up(&frf, measured)) {
             return -1;
+        }
         run(&frf, 2);
         const clock_t start = clock();
         run(&frf, N_PERIODS);
         least = fmin(least, (double)(clock() - start) / CLOCKS_PER_SEC);
-        if (frf.n_periods < N_PERIODS)
+        if (frf.n_periods < N_PERIODS) {
             return -1;
+        }
     }
     return 1e9 * least / ((double)N_PERIODS * N_PERIOD);
 }

@@ -54,9 +54,11 @@ static void translate(plugin_id id, struct tb *tb) {
     (void)id;
     for (size_t i = 0; i < qemu_plugin_tb_n_insns(tb); i++) {
         struct insn *insn = qemu_plugin_tb_get_insn(tb, i);
-        for (int mark = 0; mark < N_MARKS; mark++)
-            if (qemu_plugin_insn_vaddr(insn) == address[mark])
+        for (int mark = 0; mark < N_MARKS; mark++) {
+            if (qemu_plugin_insn_vaddr(insn) == address[mark]) {
                 qemu_plugin_register_vcpu_insn_exec_cb(insn, marks[mark], 0, NULL);
+            }
+        }
         qemu_plugin_register_vcpu_insn_exec_inline(insn, 0, &n_executed, 1);
     }
 }
@@ -69,15 +71,19 @@ static void finish(plugin_id id, void *user) {
 int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv) {
     (void)info;
     for (int i = 0; i < argc; i++) {
-        for (int mark = 0; mark < N_MARKS; mark++)
-            if (strncmp(argv[i], names[mark], strlen(names[mark])) == 0)
+        for (int mark = 0; mark < N_MARKS; mark++) {
+            if (strncmp(argv[i], names[mark], strlen(names[mark])) == 0) {
                 address[mark] =
                     strtoull(argv[i] + strlen(names[mark]), NULL, 0) & ~UINT64_C(1); /* Thumb's lowest bit */
-        if (strncmp(argv[i], "out=", 4) == 0)
+            }
+        }
+        if (strncmp(argv[i], "out=", 4) == 0) {
             out = fopen(argv[i] + 4, "w");
+        }
     }
-    if (out == NULL || !address[CASE] || !address[BEGIN] || !address[END])
+    if (out == NULL || !address[CASE] || !address[BEGIN] || !address[END]) {
         return -1;
+    }
     qemu_plugin_register_vcpu_tb_trans_cb(id, translate);
     qemu_plugin_register_atexit_cb(id, finish, NULL);
     return 0;

@@ -37,8 +37,9 @@ static void begin_case(const char *name) {
 }
 
 static void require(gsid_status status) {
-    if (status < 0)
+    if (status < 0) {
         board_exit(1);
+    }
 }
 
 typedef gsid_status engine(gsid_frf *, const gsid_frf_cfg *, void *, size_t);
@@ -54,8 +55,9 @@ static void init(engine *init_engine, uint32_t n_lines, int is_known) {
 
 static void count_frf(const char *name, engine *init_engine, uint32_t n_lines, int is_known) {
     init(init_engine, n_lines, is_known);
-    for (uint32_t n = 0; n < n_period; n++) /* in the first period there is no period to work on */
+    for (uint32_t n = 0; n < n_period; n++) { /* in the first period there is no period to work on */
         gsid_frf_step(&frf, output[n], output[n]);
+    }
     begin_case(name);
     for (uint32_t n = 0; n < N_PERIODS * n_period; n++) {
         const gsid_real y = output[n % n_period];
@@ -87,14 +89,17 @@ static void count_skips(void) {
     for (uint32_t n = 0; n < N_PERIODS * N_PERIOD; n++) {
         const int is_lost = n % 2000 == 1999;
         const gsid_real y = output[n % N_PERIOD];
-        if (is_lost)
+        if (is_lost) {
             budget_begin();
-        if (is_lost)
+        }
+        if (is_lost) {
             gsid_frf_skip(&frf, 1);
-        else
+        } else {
             gsid_frf_step(&frf, 0, y);
-        if (is_lost)
+        }
+        if (is_lost) {
             budget_end();
+        }
     }
 }
 
@@ -115,8 +120,9 @@ static void count_guard(void) {
     begin_case("guard");
     for (uint32_t n = 0; n < 1000; n++) {
         const gsid_guard_sample sample = {output[n], 0};
-        if (n == 500)
+        if (n == 500) {
             require(gsid_guard_stop(&guard));
+        }
         budget_begin();
         gsid_guard_step(&guard, &sample, 0, output[n], &allowed);
         budget_end();
@@ -132,8 +138,9 @@ static void count_plant(const char *name, uint32_t n_effects) {
                                {.value = {GSID_R(0.0051)}},
                                {.value = {60, GSID_R(0.03), GSID_R(0.3)}},
                                {.value = {1}}};
-    for (uint32_t i = 0; i < n_effects; i++)
+    for (uint32_t i = 0; i < n_effects; i++) {
         stack[i].effect = gsid_catalogue_find(id[i]);
+    }
     const gsid_plant_cfg cfg = {.fs_hz = 3000, .n_items = n_effects, .item = stack};
     gsid_plant plant;
     gsid_real y;
@@ -158,8 +165,9 @@ int main(void) {
         line[i] = i + 1;
         u_known[i].re = 1;
     }
-    for (uint32_t i = 0; i < N_PERIOD; i++)
+    for (uint32_t i = 0; i < N_PERIOD; i++) {
         output[i] = twiddle[i].im + twiddle[17 * i % N_PERIOD].re;
+    }
     begin_case("nothing");
     budget_begin();
     budget_end();

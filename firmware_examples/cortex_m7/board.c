@@ -63,8 +63,9 @@ void systick_handler(void) {
 void uart_receive_handler(void);
 void uart_receive_handler(void) {
     UART_INT = INT_RX;
-    while (UART_STATE & STATE_RX_FULL)
+    while (UART_STATE & STATE_RX_FULL) {
         on_byte((uint8_t)UART_DATA);
+    }
 }
 
 /* Fill the port as long as it takes bytes. With nothing under way no interrupt will come: line_send starts it. */
@@ -82,10 +83,12 @@ size_t line_room(void) {
 }
 
 void line_send(const uint8_t *bytes, size_t n_bytes) {
-    if (n_bytes > line_room())
+    if (n_bytes > line_room()) {
         return;
-    for (size_t i = 0; i < n_bytes; i++)
+    }
+    for (size_t i = 0; i < n_bytes; i++) {
         waiting[(n_put + i) % ROOM] = bytes[i];
+    }
     HANDOVER();
     n_put += (uint32_t)n_bytes;
     REGISTER(0xE000E200u) = 2u; /* set pending: the transmit interrupt sends the first byte */

@@ -9,8 +9,9 @@
 static drive the_drive;
 
 void on_byte(uint8_t byte) {
-    if (drive_receive(&the_drive, byte))
+    if (drive_receive(&the_drive, byte)) {
         board_request_tick();
+    }
 }
 
 void on_tick(int by_timer) {
@@ -18,11 +19,13 @@ void on_tick(int by_timer) {
 }
 
 int main(void) {
-    if (drive_init(&the_drive) != GSID_OK)
+    if (drive_init(&the_drive) != GSID_OK) {
         return 1;
+    }
     board_init(EXPERIMENT_FS_HZ);
     for (;;) {
-        if (!drive_background(&the_drive))
+        if (!drive_background(&the_drive)) {
             board_sleep();
+        }
     }
 }

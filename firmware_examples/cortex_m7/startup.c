@@ -13,10 +13,12 @@ void reset_handler(void) {
     *(volatile uint32_t *)0xE000ED88u |= 0xFu << 20; /* CPACR: full access */
     __asm volatile("dsb\n isb");
     const uint32_t *from = data_load;
-    for (uint32_t *to = data_begin; to < data_end;)
+    for (uint32_t *to = data_begin; to < data_end;) {
         *to++ = *from++;
-    for (uint32_t *to = bss_begin; to < bss_end;)
+    }
+    for (uint32_t *to = bss_begin; to < bss_end;) {
         *to++ = 0;
+    }
     board_exit(main());
 }
 

@@ -33,8 +33,9 @@ static gsid_status measure_init(void) {
 
 /* Every tick, where the sensor is read: gives what to add to the command. */
 static gsid_real measure_tick(gsid_real y) {
-    if (gsid_frf_step(&frf, 0, y) == GSID_E_NONFINITE)
+    if (gsid_frf_step(&frf, 0, y) == GSID_E_NONFINITE) {
         gsid_frf_skip(&frf, 1); /* refused is lost: time goes on, its period is left out */
+    }
     const gsid_real u = excitation[n];
     n = n + 1 < N_PERIOD ? n + 1 : 0; /* not a count of ticks, which would jump where it wraps around */
     return u;
@@ -48,17 +49,21 @@ static void axis_apply(gsid_real u) {
 }
 
 int main(void) {
-    if (measure_init() != GSID_OK)
+    if (measure_init() != GSID_OK) {
         return 1;
-    while (frf.n_periods < N_GOOD)
+    }
+    while (frf.n_periods < N_GOOD) {
         axis_apply(measure_tick(axis_rate));
+    }
 
     static gsid_cplx g[N_LINES];
     const gsid_frf_out out = {.g = g};
-    if (gsid_frf_result(&frf, &out) != GSID_OK)
+    if (gsid_frf_result(&frf, &out) != GSID_OK) {
         return 1;
+    }
     puts("f_hz,g_re,g_im");
-    for (uint32_t i = 0; i < N_LINES; i++)
+    for (uint32_t i = 0; i < N_LINES; i++) {
         printf("%g,%.6g,%.6g\n", (double)line[i] * 3000 / N_PERIOD, (double)g[i].re, (double)g[i].im);
+    }
     return 0;
 }

@@ -22,8 +22,9 @@ static gsid_status axis_init(void) {
                                       {.value = {GSID_R(0.0051)}},
                                       {.value = {GSID_R(60.0), GSID_R(0.03), GSID_R(0.3)}}};
     static const char *const id[] = {"rigid_body", "viscous_friction", "transport_delay", "flexible_mode"};
-    for (uint32_t i = 0; i < sizeof stack / sizeof stack[0]; i++)
+    for (uint32_t i = 0; i < sizeof stack / sizeof stack[0]; i++) {
         stack[i].effect = gsid_catalogue_find(id[i]);
+    }
     const gsid_plant_cfg cfg = {.fs_hz = EXPERIMENT_FS_HZ, .n_items = sizeof stack / sizeof stack[0], .item = stack};
     return gsid_plant_init(&axis, &cfg, axis_memory, sizeof axis_memory);
 }
@@ -47,15 +48,18 @@ static void print_answer(void) {
     const gsid_rational *m = &beside.model;
     printf("# scale_rad_s: %.9g\n# delay_s: %.9g\n# cost: %.9g\n# num:", (double)m->scale_rad_s, (double)m->delay_s,
            (double)beside.cost);
-    for (uint32_t i = 0; i <= m->n_zeros; i++)
+    for (uint32_t i = 0; i <= m->n_zeros; i++) {
         printf(" %.9g", (double)m->num[i]);
+    }
     printf("\n# den:");
-    for (uint32_t i = 0; i <= m->n_poles; i++)
+    for (uint32_t i = 0; i <= m->n_poles; i++) {
         printf(" %.9g", (double)m->den[i]);
+    }
     printf("\nf_hz,g_re,g_im,std_g\n");
-    for (uint32_t i = 0; i < EXPERIMENT_N_LINES; i++)
+    for (uint32_t i = 0; i < EXPERIMENT_N_LINES; i++) {
         printf("%.9g,%.9g,%.9g,%.9g\n", (double)beside.f_hz[i], (double)beside.g[i].re, (double)beside.g[i].im,
                (double)beside.sigma[i]);
+    }
 }
 
 int main(void) {
@@ -68,13 +72,15 @@ int main(void) {
                                    .deceleration = 20};
     rate_controller controller = {.kp = 3.0f, .ki = 0.005f, .limit = COMMAND_LIMIT};
     if (axis_init() != GSID_OK || experiment_init(&beside, EXCITATION_PEAK, &limits) != GSID_OK ||
-        experiment_start(&beside) != GSID_OK)
+        experiment_start(&beside) != GSID_OK) {
         return 1;
+    }
     gsid_real u = 0;
     while (beside.state == EXPERIMENT_RUNNING) { /* one turn is one tick */
         gsid_real y;
-        if (gsid_plant_step(&axis, u, &y, NULL) != GSID_OK) /* the rate at the instant from which u is applied */
+        if (gsid_plant_step(&axis, u, &y, NULL) != GSID_OK) { /* the rate at the instant from which u is applied */
             return 1;
+        }
         y += noise();
         experiment_measure(&beside, u, y);
         const gsid_guard_sample sample = {.rate = y};

@@ -15,10 +15,12 @@ static inline float rate_controller_step(rate_controller *c, float wanted, float
     const float error = wanted - measured;
     const float integral = c->integral + c->ki * error;
     const float command = c->kp * error + integral;
-    if (command > c->limit)
+    if (command > c->limit) {
         return c->limit;
-    if (command < -c->limit)
+    }
+    if (command < -c->limit) {
         return -c->limit;
+    }
     c->integral = integral;
     return command;
 }

@@ -59,23 +59,26 @@ static void end(drive *d, drive_why why) {
 /* The next tick's command, and the experiment's end when there is to be none. sample: NULL when it was lost; the
  * controller goes on with the rate it had. A controller cannot know the command after this one: no copy. */
 static void command_next(drive *d, const gsid_guard_sample *sample) {
-    if (sample != NULL)
+    if (sample != NULL) {
         d->rate_deg_s = sample->rate;
+    }
     const float command = rate_controller_step(&d->controller, 0.0f, d->rate_deg_s);
     float u = command + experiment_excite(&d->experiment, sample, command);
     u = u > COMMAND_LIMIT ? COMMAND_LIMIT : u < -COMMAND_LIMIT ? -COMMAND_LIMIT : u;
     d->n_silent = 0;
-    if (d->experiment.state == EXPERIMENT_MEASURED)
+    if (d->experiment.state == EXPERIMENT_MEASURED) {
         end(d, DRIVE_MEASURED);
-    else if (d->experiment.state == EXPERIMENT_STOPPED)
+    } else if (d->experiment.state == EXPERIMENT_STOPPED) {
         end(d, d->experiment.guard.state == GSID_GUARD_TRIPPED ? DRIVE_TRIPPED : DRIVE_LOSSES);
-    else
+    } else {
         send(d, GSID_FRAME_COMMAND, 0, ++d->tick, u, NAN);
+    }
 }
 
 static void take_sample(drive *d, const gsid_frame *frame) {
-    if (frame->tick != d->tick)
+    if (frame->tick != d->tick) {
         return; /* given up before */
+    }
     if ((frame->flags & GSID_FLAG_LOST_COUNT) != d->lost_count) {
         d->lost_count = frame->flags & GSID_FLAG_LOST_COUNT;
         experiment_settle(&d->experiment);
@@ -103,14 +106,15 @@ static int is_answer(const drive *d, const gsid_frame *hello) {
 
 static void take_frame(drive *d, const gsid_frame *frame) {
     const int running = d->state == DRIVE_RUNNING;
-    if (frame->kind == GSID_FRAME_SAMPLE && running)
+    if (frame->kind == GSID_FRAME_SAMPLE && running) {
         take_sample(d, frame);
-    else if (frame->kind == GSID_FRAME_STOP && running)
+    } else if (frame->kind == GSID_FRAME_STOP && running) {
         end(d, DRIVE_ASKED);
-    else if (frame->kind == GSID_FRAME_HELLO && running)
+    } else if (frame->kind == GSID_FRAME_HELLO && running) {
         end(d, DRIVE_RESTARTED);
-    else if (frame->kind == GSID_FRAME_HELLO && is_answer(d, frame))
+    } else if (frame->kind == GSID_FRAME_HELLO && is_answer(d, frame)) {
         d->axis_answered = 1;
+    }
 }
 
 void drive_tick(drive *d, int by_timer) {
@@ -148,8 +152,9 @@ static void report_state(const drive *d) {
 static void start(drive *d) {
     const rate_controller at_rest = {.kp = KP, .ki = KI, .limit = COMMAND_LIMIT};
     d->axis_answered = 0;
-    if (d->why != DRIVE_NEVER_RAN)
+    if (d->why != DRIVE_NEVER_RAN) {
         report_state(d); /* who comes now may not have heard it */
+    }
     if (experiment_start(&d->experiment) != GSID_OK) {
         end(d, DRIVE_REFUSED);
         return;
@@ -190,26 +195,29 @@ static int report_next(const drive *d, uint32_t i) {
     i--;
     if (i < 2 * EXPERIMENT_N_LINES) {
         const uint32_t line = i / 2;
-        if (i % 2 == 0)
+        if (i % 2 == 0) {
             send(d, GSID_FRAME_RESULT, DRIVE_RESULT_G, e->line[line], e->g[line].re, e->g[line].im);
-        else
+        } else {
             send(d, GSID_FRAME_RESULT, DRIVE_RESULT_SIGMA, e->line[line], e->f_hz[line], e->sigma[line]);
+        }
         return 1;
     }
     i -= 2 * EXPERIMENT_N_LINES;
-    if (i <= EXPERIMENT_N_ZEROS)
+    if (i <= EXPERIMENT_N_ZEROS) {
         send(d, GSID_FRAME_RESULT, DRIVE_RESULT_NUM, i, m->num[i], m->scale_rad_s);
-    else if (i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES)
+    } else if (i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES) {
         send(d, GSID_FRAME_RESULT, DRIVE_RESULT_DEN, i - EXPERIMENT_N_ZEROS - 1, m->den[i - EXPERIMENT_N_ZEROS - 1],
              m->scale_rad_s);
-    else
+    } else {
         send(d, GSID_FRAME_RESULT, DRIVE_RESULT_FIT, (uint32_t)(d->fit_status + 128), m->delay_s, e->cost);
+    }
     return i <= EXPERIMENT_N_ZEROS + 1 + EXPERIMENT_N_POLES;
 }
 
 static int report(drive *d) {
-    if (line_room() < 2 * GSID_LINK_FRAME_MAX)
+    if (line_room() < 2 * GSID_LINK_FRAME_MAX) {
         return 0;
+    }
     if (!report_next(d, d->n_reported++)) {
         d->n_silent = 0;
         d->state = DRIVE_WAITING;

@@ -21,19 +21,23 @@ static gsid_status fill_excitation(experiment *e, gsid_real peak) {
     const gsid_multisine_cfg cfg = {EXPERIMENT_N_PERIOD, EXPERIMENT_N_LINES, e->line, amplitude, phase_rad, e->twiddle};
     gsid_multisine multisine;
     gsid_status status = gsid_amplitude_shape(EXPERIMENT_N_LINES, e->line, 0, amplitude);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_phase_schroeder(EXPERIMENT_N_LINES, amplitude, phase_rad);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_multisine_init(&multisine, &cfg);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_multisine_table(&multisine, e->excitation);
+    }
     gsid_real most = 0;
     for (uint32_t i = 0; status == GSID_OK && i < EXPERIMENT_N_PERIOD; i++) {
         const gsid_real size = e->excitation[i] < 0 ? -e->excitation[i] : e->excitation[i];
         most = size > most ? size : most;
     }
-    for (uint32_t i = 0; status == GSID_OK && i < EXPERIMENT_N_PERIOD; i++)
+    for (uint32_t i = 0; status == GSID_OK && i < EXPERIMENT_N_PERIOD; i++) {
         e->excitation[i] *= peak / most;
+    }
     return status;
 }
 
@@ -45,10 +49,12 @@ gsid_status experiment_init(experiment *e, gsid_real peak, const gsid_guard_cfg 
     guard.n_missing_max = EXPERIMENT_N_MISSING_MAX;
     e->state = EXPERIMENT_IDLE;
     gsid_status status = gsid_guard_init(&e->guard, &guard);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_twiddle_fill(EXPERIMENT_N_PERIOD, e->twiddle);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_lines_fill(GSID_GRID_FULL, 1, EXPERIMENT_N_LINES, EXPERIMENT_N_LINES, e->line, &n_lines);
+    }
     return status == GSID_OK ? fill_excitation(e, peak) : status;
 }
 
@@ -61,54 +67,63 @@ gsid_status experiment_start(experiment *e) {
                               .twiddle = e->twiddle};
     gsid_status status = gsid_frf_init_spread(&e->frf, &cfg, e->memory, sizeof e->memory);
     gsid_guard_reset(&e->guard);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_guard_start(&e->guard, 0); /* the range of angles counts from here */
+    }
     e->n = 0;
     e->n_left_out = 0;
     HANDOVER();
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         e->state = EXPERIMENT_RUNNING; /* last: from here on the tick owns it */
+    }
     return status;
 }
 
 gsid_real experiment_excite(experiment *e, const gsid_guard_sample *sample, gsid_real command) {
-    if (e->state != EXPERIMENT_RUNNING)
+    if (e->state != EXPERIMENT_RUNNING) {
         return 0;
+    }
     gsid_real allowed = 0;
-    if (gsid_guard_step(&e->guard, sample, command, e->excitation[e->n], &allowed) == GSID_TRIPPED)
+    if (gsid_guard_step(&e->guard, sample, command, e->excitation[e->n], &allowed) == GSID_TRIPPED) {
         e->state = EXPERIMENT_STOPPED;
+    }
     e->n = e->n + 1 < EXPERIMENT_N_PERIOD ? e->n + 1 : 0;
     return allowed;
 }
 
 /* The spread engine adds a period in the course of the next: the experiment ends that much later. */
 static void judge_period(experiment *e) {
-    if (e->frf.n_periods >= EXPERIMENT_N_GOOD)
+    if (e->frf.n_periods >= EXPERIMENT_N_GOOD) {
         e->state = EXPERIMENT_MEASURED;
-    else if (e->frf.n_spoiled >= EXPERIMENT_N_SPOILED_MAX)
+    } else if (e->frf.n_spoiled >= EXPERIMENT_N_SPOILED_MAX) {
         e->state = EXPERIMENT_STOPPED;
+    }
 }
 
 static void judge(experiment *e, gsid_status status) {
-    if (status == GSID_DONE || status == GSID_SPOILED)
+    if (status == GSID_DONE || status == GSID_SPOILED) {
         judge_period(e);
+    }
 }
 
 void experiment_skip(experiment *e) {
-    if (e->state != EXPERIMENT_RUNNING)
+    if (e->state != EXPERIMENT_RUNNING) {
         return;
+    }
     e->n_left_out -= e->n_left_out > 0 ? 1u : 0u;
     judge(e, gsid_frf_skip(&e->frf, 1));
 }
 
 void experiment_measure(experiment *e, gsid_real u, gsid_real y) {
-    if (e->state != EXPERIMENT_RUNNING)
+    if (e->state != EXPERIMENT_RUNNING) {
         return;
+    }
     const gsid_status status = e->n_left_out > 0 ? GSID_E_NONFINITE : gsid_frf_step(&e->frf, u, y);
-    if (status == GSID_E_NONFINITE)
+    if (status == GSID_E_NONFINITE) {
         experiment_skip(e);
-    else
+    } else {
         judge(e, status);
+    }
 }
 
 void experiment_settle(experiment *e) {
@@ -141,8 +156,9 @@ static gsid_status start_of_fit(const gsid_frd *data, gsid_rational *model, void
 gsid_status experiment_fit(experiment *e) {
     const gsid_frf_out out = {.g = e->g, .var_g = e->sigma};
     gsid_status status = gsid_frf_result(&e->frf, &out);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     for (uint32_t i = 0; i < EXPERIMENT_N_LINES; i++) {
         e->f_hz[i] = (gsid_real)e->line[i] * (GSID_R(1.0) * EXPERIMENT_FS_HZ / EXPERIMENT_N_PERIOD);
         e->sigma[i] = SQRT(e->sigma[i]);
@@ -152,7 +168,8 @@ gsid_status experiment_fit(experiment *e) {
     /* Powers of s are near 1 at a fast line, where the poles and zeros of interest are. */
     status = gsid_rational_init(&e->model, GSID_DOMAIN_S, EXPERIMENT_N_POLES, EXPERIMENT_N_ZEROS,
                                 2 * PI * e->f_hz[EXPERIMENT_N_LINES - 1] / 4);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = start_of_fit(&data, &e->model, e->work, sizeof e->work);
+    }
     return status < 0 ? status : gsid_estimate_ml(&data, &ml, &e->model, &e->cost, e->work, sizeof e->work);
 }

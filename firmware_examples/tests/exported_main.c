@@ -22,8 +22,9 @@ static void print_bits(float value) {
     unsigned bits;
     char text[10];
     memcpy(&bits, &value, sizeof bits);
-    for (int i = 0; i < 8; i++)
+    for (int i = 0; i < 8; i++) {
         text[i] = digit[bits >> (28 - 4 * i) & 0xFu];
+    }
     text[8] = '\n';
     text[9] = 0;
     PRINT(text);

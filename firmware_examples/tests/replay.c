@@ -19,8 +19,9 @@ static void background(void) {
 }
 
 int main(void) {
-    if (drive_init(&the_drive) != GSID_OK)
+    if (drive_init(&the_drive) != GSID_OK) {
         return 1;
+    }
     background();
     for (int byte; (byte = getchar()) != EOF;) {
         if (drive_receive(&the_drive, (uint8_t)byte)) {

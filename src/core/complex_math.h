@@ -109,12 +109,15 @@ static inline gsid_cplx gsid_cplx_cis(gsid_real angle) {
     gsid_real rest = ((angle - n_quarters * first) - n_quarters * second) - n_quarters * third;
     rest = rest > largest ? largest : rest < -largest ? -largest : rest;
     const gsid_cplx z = gsid_cplx_cis_octant(rest, 0);
-    if (quadrant == 0)
+    if (quadrant == 0) {
         return z;
-    if (quadrant == 1)
+    }
+    if (quadrant == 1) {
         return gsid_cplx_make(-z.im, z.re);
-    if (quadrant == 2)
+    }
+    if (quadrant == 2) {
         return gsid_cplx_make(-z.re, -z.im);
+    }
     return gsid_cplx_make(z.im, -z.re);
 }
 

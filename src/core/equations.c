@@ -13,37 +13,47 @@ static int is_covariance(const gsid_frd *data, uint32_t k) {
 }
 
 static gsid_status check_errors(const gsid_frd *data, uint32_t k) {
-    if (data->sigma != NULL && !(data->sigma[k] > 0 && gsid_is_finite(data->sigma[k])))
+    if (data->sigma != NULL && !(data->sigma[k] > 0 && gsid_is_finite(data->sigma[k]))) {
         return GSID_E_CONFIG;
-    if (data->logarithmic && data->g[k].re == 0 && data->g[k].im == 0)
+    }
+    if (data->logarithmic && data->g[k].re == 0 && data->g[k].im == 0) {
         return GSID_E_NONFINITE;
-    if (data->var_u == NULL)
+    }
+    if (data->var_u == NULL) {
         return GSID_OK;
-    if (!gsid_is_finite(data->var_u[k]) || !gsid_cplx_is_finite(data->cov_yu[k]))
+    }
+    if (!gsid_is_finite(data->var_u[k]) || !gsid_cplx_is_finite(data->cov_yu[k])) {
         return GSID_E_NONFINITE;
+    }
     return data->var_u[k] >= 0 && is_covariance(data, k) ? GSID_OK : GSID_E_CONFIG;
 }
 
 static gsid_status check_data(const gsid_frd *data) {
-    if (data == NULL || data->f_hz == NULL || data->g == NULL)
+    if (data == NULL || data->f_hz == NULL || data->g == NULL) {
         return GSID_E_NULL;
-    if (data->var_u != NULL && (data->cov_yu == NULL || data->sigma == NULL))
+    }
+    if (data->var_u != NULL && (data->cov_yu == NULL || data->sigma == NULL)) {
         return GSID_E_NULL;
+    }
     for (uint32_t k = 0; k < data->n_lines; k++) {
-        if (!gsid_is_finite(data->f_hz[k]) || !gsid_cplx_is_finite(data->g[k]))
+        if (!gsid_is_finite(data->f_hz[k]) || !gsid_cplx_is_finite(data->g[k])) {
             return GSID_E_NONFINITE;
+        }
         const gsid_status status = check_errors(data, k);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
     }
     return GSID_OK;
 }
 
 static gsid_status check_model(const gsid_rational *model) {
-    if (model == NULL)
+    if (model == NULL) {
         return GSID_E_NULL;
-    if (model->n_poles > GSID_ORDER_MAX || model->n_zeros > GSID_ORDER_MAX || !gsid_is_finite(model->delay_s))
+    }
+    if (model->n_poles > GSID_ORDER_MAX || model->n_zeros > GSID_ORDER_MAX || !gsid_is_finite(model->delay_s)) {
         return GSID_E_CONFIG;
+    }
     const gsid_real rate = model->domain == GSID_DOMAIN_S ? model->scale_rad_s : model->sample_s;
     return rate > 0 && gsid_is_finite(rate) ? GSID_OK : GSID_E_CONFIG;
 }
@@ -56,19 +66,23 @@ gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *mode
 gsid_status gsid_equations_init(gsid_equations *q, const gsid_frd *data, const gsid_rational *model, int free_delay,
                                 void *mem, size_t mem_size) {
     const gsid_status status = gsid_equations_check(data, model);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (mem == NULL)
+    }
+    if (mem == NULL) {
         return GSID_E_NULL;
-    if (mem_size < GSID_ESTIMATE_MEM_SIZE(model->n_poles, model->n_zeros) || (uintptr_t)mem % sizeof(gsid_real) != 0)
+    }
+    if (mem_size < GSID_ESTIMATE_MEM_SIZE(model->n_poles, model->n_zeros) || (uintptr_t)mem % sizeof(gsid_real) != 0) {
         return GSID_E_MEMORY;
+    }
     q->n_den = model->n_poles;
     q->n_num = model->n_zeros + 1;
     q->n = q->n_den + q->n_num + (free_delay ? 1u : 0u);
     q->held = gsid_rational_held(model);
     q->n_rows = 0;
-    if (2 * data->n_lines < q->n)
+    if (2 * data->n_lines < q->n) {
         return GSID_E_TOO_FEW;
+    }
     const size_t lsq_size = GSID_LSQ_MEM_SIZE(q->n);
     unsigned char *bytes = mem;
     gsid_lsq_init(&q->normal, q->n, bytes, lsq_size);
@@ -93,20 +107,24 @@ gsid_status gsid_equations_next(gsid_equations *q) {
 
 void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real held, gsid_rational *model) {
     model->den[q->held] = held;
-    for (uint32_t i = 0; i < q->n_den; i++)
+    for (uint32_t i = 0; i < q->n_den; i++) {
         model->den[i < q->held ? i : i + 1] = x[i];
-    for (uint32_t i = 0; i < q->n_num; i++)
+    }
+    for (uint32_t i = 0; i < q->n_num; i++) {
         model->num[i] = x[q->n_den + i];
-    if (q->n > q->n_den + q->n_num)
+    }
+    if (q->n > q->n_den + q->n_num) {
         model->delay_s = x[q->n - 1];
+    }
 }
 
 gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) {
     gsid_real cost = 0;
     for (uint32_t k = 0; k < data->n_lines; k++) {
         gsid_cplx g;
-        if (gsid_rational_eval(model, 1, &data->f_hz[k], &g) != GSID_OK)
+        if (gsid_rational_eval(model, 1, &data->f_hz[k], &g) != GSID_OK) {
             return INFINITY;
+        }
         cost += gsid_cplx_abs2(gsid_residual_at(data, k, g).value);
     }
     return gsid_is_finite(cost) ? cost : (gsid_real)INFINITY;
@@ -114,10 +132,12 @@ gsid_real gsid_equations_cost(const gsid_frd *data, const gsid_rational *model) 
 
 int gsid_equations_is_finite(const gsid_rational *model) {
     gsid_real sum = 0 * model->delay_s; /* 0 times a number that is not finite is not 0 */
-    for (uint32_t i = 0; i <= model->n_poles; i++)
+    for (uint32_t i = 0; i <= model->n_poles; i++) {
         sum += 0 * model->den[i];
-    for (uint32_t i = 0; i <= model->n_zeros; i++)
+    }
+    for (uint32_t i = 0; i <= model->n_zeros; i++) {
         sum += 0 * model->num[i];
+    }
     return sum == 0;
 }
 
@@ -128,8 +148,9 @@ int gsid_equations_are_alike(const gsid_frd *data, const gsid_rational *a, const
         const gsid_real weight = gsid_residual_weight(data, k);
         gsid_cplx g[2];
         if (gsid_rational_eval(a, 1, &data->f_hz[k], &g[0]) != GSID_OK ||
-            gsid_rational_eval(b, 1, &data->f_hz[k], &g[1]) != GSID_OK)
+            gsid_rational_eval(b, 1, &data->f_hz[k], &g[1]) != GSID_OK) {
             return 0;
+        }
         difference += gsid_cplx_abs2(gsid_cplx_scale(weight, gsid_cplx_sub(g[0], g[1])));
         size += gsid_cplx_abs2(gsid_cplx_scale(weight, data->g[k]));
     }

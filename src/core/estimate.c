@@ -4,20 +4,24 @@
 #include "residual.h"
 
 size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros) {
-    if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX)
+    if (n_poles > GSID_ORDER_MAX || n_zeros > GSID_ORDER_MAX) {
         return 0;
+    }
     return GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros);
 }
 
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost) {
     const gsid_status status = gsid_equations_check(data, model);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (cost == NULL)
+    }
+    if (cost == NULL) {
         return GSID_E_NULL;
+    }
     const gsid_real v = gsid_equations_cost(data, model);
-    if (!gsid_is_finite(v) || !gsid_equations_is_finite(model))
+    if (!gsid_is_finite(v) || !gsid_equations_is_finite(model)) {
         return GSID_E_NONFINITE;
+    }
     *cost = v;
     return GSID_OK;
 }
@@ -29,15 +33,17 @@ static gsid_status add_equation_error(gsid_equations *q, const gsid_rational *mo
     gsid_cplx rhs = {0, 0};
     for (uint32_t i = 0, column = 0; i <= model->n_poles; i++, power = gsid_cplx_mul(power, v)) {
         const gsid_cplx value = gsid_cplx_mul(power, g);
-        if (i == q->held)
+        if (i == q->held) {
             rhs = gsid_cplx_scale(GSID_R(-1.0), value);
-        else
+        } else {
             gsid_equations_put(q, column++, value);
+        }
     }
     power.re = weight;
     power.im = 0;
-    for (uint32_t i = 0; i <= model->n_zeros; i++, power = gsid_cplx_mul(power, v))
+    for (uint32_t i = 0; i <= model->n_zeros; i++, power = gsid_cplx_mul(power, v)) {
         gsid_equations_put(q, q->n_den + i, gsid_cplx_scale(GSID_R(-1.0), power));
+    }
     gsid_equations_put(q, q->n, rhs);
     return gsid_equations_next(q);
 }
@@ -57,20 +63,24 @@ static gsid_status solve_reweighted(gsid_equations *q, const gsid_frd *data, gsi
             weight /= exponent == 1 ? gsid_sqrt(a2) : gsid_pow(a2, exponent / 2);
         }
         const gsid_status status = add_equation_error(q, model, v, g, weight);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
     }
     gsid_status status = gsid_equations_end(q);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_solve(&q->normal, 0, q->step, NULL);
-    if (status >= 0)
+    }
+    if (status >= 0) {
         gsid_equations_set(q, q->step, 1, model);
+    }
     return status;
 }
 
 static gsid_status check_iwls(const gsid_iwls_cfg *cfg) {
-    if (cfg == NULL)
+    if (cfg == NULL) {
         return GSID_E_NULL;
+    }
     const int is_good = cfg->exponent >= 0 && cfg->tolerance >= 0 && gsid_is_finite(cfg->exponent + cfg->tolerance);
     return is_good ? GSID_OK : GSID_E_CONFIG;
 }
@@ -78,13 +88,15 @@ static gsid_status check_iwls(const gsid_iwls_cfg *cfg) {
 gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, gsid_rational *model, gsid_real *cost,
                                void *mem, size_t mem_size) {
     gsid_status status = check_iwls(cfg);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const gsid_real exponent = cfg->exponent > 0 ? cfg->exponent : GSID_R(1.0);
     gsid_equations q;
     status = gsid_equations_init(&q, data, model, 0, mem, mem_size);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
 
     gsid_rational trial = *model, best = *model;
     gsid_real best_cost = INFINITY;
@@ -94,10 +106,12 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
         const gsid_rational last = trial;
         const int reweight = i > 0 || cfg->from_model;
         status = solve_reweighted(&q, data, exponent, reweight, &trial);
-        if (status < 0 && i == 0)
+        if (status < 0 && i == 0) {
             return status;
-        if (status < 0)
+        }
+        if (status < 0) {
             break; /* a denominator that vanishes on a line: what was found before stands */
+        }
         const gsid_real v = gsid_equations_cost(data, &trial);
         settled = reweight && gsid_equations_are_alike(data, &last, &trial, cfg->tolerance);
         if (settled || v < best_cost) {
@@ -106,10 +120,12 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
             best_status = status;
         }
     }
-    if (!gsid_is_finite(best_cost))
+    if (!gsid_is_finite(best_cost)) {
         return GSID_E_SINGULAR;
+    }
     *model = best;
-    if (cost != NULL)
+    if (cost != NULL) {
         *cost = best_cost;
+    }
     return settled || !(cfg->tolerance > 0) ? best_status : GSID_MAX_ITER;
 }

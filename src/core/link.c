@@ -32,14 +32,16 @@ static uint16_t check_of(uint32_t start, const uint8_t *bytes, size_t n_bytes) {
 }
 
 static void put_u32(uint8_t *bytes, uint32_t value) {
-    for (uint32_t i = 0; i < 4; i++)
+    for (uint32_t i = 0; i < 4; i++) {
         bytes[i] = (uint8_t)(value >> (8u * i));
+    }
 }
 
 static uint32_t get_u32(const uint8_t *bytes) {
     uint32_t value = 0;
-    for (uint32_t i = 0; i < 4; i++)
+    for (uint32_t i = 0; i < 4; i++) {
         value |= (uint32_t)bytes[i] << (8u * i);
+    }
     return value;
 }
 
@@ -66,8 +68,9 @@ static uint32_t start_of(uint8_t kind, uint16_t session) {
 }
 
 size_t gsid_link_encode(const gsid_frame *frame, uint16_t session, uint8_t *bytes) {
-    if (!frame || !bytes || !is_known(frame->kind))
+    if (!frame || !bytes || !is_known(frame->kind)) {
         return 0;
+    }
     bytes[0] = SYNC_0;
     bytes[1] = SYNC_1;
     bytes[AT_KIND] = frame->kind;
@@ -82,16 +85,18 @@ size_t gsid_link_encode(const gsid_frame *frame, uint16_t session, uint8_t *byte
 }
 
 void gsid_link_reset(gsid_link *link) {
-    if (link)
+    if (link) {
         memset(link, 0, sizeof *link);
+    }
 }
 
 /* Drop the first n_drop bytes held, and then all that cannot start a frame. */
 static void drop(gsid_link *link, uint32_t n_drop) {
     uint32_t start = n_drop;
     while (start < link->n_held &&
-           (link->held[start] != SYNC_0 || (start + 1 < link->n_held && link->held[start + 1] != SYNC_1)))
+           (link->held[start] != SYNC_0 || (start + 1 < link->n_held && link->held[start + 1] != SYNC_1))) {
         start++;
+    }
     link->n_garbage += start;
     link->n_held -= start;
     memmove(link->held, link->held + start, link->n_held);
@@ -101,8 +106,9 @@ static void drop(gsid_link *link, uint32_t n_drop) {
  * the rest. */
 static int take(gsid_link *link, gsid_frame *frame) {
     const uint8_t *held = link->held;
-    if (link->n_held < FRAME_BYTES)
+    if (link->n_held < FRAME_BYTES) {
         return 0;
+    }
     uint32_t check = (uint32_t)held[AT_CHECK] | (uint32_t)held[AT_CHECK + 1] << 8;
     const uint32_t start = start_of(held[AT_KIND], link->session);
     if (check != check_of(start, held + AT_KIND, AT_CHECK - AT_KIND) || !is_known(held[AT_KIND])) {
@@ -122,14 +128,16 @@ static int take(gsid_link *link, gsid_frame *frame) {
 
 size_t gsid_link_decode(gsid_link *link, size_t n_bytes, const uint8_t *bytes, size_t capacity, gsid_frame *frames,
                         size_t *n_frames) {
-    if (!link || !bytes || !frames || !n_frames || link->n_held >= FRAME_BYTES)
+    if (!link || !bytes || !frames || !n_frames || link->n_held >= FRAME_BYTES) {
         return 0;
+    }
     size_t used = 0, found = 0;
     int opened = 0;
     while (used < n_bytes && found < capacity && !opened) {
         link->held[link->n_held++] = bytes[used++];
-        if (link->n_held <= 2)
+        if (link->n_held <= 2) {
             drop(link, 0);
+        }
         if (take(link, &frames[found])) {
             opened = frames[found].kind == GSID_FRAME_HELLO;
             found++;

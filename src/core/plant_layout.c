@@ -19,17 +19,21 @@
 /* ---- configuration ---- */
 
 static gsid_status check_item(const gsid_plant_item *item) {
-    if (item->effect == NULL)
+    if (item->effect == NULL) {
         return GSID_E_NULL;
-    if (item->effect->n_parameters > GSID_EFFECT_PARAMETERS_MAX || item->effect->n_states > GSID_Z_MAX)
+    }
+    if (item->effect->n_parameters > GSID_EFFECT_PARAMETERS_MAX || item->effect->n_states > GSID_Z_MAX) {
         return GSID_E_CONFIG;
+    }
     for (uint32_t k = 0; k < item->effect->n_parameters; k++) {
         const gsid_effect_parameter *p = &item->effect->parameter[k];
         const gsid_real value = item->value[k];
-        if (!gsid_is_finite(value))
+        if (!gsid_is_finite(value)) {
             return GSID_E_NONFINITE;
-        if (value != p->null_value && !(value >= p->lower && value <= p->upper))
+        }
+        if (value != p->null_value && !(value >= p->lower && value <= p->upper)) {
             return GSID_E_CONFIG;
+        }
     }
     return GSID_OK;
 }
@@ -37,11 +41,14 @@ static gsid_status check_item(const gsid_plant_item *item) {
 static gsid_status check_free(const gsid_plant_cfg *cfg) {
     for (uint32_t i = 0; i < cfg->n_free; i++) {
         const gsid_plant_free f = cfg->free_parameter[i];
-        if (f.item >= cfg->n_items || f.parameter >= cfg->item[f.item].effect->n_parameters)
+        if (f.item >= cfg->n_items || f.parameter >= cfg->item[f.item].effect->n_parameters) {
             return GSID_E_CONFIG;
-        for (uint32_t j = 0; j < i; j++)
-            if (cfg->free_parameter[j].item == f.item && cfg->free_parameter[j].parameter == f.parameter)
+        }
+        for (uint32_t j = 0; j < i; j++) {
+            if (cfg->free_parameter[j].item == f.item && cfg->free_parameter[j].parameter == f.parameter) {
                 return GSID_E_CONFIG;
+            }
+        }
     }
     return GSID_OK;
 }
@@ -80,20 +87,25 @@ static void count(const gsid_plant_cfg *cfg, needs *n) {
 }
 
 static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
-    if (cfg == NULL || cfg->item == NULL || (cfg->n_free > 0 && cfg->free_parameter == NULL))
+    if (cfg == NULL || cfg->item == NULL || (cfg->n_free > 0 && cfg->free_parameter == NULL)) {
         return GSID_E_NULL;
-    if (!gsid_is_finite(cfg->fs_hz) || !gsid_is_finite(cfg->unit_rad))
+    }
+    if (!gsid_is_finite(cfg->fs_hz) || !gsid_is_finite(cfg->unit_rad)) {
         return GSID_E_NONFINITE;
-    if (!(cfg->fs_hz > 0) || cfg->n_items == 0 || cfg->n_items > UINT16_MAX || cfg->n_free > UINT16_MAX)
+    }
+    if (!(cfg->fs_hz > 0) || cfg->n_items == 0 || cfg->n_items > UINT16_MAX || cfg->n_free > UINT16_MAX) {
         return GSID_E_CONFIG;
+    }
     for (uint32_t i = 0; i < cfg->n_items; i++) {
         const gsid_status status = check_item(&cfg->item[i]);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
     }
     count(cfg, n);
-    if (n->n_joints > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX)
+    if (n->n_joints > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX) {
         return GSID_E_CONFIG;
+    }
     const gsid_status status = check_free(cfg);
     return status == GSID_OK ? gsid_check_build() : status;
 }
@@ -111,13 +123,16 @@ static gsid_real *take_table(gsid_block *b, size_t n_rows, size_t n_columns) {
 
 static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
     const size_t n_maps = 1 + (size_t)cfg->n_free, n_square = (size_t)l->shape.width * l->shape.width;
-    for (int piece = 0; piece < 2; piece++)
+    for (int piece = 0; piece < 2; piece++) {
         for (int regime = 0; regime < REGIMES; regime++) {
-            if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_joints == 0))
+            if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_joints == 0)) {
                 continue;
-            for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++)
+            }
+            for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++) {
                 l->motion.piece[piece].step.map[regime][part] = take_table(b, n_maps, n_square);
+            }
         }
+    }
     l->linear.square = take_table(b, n_maps, 2 * n_square);
 }
 
@@ -171,11 +186,13 @@ static void take_blocks(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_la
 /* Check, count and lay out; the size is in b->used. */
 static gsid_status plan(const gsid_plant_cfg *cfg, needs *n, gsid_plant_layout *l, gsid_block *b) {
     gsid_status status = check(cfg, n);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_plant_linear_count(cfg, &n->linear);
-    if (n->linear.n_bodies != 1)
+    if (n->linear.n_bodies != 1) {
         return GSID_E_CONFIG;
+    }
     gsid_block_take(b, 1, 1, sizeof *l);
     take_blocks(cfg, n, l, b);
     return b->used < b->most ? GSID_OK : GSID_E_CONFIG;
@@ -222,17 +239,20 @@ static void set_kind(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layou
 }
 
 gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_size, gsid_plant_layout **layout) {
-    if (mem == NULL)
+    if (mem == NULL) {
         return GSID_E_NULL;
+    }
     needs n;
     gsid_plant_layout draft;
     gsid_block b = {mem, 0, SIZE_MAX};
     memset(&draft, 0, sizeof draft);
     const gsid_status status = plan(cfg, &n, &draft, &b);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (mem_size < b.used || !gsid_is_aligned(mem))
+    }
+    if (mem_size < b.used || !gsid_is_aligned(mem)) {
         return GSID_E_MEMORY;
+    }
     memset(mem, 0, b.used);
     gsid_plant_layout *l = mem;
     *l = draft;
@@ -249,10 +269,13 @@ gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_
 /* Square of the joint's angular rate: twist times acceleration by twist. */
 static gsid_real joint_rate_squared(const gsid_linear *a) {
     gsid_real sum = 0;
-    for (uint32_t i = 0; i < a->n_entries; i++)
-        for (uint32_t k = 0; a->entry[i].row == a->twist && k < a->n_entries; k++)
-            if (a->entry[k].row == a->entry[i].column && a->entry[k].column == a->twist)
+    for (uint32_t i = 0; i < a->n_entries; i++) {
+        for (uint32_t k = 0; a->entry[i].row == a->twist && k < a->n_entries; k++) {
+            if (a->entry[k].row == a->entry[i].column && a->entry[k].column == a->twist) {
                 sum -= a->entry[i].value * a->entry[k].value;
+            }
+        }
+    }
     return sum > 0 ? sum : 0;
 }
 
@@ -260,8 +283,9 @@ static gsid_real joint_rate_squared(const gsid_linear *a) {
 static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law,
                                const gsid_plant_item *item) {
     gsid_real steepest = 0;
-    if (law->channel == JOINT)
+    if (law->channel == JOINT) {
         return joint_rate_squared(linear) / (JOINT_STEP_RAD * JOINT_STEP_RAD);
+    }
     for (int zone = -1; zone <= 1 && !item->effect->may_be_steep; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->laws.unit_rad};
         gsid_torque t;
@@ -282,22 +306,27 @@ typedef struct {
 static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layout *l, const gsid_linear *linear,
                                timing *t) {
     const gsid_real samples = linear->delay_s * cfg->fs_hz;
-    if (!(samples < GSID_PLANT_DELAY_MAX))
+    if (!(samples < GSID_PLANT_DELAY_MAX)) {
         return GSID_E_CONFIG;
+    }
     t->fastest = gsid_plant_fastest(linear);
-    if (!(t->fastest <= RATE_SAMPLES_MAX * cfg->fs_hz))
+    if (!(t->fastest <= RATE_SAMPLES_MAX * cfg->fs_hz)) {
         return GSID_E_CONFIG;
+    }
     gsid_real sum = 0;
-    for (uint32_t i = 0; i < l->laws.n; i++)
+    for (uint32_t i = 0; i < l->laws.n; i++) {
         sum += steps_squared(l, linear, &l->laws.law[i], &cfg->item[l->laws.law[i].item - l->stack.item]);
+    }
     const gsid_real steps_per_s = gsid_sqrt(sum);
-    if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz))
+    if (!(steps_per_s <= STEPS_MAX * cfg->fs_hz)) {
         return GSID_E_CONFIG;
+    }
     t->delay_samples = (uint32_t)samples;
     t->length_s[0] = (samples - (gsid_real)t->delay_samples) / cfg->fs_hz;
     t->length_s[1] = 1 / cfg->fs_hz - t->length_s[0];
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < 2; i++) {
         t->n_steps[i] = t->length_s[i] > 0 ? 1 + (uint32_t)(t->length_s[i] * steps_per_s) : 0;
+    }
     return GSID_OK;
 }
 
@@ -307,35 +336,44 @@ static void order_rows(gsid_plant_layout *l) {
     uint32_t n = 0;
     l->shape.row[n++] = GSID_Z_ANGLE;
     l->shape.row[n++] = GSID_Z_RATE;
-    if (a->twist != 0)
+    if (a->twist != 0) {
         l->shape.row[n++] = a->twist;
+    }
     const uint32_t command = l->stack.looks_at_command && a->command > GSID_Z_RATE ? a->command : 0;
-    if (command != 0)
+    if (command != 0) {
         l->shape.row[n++] = command;
+    }
     l->shape.n_look = n;
-    for (uint32_t row = GSID_Z_RATE + 1; row < a->n; row++)
-        if (row != a->twist && row != command)
+    for (uint32_t row = GSID_Z_RATE + 1; row < a->n; row++) {
+        if (row != a->twist && row != command) {
             l->shape.row[n++] = row;
+        }
+    }
 }
 
 /* The states that a period's start is searched in: the angle only where something depends on it. */
 static void order_shooting(gsid_plant_layout *l) {
     l->shooting.n = 0;
-    for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++)
-        if (row != GSID_Z_ANGLE || l->stack.looks_at_angle)
+    for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++) {
+        if (row != GSID_Z_ANGLE || l->stack.looks_at_angle) {
             l->shooting.row[l->shooting.n++] = row;
-    for (uint32_t row = l->shape.n_rows - l->laws.n_memories; row < l->shape.n_rows; row++)
+        }
+    }
+    for (uint32_t row = l->shape.n_rows - l->laws.n_memories; row < l->shape.n_rows; row++) {
         l->shooting.row[l->shooting.n++] = row;
+    }
 }
 
 static void list_slope_columns(gsid_plant_layout *l, uint32_t n_free) {
     l->linear.n_slope_columns = 0;
     for (uint32_t by = FIRST_FREE; by < FIRST_FREE + n_free; by++) {
         uint32_t k = 0;
-        while (k < l->linear.a.n_slopes && l->linear.a.slope[k].by != by)
+        while (k < l->linear.a.n_slopes && l->linear.a.slope[k].by != by) {
             k++;
-        if (k < l->linear.a.n_slopes)
+        }
+        if (k < l->linear.a.n_slopes) {
             l->linear.slope_column[l->linear.n_slope_columns++] = by;
+        }
     }
 }
 
@@ -352,8 +390,9 @@ static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
     list_slope_columns(l, n_free);
     for (int i = 0; i < 2; i++) {
         l->motion.piece[i].n_steps = t->n_steps[i];
-        if (t->n_steps[i] == 0)
+        if (t->n_steps[i] == 0) {
             continue;
+        }
         l->motion.piece[i].step.length_s = t->length_s[i] / (gsid_real)t->n_steps[i];
         gsid_plant_flow_build(l, &l->motion.piece[i].step);
     }
@@ -362,8 +401,9 @@ static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
 /* The memory was laid out for these effects. */
 static int is_same_stack(const gsid_plant_cfg *cfg, const gsid_plant_layout *l) {
     uint32_t i = 0;
-    while (i < cfg->n_items && cfg->item[i].effect == l->stack.item[i].effect)
+    while (i < cfg->n_items && cfg->item[i].effect == l->stack.item[i].effect) {
         i++;
+    }
     return i == cfg->n_items;
 }
 
@@ -378,14 +418,17 @@ gsid_status gsid_plant_take_values(const gsid_plant_cfg *cfg, gsid_plant_layout 
     needs n;
     timing t;
     gsid_status status = check(cfg, &n);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (!is_same_stack(cfg, l))
+    }
+    if (!is_same_stack(cfg, l)) {
         return GSID_E_CONFIG;
+    }
     gsid_plant_linear_build(cfg, &l->linear.draft);
     status = plan_timing(cfg, l, &l->linear.draft, &t);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     *has_same_states = l->linear.draft.n == l->linear.a.n;
     memcpy(l->stack.item, cfg->item, cfg->n_items * sizeof *l->stack.item);
     set_refresh(cfg, l);

@@ -23,8 +23,9 @@ uint32_t gsid_linear_state(gsid_linear *to) {
 }
 
 static void append(gsid_linear_entry *list, uint32_t *n, gsid_linear_entry entry) {
-    if (list != NULL)
+    if (list != NULL) {
         list[*n] = entry;
+    }
     (*n)++;
 }
 
@@ -35,31 +36,35 @@ void gsid_linear_add(gsid_linear *to, uint32_t row, uint32_t column, gsid_real v
 
 /* While entries are only counted, every parameter counts as free. */
 static uint32_t column_of(const gsid_linear *to, uint32_t item, uint32_t parameter) {
-    if (to->column == NULL)
+    if (to->column == NULL) {
         return 1;
+    }
     return to->column[(size_t)item * GSID_EFFECT_PARAMETERS_MAX + parameter];
 }
 
 void gsid_linear_slope(gsid_linear *to, uint32_t item, uint32_t parameter, uint32_t row, uint32_t column,
                        gsid_real slope) {
     const gsid_linear_entry entry = {row, column, column_of(to, item, parameter), slope};
-    if (entry.by != 0)
+    if (entry.by != 0) {
         append(to->slope, &to->n_slopes, entry);
+    }
 }
 
 void gsid_linear_delay(gsid_linear *to, uint32_t parameter, gsid_real delay_s) {
     const gsid_linear_entry entry = {0, 0, column_of(to, to->item, parameter), GSID_R(1.0)};
     to->delay_s += delay_s;
-    if (entry.by != 0)
+    if (entry.by != 0) {
         append(to->delay, &to->n_delays, entry);
+    }
 }
 
 static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage stage, int joints) {
     for (uint32_t i = 0; i < cfg->n_items; i++) {
         const gsid_effect *effect = cfg->item[i].effect;
         const int is_joint = stage == GSID_STAGE_TORQUE && effect->n_states > 0;
-        if (effect->stage != stage || effect->linear == NULL || is_joint != joints)
+        if (effect->stage != stage || effect->linear == NULL || is_joint != joints) {
             continue;
+        }
         to->item = i;
         effect->linear(&cfg->item[i], to);
     }
@@ -69,10 +74,12 @@ static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage sta
  * the states. */
 static void add_channels(const gsid_plant_cfg *cfg, gsid_linear *to) {
     uint32_t n_laws = 0;
-    for (uint32_t i = 0; i < cfg->n_items; i++)
+    for (uint32_t i = 0; i < cfg->n_items; i++) {
         n_laws += cfg->item[i].effect->torque != NULL;
-    if (n_laws == 0)
+    }
+    if (n_laws == 0) {
         return;
+    }
     gsid_linear_add(to, GSID_Z_RATE, to->n, -1);
     if (to->twist != 0) {
         gsid_linear_add(to, GSID_Z_RATE, to->n + FORCING, -1);
@@ -119,18 +126,22 @@ gsid_real gsid_plant_fastest(const gsid_linear *a) {
     for (uint32_t k = 0; k < a->n_entries; k++) {
         const gsid_linear_entry e = a->entry[k];
         const int is_spring = e.column == GSID_Z_ANGLE || (e.column == a->twist && a->twist != 0);
-        if (is_spring && gsid_fabs(e.value) > spring)
+        if (is_spring && gsid_fabs(e.value) > spring) {
             spring = gsid_fabs(e.value);
+        }
     }
-    for (uint32_t i = 0; i < a->n; i++)
+    for (uint32_t i = 0; i < a->n; i++) {
         scale[i] = i == GSID_Z_ANGLE || (i == a->twist && i != 0) ? gsid_sqrt(spring) : GSID_R(1.0);
+    }
     for (uint32_t k = 0; k < a->n_entries; k++) {
         const gsid_linear_entry e = a->entry[k];
-        if (e.column >= GSID_Z_STATES && e.column < a->n)
+        if (e.column >= GSID_Z_STATES && e.column < a->n) {
             sum[e.row] += gsid_fabs(e.value) * scale[e.row] / scale[e.column];
+        }
     }
-    for (uint32_t i = 0; i < a->n; i++)
+    for (uint32_t i = 0; i < a->n; i++) {
         largest = sum[i] > largest ? sum[i] : largest;
+    }
     return largest;
 }
 
@@ -149,11 +160,13 @@ static void add_times(const generator *g, gsid_real factor, const gsid_real *fro
     const uint32_t w = l->shape.width;
     for (uint32_t k = 0; k < l->linear.a.n_entries; k++) {
         const gsid_linear_entry e = l->linear.a.entry[k];
-        if (!gsid_plant_acts(&l->linear.a, g->regime, e))
+        if (!gsid_plant_acts(&l->linear.a, g->regime, e)) {
             continue;
+        }
         const gsid_real value = factor * g->scale * e.value;
-        for (uint32_t i = 0; i < w; i++)
+        for (uint32_t i = 0; i < w; i++) {
             to[i * w + e.column] += value * from[i * w + e.row];
+        }
     }
     for (uint32_t at = l->linear.a.n; at < w; at += FORCING) {
         for (uint32_t i = 0; i < w; i++) {
@@ -169,11 +182,13 @@ static void add_times_slope(const generator *g, uint32_t by, gsid_real factor, c
     const uint32_t w = l->shape.width;
     for (uint32_t k = 0; k < l->linear.a.n_slopes; k++) {
         const gsid_linear_entry e = l->linear.a.slope[k];
-        if (e.by != by || !gsid_plant_acts(&l->linear.a, g->regime, e))
+        if (e.by != by || !gsid_plant_acts(&l->linear.a, g->regime, e)) {
             continue;
+        }
         const gsid_real value = factor * g->scale * e.value;
-        for (uint32_t i = 0; i < w; i++)
+        for (uint32_t i = 0; i < w; i++) {
             to[i * w + e.column] += value * from[i * w + e.row];
+        }
     }
 }
 
@@ -182,10 +197,12 @@ static void add_product(uint32_t w, const gsid_real *a, const gsid_real *b, gsid
     for (uint32_t i = 0; i < w; i++) {
         for (uint32_t k = 0; k < w; k++) {
             const gsid_real aik = a[i * w + k];
-            if (aik == 0)
+            if (aik == 0) {
                 continue;
-            for (uint32_t j = 0; j < w; j++)
+            }
+            for (uint32_t j = 0; j < w; j++) {
                 to[i * w + j] += aik * b[k * w + j];
+            }
         }
     }
 }
@@ -197,8 +214,9 @@ static void sum_series(const generator *g, gsid_real *map) {
     gsid_real *term = l->linear.square, *next = l->linear.square + n_maps * n;
     memset(map, 0, n_maps * n * sizeof *map);
     memset(term, 0, n_maps * n * sizeof *term);
-    for (size_t i = 0; i < w; i++)
+    for (size_t i = 0; i < w; i++) {
         map[i * w + i] = term[i * w + i] = 1;
+    }
     for (int k = 1; k <= SERIES_TERMS; k++) {
         const gsid_real factor = 1 / (gsid_real)k;
         memset(next, 0, n_maps * n * sizeof *next);
@@ -207,8 +225,9 @@ static void sum_series(const generator *g, gsid_real *map) {
             add_times(g, factor, term + (p + 1) * n, next + (p + 1) * n);
             add_times_slope(g, l->linear.slope_column[p], factor, term, next + (p + 1) * n);
         }
-        for (size_t i = 0; i < n_maps * n; i++)
+        for (size_t i = 0; i < n_maps * n; i++) {
             map[i] += next[i];
+        }
         gsid_real *spare = term;
         term = next;
         next = spare;
@@ -231,25 +250,31 @@ static void square(const gsid_plant_layout *l, gsid_real *map) {
 static void build_map(const gsid_plant_layout *l, gsid_real length_s, int regime, gsid_real *map) {
     uint32_t n_doublings = 0;
     gsid_real part = 1;
-    for (; l->linear.fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5))
+    for (; l->linear.fastest * length_s * part > SERIES_REACH; part *= GSID_R(0.5)) {
         n_doublings++;
+    }
     const generator g = {l, regime, length_s * part, part};
     sum_series(&g, map);
-    for (uint32_t k = 0; k < n_doublings; k++)
+    for (uint32_t k = 0; k < n_doublings; k++) {
         square(l, map);
+    }
 }
 
 void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow) {
-    for (int regime = 0; regime < REGIMES; regime++)
-        for (int part = WHOLE; part <= HALF; part++)
-            if (flow->map[regime][part] != NULL)
+    for (int regime = 0; regime < REGIMES; regime++) {
+        for (int part = WHOLE; part <= HALF; part++) {
+            if (flow->map[regime][part] != NULL) {
                 build_map(l, part == WHOLE ? flow->length_s : flow->length_s / 2, regime, flow->map[regime][part]);
+            }
+        }
+    }
 }
 
 static gsid_real dot(size_t n, const gsid_real *row, const gsid_real *z, size_t n_columns) {
     gsid_real sum = 0;
-    for (size_t k = 0; k < n; k++)
+    for (size_t k = 0; k < n; k++) {
         sum += row[k] * z[k * n_columns];
+    }
     return sum;
 }
 
@@ -258,8 +283,9 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
     const size_t w = l->shape.width, n_columns = l->shape.n_columns;
     const uint32_t n_active = l->shape.n_active;
     if (n_active == 1) {
-        for (uint32_t i = 0; i < n_rows; i++)
+        for (uint32_t i = 0; i < n_rows; i++) {
             to[l->shape.row[i] * n_columns] = dot(w, map + l->shape.row[i] * w, z, n_columns);
+        }
         return;
     }
     for (uint32_t i = 0; i < n_rows; i++) {
@@ -268,15 +294,19 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
         memset(out, 0, n_active * sizeof *out);
         for (size_t k = 0; k < w; k++) {
             const gsid_real mk = m[k], *from = z + k * n_columns;
-            if (mk == 0)
+            if (mk == 0) {
                 continue;
-            for (uint32_t c = 0; c < n_active; c++)
+            }
+            for (uint32_t c = 0; c < n_active; c++) {
                 out[c] += mk * from[c];
+            }
         }
-        if (l->shape.n_free == 0)
+        if (l->shape.n_free == 0) {
             continue;
-        for (uint32_t p = 0; p < l->linear.n_slope_columns; p++)
+        }
+        for (uint32_t p = 0; p < l->linear.n_slope_columns; p++) {
             out[l->linear.slope_column[p]] += dot(w, m + (p + 1) * w * w, z, n_columns);
+        }
     }
 }
 
@@ -286,21 +316,25 @@ void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint
 static void next_term(const generator *g, gsid_real factor, const gsid_real *term, gsid_real *next) {
     const gsid_plant_layout *l = g->l;
     const size_t n_columns = l->shape.n_columns;
-    for (uint32_t i = 0; i < l->shape.width; i++)
+    for (uint32_t i = 0; i < l->shape.width; i++) {
         memset(next + i * n_columns, 0, l->shape.n_active * sizeof *next);
+    }
     for (uint32_t k = 0; k < l->linear.a.n_entries; k++) {
         const gsid_linear_entry e = l->linear.a.entry[k];
-        if (!gsid_plant_acts(&l->linear.a, g->regime, e))
+        if (!gsid_plant_acts(&l->linear.a, g->regime, e)) {
             continue;
+        }
         const gsid_real value = factor * g->scale * e.value, *from = term + e.column * n_columns;
         gsid_real *to = next + e.row * n_columns;
-        for (uint32_t c = 0; c < l->shape.n_active; c++)
+        for (uint32_t c = 0; c < l->shape.n_active; c++) {
             to[c] += value * from[c];
+        }
     }
     for (uint32_t k = 0; l->shape.n_free > 0 && k < l->linear.a.n_slopes; k++) {
         const gsid_linear_entry e = l->linear.a.slope[k];
-        if (gsid_plant_acts(&l->linear.a, g->regime, e))
+        if (gsid_plant_acts(&l->linear.a, g->regime, e)) {
             next[e.row * n_columns + e.by] += factor * g->scale * e.value * term[e.column * n_columns];
+        }
     }
     for (uint32_t at = l->linear.a.n; at < l->shape.width; at += FORCING) {
         gsid_real *to = next + at * n_columns;
@@ -315,15 +349,17 @@ static void next_term(const generator *g, gsid_real factor, const gsid_real *ter
 /* Terms until the next is below rounding; three more for what the forcing's parabola adds at the start of the chain. */
 static int terms_for(gsid_real reach) {
     int n = 1;
-    for (gsid_real term = reach; term > ROUNDING_UNIT / 4 && n < SERIES_TERMS - 3; term *= reach / (gsid_real)n)
+    for (gsid_real term = reach; term > ROUNDING_UNIT / 4 && n < SERIES_TERMS - 3; term *= reach / (gsid_real)n) {
         n++;
+    }
     return n + 3;
 }
 
 static void copy_rows(const gsid_plant_layout *l, const gsid_real *from, gsid_real *to) {
-    for (uint32_t i = 0; i < l->shape.width; i++)
+    for (uint32_t i = 0; i < l->shape.width; i++) {
         memcpy(to + (size_t)i * l->shape.n_columns, from + (size_t)i * l->shape.n_columns,
                l->shape.n_active * sizeof *to);
+    }
 }
 
 uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s) {
@@ -342,14 +378,17 @@ void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint
         copy_rows(l, sum, term);
         for (int k = 1; k <= n_terms; k++) {
             next_term(&g, 1 / (gsid_real)k, term, next);
-            for (uint32_t i = 0; i < l->shape.width; i++)
-                for (uint32_t c = 0; c < l->shape.n_active; c++)
+            for (uint32_t i = 0; i < l->shape.width; i++) {
+                for (uint32_t c = 0; c < l->shape.n_active; c++) {
                     sum[i * n_columns + c] += next[i * n_columns + c];
+                }
+            }
             gsid_real *spare = term;
             term = next;
             next = spare;
         }
     }
-    for (uint32_t i = 0; i < n_rows; i++)
+    for (uint32_t i = 0; i < n_rows; i++) {
         memcpy(to + l->shape.row[i] * n_columns, sum + l->shape.row[i] * n_columns, l->shape.n_active * sizeof *sum);
+    }
 }

@@ -53,14 +53,16 @@ static void consider(guard *worst, gsid_real margin, uint32_t which) {
 
 static guard look(const gsid_plant_layout *l, const gsid_real *z) {
     guard worst = {INFINITY, NONE};
-    if (l->regime.sticks)
+    if (l->regime.sticks) {
         consider(&worst, gsid_plant_largest_hold(l) - gsid_fabs(gsid_plant_free_acceleration(l, z)), HOLD_GUARD);
-    else if (l->laws.have_side)
+    } else if (l->laws.have_side) {
         consider(&worst, l->regime.side * z[GSID_Z_RATE * l->shape.n_columns], RATE_GUARD);
+    }
     for (uint32_t i = 0; i < l->laws.n; i++) {
         const plant_law *law = &l->laws.law[i];
-        if (law->item->effect->edge == NULL)
+        if (law->item->effect->edge == NULL) {
             continue;
+        }
         const gsid_real angle = z[gsid_plant_angle_row(l, law) * l->shape.n_columns],
                         edge = law->item->effect->edge(law->item);
         const gsid_real margin = law->zone == 0 ? edge - gsid_fabs(angle) : (gsid_real)law->zone * angle - edge;
@@ -78,9 +80,11 @@ static void force(gsid_plant_layout *l, gsid_real start[3], gsid_real middle[3],
         gsid_real *c = l->z + (l->linear.a.n + FORCING * channel) * n;
         const gsid_real *t0 = l->laws.torque[0] + channel * n, *t1 = l->laws.torque[1] + channel * n,
                         *t2 = l->laws.torque[2] + channel * n;
-        for (int k = 0; k < FORCING; k++)
-            for (uint32_t i = 0; i < l->shape.n_active; i++)
+        for (int k = 0; k < FORCING; k++) {
+            for (uint32_t i = 0; i < l->shape.n_active; i++) {
                 c[(size_t)k * n + i] = start[k] * t0[i] + middle[k] * t1[i] + end[k] * t2[i];
+            }
+        }
     }
 }
 
@@ -92,17 +96,19 @@ static int is_spent(const gsid_plant_layout *l) {
 static void move(gsid_plant_layout *l, const plant_flow *flow, int part, gsid_real length_s, uint32_t n_rows,
                  gsid_real *to) {
     l->motion.n_moves += flow != NULL ? 1 : gsid_plant_series_parts(l, part == HALF ? length_s / 2 : length_s);
-    if (flow != NULL)
+    if (flow != NULL) {
         gsid_plant_flow_move(l, flow->map[gsid_plant_regime(l)][part], n_rows, l->z, to);
-    else
+    } else {
         gsid_plant_series_move(l, part == HALF ? length_s / 2 : length_s, n_rows, l->z, to);
+    }
 }
 
 /* From l->z over a length: by the flow's maps, or by series where there are none. */
 static void advance(gsid_plant_layout *l, const plant_flow *flow, gsid_real length_s, gsid_real *to) {
     const uint32_t n_states = l->linear.a.n - GSID_Z_STATES;
-    for (uint32_t row = 0; row < GSID_Z_STATES; row++)
+    for (uint32_t row = 0; row < GSID_Z_STATES; row++) {
         memcpy(to + row * l->shape.n_columns, l->z + row * l->shape.n_columns, l->shape.n_active * sizeof *to);
+    }
     if (l->laws.n == 0) {
         move(l, flow, WHOLE, length_s, n_states, to);
         return;
@@ -139,8 +145,9 @@ static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real marg
     l->shape.n_free = 0;
     for (int i = 0; i < SEARCH_MAX && high - low > ROUNDING_UNIT * length_s && !is_spent(l); i++) {
         gsid_real at = low + (high - low) / 2;
-        if (at_low > 0 && i % 4 != 3)
+        if (at_low > 0 && i % 4 != 3) {
             at = low + (high - low) * (at_low / (at_low - at_high));
+        }
         advance(l, NULL, at, l->motion.next);
         const gsid_real margin = look(l, l->motion.next).margin;
         if (margin < 0) {
@@ -177,8 +184,9 @@ static void pass_zero(gsid_plant_layout *l) {
     gsid_plant_derivative(l, l->z, rates);
     const gsid_real after = rates[GSID_Z_RATE];
     const gsid_real ratio = l->regime.sticks ? 0 : before != 0 ? after / before : GSID_R(1.0);
-    for (uint32_t c = 1; c < l->shape.n_active; c++)
+    for (uint32_t c = 1; c < l->shape.n_active; c++) {
         rate[c] *= ratio;
+    }
 }
 
 static void change_zone(gsid_plant_layout *l, plant_law *law) {
@@ -212,8 +220,9 @@ static void accept(gsid_plant_layout *l, gsid_real length_s) {
          l->sensor.to_refresh += l->sensor.refresh_samples) {
         const gsid_real at_s = l->sensor.to_refresh * l->motion.sample_s - l->motion.at_s;
         const int is_at_end = at_s >= length_s - NEARLY * l->motion.sample_s;
-        if (!is_at_end)
+        if (!is_at_end) {
             advance(l, NULL, at_s > 0 ? at_s : 0, l->motion.peek);
+        }
         gsid_plant_refresh(l, is_at_end ? l->motion.next : l->motion.peek);
     }
     l->motion.at_s = end_s;
@@ -230,8 +239,9 @@ static int is_surprised(gsid_plant_layout *l) {
         off += gsid_fabs(found[channel] - t2);
         curved += gsid_fabs(t1 - (t0 + t2) / 2);
     }
-    if (size > l->steep.largest_torque)
+    if (size > l->steep.largest_torque) {
         l->steep.largest_torque = size;
+    }
     return off > SURPRISE * l->steep.largest_torque || curved > CURVED * l->steep.largest_torque;
 }
 
@@ -241,14 +251,16 @@ static gsid_real foreseeable(gsid_plant_layout *l, const plant_flow *maps, gsid_
     const uint32_t n_active = l->shape.n_active, n_free = l->shape.n_free;
     gsid_real length_s = l->steep.stride_s < left_s ? l->steep.stride_s : left_s;
     int n = 0;
-    if (!l->laws.may_be_steep || l->steep.is_given_up)
+    if (!l->laws.may_be_steep || l->steep.is_given_up) {
         return left_s;
+    }
     l->shape.n_active = 1;
     l->shape.n_free = 0;
     for (; n <= HALVINGS_MAX && !is_spent(l); n++) {
         advance(l, length_s < left_s ? NULL : maps, length_s, l->motion.next);
-        if (!is_surprised(l))
+        if (!is_surprised(l)) {
             break;
+        }
         length_s /= 2;
     }
     l->shape.n_active = n_active;
@@ -288,7 +300,8 @@ static void run_step(gsid_plant_layout *l, const plant_flow *flow) {
 }
 
 void gsid_plant_run_piece(gsid_plant_layout *l, const plant_piece *piece) {
-    for (uint32_t i = 0; i < piece->n_steps; i++)
+    for (uint32_t i = 0; i < piece->n_steps; i++) {
         run_step(l, &piece->step);
+    }
     l->steep.is_given_up |= is_spent(l);
 }

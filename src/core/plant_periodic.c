@@ -35,18 +35,21 @@ typedef struct {
 /* The commands on their way at the start are the period's last; in closed loop, those of the period before. */
 static void fill_delay(shooting *s) {
     gsid_plant_layout *l = s->l;
-    if (s->closed_loop)
+    if (s->closed_loop) {
         return;
-    for (uint32_t k = l->command.delay_samples + 1; k > 0; k--)
+    }
+    for (uint32_t k = l->command.delay_samples + 1; k > 0; k--) {
         gsid_plant_give(s->plant, s->u[(s->n_period - k % s->n_period) % s->n_period]);
+    }
     gsid_plant_take_command(l);
 }
 
 static void keep_largest(gsid_plant_layout *l) {
     for (uint32_t c = 0; c < l->shape.n_active; c++) {
         const gsid_real size = gsid_fabs(l->sensor.y[c]);
-        if (size > l->shooting.largest_dy[c])
+        if (size > l->shooting.largest_dy[c]) {
             l->shooting.largest_dy[c] = size;
+        }
     }
 }
 
@@ -58,14 +61,18 @@ static void run_period(shooting *s) {
     for (uint32_t n = 0; n < s->n_period && !l->steep.is_given_up; n++) {
         gsid_plant_output(l, l->sensor.y);
         keep_largest(l);
-        if (s->y != NULL)
+        if (s->y != NULL) {
             s->y[n] = l->sensor.y[VALUE];
-        for (uint32_t p = 0; p < l->shape.n_free; p++)
+        }
+        for (uint32_t p = 0; p < l->shape.n_free; p++) {
             s->dy[(size_t)p * s->n_period + n] = l->sensor.y[FIRST_FREE + p];
-        if (s->angle != NULL)
+        }
+        if (s->angle != NULL) {
             s->angle[n] = l->z[GSID_Z_ANGLE * l->shape.n_columns];
-        if (s->rate != NULL)
+        }
+        if (s->rate != NULL) {
             s->rate[n] = l->z[GSID_Z_RATE * l->shape.n_columns];
+        }
         gsid_plant_sample(s->plant, s->u[n]);
     }
 }
@@ -85,20 +92,24 @@ static void enter_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     l->steep.is_given_up = 0;
     l->steep.stride_s = l->motion.sample_s;
-    for (uint32_t row = GSID_Z_STATES; row < l->shape.n_rows; row++)
+    for (uint32_t row = GSID_Z_STATES; row < l->shape.n_rows; row++) {
         memset(l->z + (size_t)row * l->shape.n_columns + 1, 0, (l->shape.n_active - 1) * sizeof *l->z);
+    }
     for (uint32_t j = 0; j < l->shooting.n; j++) {
         memcpy(state(s, j), start(s, j), s->first_shoot * sizeof *l->z);
         state(s, j)[s->first_shoot + j] = 1;
     }
-    if (!l->stack.looks_at_angle)
+    if (!l->stack.looks_at_angle) {
         l->z[GSID_Z_ANGLE * l->shape.n_columns] = s->angle_start;
+    }
     gsid_plant_choose_zones(l);
     gsid_plant_choose_regime(l);
-    if (l->regime.sticks)
+    if (l->regime.sticks) {
         memset(l->z + GSID_Z_RATE * l->shape.n_columns + 1, 0, (l->shape.n_active - 1) * sizeof *l->z);
-    if (s->closed_loop)
+    }
+    if (s->closed_loop) {
         gsid_plant_clear_ring(l, s->first_shoot);
+    }
 }
 
 /* Where the last good period ended, in the columns that are searched in. */
@@ -107,28 +118,32 @@ static gsid_real *fallback(const shooting *s, uint32_t j) {
 }
 
 static void keep(const shooting *s) {
-    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++) {
         memcpy(fallback(s, j), state(s, j), s->first_shoot * sizeof(gsid_real));
+    }
 }
 
 static void go_back(const shooting *s) {
-    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++) {
         memcpy(start(s, j), fallback(s, j), s->first_shoot * sizeof(gsid_real));
+    }
 }
 
 /* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
 static gsid_real change_of(const shooting *s, uint32_t column) {
     gsid_real sum = 0;
-    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++) {
         sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(state(s, j)[column] - start(s, j)[column]);
+    }
     return sum;
 }
 
 /* What a column of the start makes of y: beside it, the change of a derivative that is 0 but for rounding is none. */
 static gsid_real reach_of(const shooting *s, uint32_t column) {
     gsid_real sum = s->l->shooting.largest_dy[column];
-    for (uint32_t j = 0; j < s->l->shooting.n; j++)
+    for (uint32_t j = 0; j < s->l->shooting.n; j++) {
         sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(start(s, j)[column]);
+    }
     return sum;
 }
 
@@ -137,11 +152,14 @@ static int is_at_rounding(const shooting *s, gsid_real change) {
 }
 
 static int is_settled(const shooting *s, gsid_real change) {
-    if (!is_at_rounding(s, change))
+    if (!is_at_rounding(s, change)) {
         return 0;
-    for (uint32_t c = FIRST_FREE; c < s->first_shoot; c++)
-        if (!(change_of(s, c) <= SETTLED_SLOPE * reach_of(s, c)))
+    }
+    for (uint32_t c = FIRST_FREE; c < s->first_shoot; c++) {
+        if (!(change_of(s, c) <= SETTLED_SLOPE * reach_of(s, c))) {
             return 0;
+        }
+    }
     return 1;
 }
 
@@ -156,14 +174,17 @@ static gsid_status correct_start(shooting *s) {
     for (uint32_t c = s->first_shoot; c > 0 && status >= 0; c--) {
         status = gsid_lsq_reset(&q);
         for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
-            for (uint32_t j = 0; j < n; j++)
+            for (uint32_t j = 0; j < n; j++) {
                 l->shooting.correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
+            }
             status = gsid_lsq_add(&q, l->shooting.correction, state(s, i)[c - 1] - start(s, i)[c - 1]);
         }
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             status = gsid_lsq_solve(&q, RANK_TOL, l->shooting.correction, NULL);
-        for (uint32_t j = 0; j < n && status >= 0; j++)
+        }
+        for (uint32_t j = 0; j < n && status >= 0; j++) {
             start(s, j)[c - 1] += l->shooting.correction[j];
+        }
     }
     return status < 0 ? status : GSID_OK;
 }
@@ -174,8 +195,9 @@ static gsid_real left_of_change(const shooting *s) {
     gsid_real sum = 0;
     for (uint32_t i = 0; i < l->shooting.n; i++) {
         gsid_real left = state(s, i)[VALUE] - start(s, i)[VALUE]; /* the start is corrected already */
-        for (uint32_t j = 0; j < l->shooting.n; j++)
+        for (uint32_t j = 0; j < l->shooting.n; j++) {
             left += state(s, i)[s->first_shoot + j] * l->shooting.correction[j];
+        }
         sum += l->shooting.largest_dy[s->first_shoot + i] * gsid_fabs(left);
     }
     return sum;
@@ -187,8 +209,9 @@ static gsid_real left_of_change(const shooting *s) {
 static int correct_or_drift(shooting *s, gsid_real change, gsid_real *before) {
     keep(s);
     *before = correct_start(s) == GSID_OK ? change : INFINITY;
-    if (*before == INFINITY || is_at_rounding(s, change) || left_of_change(s) <= change / 2)
+    if (*before == INFINITY || is_at_rounding(s, change) || left_of_change(s) <= change / 2) {
         return 0;
+    }
     const int goes_on = change > s->drift / 2;
     s->drift = change;
     *before = INFINITY;
@@ -213,20 +236,26 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real
     for (uint32_t i = 0; i <= n_newton; i++) {
         const gsid_status status = pass(s, change);
         const int helped = status == GSID_OK && (*change <= GSID_R(0.5) * before || is_at_rounding(s, *change));
-        if (helped && approach && *change <= CLOSE * s->l->shooting.largest_dy[VALUE])
+        if (helped && approach && *change <= CLOSE * s->l->shooting.largest_dy[VALUE]) {
             return correct_start(s);
-        if (helped && !approach && is_settled(s, *change))
+        }
+        if (helped && !approach && is_settled(s, *change)) {
             return GSID_OK;
-        if (!helped && i == 0)
+        }
+        if (!helped && i == 0) {
             return status;
-        if (helped && i == n_newton)
+        }
+        if (helped && i == n_newton) {
             return GSID_MAX_ITER;
+        }
         before = INFINITY;
         const int goes_on = helped && correct_or_drift(s, *change, &before);
-        if (before == INFINITY)
+        if (before == INFINITY) {
             go_back(s);
-        if (goes_on)
+        }
+        if (goes_on) {
             return GSID_MAX_ITER;
+        }
     }
     const gsid_status status = pass(s, change);
     return status == GSID_OK ? GSID_MAX_ITER : status;
@@ -261,31 +290,39 @@ static gsid_status find_linear_orbit(shooting *s) {
     enter_start(s);
     run_period(s);
     gsid_status status = gsid_plant_health(l);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = correct_start(s);
-    for (uint32_t j = 0; j < l->shooting.n; j++)
+    }
+    for (uint32_t j = 0; j < l->shooting.n; j++) {
         state(s, j)[VALUE] = start(s, j)[VALUE];
+    }
     l->shape.n_active = 1;
     return status;
 }
 
 static gsid_status check_period(const gsid_plant *plant, uint32_t n_period, const gsid_real *u) {
-    if (plant == NULL || u == NULL)
+    if (plant == NULL || u == NULL) {
         return GSID_E_NULL;
-    if (plant->layout == NULL)
+    }
+    if (plant->layout == NULL) {
         return GSID_E_STATE;
-    if (n_period == 0)
+    }
+    if (n_period == 0) {
         return GSID_E_CONFIG;
-    for (uint32_t n = 0; n < n_period; n++)
-        if (!gsid_is_finite(u[n]))
+    }
+    for (uint32_t n = 0; n < n_period; n++) {
+        if (!gsid_is_finite(u[n])) {
             return GSID_E_NONFINITE;
+        }
+    }
     return GSID_OK;
 }
 
 gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u) {
     gsid_status status = check_period(plant, n_period, u);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_plant_reset(plant);
     gsid_plant_layout *l = plant->layout;
     const uint32_t n_laws = l->laws.n;
@@ -314,8 +351,9 @@ static gsid_status settle(shooting *s, uint32_t n_periods) {
     for (uint32_t p = 0; p < n_periods; p++) {
         run_period(s);
         const gsid_status status = gsid_plant_health(l);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
     }
     return GSID_OK;
 }
@@ -323,11 +361,13 @@ static gsid_status settle(shooting *s, uint32_t n_periods) {
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
                                 uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
                                 gsid_real *residual) {
-    if (y == NULL)
+    if (y == NULL) {
         return GSID_E_NULL;
+    }
     gsid_status status = check_period(plant, n_period, u);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_plant_layout *l = plant->layout;
     shooting s = {plant,
                   l,
@@ -348,17 +388,20 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
         l->shape.n_active = 1 + l->shape.n_free + l->shooting.n;
         s.first_shoot = FIRST_FREE + l->shape.n_free;
         memset(l->shooting.start, 0, (size_t)l->shooting.n * l->shape.n_columns * sizeof *l->shooting.start);
-        for (uint32_t j = 0; j < l->shooting.n; j++)
+        for (uint32_t j = 0; j < l->shooting.n; j++) {
             start(&s, j)[VALUE] = state(&s, j)[VALUE];
-        if (s.closed_loop)
+        }
+        if (s.closed_loop) {
             gsid_plant_clear_ring(l, FIRST_FREE);
+        }
         status = find_orbit(&s, n_newton, &change);
     }
     l->shape.n_free = 0;
     l->shape.n_active = 1;
-    if (status < 0)
+    if (status < 0) {
         gsid_plant_reset(plant);
-    else if (residual != NULL)
+    } else if (residual != NULL) {
         *residual = change;
+    }
     return status;
 }

@@ -14,11 +14,14 @@ static gsid_real *command_given(const gsid_plant_layout *l, uint32_t samples_ago
 
 static void scale_command(const gsid_plant_layout *l, gsid_real *u, gsid_real by_u, const uint32_t *column,
                           uint32_t n_parameters, const gsid_real *by_value) {
-    for (uint32_t c = 1; c < l->shape.n_active; c++)
+    for (uint32_t c = 1; c < l->shape.n_active; c++) {
         u[c] *= by_u;
-    for (uint32_t k = 0; l->shape.n_free > 0 && k < n_parameters; k++)
-        if (column[k] != 0)
+    }
+    for (uint32_t k = 0; l->shape.n_free > 0 && k < n_parameters; k++) {
+        if (column[k] != 0) {
             u[column[k]] += by_value[k];
+        }
+    }
 }
 
 static gsid_real *angle_seen(const gsid_plant_layout *l, uint32_t samples_ago) {
@@ -35,8 +38,9 @@ static void controlled_rate(const gsid_plant_layout *l, const gsid_plant_item *i
         return;
     }
     const gsid_real *past = angle_seen(l, n);
-    for (uint32_t c = 0; c < l->shape.n_active; c++)
+    for (uint32_t c = 0; c < l->shape.n_active; c++) {
         rate[c] = (angle[c] - past[c]) / ((gsid_real)n * l->motion.sample_s);
+    }
 }
 
 /* The command from the reference in u[VALUE] and the sampled motion. */
@@ -49,8 +53,9 @@ static void control(gsid_plant_layout *l, const gsid_plant_item *item, const uin
     const gsid_real signal[3] = {u[VALUE], angle[VALUE], rate[VALUE]};
     gsid_real by_signal[3] = {0}, by_value[GSID_EFFECT_PARAMETERS_MAX] = {0};
     u[VALUE] = item->effect->control(item, signal, by_signal, by_value);
-    for (uint32_t c = 1; c < l->shape.n_active; c++)
+    for (uint32_t c = 1; c < l->shape.n_active; c++) {
         u[c] = by_signal[1] * angle[c] + by_signal[2] * rate[c];
+    }
     scale_command(l, u, 1, column, item->effect->n_parameters, by_value);
 }
 
@@ -77,14 +82,19 @@ void gsid_plant_give(gsid_plant *plant, gsid_real u) {
 }
 
 void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column) {
-    for (uint32_t at = 0; at <= GSID_PLANT_DELAY_MAX; at++)
-        for (uint32_t c = first_column; c < l->command.ring_columns; c++)
+    for (uint32_t at = 0; at <= GSID_PLANT_DELAY_MAX; at++) {
+        for (uint32_t c = first_column; c < l->command.ring_columns; c++) {
             l->command.under_way[(size_t)at * l->command.ring_columns + c] = 0;
-    for (uint32_t ago = 0; l->stack.has_controller && ago <= GSID_RATE_SAMPLES_MAX; ago++)
-        for (uint32_t c = first_column; c < l->shape.n_columns; c++)
+        }
+    }
+    for (uint32_t ago = 0; l->stack.has_controller && ago <= GSID_RATE_SAMPLES_MAX; ago++) {
+        for (uint32_t c = first_column; c < l->shape.n_columns; c++) {
             angle_seen(l, ago)[c] = 0;
-    for (uint32_t c = first_column; c < l->shape.n_columns; c++)
+        }
+    }
+    for (uint32_t c = first_column; c < l->shape.n_columns; c++) {
         l->z[GSID_Z_COMMAND * l->shape.n_columns + c] = 0;
+    }
 }
 
 void gsid_plant_take_command(gsid_plant_layout *l) {
@@ -97,16 +107,20 @@ void gsid_plant_take_command(gsid_plant_layout *l) {
 static void switch_command(gsid_plant_layout *l) {
     const int moves = l->shape.n_free > 0 && l->linear.a.n_delays > 0;
     gsid_real before[GSID_Z_MAX], after[GSID_Z_MAX];
-    if (moves)
+    if (moves) {
         gsid_plant_derivative(l, l->z, before);
+    }
     gsid_plant_take_command(l);
     gsid_plant_choose_regime(l);
-    if (!moves)
+    if (!moves) {
         return;
+    }
     gsid_plant_derivative(l, l->z, after);
-    for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++)
-        for (uint32_t k = 0; k < l->linear.a.n_delays; k++)
+    for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++) {
+        for (uint32_t k = 0; k < l->linear.a.n_delays; k++) {
             l->z[row * l->shape.n_columns + l->linear.a.delay[k].by] += before[row] - after[row];
+        }
+    }
 }
 
 /* ---- one sample ---- */
@@ -126,15 +140,18 @@ void gsid_plant_sample(gsid_plant *plant, gsid_real u) {
 /* 0 times a number is 0, unless it is not finite. */
 static gsid_real zero_times_rows(const gsid_plant_layout *l, uint32_t first, uint32_t end) {
     gsid_real sum = 0;
-    for (uint32_t row = first; row < end; row++)
-        for (uint32_t c = 0; c < l->shape.n_active; c++)
+    for (uint32_t row = first; row < end; row++) {
+        for (uint32_t c = 0; c < l->shape.n_active; c++) {
             sum += 0 * l->z[row * l->shape.n_columns + c];
+        }
+    }
     return sum;
 }
 
 gsid_status gsid_plant_health(const gsid_plant_layout *l) {
     if (zero_times_rows(l, 0, l->linear.a.n) != 0 ||
-        zero_times_rows(l, l->shape.n_rows - l->laws.n_memories, l->shape.n_rows) != 0)
+        zero_times_rows(l, l->shape.n_rows - l->laws.n_memories, l->shape.n_rows) != 0) {
         return GSID_E_NONFINITE;
+    }
     return l->steep.is_given_up ? GSID_E_STEEP : GSID_OK;
 }

@@ -11,45 +11,54 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg) {
 }
 
 gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size) {
-    if (plant == NULL)
+    if (plant == NULL) {
         return GSID_E_NULL;
+    }
     gsid_plant_layout *l = NULL;
     gsid_status status = gsid_plant_lay_out(cfg, mem, mem_size, &l);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_plant made = {*cfg, l};
     status = gsid_plant_update(&made);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         *plant = made;
+    }
     return status;
 }
 
 gsid_status gsid_plant_update(gsid_plant *plant) {
-    if (plant == NULL)
+    if (plant == NULL) {
         return GSID_E_NULL;
-    if (plant->layout == NULL)
+    }
+    if (plant->layout == NULL) {
         return GSID_E_STATE;
+    }
     int has_same_states = 0;
     const gsid_status status = gsid_plant_take_values(&plant->cfg, plant->layout, &has_same_states);
     return status != GSID_OK || has_same_states ? status : gsid_plant_reset(plant);
 }
 
 gsid_status gsid_plant_reset(gsid_plant *plant) {
-    if (plant == NULL)
+    if (plant == NULL) {
         return GSID_E_NULL;
-    if (plant->layout == NULL)
+    }
+    if (plant->layout == NULL) {
         return GSID_E_STATE;
+    }
     gsid_plant_layout *l = plant->layout;
     memset(l->z, 0, (size_t)l->shape.n_rows * l->shape.n_columns * sizeof *l->z);
     memset(l->command.under_way, 0,
            (GSID_PLANT_DELAY_MAX + 1) * (size_t)l->command.ring_columns * sizeof *l->command.under_way);
-    for (int i = 0; i < 3; i++) /* a number that is not finite would outlive a factor of 0 */
+    for (int i = 0; i < 3; i++) { /* a number that is not finite would outlive a factor of 0 */
         memset(l->laws.torque[i], 0, (size_t)CHANNELS_MAX * l->shape.n_columns * sizeof *l->laws.torque[i]);
+    }
     l->z[GSID_Z_ONE * l->shape.n_columns] = 1;
     l->command.newest = 0;
-    if (l->stack.has_controller)
+    if (l->stack.has_controller) {
         memset(l->controller.angle, 0,
                (GSID_RATE_SAMPLES_MAX + 1) * (size_t)l->shape.n_columns * sizeof *l->controller.angle);
+    }
     l->controller.newest = 0;
     l->shape.n_active = 1;
     l->shape.n_free = 0;
@@ -65,12 +74,15 @@ gsid_status gsid_plant_reset(gsid_plant *plant) {
 }
 
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy) {
-    if (plant == NULL || y == NULL)
+    if (plant == NULL || y == NULL) {
         return GSID_E_NULL;
-    if (plant->layout == NULL)
+    }
+    if (plant->layout == NULL) {
         return GSID_E_STATE;
-    if (!gsid_is_finite(u))
+    }
+    if (!gsid_is_finite(u)) {
         return GSID_E_NONFINITE;
+    }
     gsid_plant_layout *l = plant->layout;
     l->shape.n_free = dy != NULL ? plant->cfg.n_free : 0;
     l->shape.n_active = 1 + l->shape.n_free;
@@ -83,7 +95,8 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
         return status;
     }
     *y = l->sensor.y[VALUE];
-    if (dy != NULL)
+    if (dy != NULL) {
         memcpy(dy, l->sensor.y + FIRST_FREE, l->shape.n_free * sizeof *dy);
+    }
     return GSID_OK;
 }

@@ -48,13 +48,15 @@ static inline void gsid_residual_tilt(const gsid_frd *data, uint32_t k, gsid_cpl
 
 /* The error at line k when the model answers g. */
 static inline gsid_residual gsid_residual_at(const gsid_frd *data, uint32_t k, gsid_cplx g) {
-    if (data->logarithmic)
+    if (data->logarithmic) {
         return gsid_residual_logarithmic(data, k, g);
+    }
     const gsid_real weight = gsid_residual_weight(data, k);
     const gsid_cplx error = gsid_cplx_sub(g, data->g[k]);
     gsid_residual e = {{weight * error.re, weight * error.im}, {weight, 0}, {-weight, 0}, {0, 0}};
-    if (data->var_u != NULL)
+    if (data->var_u != NULL) {
         gsid_residual_tilt(data, k, g, error, &e);
+    }
     return e;
 }
 

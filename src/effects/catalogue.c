@@ -14,8 +14,10 @@ static int is_same(const char *a, const char *b) {
 }
 
 const gsid_effect *gsid_catalogue_find(const char *id) {
-    for (uint32_t i = 0; id != NULL && i < gsid_n_catalogue; i++)
-        if (is_same(id, gsid_catalogue[i]->id))
+    for (uint32_t i = 0; id != NULL && i < gsid_n_catalogue; i++) {
+        if (is_same(id, gsid_catalogue[i]->id)) {
             return gsid_catalogue[i];
+        }
+    }
     return NULL;
 }

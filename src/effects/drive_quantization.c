@@ -5,8 +5,9 @@ static gsid_real command(const gsid_plant_item *item, gsid_real u, gsid_real *by
     const gsid_real step = item->value[0];
     *by_u = 1;
     by_value[0] = 0;
-    if (step == 0)
+    if (step == 0) {
         return u;
+    }
     const gsid_real size = step * gsid_floor(gsid_fabs(u) / step + R(0.5));
     return u < 0 ? -size : size;
 }

@@ -23,22 +23,25 @@ static gsid_real along(gsid_real slope, gsid_real by) {
 /* x becomes a function of x. */
 static void chain(dual *x, gsid_real value, gsid_real slope) {
     x->value = value;
-    for (int i = 0; i < N_BY; i++)
+    for (int i = 0; i < N_BY; i++) {
         x->by[i] = along(slope, x->by[i]);
+    }
 }
 
 /* x becomes a function of x and y. */
 static void chain2(dual *x, const dual *y, gsid_real value, gsid_real by_x, gsid_real by_y) {
     x->value = value;
-    for (int i = 0; i < N_BY; i++)
+    for (int i = 0; i < N_BY; i++) {
         x->by[i] = along(by_x, x->by[i]) + along(by_y, y->by[i]);
+    }
 }
 
 static void start(dual *x, gsid_real value, int by) {
     memset(x, 0, sizeof *x);
     x->value = value;
-    if (by >= 0)
+    if (by >= 0) {
         x->by[by] = 1;
+    }
 }
 
 static void push(const gsid_expression_step *step, const gsid_plant_item *item, const gsid_motion *motion, dual *x) {
@@ -122,8 +125,9 @@ static void combine(gsid_expression_kind kind, dual *x, const dual *y) {
         power(x, y);
         return;
     default: /* min and max */
-        if (kind == GSID_EXPRESSION_MIN ? b < a : b > a)
+        if (kind == GSID_EXPRESSION_MIN ? b < a : b > a) {
             *x = *y;
+        }
     }
 }
 
@@ -133,12 +137,13 @@ static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_
     uint32_t depth = 0;
     for (uint32_t i = 0; i < expression->n_steps; i++) {
         const gsid_expression_step *step = &expression->step[i];
-        if (taken[step->kind] == 0)
+        if (taken[step->kind] == 0) {
             push(step, item, motion, &stack[depth]);
-        else if (taken[step->kind] == 1)
+        } else if (taken[step->kind] == 1) {
             apply(step->kind, &stack[depth - 1]);
-        else
+        } else {
             combine(step->kind, &stack[depth - 2], &stack[depth - 1]);
+        }
         depth += 1 - taken[step->kind];
     }
     answer->torque = stack[0].value;
@@ -151,36 +156,44 @@ static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_
 static gsid_status check(const gsid_expression *expression, uint32_t n_parameters) {
     uint32_t depth = 0;
     if (expression->n_steps == 0 || expression->n_steps > GSID_EXPRESSION_STEPS_MAX ||
-        n_parameters > GSID_EFFECT_PARAMETERS_MAX)
+        n_parameters > GSID_EFFECT_PARAMETERS_MAX) {
         return GSID_E_CONFIG;
+    }
     for (uint32_t i = 0; i < expression->n_steps; i++) {
         const gsid_expression_step *step = &expression->step[i];
-        if ((uint32_t)step->kind >= GSID_EXPRESSION_N_KINDS || taken[step->kind] > depth)
+        if ((uint32_t)step->kind >= GSID_EXPRESSION_N_KINDS || taken[step->kind] > depth) {
             return GSID_E_CONFIG;
-        if (step->kind == GSID_EXPRESSION_NUMBER && !gsid_is_finite(step->number))
+        }
+        if (step->kind == GSID_EXPRESSION_NUMBER && !gsid_is_finite(step->number)) {
             return GSID_E_NONFINITE;
-        if (step->kind == GSID_EXPRESSION_PARAMETER && step->index >= n_parameters)
+        }
+        if (step->kind == GSID_EXPRESSION_PARAMETER && step->index >= n_parameters) {
             return GSID_E_CONFIG;
+        }
         depth += 1 - taken[step->kind];
-        if (depth > GSID_EXPRESSION_DEPTH_MAX)
+        if (depth > GSID_EXPRESSION_DEPTH_MAX) {
             return GSID_E_CONFIG;
+        }
     }
     return depth == 1 ? GSID_OK : GSID_E_CONFIG;
 }
 
 static int looks_at(const gsid_expression *expression, gsid_expression_kind kind) {
     uint32_t i = 0;
-    while (i < expression->n_steps && expression->step[i].kind != kind)
+    while (i < expression->n_steps && expression->step[i].kind != kind) {
         i++;
+    }
     return i < expression->n_steps;
 }
 
 gsid_status gsid_expression_effect(const gsid_expression *expression, gsid_effect *effect) {
-    if (expression == NULL || expression->step == NULL || effect == NULL)
+    if (expression == NULL || expression->step == NULL || effect == NULL) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check(expression, effect->n_parameters);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     effect->stage = GSID_STAGE_TORQUE;
     effect->looks_at_angle = looks_at(expression, GSID_EXPRESSION_ANGLE);
     effect->looks_at_command = looks_at(expression, GSID_EXPRESSION_COMMAND);

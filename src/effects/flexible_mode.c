@@ -5,8 +5,9 @@
 /* A power of two near x. As a scale of the state it keeps the matrix balanced, and does not count as a parameter. */
 static gsid_real round_to_octave(gsid_real x) {
     gsid_real octave = 1;
-    for (int i = 0; i < 64 && octave * 2 <= x; i++)
+    for (int i = 0; i < 64 && octave * 2 <= x; i++) {
         octave *= 2;
+    }
     return octave;
 }
 

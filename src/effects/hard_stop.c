@@ -3,8 +3,9 @@
 static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer) {
     const gsid_real edge = item->value[0], stiffness = item->value[1];
     const gsid_real side = (gsid_real)motion->zone;
-    if (motion->zone == 0)
+    if (motion->zone == 0) {
         return;
+    }
     answer->torque = stiffness * (motion->angle - side * edge);
     answer->by_angle = stiffness;
     answer->by_value[0] = -stiffness * side;

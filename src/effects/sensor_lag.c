@@ -9,8 +9,9 @@ static void linear(const gsid_plant_item *item, gsid_linear *to) {
     const gsid_real pole = 1 / lag;
     const uint32_t out = gsid_linear_state(to);
     for (uint32_t from = GSID_Z_STATES; from < out; from++) {
-        if (to->signal[from] == 0)
+        if (to->signal[from] == 0) {
             continue;
+        }
         gsid_linear_add(to, out, from, pole * to->signal[from]);
         gsid_linear_slope(to, to->item, 0, out, from, -pole * pole * to->signal[from]);
         to->signal[from] = 0;

@@ -10,8 +10,9 @@ static gsid_real secant(const gsid_real *at, const gsid_real *torque, uint32_t i
 /* Slope inside, from the secants on both sides: 0 at an extremum, else their harmonic mean, which keeps the cubic
  * monotone (Fritsch and Butland 1984, with the weights for points that are not evenly spaced). */
 static gsid_real slope_between(gsid_real left, gsid_real right, gsid_real d_left, gsid_real d_right) {
-    if (!(d_left * d_right > 0))
+    if (!(d_left * d_right > 0)) {
         return 0;
+    }
     const gsid_real w_left = 2 * right + left, w_right = right + 2 * left;
     return (w_left + w_right) / (w_left / d_left + w_right / d_right);
 }
@@ -19,36 +20,44 @@ static gsid_real slope_between(gsid_real left, gsid_real right, gsid_real d_left
 /* Slope at an end: that of a parabola through three points, held back where it would bend the wrong way. */
 static gsid_real slope_at_end(gsid_real near, gsid_real far, gsid_real d_near, gsid_real d_far) {
     const gsid_real slope = ((2 * near + far) * d_near - near * d_far) / (near + far);
-    if (!(slope * d_near > 0))
+    if (!(slope * d_near > 0)) {
         return 0;
+    }
     return d_near * d_far <= 0 && gsid_fabs(slope) > 3 * gsid_fabs(d_near) ? 3 * d_near : slope;
 }
 
 static gsid_status check_points(uint32_t n_points, const gsid_real *at, const gsid_real *torque) {
-    if (at == NULL || torque == NULL)
+    if (at == NULL || torque == NULL) {
         return GSID_E_NULL;
-    if (n_points < GSID_TABLE_POINTS_MIN || n_points > GSID_TABLE_POINTS_MAX)
+    }
+    if (n_points < GSID_TABLE_POINTS_MIN || n_points > GSID_TABLE_POINTS_MAX) {
         return GSID_E_CONFIG;
+    }
     for (uint32_t i = 0; i < n_points; i++) {
-        if (!gsid_is_finite(at[i]) || !gsid_is_finite(torque[i]))
+        if (!gsid_is_finite(at[i]) || !gsid_is_finite(torque[i])) {
             return GSID_E_NONFINITE;
-        if (i > 0 && !(at[i] > at[i - 1]))
+        }
+        if (i > 0 && !(at[i] > at[i - 1])) {
             return GSID_E_CONFIG;
+        }
     }
     return GSID_OK;
 }
 
 /* TAB-1 */
 gsid_status gsid_table_slopes(uint32_t n_points, const gsid_real *at, const gsid_real *torque, gsid_real *slope) {
-    if (slope == NULL)
+    if (slope == NULL) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check_points(n_points, at, torque);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const uint32_t last = n_points - 1;
-    for (uint32_t i = 1; i < last; i++)
+    for (uint32_t i = 1; i < last; i++) {
         slope[i] =
             slope_between(at[i] - at[i - 1], at[i + 1] - at[i], secant(at, torque, i - 1), secant(at, torque, i));
+    }
     slope[0] = slope_at_end(at[1] - at[0], at[2] - at[1], secant(at, torque, 0), secant(at, torque, 1));
     slope[last] = slope_at_end(at[last] - at[last - 1], at[last - 1] - at[last - 2], secant(at, torque, last - 1),
                                secant(at, torque, last - 2));
@@ -60,10 +69,11 @@ static uint32_t interval(const gsid_table *t, gsid_real x) {
     uint32_t low = 0, high = t->n_points - 1;
     while (high - low > 1) {
         const uint32_t middle = low + (high - low) / 2;
-        if (x < t->at[middle])
+        if (x < t->at[middle]) {
             high = middle;
-        else
+        } else {
             low = middle;
+        }
     }
     return low;
 }
@@ -106,23 +116,29 @@ static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_
 }
 
 static gsid_status check(const gsid_table *t) {
-    if (t == NULL || t->slope == NULL)
+    if (t == NULL || t->slope == NULL) {
         return GSID_E_NULL;
-    if ((uint32_t)t->variable > GSID_TABLE_COMMAND)
+    }
+    if ((uint32_t)t->variable > GSID_TABLE_COMMAND) {
         return GSID_E_CONFIG;
+    }
     const gsid_status status = check_points(t->n_points, t->at, t->torque);
-    for (uint32_t i = 0; status == GSID_OK && i < t->n_points; i++)
-        if (!gsid_is_finite(t->slope[i]))
+    for (uint32_t i = 0; status == GSID_OK && i < t->n_points; i++) {
+        if (!gsid_is_finite(t->slope[i])) {
             return GSID_E_NONFINITE;
+        }
+    }
     return status;
 }
 
 gsid_status gsid_table_effect(const gsid_table *table, gsid_effect *effect) {
-    if (effect == NULL)
+    if (effect == NULL) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check(table);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const gsid_effect_parameter scale = {"scale", "", R(1.0), -ANY, ANY, R(0.0)};
     effect->stage = GSID_STAGE_TORQUE;
     effect->null_kind = GSID_NULL_SMOOTH;

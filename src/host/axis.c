@@ -62,8 +62,9 @@ static matrix multiply_add(const matrix *a, const matrix *b, double factor, cons
     for (int i = 0; i < N_ALL; i++) {
         for (int j = 0; j < N_ALL; j++) {
             sum.m[i][j] = factor * c->m[i][j];
-            for (int k = 0; k < N_ALL; k++)
+            for (int k = 0; k < N_ALL; k++) {
                 sum.m[i][j] += a->m[i][k] * b->m[k][j];
+            }
         }
     }
     return sum;
@@ -72,8 +73,9 @@ static matrix multiply_add(const matrix *a, const matrix *b, double factor, cons
 static matrix scaled(const matrix *a, double factor) {
     matrix c;
     for (int i = 0; i < N_ALL; i++) {
-        for (int j = 0; j < N_ALL; j++)
+        for (int j = 0; j < N_ALL; j++) {
             c.m[i][j] = factor * a->m[i][j];
+        }
     }
     return c;
 }
@@ -82,8 +84,9 @@ static double norm(const matrix *a) {
     double largest = 0.0;
     for (int i = 0; i < N_ALL; i++) {
         double sum = 0.0;
-        for (int j = 0; j < N_ALL; j++)
+        for (int j = 0; j < N_ALL; j++) {
             sum += fabs(a->m[i][j]);
+        }
         largest = fmax(largest, sum);
     }
     return largest;
@@ -93,16 +96,18 @@ static double norm(const matrix *a) {
  * from 1 keeps the digits of short steps. */
 static matrix exponential(const matrix *a, double t_s) {
     int n_doublings = 0;
-    for (double size = norm(a) * t_s; size > 0.5; size *= 0.5)
+    for (double size = norm(a) * t_s; size > 0.5; size *= 0.5) {
         n_doublings++;
+    }
     const matrix step = scaled(a, ldexp(t_s, -n_doublings));
     matrix e = scaled(a, 0.0);
     for (int order = 16; order >= 1; order--) { /* the next term, 0.5^17 / 17!, is below 1e-19 */
         e = multiply_add(&step, &e, 1.0, &step);
         e = scaled(&e, 1.0 / order);
     }
-    for (int n = 0; n < n_doublings; n++)
+    for (int n = 0; n < n_doublings; n++) {
         e = multiply_add(&e, &e, 2.0, &e);
+    }
     return e;
 }
 
@@ -136,8 +141,9 @@ static void advance(gsid_axis *axis, const matrix *e, double u) {
     z[IN_FRICTION] = axis->side;
     for (int i = 0; i < N_STATES; i++) {
         double change = 0.0;
-        for (int j = 0; j < N_ALL; j++)
+        for (int j = 0; j < N_ALL; j++) {
             change += e->m[i][j] * z[j];
+        }
         axis->x[i] += change;
     }
 }
@@ -149,10 +155,12 @@ static double position_torque(const gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
     const double theta = axis->x[THETA], turned = theta * RADIANS, rest = cfg->unbalance_angle_deg * RADIANS;
     double torque = cfg->cubic_stiffness * theta * theta * theta;
-    if (cfg->unbalance_level > 0.0)
+    if (cfg->unbalance_level > 0.0) {
         torque += cfg->unbalance_level * (sin(turned + rest) - sin(rest));
-    if (cfg->cogging_level > 0.0)
+    }
+    if (cfg->cogging_level > 0.0) {
         torque += cfg->cogging_level * sin(cfg->cogging_cycles * turned + cfg->cogging_phase_rad);
+    }
     return torque;
 }
 
@@ -177,12 +185,14 @@ static regime choose_side(gsid_axis *axis, double u) {
     const double level = axis->cfg.coulomb_level + axis->cfg.stribeck_extra;
     double towards = axis->x[RATE];
     axis->side = 0.0;
-    if (level == 0.0)
+    if (level == 0.0) {
         return SLIP;
+    }
     if (towards == 0.0) {
         towards = spring_and_motor(axis, u);
-        if (fabs(towards) <= level)
+        if (fabs(towards) <= level) {
             return STICK;
+        }
     }
     axis->side = towards > 0.0 ? 1.0 : -1.0;
     return SLIP;
@@ -198,10 +208,12 @@ static double time_to_rest(const gsid_axis *axis, double u) {
     const double mu = sqrt(fabs(mu_squared));
     const double w = fabs(axis->x[RATE]); /* never -0: atan2 would turn the wrong way */
     const double b = axis->side * spring_and_motor(axis, u) - cfg->coulomb_level - half * w;
-    if (mu_squared > 0.0)
+    if (mu_squared > 0.0) {
         return atan2(w * mu, -b) / mu;
-    if (-b <= w * mu)
+    }
+    if (-b <= w * mu) {
         return INFINITY;
+    }
     return mu > 0.0 ? atanh(w * mu / -b) / mu : w / -b;
 }
 
@@ -283,8 +295,9 @@ static double go_straight(gsid_axis *axis, const piece *p, regime how, double t_
         const matrix e = exponential(&axis->rates[how], done_s);
         advance(axis, &e, u);
     }
-    if (rest_s <= t_s)
+    if (rest_s <= t_s) {
         axis->x[RATE] = 0.0;
+    }
     return done_s;
 }
 
@@ -308,8 +321,9 @@ static void run_for(gsid_axis *axis, const piece *p, double left_s, double u) {
 
 /* Ticks from now to the next refresh. The instant comes from the refresh's number: it cannot drift. */
 static double until_refresh(const gsid_axis *axis) {
-    if (axis->cfg.gyro_refresh_hz == 0.0)
+    if (axis->cfg.gyro_refresh_hz == 0.0) {
         return INFINITY;
+    }
     return (double)axis->n_refreshes * axis->cfg.fs_hz / axis->cfg.gyro_refresh_hz - (double)axis->tick;
 }
 
@@ -323,10 +337,12 @@ static void refresh(gsid_axis *axis, double disturbance) {
 }
 
 static double gyro_sample(gsid_axis *axis, double disturbance) {
-    if (axis->cfg.gyro_refresh_hz == 0.0)
+    if (axis->cfg.gyro_refresh_hz == 0.0) {
         return gyro(axis) + disturbance;
-    if (until_refresh(axis) < SAME_INSTANT)
+    }
+    if (until_refresh(axis) < SAME_INSTANT) {
         refresh(axis, disturbance);
+    }
     return axis->shown;
 }
 
@@ -386,8 +402,9 @@ static double random_normal(gsid_axis *axis) {
 static double noise(gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
     double sum = 0.0;
-    if (cfg->noise_rms > 0.0)
+    if (cfg->noise_rms > 0.0) {
         sum += cfg->noise_rms * random_normal(axis);
+    }
     if (cfg->noise_low_rms > 0.0) {
         sum += axis->low_noise;
         const double pole = axis->low_pole, drive = cfg->noise_low_rms * sqrt(1.0 - pole * pole);
@@ -399,8 +416,9 @@ static double noise(gsid_axis *axis) {
 /* The phase comes from the tick's number, not from a running sum: it cannot drift. */
 static double fan(const gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
-    if (cfg->fan_amplitude == 0.0)
+    if (cfg->fan_amplitude == 0.0) {
         return 0.0;
+    }
     const double turns = fmod((double)axis->tick * cfg->fan_f_hz / cfg->fs_hz, 1.0);
     return cfg->fan_amplitude * sin(2.0 * PI * turns + cfg->fan_phase_rad);
 }
@@ -408,8 +426,9 @@ static double fan(const gsid_axis *axis) {
 /* ---- the axis ---- */
 
 gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg) {
-    if (!cfg)
+    if (!cfg) {
         return GSID_E_NULL;
+    }
     const gsid_axis_cfg inner_azimuth = {
         .fs_hz = 3000.0,
         .gain = 7.4,
@@ -446,14 +465,17 @@ static gsid_status check_numbers(const gsid_axis_cfg *c) {
                                  c->noise_low_rms,  c->noise_low_hz};
     gsid_status status = GSID_OK;
     for (size_t i = 0; i < sizeof any / sizeof any[0]; i++) {
-        if (!isfinite(any[i]))
+        if (!isfinite(any[i])) {
             return GSID_E_NONFINITE;
+        }
     }
     for (size_t i = 0; i < sizeof magnitudes / sizeof magnitudes[0]; i++) {
-        if (!isfinite(magnitudes[i]))
+        if (!isfinite(magnitudes[i])) {
             return GSID_E_NONFINITE;
-        if (magnitudes[i] < 0.0)
+        }
+        if (magnitudes[i] < 0.0) {
             status = GSID_E_CONFIG;
+        }
     }
     return status;
 }
@@ -467,16 +489,21 @@ static int has_slow_laws(const gsid_axis_cfg *c) {
 
 static gsid_status check(const gsid_axis_cfg *c) {
     const gsid_status status = check_numbers(c);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (c->fs_hz == 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31 || c->gyro_refresh_hz > c->fs_hz)
+    }
+    if (c->fs_hz == 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31 ||
+        c->gyro_refresh_hz > c->fs_hz) {
         return GSID_E_CONFIG;
-    if (c->noise_low_rms > 0.0 && c->noise_low_hz == 0.0)
+    }
+    if (c->noise_low_rms > 0.0 && c->noise_low_hz == 0.0) {
         return GSID_E_CONFIG;
+    }
     const double fastest = GSID_AXIS_RATE_MAX * c->fs_hz; /* keeps the step matrices accurate and their doublings few */
     if (c->viscous_rate > fastest || sqrt(c->spring_stiffness) > fastest || 2.0 * PI * c->mode_f_hz > fastest ||
-        c->mode_zeta > GSID_AXIS_RATE_MAX || (c->gyro_lag_s > 0.0 && c->gyro_lag_s * fastest < 1.0))
+        c->mode_zeta > GSID_AXIS_RATE_MAX || (c->gyro_lag_s > 0.0 && c->gyro_lag_s * fastest < 1.0)) {
         return GSID_E_CONFIG;
+    }
     return has_slow_laws(c) ? GSID_OK : GSID_E_CONFIG;
 }
 
@@ -486,31 +513,37 @@ static int has_curved_law(const gsid_axis_cfg *c) {
 }
 
 static void make_steps(gsid_axis *axis, piece *p) {
-    for (int how = 0; how < N_REGIMES; how++)
+    for (int how = 0; how < N_REGIMES; how++) {
         p->whole[how] = exponential(&axis->rates[how], p->duration_s);
+    }
     p->part_s = p->duration_s / fmax(1.0, ceil(p->duration_s * axis->cfg.fs_hz * PARTS_A_TICK - 1e-9));
     p->half = exponential(&axis->rates[SLIP], 0.5 * p->part_s);
 }
 
 gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg) {
-    if (!axis || !cfg)
+    if (!axis || !cfg) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check(cfg);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_axis *made = calloc(1, sizeof *made);
-    if (!made)
+    if (!made) {
         return GSID_E_NO_MEMORY;
+    }
     made->cfg = *cfg;
     const double delay = cfg->delay_s * cfg->fs_hz;
     made->delay_ticks = (uint32_t)delay;
     made->pieces[0].duration_s = (delay - (double)made->delay_ticks) / cfg->fs_hz;
     made->pieces[1].duration_s = 1.0 / cfg->fs_hz - made->pieces[0].duration_s;
     made->is_curved = has_curved_law(cfg);
-    for (int how = 0; how < N_REGIMES; how++)
+    for (int how = 0; how < N_REGIMES; how++) {
         fill_rates(cfg, (regime)how, &made->rates[how]);
-    for (int i = 0; i < 2; i++)
+    }
+    for (int i = 0; i < 2; i++) {
         make_steps(made, &made->pieces[i]);
+    }
     made->low_pole = exp(-2.0 * PI * cfg->noise_low_hz / cfg->fs_hz);
     gsid_axis_reset(made);
     *axis = made;
@@ -522,8 +555,9 @@ void gsid_axis_destroy(gsid_axis *axis) {
 }
 
 gsid_status gsid_axis_reset(gsid_axis *axis) {
-    if (!axis)
+    if (!axis) {
         return GSID_E_NULL;
+    }
     memset(axis->x, 0, sizeof axis->x);
     memset(axis->command, 0, sizeof axis->command);
     axis->tick = axis->n_refreshes = 0;
@@ -534,11 +568,13 @@ gsid_status gsid_axis_reset(gsid_axis *axis) {
 }
 
 static double applied(const gsid_axis_cfg *cfg, double u) {
-    if (cfg->command_limit == 0.0)
+    if (cfg->command_limit == 0.0) {
         return u;
+    }
     u = fmax(-cfg->command_limit, fmin(cfg->command_limit, u));
-    if (cfg->command_bits == 0)
+    if (cfg->command_bits == 0) {
         return u;
+    }
     const double step = ldexp(cfg->command_limit, 1 - (int)cfg->command_bits);
     return step * round(u / step);
 }
@@ -554,19 +590,23 @@ static double command_before(const gsid_axis *axis, uint32_t n_ticks) {
 
 gsid_status gsid_axis_step(gsid_axis *axis, uint32_t n, const double *u, double *u_applied, double *y,
                            double *angle_deg) {
-    if (!axis || (n > 0 && (!u || !y)))
+    if (!axis || (n > 0 && (!u || !y))) {
         return GSID_E_NULL;
+    }
     for (uint32_t i = 0; i < n; i++) {
-        if (!isfinite(u[i]))
+        if (!isfinite(u[i])) {
             return GSID_E_NONFINITE;
+        }
     }
     for (uint32_t i = 0; i < n; i++) {
         const double now = applied(&axis->cfg, u[i]);
         axis->command[axis->tick % RING] = driven(&axis->cfg, now);
-        if (u_applied)
+        if (u_applied) {
             u_applied[i] = now;
-        if (angle_deg)
+        }
+        if (angle_deg) {
             angle_deg[i] = axis->x[THETA];
+        }
         const double disturbance = noise(axis) + fan(axis);
         y[i] = gyro_sample(axis, disturbance);
         run_piece(axis, &axis->pieces[0], 0.0, command_before(axis, axis->delay_ticks + 1), disturbance);

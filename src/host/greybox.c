@@ -13,34 +13,43 @@ static size_t n_unknowns(const gsid_arrow *arrow) {
 }
 
 static gsid_status check(const gsid_arrow *arrow) {
-    if (arrow->n_rows == NULL || arrow->row == NULL)
+    if (arrow->n_rows == NULL || arrow->row == NULL) {
         return GSID_E_NULL;
+    }
     const size_t n = (size_t)arrow->n_local + arrow->n_shared;
-    if (arrow->n_records == 0 || arrow->n_shared == 0 || n >= GSID_LSQ_COLUMNS_MAX)
+    if (arrow->n_records == 0 || arrow->n_shared == 0 || n >= GSID_LSQ_COLUMNS_MAX) {
         return GSID_E_CONFIG;
+    }
     size_t n_rows = 0;
     for (uint32_t r = 0; r < arrow->n_records; r++) {
-        if (arrow->row[r] == NULL)
+        if (arrow->row[r] == NULL) {
             return GSID_E_NULL;
+        }
         n_rows += arrow->n_rows[r];
-        for (size_t i = 0; i < arrow->n_rows[r] * (n + 1); i++)
-            if (!isfinite(arrow->row[r][i]))
+        for (size_t i = 0; i < arrow->n_rows[r] * (n + 1); i++) {
+            if (!isfinite(arrow->row[r][i])) {
                 return GSID_E_NONFINITE;
+            }
+        }
     }
     return n_rows < n_unknowns(arrow) + 1 ? GSID_E_TOO_FEW : GSID_OK;
 }
 
 static void make_diagonal_positive(size_t n, double *triangle) {
-    for (size_t i = 0; i < n; i++)
-        if (triangle[i * n + i] < 0)
-            for (size_t j = i; j < n; j++)
+    for (size_t i = 0; i < n; i++) {
+        if (triangle[i * n + i] < 0) {
+            for (size_t j = i; j < n; j++) {
                 triangle[i * n + j] = -triangle[i * n + j];
+            }
+        }
+    }
 }
 
 static gsid_status add_rows(gsid_lsq *q, uint32_t n_rows, const double *row) {
     gsid_status status = GSID_OK;
-    for (uint32_t i = 0; i < n_rows && status == GSID_OK; i++, row += q->n_columns + 1)
+    for (uint32_t i = 0; i < n_rows && status == GSID_OK; i++, row += q->n_columns + 1) {
         status = gsid_lsq_add(q, row, row[q->n_columns]);
+    }
     return status;
 }
 
@@ -50,8 +59,9 @@ static gsid_status reduce_record(const gsid_arrow *arrow, uint32_t r, gsid_lsq *
     const uint32_t n_local = arrow->n_local, n = n_local + arrow->n_shared;
     const size_t width = n_unknowns(arrow) + 1;
     gsid_status status = gsid_lsq_reset(record);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = add_rows(record, arrow->n_rows[r], arrow->row[r]);
+    }
     for (uint32_t i = 0; i < n_local; i++) {
         const double *from = record->r + (size_t)i * (n + 1);
         double *to = triangle + ((size_t)r * n_local + i) * width;
@@ -70,32 +80,39 @@ static gsid_status reduce(const gsid_arrow *arrow, gsid_lsq *record, gsid_lsq *s
     const size_t width = n_unknowns(arrow) + 1;
     gsid_status status = GSID_OK;
     memset(triangle, 0, width * width * sizeof(*triangle));
-    for (uint32_t r = 0; r < arrow->n_records && status == GSID_OK; r++)
+    for (uint32_t r = 0; r < arrow->n_records && status == GSID_OK; r++) {
         status = reduce_record(arrow, r, record, shared, triangle);
-    for (uint32_t i = 0; i <= n_shared; i++)
+    }
+    for (uint32_t i = 0; i <= n_shared; i++) {
         memcpy(triangle + (width - n_shared - 1 + i) * width + (width - n_shared - 1),
                shared->r + (size_t)i * (n_shared + 1), ((size_t)n_shared + 1) * sizeof(*triangle));
+    }
     make_diagonal_positive(width, triangle);
     return status;
 }
 
 gsid_status gsid_arrow_reduce_dense(const gsid_arrow *arrow, double *triangle) {
-    if (arrow == NULL || triangle == NULL)
+    if (arrow == NULL || triangle == NULL) {
         return GSID_E_NULL;
+    }
     gsid_status status = check(arrow);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const uint32_t n_record = arrow->n_local + arrow->n_shared;
     const size_t record_size = gsid_lsq_mem_size(n_record), shared_size = gsid_lsq_mem_size(arrow->n_shared);
     void *record_mem = malloc(record_size), *shared_mem = malloc(shared_size);
     gsid_lsq record, shared;
     status = record_mem == NULL || shared_mem == NULL ? GSID_E_NO_MEMORY : GSID_OK;
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_init(&record, n_record, record_mem, record_size);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_lsq_init(&shared, arrow->n_shared, shared_mem, shared_size);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = reduce(arrow, &record, &shared, triangle);
+    }
     free(record_mem);
     free(shared_mem);
     return status;
@@ -103,13 +120,16 @@ gsid_status gsid_arrow_reduce_dense(const gsid_arrow *arrow, double *triangle) {
 
 gsid_status gsid_arrow_reduce(const gsid_arrow *arrow, double *triangle) {
 #ifdef GSID_WITH_SUITESPARSE
-    if (arrow == NULL || triangle == NULL)
+    if (arrow == NULL || triangle == NULL) {
         return GSID_E_NULL;
+    }
     gsid_status status = check(arrow);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_suitesparse_reduce(arrow, triangle);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         make_diagonal_positive(n_unknowns(arrow) + 1, triangle);
+    }
     return status;
 #else
     return gsid_arrow_reduce_dense(arrow, triangle);
@@ -118,25 +138,31 @@ gsid_status gsid_arrow_reduce(const gsid_arrow *arrow, double *triangle) {
 
 gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, const double *lower, const double *upper,
                           double tolerance, uint32_t n_max, double *x, double *least) {
-    if (objective == NULL || lower == NULL || upper == NULL || x == NULL || least == NULL)
+    if (objective == NULL || lower == NULL || upper == NULL || x == NULL || least == NULL) {
         return GSID_E_NULL;
-    if (n == 0)
+    }
+    if (n == 0) {
         return GSID_E_CONFIG;
+    }
     for (uint32_t i = 0; i < n; i++) {
-        if (!isfinite(x[i]))
+        if (!isfinite(x[i])) {
             return GSID_E_NONFINITE;
-        if (!(lower[i] <= x[i] && x[i] <= upper[i]))
+        }
+        if (!(lower[i] <= x[i] && x[i] <= upper[i])) {
             return GSID_E_CONFIG;
+        }
     }
 #ifdef GSID_WITH_NLOPT
     const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, (int)n_max, 0, 0};
     double value, *at = malloc(n * sizeof *at);
-    if (at == NULL)
+    if (at == NULL) {
         return GSID_E_NO_MEMORY;
+    }
     memcpy(at, x, n * sizeof *at);
     gsid_status status = gsid_nlopt_minimise(&how, n, objective, user, lower, upper, at, &value);
-    if (status >= 0 && !isfinite(value))
+    if (status >= 0 && !isfinite(value)) {
         status = GSID_E_NONFINITE;
+    }
     if (status >= 0) {
         memcpy(x, at, n * sizeof *at);
         *least = value;

@@ -28,18 +28,21 @@ static void make_state_space(const gsid_rational *model, state_space *s) {
         s->a.m[i][i + 1] = 1;
         s->out[i] = ((i <= model->n_zeros ? model->num[i] : 0) - s->direct * model->den[i]) / top;
     }
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         s->a.m[n - 1][i] -= model->den[i] / top;
+    }
 }
 
 static void multiply(uint32_t n, const matrix *a, const matrix *b, matrix *product) {
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         for (uint32_t j = 0; j < n; j++) {
             double sum = 0;
-            for (uint32_t k = 0; k < n; k++)
+            for (uint32_t k = 0; k < n; k++) {
                 sum += a->m[i][k] * b->m[k][j];
+            }
             product->m[i][j] = sum;
         }
+    }
 }
 
 #define TAYLOR_TERMS 18 /* of a matrix of norm 1/2: what is left out is 1e-23 */
@@ -49,8 +52,9 @@ static void exponentiate(uint32_t n, const matrix *a, double t, matrix *e) {
     double norm = 0;
     for (uint32_t i = 0; i < n; i++) {
         double row = 0;
-        for (uint32_t j = 0; j < n; j++)
+        for (uint32_t j = 0; j < n; j++) {
             row += fabs(a->m[i][j]);
+        }
         norm = fmax(norm, row);
     }
     int n_squarings = 0;
@@ -58,16 +62,18 @@ static void exponentiate(uint32_t n, const matrix *a, double t, matrix *e) {
     n_squarings = n_squarings + 1 > 0 ? n_squarings + 1 : 0;
     const double part = ldexp(t, -n_squarings);
     matrix term = {{{0}}}, product;
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         term.m[i][i] = 1;
+    }
     *e = term;
     for (int order = 1; order <= TAYLOR_TERMS; order++) {
         multiply(n, &term, a, &product);
-        for (uint32_t i = 0; i < n; i++)
+        for (uint32_t i = 0; i < n; i++) {
             for (uint32_t j = 0; j < n; j++) {
                 term.m[i][j] = product.m[i][j] * part / order;
                 e->m[i][j] += term.m[i][j];
             }
+        }
     }
     for (int i = 0; i < n_squarings; i++) {
         multiply(n, e, e, &product);
@@ -94,17 +100,20 @@ static void make_step(const state_space *s, double samples, double scaled_sample
         second.m[i][s->n] = 0; /* the old input acts in the first part only */
     }
     multiply(s->n + 1, &second, &first, &step->state);
-    for (uint32_t i = 0; i < s->n; i++)
+    for (uint32_t i = 0; i < s->n; i++) {
         step->early[i] = step->state.m[i][s->n];
+    }
 }
 
 /* Solve a x = b in place by Gauss's elimination with the largest pivot of each column; x is left in b. */
 static void solve(uint32_t n, gsid_cplx a[][GSID_ORDER_MAX], gsid_cplx *b) {
     for (uint32_t p = 0; p < n; p++) {
         uint32_t largest = p;
-        for (uint32_t i = p + 1; i < n; i++)
-            if (gsid_cplx_abs2(a[i][p]) > gsid_cplx_abs2(a[largest][p]))
+        for (uint32_t i = p + 1; i < n; i++) {
+            if (gsid_cplx_abs2(a[i][p]) > gsid_cplx_abs2(a[largest][p])) {
                 largest = i;
+            }
+        }
         for (uint32_t j = p; j < n; j++) {
             const gsid_cplx kept = a[p][j];
             a[p][j] = a[largest][j];
@@ -115,14 +124,16 @@ static void solve(uint32_t n, gsid_cplx a[][GSID_ORDER_MAX], gsid_cplx *b) {
         b[largest] = kept;
         for (uint32_t i = p + 1; i < n; i++) {
             const gsid_cplx factor = gsid_cplx_div(a[i][p], a[p][p]);
-            for (uint32_t j = p + 1; j < n; j++)
+            for (uint32_t j = p + 1; j < n; j++) {
                 a[i][j] = gsid_cplx_sub(a[i][j], gsid_cplx_mul(factor, a[p][j]));
+            }
             b[i] = gsid_cplx_sub(b[i], gsid_cplx_mul(factor, b[p]));
         }
     }
     for (uint32_t i = n; i-- > 0;) {
-        for (uint32_t j = i + 1; j < n; j++)
+        for (uint32_t j = i + 1; j < n; j++) {
             b[i] = gsid_cplx_sub(b[i], gsid_cplx_mul(a[i][j], b[j]));
+        }
         b[i] = gsid_cplx_div(b[i], a[i][i]);
     }
 }
@@ -133,42 +144,52 @@ static gsid_cplx held_response(const state_space *s, const sample_step *step, do
     const gsid_cplx z = gsid_cplx_cis(angle), back = gsid_cplx_cis(-angle);
     gsid_cplx a[GSID_ORDER_MAX][GSID_ORDER_MAX], x[GSID_ORDER_MAX], y = gsid_cplx_scale(s->direct, back);
     for (uint32_t i = 0; i < s->n; i++) {
-        for (uint32_t j = 0; j < s->n; j++)
+        for (uint32_t j = 0; j < s->n; j++) {
             a[i][j] = gsid_cplx_make(-step->state.m[i][j], 0);
+        }
         a[i][i] = gsid_cplx_add(a[i][i], z);
         x[i] = gsid_cplx_add(gsid_cplx_make(step->late[i], 0), gsid_cplx_scale(step->early[i], back));
     }
     solve(s->n, a, x);
-    for (uint32_t i = 0; i < s->n; i++)
+    for (uint32_t i = 0; i < s->n; i++) {
         y = gsid_cplx_add(y, gsid_cplx_scale(s->out[i], x[i]));
+    }
     return gsid_cplx_mul(y, gsid_cplx_cis(-angle * step->q));
 }
 
 static gsid_status check(const gsid_rational *model, double sample_s) {
     if (model->domain != GSID_DOMAIN_S || model->n_zeros > model->n_poles || model->n_poles > GSID_ORDER_MAX ||
-        !(sample_s > 0) || !isfinite(sample_s) || !isfinite(model->delay_s))
+        !(sample_s > 0) || !isfinite(sample_s) || !isfinite(model->delay_s)) {
         return GSID_E_CONFIG;
-    for (uint32_t i = 0; i <= model->n_poles; i++)
-        if (!isfinite(model->den[i]) || (i <= model->n_zeros && !isfinite(model->num[i])))
+    }
+    for (uint32_t i = 0; i <= model->n_poles; i++) {
+        if (!isfinite(model->den[i]) || (i <= model->n_zeros && !isfinite(model->num[i]))) {
             return GSID_E_NONFINITE;
+        }
+    }
     return model->den[model->n_poles] == 0 ? GSID_E_CONFIG : GSID_OK;
 }
 
 gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint32_t n_freq, const double *f_hz,
                                gsid_cplx *g) {
-    if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL)))
+    if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL))) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check(model, sample_s);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     state_space s;
     sample_step step;
     make_state_space(model, &s);
     make_step(&s, model->delay_s / sample_s, model->scale_rad_s * sample_s, &step);
-    for (uint32_t k = 0; k < n_freq; k++)
-        if (!gsid_cplx_is_finite(held_response(&s, &step, GSID_TWO_PI * f_hz[k] * sample_s)))
+    for (uint32_t k = 0; k < n_freq; k++) {
+        if (!gsid_cplx_is_finite(held_response(&s, &step, GSID_TWO_PI * f_hz[k] * sample_s))) {
             return GSID_E_NONFINITE;
-    for (uint32_t k = 0; k < n_freq; k++)
+        }
+    }
+    for (uint32_t k = 0; k < n_freq; k++) {
         g[k] = held_response(&s, &step, GSID_TWO_PI * f_hz[k] * sample_s);
+    }
     return GSID_OK;
 }

@@ -31,8 +31,9 @@ typedef struct {
 static void scan_init(mimo_run *r, uint32_t group, const mimo_candidate *c, delay_scan *scan) {
     const double limit_s = gsid_mimo_delay_limit(r);
     double n_free = 0;
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
+    for (uint32_t channel = 0; channel < r->n_channels; channel++) {
         n_free += r->cfg.delay_of[channel] == group ? r->channel[channel].n_lines - r->n_local / 2.0 : 0;
+    }
     scan->group = group;
     const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel);
     scan->n_steps = (uint32_t)ceil(GSID_MIMO_FINE_STEPS * limit_s * f_max_hz);
@@ -46,11 +47,14 @@ static void scan_init(mimo_run *r, uint32_t group, const mimo_candidate *c, dela
 
 static uint32_t insert(delay_minimum found, uint32_t n, delay_minimum *other) {
     uint32_t i = n < OTHERS_MAX ? n : OTHERS_MAX;
-    for (; i > 0 && found.cost < other[i - 1].cost; i--)
-        if (i < OTHERS_MAX)
+    for (; i > 0 && found.cost < other[i - 1].cost; i--) {
+        if (i < OTHERS_MAX) {
             other[i] = other[i - 1];
-    if (i < OTHERS_MAX)
+        }
+    }
+    if (i < OTHERS_MAX) {
         other[i] = found;
+    }
     return n < OTHERS_MAX ? n + 1 : n;
 }
 
@@ -86,13 +90,15 @@ static int compare_minima(mimo_run *r, uint32_t group, mimo_candidate *c, double
     for (uint32_t i = 0; i < n; i++) {
         mimo_candidate moved = from;
         gsid_mimo_set_group(r, group, other[i].delay_s, moved.delay_s);
-        if (gsid_mimo_search(r, &moved) < 0 || !(moved.cost < from.cost + scan.threshold))
+        if (gsid_mimo_search(r, &moved) < 0 || !(moved.cost < from.cost + scan.threshold)) {
             continue;
+        }
         const double delay_s = gsid_mimo_group_delay(r, group, &moved);
         *low_s = fabs(delay_s - scan.now_s) > scan.step_s ? fmin(*low_s, delay_s) : *low_s;
         *high_s = fabs(delay_s - scan.now_s) > scan.step_s ? fmax(*high_s, delay_s) : *high_s;
-        if (moved.cost < c->cost - LOWER * scan.threshold)
+        if (moved.cost < c->cost - LOWER * scan.threshold) {
             *c = moved;
+        }
     }
     return c->cost < from.cost;
 }

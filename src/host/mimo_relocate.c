@@ -36,10 +36,12 @@ static gsid_status fill_channel(mimo_run *r, uint32_t channel, const double *q, 
         const gsid_cplx turn = gsid_cplx_cis(GSID_TWO_PI * data->f_hz[k] * delay_s);
         const gsid_cplx g = gsid_cplx_scale(weight, gsid_cplx_mul(turn, data->g[k]));
         gsid_mimo_basis(r, q, gsid_mimo_variable(r, data->f_hz[k]), phi);
-        for (uint32_t i = 0; i < r->n_local; i++)
+        for (uint32_t i = 0; i < r->n_local; i++) {
             gsid_mimo_put(r, i, gsid_cplx_scale(weight, phi[i]));
-        for (uint32_t i = 0; i < n; i++)
+        }
+        for (uint32_t i = 0; i < n; i++) {
             gsid_mimo_put(r, r->n_local + i, gsid_cplx_scale(-1, gsid_cplx_mul(g, phi[i])));
+        }
         gsid_mimo_put(r, r->n_local + n, g);
         status = gsid_mimo_next(r, &r->equations[channel]);
     }
@@ -96,20 +98,25 @@ static gsid_status find_zeros(uint32_t n, const double *q, const double *c, gsid
             const gsid_cplx step = newton_step(n, q, c, z[i]);
             const gsid_cplx one = {1, 0};
             gsid_cplx repulsion = {0, 0};
-            for (uint32_t j = 0; j < n; j++)
-                if (j != i)
+            for (uint32_t j = 0; j < n; j++) {
+                if (j != i) {
                     repulsion = gsid_cplx_add(repulsion, gsid_cplx_div(one, gsid_cplx_sub(z[i], z[j])));
+                }
+            }
             const gsid_cplx shrink = gsid_cplx_sub(one, gsid_cplx_mul(step, repulsion));
             const gsid_cplx move = gsid_cplx_div(step, shrink);
-            if (!gsid_cplx_is_finite(move)) /* on a root, or on a stationary point, from which the others free it */
+            if (!gsid_cplx_is_finite(move)) { /* on a root, or on a stationary point, from which the others free it */
                 continue;
+            }
             z[i] = gsid_cplx_sub(z[i], move);
             n_moving += gsid_cplx_abs2(move) > POLE_TOLERANCE * POLE_TOLERANCE * (gsid_cplx_abs2(z[i]) + 1e-12);
         }
     }
-    for (uint32_t i = 0; i < n; i++)
-        if (!gsid_cplx_is_finite(z[i]))
+    for (uint32_t i = 0; i < n; i++) {
+        if (!gsid_cplx_is_finite(z[i])) {
             return GSID_E_SINGULAR;
+        }
+    }
     gsid_pair_conjugates(n, z);
     return GSID_OK;
 }
@@ -120,22 +127,28 @@ static gsid_status relocate_once(mimo_run *r, mimo_candidate *c) {
     const uint32_t n = r->cfg.n_poles;
     gsid_mimo_sections(r, c->x, q);
     gsid_status status = GSID_OK;
-    for (uint32_t channel = 0; channel < r->n_channels && status == GSID_OK; channel++)
+    for (uint32_t channel = 0; channel < r->n_channels && status == GSID_OK; channel++) {
         status = fill_channel(r, channel, q, c->delay_s[channel]);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_mimo_reduce(r, n);
+    }
     gsid_lsq shared;
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_init(&shared, n, r->lsq_mem, r->lsq_size);
-    if (status != GSID_OK)
+    }
+    if (status != GSID_OK) {
         return status;
+    }
     memcpy(shared.r, r->shared, ((size_t)n + 1) * ((size_t)n + 1) * sizeof *shared.r);
     shared.n_rows = n + 1;
     status = gsid_lsq_solve(&shared, 0, sigma, NULL);
-    if (status >= 0)
+    if (status >= 0) {
         status = find_zeros(n, q, sigma, z);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         gsid_fit_sections_from_poles(r->cfg.domain, n, r->cfg.allow_unstable, z, c->x);
+    }
     for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
         double lower, upper;
         gsid_mimo_bounds(r, i, &lower, &upper);
@@ -151,14 +164,17 @@ gsid_status gsid_mimo_relocate(mimo_run *r, uint32_t n_iterations, mimo_candidat
     best.cost = HUGE_VAL;
     for (uint32_t i = 0; i < n_iterations && status == GSID_OK; i++) {
         status = relocate_once(r, &trial);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             break;
+        }
         gsid_mimo_solve(r, &trial);
-        if (trial.cost < best.cost)
+        if (trial.cost < best.cost) {
             best = trial;
+        }
     }
-    if (!(best.cost < HUGE_VAL))
+    if (!(best.cost < HUGE_VAL)) {
         return status < 0 ? status : GSID_E_SINGULAR;
+    }
     *c = best;
     return GSID_OK;
 }

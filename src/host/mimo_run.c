@@ -15,8 +15,9 @@
 
 gsid_cplx gsid_mimo_variable(const mimo_run *r, double f_hz) {
     const double w_rad_s = GSID_TWO_PI * f_hz;
-    if (r->cfg.domain == GSID_DOMAIN_Z)
+    if (r->cfg.domain == GSID_DOMAIN_Z) {
         return gsid_cplx_cis(w_rad_s * r->cfg.sample_s);
+    }
     return gsid_cplx_make(0, w_rad_s / r->scale_rad_s);
 }
 
@@ -27,8 +28,9 @@ void gsid_mimo_sections(const mimo_run *r, const double *x, double *q) {
         const uint32_t order = gsid_fit_section_order(r->cfg.n_poles, first);
         gsid_fit_section_coefficients(r->cfg.domain, order, x + first, c);
         q[first] = in_s ? c[0] : c[order];
-        if (order == 2)
+        if (order == 2) {
             q[first + 1] = c[1];
+        }
     }
 }
 
@@ -48,11 +50,13 @@ void gsid_mimo_basis(const mimo_run *r, const double *q, gsid_cplx v, gsid_cplx 
             section.re += q[first];
         }
         phi[first] = gsid_cplx_div(gsid_cplx_make(1, 0), section);
-        if (first + 1 < n)
+        if (first + 1 < n) {
             phi[first + 1] = gsid_cplx_mul(v, phi[first]);
+        }
     }
-    if (r->cfg.direct)
+    if (r->cfg.direct) {
         phi[n] = gsid_cplx_make(1, 0);
+    }
 }
 
 /* ---- equations */
@@ -89,15 +93,18 @@ double gsid_mimo_solve_channel(mimo_run *r, uint32_t channel, const double *q, d
         const gsid_cplx turn = gsid_cplx_cis(-GSID_TWO_PI * data->f_hz[k] * delay_s);
         const gsid_residual error = gsid_residual_at(data, k, gsid_cplx_make(0, 0));
         gsid_mimo_basis(r, q, gsid_mimo_variable(r, data->f_hz[k]), phi);
-        for (uint32_t i = 0; i < r->n_local; i++)
+        for (uint32_t i = 0; i < r->n_local; i++) {
             gsid_mimo_put(r, i, gsid_residual_slope(&error, gsid_cplx_mul(turn, phi[i])));
+        }
         gsid_mimo_put(r, r->n_local, gsid_cplx_scale(-1, error.value));
         status = gsid_mimo_next(r, equations);
     }
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_mimo_end(r, equations);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = gsid_lsq_solve(equations, 0, r->num + (size_t)channel * r->n_local, &cost);
+    }
     return status >= 0 && isfinite(cost) ? cost : HUGE_VAL;
 }
 
@@ -105,8 +112,9 @@ void gsid_mimo_solve(mimo_run *r, mimo_candidate *c) {
     double q[GSID_MIMO_POLES_MAX];
     gsid_mimo_sections(r, c->x, q);
     c->cost = 0;
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
+    for (uint32_t channel = 0; channel < r->n_channels; channel++) {
         c->cost += gsid_mimo_solve_channel(r, channel, q, c->delay_s[channel]);
+    }
 }
 
 gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared) {
@@ -117,9 +125,10 @@ gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared) {
     }
     const gsid_arrow arrow = {r->n_channels, r->n_local, n_shared, r->n_rows, r->row};
     const gsid_status status = gsid_arrow_reduce(&arrow, r->triangle);
-    for (size_t i = 0; i <= n_shared && status == GSID_OK; i++)
+    for (size_t i = 0; i <= n_shared && status == GSID_OK; i++) {
         memcpy(r->shared + i * (n_shared + 1), r->triangle + (first + i) * width + first,
                ((size_t)n_shared + 1) * sizeof *r->shared);
+    }
     return status;
 }
 
@@ -127,34 +136,41 @@ gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared) {
 
 double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel) {
     double f_hz = 0;
-    for (uint32_t i = 0; i < n_channels; i++)
+    for (uint32_t i = 0; i < n_channels; i++) {
         f_hz = fmax(f_hz, gsid_fit_highest_frequency(&channel[i]));
+    }
     return f_hz;
 }
 
 double gsid_mimo_delay_limit(const mimo_run *r) {
-    if (r->cfg.delay_max_s > 0)
+    if (r->cfg.delay_max_s > 0) {
         return r->cfg.delay_max_s;
+    }
     return SCAN_PERIODS / gsid_mimo_highest_frequency(r->n_channels, r->channel);
 }
 
 double gsid_mimo_group_delay(const mimo_run *r, uint32_t group, const mimo_candidate *c) {
     uint32_t channel = 0;
-    while (channel + 1 < r->n_channels && r->cfg.delay_of[channel] != group)
+    while (channel + 1 < r->n_channels && r->cfg.delay_of[channel] != group) {
         channel++;
+    }
     return c->delay_s[channel];
 }
 
 void gsid_mimo_set_group(const mimo_run *r, uint32_t group, double value, double *of_channel) {
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
-        if (r->cfg.delay_of[channel] == group)
+    for (uint32_t channel = 0; channel < r->n_channels; channel++) {
+        if (r->cfg.delay_of[channel] == group) {
             of_channel[channel] = value;
+        }
+    }
 }
 
 double gsid_mimo_group_cost(mimo_run *r, const double *q, uint32_t group, double delay_s) {
     double cost = 0;
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
-        if (r->cfg.delay_of[channel] == group)
+    for (uint32_t channel = 0; channel < r->n_channels; channel++) {
+        if (r->cfg.delay_of[channel] == group) {
             cost += gsid_mimo_solve_channel(r, channel, q, delay_s);
+        }
+    }
     return cost;
 }

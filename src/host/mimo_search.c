@@ -49,8 +49,9 @@ static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const double *q
         g = gsid_cplx_add(g, gsid_cplx_scale(num[i], phi[i]));
     }
     const gsid_residual error = gsid_residual_at(data, k, g);
-    for (uint32_t i = 0; i < r->n_local; i++)
+    for (uint32_t i = 0; i < r->n_local; i++) {
         gsid_mimo_put(r, i, gsid_residual_slope(&error, phi[i]));
+    }
     for (uint32_t first = 0; first < n; first += 2) {
         const uint32_t order = gsid_fit_section_order(n, first);
         gsid_cplx by[2], section = {v.re + q[first], v.im}, part = gsid_cplx_scale(num[first], phi[first]);
@@ -61,14 +62,17 @@ static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const double *q
         }
         section_slopes(r, x, first, v, by);
         part = gsid_cplx_scale(-1, gsid_cplx_div(part, section));
-        for (uint32_t i = 0; i < order; i++)
+        for (uint32_t i = 0; i < order; i++) {
             gsid_mimo_put(r, r->n_local + first + i, gsid_residual_slope(&error, gsid_cplx_mul(part, by[i])));
+        }
     }
-    for (uint32_t i = n; i < r->n_shared; i++)
+    for (uint32_t i = n; i < r->n_shared; i++) {
         gsid_mimo_put(r, r->n_local + i, gsid_cplx_make(0, 0));
-    if (r->n_shared > n)
+    }
+    if (r->n_shared > n) {
         gsid_mimo_put(r, r->n_local + n + r->cfg.delay_of[channel],
                       gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re)));
+    }
     gsid_mimo_put(r, r->n_local + r->n_shared, gsid_cplx_scale(-1, error.value));
 }
 
@@ -83,8 +87,9 @@ static gsid_status linearise(mimo_run *r, const mimo_candidate *c, int by_x) {
             fill_line(r, channel, k, q, by_x ? c->x : NULL, c->delay_s[channel]);
             status = gsid_mimo_next(r, &r->equations[channel]);
         }
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             status = gsid_mimo_end(r, &r->equations[channel]);
+        }
     }
     return status == GSID_OK ? gsid_mimo_reduce(r, r->n_shared) : status;
 }
@@ -112,10 +117,12 @@ static void set_limits(const mimo_run *r, const mimo_candidate *c, shared_step *
         s->lower[j] = least - now;
         s->upper[j] = most - now;
         s->length[j] = 0;
-        for (uint32_t i = 0; i <= j; i++)
+        for (uint32_t i = 0; i <= j; i++) {
             s->length[j] = hypot(s->length[j], r->shared[(size_t)i * (n + 1) + j]);
-        if (s->length[j] == 0)
+        }
+        if (s->length[j] == 0) {
             s->length[j] = 1;
+        }
     }
 }
 
@@ -139,10 +146,12 @@ static gsid_status solve_held(mimo_run *r, double damping, shared_step *s) {
         row[i] = s->is_held[i] ? 0 : sqrt(damping) * s->length[i];
         status = gsid_lsq_add(&lsq, row, 0);
     }
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_solve(&lsq, 0, x, NULL);
-    for (uint32_t i = 0; i < n && status >= 0; i++)
+    }
+    for (uint32_t i = 0; i < n && status >= 0; i++) {
         s->step[i] = s->is_held[i] ? s->step[i] : x[i];
+    }
     return status;
 }
 
@@ -152,11 +161,13 @@ static gsid_status solve_bounded(mimo_run *r, double damping, shared_step *s) {
     for (int changed = 1; changed;) {
         changed = 0;
         const gsid_status status = solve_held(r, damping, s);
-        if (status < 0)
+        if (status < 0) {
             return status;
+        }
         for (uint32_t i = 0; i < r->n_shared; i++) {
-            if (s->is_held[i] || (s->step[i] >= s->lower[i] && s->step[i] <= s->upper[i]))
+            if (s->is_held[i] || (s->step[i] >= s->lower[i] && s->step[i] <= s->upper[i])) {
                 continue;
+            }
             s->step[i] = fmin(fmax(s->step[i], s->lower[i]), s->upper[i]);
             s->is_held[i] = changed = 1;
         }
@@ -171,8 +182,9 @@ static double promised(const mimo_run *r, const shared_step *s) {
     for (uint32_t i = 0; i < n; i++) {
         const double *row = r->shared + (size_t)i * (n + 1);
         double left = row[n];
-        for (uint32_t j = i; j < n; j++)
+        for (uint32_t j = i; j < n; j++) {
             left -= row[j] * s->step[j];
+        }
         drop += row[n] * row[n] - left * left;
     }
     return drop;
@@ -181,12 +193,15 @@ static double promised(const mimo_run *r, const shared_step *s) {
 static void try_damping(mimo_run *r, const mimo_candidate *from, double damping, shared_step *s, mimo_candidate *to) {
     *to = *from;
     to->cost = HUGE_VAL;
-    if (solve_bounded(r, damping, s) < 0)
+    if (solve_bounded(r, damping, s) < 0) {
         return;
-    for (uint32_t i = 0; i < r->cfg.n_poles; i++)
+    }
+    for (uint32_t i = 0; i < r->cfg.n_poles; i++) {
         to->x[i] += s->step[i];
-    for (uint32_t channel = 0; channel < r->n_channels && r->n_shared > r->cfg.n_poles; channel++)
+    }
+    for (uint32_t channel = 0; channel < r->n_channels && r->n_shared > r->cfg.n_poles; channel++) {
         to->delay_s[channel] += s->step[r->cfg.n_poles + r->cfg.delay_of[channel]];
+    }
     gsid_mimo_solve(r, to);
 }
 
@@ -202,11 +217,13 @@ static void best_step(mimo_run *r, const mimo_candidate *from, double *damping, 
 
 gsid_status gsid_mimo_search(mimo_run *r, mimo_candidate *c) {
     shared_step *s = calloc(1, sizeof *s);
-    if (s == NULL)
+    if (s == NULL) {
         return GSID_E_NO_MEMORY;
+    }
     double n_lines = 0, damping = DAMPING_FIRST;
-    for (uint32_t channel = 0; channel < r->n_channels; channel++)
+    for (uint32_t channel = 0; channel < r->n_channels; channel++) {
         n_lines += r->channel[channel].n_lines;
+    }
     gsid_status status = GSID_OK;
     int settled = 0;
     gsid_mimo_solve(r, c);
@@ -214,15 +231,17 @@ gsid_status gsid_mimo_search(mimo_run *r, mimo_candidate *c) {
         const double little = TOLERANCE * fmin(1, c->cost / n_lines);
         mimo_candidate trial;
         status = linearise(r, c, 1);
-        if (status < 0)
+        if (status < 0) {
             break;
+        }
         set_limits(r, c, s);
         status = solve_bounded(r, 0, s);
         settled = status >= 0 && promised(r, s) <= little;
         best_step(r, c, &damping, s, &trial);
         settled |= !(c->cost - trial.cost > little);
-        if (trial.cost < c->cost)
+        if (trial.cost < c->cost) {
             *c = trial;
+        }
     }
     gsid_mimo_solve(r, c);
     free(s);
@@ -235,15 +254,17 @@ gsid_status gsid_mimo_covariance(mimo_run *r, const mimo_candidate *c, double *c
     void *mem = malloc(size);
     gsid_lsq lsq;
     gsid_status status = mem == NULL ? GSID_E_NO_MEMORY : linearise(r, c, 0);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_init(&lsq, (uint32_t)n, mem, size);
+    }
     if (status == GSID_OK) {
         memcpy(lsq.r, r->triangle, (n + 1) * (n + 1) * sizeof *lsq.r);
         lsq.n_rows = (uint32_t)n + 1;
         status = gsid_lsq_covariance(&lsq, cov);
     }
-    for (size_t i = 0; i < n * n && status == GSID_OK; i++)
+    for (size_t i = 0; i < n * n && status == GSID_OK; i++) {
         cov[i] /= 2; /* as in gsid_estimate_covariance */
+    }
     free(mem);
     return status;
 }

@@ -27,8 +27,9 @@ static gsid_status thin_out(const mimo_run *r, gsid_frd *thin) {
         double *f_hz = malloc(n * sizeof *f_hz), *sigma = malloc(n * sizeof *sigma);
         gsid_cplx *g = malloc(n * sizeof *g);
         thin[channel] = (gsid_frd){.n_lines = n, .f_hz = f_hz, .g = g, .sigma = sigma};
-        if (f_hz == NULL || sigma == NULL || g == NULL)
+        if (f_hz == NULL || sigma == NULL || g == NULL) {
             return GSID_E_NO_MEMORY;
+        }
         for (uint32_t k = 0; k < n; k++) {
             f_hz[k] = data->f_hz[k * stride];
             g[k] = data->g[k * stride];
@@ -48,11 +49,13 @@ static void thin_free(const mimo_run *r, gsid_frd *thin) {
 }
 
 static void keep(const mimo_candidate *c, uint32_t n_kept, mimo_candidate *kept) {
-    if (!(c->cost < kept[n_kept - 1].cost))
+    if (!(c->cost < kept[n_kept - 1].cost)) {
         return;
+    }
     uint32_t i = n_kept - 1;
-    for (; i > 0 && c->cost < kept[i - 1].cost; i--)
+    for (; i > 0 && c->cost < kept[i - 1].cost; i--) {
         kept[i] = kept[i - 1];
+    }
     kept[i] = *c;
 }
 
@@ -61,19 +64,23 @@ static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kep
     const double f_max_hz = gsid_mimo_highest_frequency(r->n_channels, r->channel), limit_s = gsid_mimo_delay_limit(r);
     const uint32_t n_steps = r->cfg.n_delays > 0 ? (uint32_t)ceil(GSID_MIMO_SCAN_STEPS * f_max_hz * limit_s) : 0;
     gsid_status last = GSID_E_SINGULAR;
-    for (uint32_t i = 0; i < n_kept; i++)
+    for (uint32_t i = 0; i < n_kept; i++) {
         kept[i].cost = HUGE_VAL;
+    }
     for (uint32_t step = 0; step <= n_steps; step++) {
         mimo_candidate c = *first;
-        for (uint32_t channel = 0; channel < r->n_channels && n_steps > 0; channel++)
+        for (uint32_t channel = 0; channel < r->n_channels && n_steps > 0; channel++) {
             c.delay_s[channel] = limit_s * step / n_steps;
+        }
         gsid_mimo_spread_poles(r, &c);
         const gsid_status status = gsid_mimo_relocate(r, SCAN_RELOCATIONS, &c);
-        if (status == GSID_E_NO_MEMORY)
+        if (status == GSID_E_NO_MEMORY) {
             return status;
+        }
         last = status < 0 ? status : last;
-        if (status >= 0)
+        if (status >= 0) {
             keep(&c, n_kept, kept);
+        }
     }
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
 }
@@ -103,8 +110,9 @@ static void place_pair(const mimo_run *r, double share, double *x) {
     const double w_max = r->cfg.domain == GSID_DOMAIN_S ? 1 : r->scale_rad_s * r->cfg.sample_s;
     const gsid_cplx s = {-SWAP_DAMPING * share * w_max, share * w_max};
     gsid_cplx pair[2] = {s, gsid_cplx_conj(s)};
-    for (int i = 0; i < 2 && r->cfg.domain == GSID_DOMAIN_Z; i++)
+    for (int i = 0; i < 2 && r->cfg.domain == GSID_DOMAIN_Z; i++) {
         pair[i] = gsid_cplx_scale(exp(s.re), gsid_cplx_cis(pair[i].im));
+    }
     gsid_fit_sections_from_poles(r->cfg.domain, 2, 0, pair, x);
 }
 
@@ -130,8 +138,9 @@ static void best_place(mimo_run *r, uint32_t first, mimo_candidate *c) {
     for (uint32_t i = 0; i < n_places; i++) {
         place_pair(r, (i + 0.5) / n_places, trial.x + first);
         gsid_mimo_solve(r, &trial);
-        if (trial.cost < best.cost)
+        if (trial.cost < best.cost) {
             best = trial;
+        }
     }
     *c = best;
 }
@@ -143,8 +152,9 @@ static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
         mimo_candidate moved = *c;
         best_place(r, weakest_pair(r, c), &moved);
         const gsid_status status = gsid_mimo_search(r, &moved);
-        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
+        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost)) {
             return status;
+        }
         *c = moved;
     }
     return GSID_OK;
@@ -156,8 +166,9 @@ static gsid_status part_delays(mimo_run *r, mimo_candidate *c) {
         mimo_candidate moved = *c;
         scan_each_delay(r, GSID_MIMO_FINE_STEPS, &moved);
         const gsid_status status = gsid_mimo_search(r, &moved);
-        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost))
+        if (status < 0 || !(moved.cost < (1 - SWAP_GAIN) * c->cost)) {
             return status;
+        }
         *c = moved;
     }
     return GSID_OK;
@@ -169,10 +180,12 @@ static gsid_status try_start(mimo_run *r, mimo_candidate *c) {
         mimo_candidate moved = *c;
         scan_each_delay(r, GSID_MIMO_SCAN_STEPS, &moved);
         const gsid_status status = gsid_mimo_relocate(r, SCAN_RELOCATIONS, &moved);
-        if (status == GSID_E_NO_MEMORY)
+        if (status == GSID_E_NO_MEMORY) {
             return status;
-        if (status >= 0 && moved.cost < c->cost)
+        }
+        if (status >= 0 && moved.cost < c->cost) {
             *c = moved;
+        }
     }
     return r->cfg.method != GSID_METHOD_IWLS ? gsid_mimo_search(r, c) : GSID_OK;
 }
@@ -185,17 +198,22 @@ static gsid_status choose(mimo_run *r, const mimo_candidate *first, mimo_candida
     for (int i = 0; i < STARTS && status != GSID_E_NO_MEMORY && kept[i].cost < HUGE_VAL; i++) {
         status = try_start(r, &kept[i]);
         last = status < 0 ? status : last;
-        if (status >= 0)
+        if (status >= 0) {
             keep(&kept[i], 1, best);
+        }
     }
-    if (status == GSID_E_NO_MEMORY)
+    if (status == GSID_E_NO_MEMORY) {
         return status;
-    if (!(best->cost < HUGE_VAL))
+    }
+    if (!(best->cost < HUGE_VAL)) {
         return status < 0 ? status : last;
-    if (r->cfg.method != GSID_METHOD_IWLS)
+    }
+    if (r->cfg.method != GSID_METHOD_IWLS) {
         status = put_to_use(r, best);
-    if (r->cfg.method != GSID_METHOD_IWLS && status != GSID_E_NO_MEMORY)
+    }
+    if (r->cfg.method != GSID_METHOD_IWLS && status != GSID_E_NO_MEMORY) {
         status = part_delays(r, best);
+    }
     return status == GSID_E_NO_MEMORY ? status : GSID_OK; /* what these two could not better stays as it was */
 }
 

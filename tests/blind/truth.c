@@ -57,20 +57,23 @@ static double dissipative_torque(const truth_axis *axis, const double *x) {
     const double w = x[TRUTH_RATE];
     double torque = w * (P(viscous_rate) + P(quadratic_drag_rate) * fabs(w) + P(eddy_rate) * fabs(actuator(axis, x)));
     torque += axis->slip * dry_friction(axis, x[TRUTH_THETA], w);
-    if (P(presliding_level) > 0.0)
+    if (P(presliding_level) > 0.0) {
         torque += P(presliding_level) * x[TRUTH_BRISTLE] +
                   P(lugre_damping) * bristle_rate(axis, w, x[TRUTH_BRISTLE]) / P(presliding_stiffness);
+    }
     return torque;
 }
 
 static double position_torque(const truth_axis *axis, const double *x) {
     const double theta = x[TRUTH_THETA];
     double torque = P(spring_stiffness) * theta + P(cubic_stiffness) * theta * theta * theta + P(bias_level);
-    if (P(unbalance_level) != 0.0)
+    if (P(unbalance_level) != 0.0) {
         torque += P(unbalance_level) *
                   (sin((theta + P(unbalance_angle_deg)) * RADIANS) - sin(P(unbalance_angle_deg) * RADIANS));
-    if (P(cogging_level) != 0.0)
+    }
+    if (P(cogging_level) != 0.0) {
         torque += P(cogging_level) * sin(P(cogging_cycles) * theta * RADIANS + P(cogging_phase_rad));
+    }
     if (P(snap_level) != 0.0) {
         const double bend = (theta - P(snap_angle_deg)) / P(snap_width_deg);
         torque += P(snap_level) * bend * exp(0.5 - 0.5 * bend * bend);
@@ -111,21 +114,25 @@ static void derivative(const truth_axis *axis, const double *x, double *dx) {
         dx[TRUTH_MOTOR_THETA] = x[TRUTH_MOTOR_RATE];
         dx[TRUTH_MOTOR_RATE] = (motor - gear) / (1.0 - load_share(axis));
     }
-    if (P(motor_lag_s) > 0.0)
+    if (P(motor_lag_s) > 0.0) {
         dx[TRUTH_ACTUATOR] = (axis->command - x[TRUTH_ACTUATOR]) / P(motor_lag_s);
+    }
     if (P(mode_hz) > 0.0) {
         const double w0 = 2.0 * PI * P(mode_hz);
         dx[TRUTH_MODE] = x[TRUTH_MODE_RATE];
         dx[TRUTH_MODE_RATE] = P(mode_residue) * P(gain) * actuator(axis, x) - w0 * w0 * x[TRUTH_MODE] -
                               2.0 * P(mode_zeta) * w0 * x[TRUTH_MODE_RATE];
     }
-    if (P(sensor_lag_s) > 0.0)
+    if (P(sensor_lag_s) > 0.0) {
         dx[TRUTH_SENSOR] = (x[TRUTH_RATE] + x[TRUTH_MODE_RATE] - x[TRUTH_SENSOR]) / P(sensor_lag_s);
-    if (P(presliding_level) > 0.0)
+    }
+    if (P(presliding_level) > 0.0) {
         dx[TRUTH_BRISTLE] = bristle_rate(axis, x[TRUTH_RATE], x[TRUTH_BRISTLE]);
+    }
     const double creep = x[TRUTH_THETA] - x[TRUTH_CREEP];
-    if (P(creep_time_s) > 0.0)
+    if (P(creep_time_s) > 0.0) {
         dx[TRUTH_CREEP] = creep / P(creep_time_s);
+    }
 
     dx[TRUTH_WORK] = motor * (geared ? x[TRUTH_MOTOR_RATE] : x[TRUTH_RATE]);
     dx[TRUTH_DISSIPATED] = brake * x[TRUTH_RATE] + P(creep_stiffness) * creep * dx[TRUTH_CREEP];
@@ -139,17 +146,21 @@ static void derivative(const truth_axis *axis, const double *x, double *dx) {
 static void runge_kutta(const truth_axis *axis, const double *x, double h, double *next) {
     double k1[TRUTH_N_STATES], k2[TRUTH_N_STATES], k3[TRUTH_N_STATES], k4[TRUTH_N_STATES], mid[TRUTH_N_STATES];
     derivative(axis, x, k1);
-    for (int i = 0; i < TRUTH_N_STATES; ++i)
+    for (int i = 0; i < TRUTH_N_STATES; ++i) {
         mid[i] = x[i] + 0.5 * h * k1[i];
+    }
     derivative(axis, mid, k2);
-    for (int i = 0; i < TRUTH_N_STATES; ++i)
+    for (int i = 0; i < TRUTH_N_STATES; ++i) {
         mid[i] = x[i] + 0.5 * h * k2[i];
+    }
     derivative(axis, mid, k3);
-    for (int i = 0; i < TRUTH_N_STATES; ++i)
+    for (int i = 0; i < TRUTH_N_STATES; ++i) {
         mid[i] = x[i] + h * k3[i];
+    }
     derivative(axis, mid, k4);
-    for (int i = 0; i < TRUTH_N_STATES; ++i)
+    for (int i = 0; i < TRUTH_N_STATES; ++i) {
         next[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+    }
 }
 
 /* ---- modes -------------------------------------------------------------------------------------------------------- */
@@ -163,26 +174,33 @@ enum { EVENT_FRICTION, EVENT_STOP, EVENT_GEAR, EVENT_DIRECTION, N_EVENTS };
 
 /* Each margin is positive while its mode holds; effects that are absent never break. */
 static void margins(const truth_axis *axis, const double *x, double *margin) {
-    for (int i = 0; i < N_EVENTS; ++i)
+    for (int i = 0; i < N_EVENTS; ++i) {
         margin[i] = 1.0;
-    if (has_dry_friction(axis))
+    }
+    if (has_dry_friction(axis)) {
         margin[EVENT_FRICTION] = axis->slip != 0 ? axis->slip * x[TRUTH_RATE]
                                                  : dry_friction(axis, x[TRUTH_THETA], 0.0) - fabs(load_torque(axis, x));
-    if (P(stop_stiffness) > 0.0)
+    }
+    if (P(stop_stiffness) > 0.0) {
         margin[EVENT_STOP] = play_margin(axis->stop, x[TRUTH_THETA], P(stop_angle_deg));
-    if (P(gear_stiffness) > 0.0)
+    }
+    if (P(gear_stiffness) > 0.0) {
         margin[EVENT_GEAR] = play_margin(axis->gear, x[TRUTH_MOTOR_THETA] - x[TRUTH_THETA], 0.5 * P(gear_gap_deg));
-    if (P(presliding_level) > 0.0)
+    }
+    if (P(presliding_level) > 0.0) {
         margin[EVENT_DIRECTION] = axis->direction * x[TRUTH_RATE];
+    }
 }
 
 static double least_margin(const truth_axis *axis, const double *x, int *event) {
     double margin[N_EVENTS];
     margins(axis, x, margin);
     *event = 0;
-    for (int i = 1; i < N_EVENTS; ++i)
-        if (margin[i] < margin[*event])
+    for (int i = 1; i < N_EVENTS; ++i) {
+        if (margin[i] < margin[*event]) {
             *event = i;
+        }
+    }
     return margin[*event];
 }
 
@@ -195,8 +213,9 @@ static void settle_friction(truth_axis *axis, double *x) {
     x[TRUTH_RATE] = 0.0;
     const double torque = load_torque(axis, x);
     axis->slip = fabs(torque) <= dry_friction(axis, x[TRUTH_THETA], 0.0) ? 0 : sign_of(torque);
-    if (axis->slip != 0)
+    if (axis->slip != 0) {
         axis->direction = axis->slip;
+    }
 }
 
 static void start_modes(truth_axis *axis, double *x) {
@@ -204,20 +223,23 @@ static void start_modes(truth_axis *axis, double *x) {
     axis->gear = play_side(x[TRUTH_MOTOR_THETA] - x[TRUTH_THETA], 0.5 * P(gear_gap_deg));
     axis->slip = 0;
     axis->direction = x[TRUTH_RATE] != 0.0 ? sign_of(x[TRUTH_RATE]) : (load_torque(axis, x) < 0.0 ? -1 : 1);
-    if (!has_dry_friction(axis))
+    if (!has_dry_friction(axis)) {
         return;
+    }
     axis->slip = sign_of(x[TRUTH_RATE]);
-    if (axis->slip == 0)
+    if (axis->slip == 0) {
         settle_friction(axis, x);
+    }
 }
 
 static void change_mode(truth_axis *axis, int event, double *x) {
     switch (event) {
     case EVENT_FRICTION:
-        if (axis->slip != 0)
+        if (axis->slip != 0) {
             settle_friction(axis, x);
-        else
+        } else {
             axis->slip = axis->direction = load_torque(axis, x) < 0.0 ? -1 : 1;
+        }
         break;
     case EVENT_STOP:
         axis->stop = axis->stop != 0 ? 0 : sign_of(x[TRUTH_THETA]);
@@ -241,8 +263,9 @@ static double cut_step(const truth_axis *axis, const double *x, double h, double
     int side = 0;
     for (int i = 0; i < 60 && high - low > 1e-13 * h; ++i) {
         double t = (low * f_high - high * f_low) / (f_high - f_low);
-        if (!(t > low && t < high) || i % 4 == 3)
+        if (!(t > low && t < high) || i % 4 == 3) {
             t = 0.5 * (low + high);
+        }
         runge_kutta(axis, x, t, tried);
         const double f = least_margin(axis, tried, &which);
         if (f < 0.0) {
@@ -250,16 +273,19 @@ static double cut_step(const truth_axis *axis, const double *x, double h, double
             f_high = f;
             *event = which;
             memcpy(next, tried, sizeof tried);
-            if (side == 1)
+            if (side == 1) {
                 f_low *= 0.5;
+            }
             side = 1;
-            if (f > -1e-13)
+            if (f > -1e-13) {
                 break;
+            }
         } else {
             low = t;
             f_low = f;
-            if (side == -1)
+            if (side == -1) {
                 f_high *= 0.5;
+            }
             side = -1;
         }
     }
@@ -279,8 +305,9 @@ static int advance(truth_axis *axis, double *x, double h) {
         memcpy(x, next, sizeof next);
         change_mode(axis, event, x);
         h -= done;
-        if (h <= 0.0)
+        if (h <= 0.0) {
             return 0;
+        }
     }
     return -3;
 }
@@ -289,23 +316,27 @@ static int advance(truth_axis *axis, double *x, double h) {
 
 static double command_map(const double *p, double u) {
     u *= 1.0 + p[TRUTH_command_even] * u + p[TRUTH_command_cubic] * u * u;
-    if (p[TRUTH_quantization_step] > 0.0)
+    if (p[TRUTH_quantization_step] > 0.0) {
         u = p[TRUTH_quantization_step] * rint(u / p[TRUTH_quantization_step]);
-    if (p[TRUTH_dead_zone_half_width] > 0.0)
+    }
+    if (p[TRUTH_dead_zone_half_width] > 0.0) {
         u = sign_of(u) * fmax(fabs(u) - p[TRUTH_dead_zone_half_width], 0.0);
-    if (p[TRUTH_saturation_limit] > 0.0)
+    }
+    if (p[TRUTH_saturation_limit] > 0.0) {
         u = fmin(fmax(u, -p[TRUTH_saturation_limit]), p[TRUTH_saturation_limit]);
+    }
     return u;
 }
 
 void truth_command(const double *parameter, size_t n, const double *u, double *v) {
     const double limit = parameter[TRUTH_command_rate_limit];
     double held = u[n - 1];
-    for (size_t pass = 0; pass < (limit > 0.0 ? 3 : 1); ++pass) /* the limiter's own settling */
+    for (size_t pass = 0; pass < (limit > 0.0 ? 3 : 1); ++pass) { /* the limiter's own settling */
         for (size_t i = 0; i < n; ++i) {
             held = limit > 0.0 ? held + fmin(fmax(u[i] - held, -limit), limit) : u[i];
             v[i] = command_map(parameter, held);
         }
+    }
 }
 
 double truth_torque(const double *parameter, double theta, double rate, double act) {
@@ -327,8 +358,9 @@ static int advance_to(truth_axis *axis, double *x, double from, double to, int n
     const int steps = (int)ceil((to - from) * n_steps - 1e-9);
     for (int i = 0; i < steps; ++i) {
         const int status = advance(axis, x, (to - from) / (steps * P(fs_hz)));
-        if (status != 0)
+        if (status != 0) {
             return status;
+        }
     }
     return 0;
 }
@@ -337,8 +369,9 @@ static void new_command(truth_axis *axis, double *x, double command) {
     axis->command = command;
     int event;
     /* A held torque may jump past the friction at once. */
-    if (has_dry_friction(axis) && axis->slip == 0 && least_margin(axis, x, &event) < 0.0)
+    if (has_dry_friction(axis) && axis->slip == 0 && least_margin(axis, x, &event) < 0.0) {
         change_mode(axis, EVENT_FRICTION, x);
+    }
 }
 
 /* One sample: the old command up to the delay's fraction, then the new one; cut again where the gyro is refreshed. */
@@ -349,21 +382,24 @@ static int sample(truth_axis *axis, double *x, size_t i, const double *command, 
     double at = 0.0;
     for (int piece = 0; piece < 2; ++piece) {
         const double end = piece == 0 ? fraction : 1.0;
-        if (end <= at)
+        if (end <= at) {
             continue;
+        }
         new_command(axis, x, command[piece]);
         while (per_refresh > 0.0 && (double)*refresh * per_refresh < (double)i + end - 1e-9) {
             const double instant = (double)*refresh * per_refresh - (double)i;
             const int status = advance_to(axis, x, at, instant, n_steps);
-            if (status != 0)
+            if (status != 0) {
                 return status;
+            }
             at = fmax(instant, at);
             *held = gyro(axis, x);
             ++*refresh;
         }
         const int status = advance_to(axis, x, at, end, n_steps);
-        if (status != 0)
+        if (status != 0) {
             return status;
+        }
         at = end;
     }
     return 0;
@@ -381,32 +417,38 @@ static int period(truth_axis *axis, size_t n, const double *v, int n_steps, doub
             ++refresh;
         }
         y[i] = per_refresh > 0.0 ? held : gyro(axis, x);
-        if (theta)
+        if (theta) {
             theta[i] = x[TRUTH_THETA];
-        if (rate)
+        }
+        if (rate) {
             rate[i] = x[TRUTH_RATE];
+        }
         const double command[2] = {v[(i + 2 * n - delay - 1) % n], v[(i + 2 * n - delay) % n]};
         const int status = sample(axis, x, i, command, n_steps, &refresh, &held);
-        if (status != 0)
+        if (status != 0) {
             return status;
+        }
     }
     return 0;
 }
 
 int truth_run(const double *parameter, size_t n, const double *u, size_t n_periods, int n_steps, double *x, double *y,
               double *theta, double *rate) {
-    if (n == 0 || n_steps < 1 || !(parameter[TRUTH_fs_hz] > 0.0))
+    if (n == 0 || n_steps < 1 || !(parameter[TRUTH_fs_hz] > 0.0)) {
         return -1;
+    }
     double *v = malloc(n * sizeof *v);
-    if (!v)
+    if (!v) {
         return -1;
+    }
     truth_command(parameter, n, u, v);
     const size_t delay = (size_t)floor(parameter[TRUTH_delay_s] * parameter[TRUTH_fs_hz]) % n;
     truth_axis axis = {parameter, v[(2 * n - delay - 1) % n], 0, 0, 0, 0};
     start_modes(&axis, x);
     int status = 0;
-    for (size_t i = 0; i < n_periods && status == 0; ++i)
+    for (size_t i = 0; i < n_periods && status == 0; ++i) {
         status = period(&axis, n, v, n_steps, x, y, theta, rate);
+    }
     free(v);
     return status;
 }

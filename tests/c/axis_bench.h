@@ -33,8 +33,9 @@ static inline void run(const gsid_axis_cfg *cfg, uint32_t n) {
 }
 
 static inline void step_of(double size, uint32_t n) {
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         u[i] = size;
+    }
 }
 
 #endif

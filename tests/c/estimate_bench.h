@@ -47,10 +47,12 @@ static inline wide response(const gsid_rational *m, long double f) {
     const long double w = 2 * PI_L * f;
     const wide v = m->domain == GSID_DOMAIN_S ? I * w / m->scale_rad_s : cexpl(-I * w * m->sample_s);
     wide a = 0, b = 0;
-    for (uint32_t i = m->n_poles + 1; i-- > 0;)
+    for (uint32_t i = m->n_poles + 1; i-- > 0;) {
         a = a * v + m->den[i];
-    for (uint32_t i = m->n_zeros + 1; i-- > 0;)
+    }
+    for (uint32_t i = m->n_zeros + 1; i-- > 0;) {
         b = b * v + m->num[i];
+    }
     return cexpl(-I * w * m->delay_s) * b / a;
 }
 
@@ -69,10 +71,12 @@ static inline void measure(const gsid_rational *truth, uint32_t n_lines, double 
 static inline gsid_rational second_order(gsid_domain domain) {
     gsid_rational m = new_model(domain, 2, 1, domain == GSID_DOMAIN_S ? 2 * (double)PI_L * 50 : 0.005);
     const double den[2][3] = {{0.09, 0.18, 1}, {1, -1.5, 0.7}}, num[2] = {0.1, 0.05};
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
         m.den[i] = (gsid_real)den[domain][i];
-    for (int i = 0; i < 2; i++)
+    }
+    for (int i = 0; i < 2; i++) {
         m.num[i] = (gsid_real)num[i];
+    }
     m.delay_s = (gsid_real)0.004;
     return m;
 }

@@ -37,8 +37,9 @@ static inline gsid_plant_item *bench_add(bench *b, const char *id) {
     memset(item, 0, sizeof *item);
     item->effect = gsid_catalogue_find(id);
     assert_non_null(item->effect);
-    for (uint32_t k = 0; k < item->effect->n_parameters; k++)
+    for (uint32_t k = 0; k < item->effect->n_parameters; k++) {
         item->value[k] = item->effect->parameter[k].typical;
+    }
     return item;
 }
 
@@ -53,9 +54,11 @@ static inline gsid_plant_item *bench_add_with(bench *b, const char *id, double v
 /* Every parameter of every item is free. */
 static inline void bench_free_all(bench *b) {
     b->cfg.n_free = 0;
-    for (uint32_t i = 0; i < b->cfg.n_items; i++)
-        for (uint32_t k = 0; k < b->item[i].effect->n_parameters; k++)
+    for (uint32_t i = 0; i < b->cfg.n_items; i++) {
+        for (uint32_t k = 0; k < b->item[i].effect->n_parameters; k++) {
             b->free_parameter[b->cfg.n_free++] = (gsid_plant_free){i, k};
+        }
+    }
 }
 
 static inline void bench_init(bench *b) {
@@ -76,8 +79,9 @@ static inline void bench_add_source(bench *b) {
 /* One period of n samples: odd lines with phases of no pattern, their amplitude falling as 1/line. */
 static inline double bench_command(uint32_t n_period, uint32_t n, double size) {
     double sum = 0.0;
-    for (uint32_t line = 1; line < 40 && line < n_period / 2; line += 2)
+    for (uint32_t line = 1; line < 40 && line < n_period / 2; line += 2) {
         sum += cos(2.0 * PI * (double)(line * n % n_period) / n_period + 1.7 * line * line) / line;
+    }
     return size * sum;
 }
 

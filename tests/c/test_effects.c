@@ -66,12 +66,14 @@ static void derivative(const physics *p, double u, const double *x, double *dx) 
         dx[MOTOR_ANGLE] = x[MOTOR_RATE];
         dx[MOTOR_RATE] = (p->gain * motor - passed) / p->ratio;
     }
-    if (p->motor_lag > 0)
+    if (p->motor_lag > 0) {
         dx[MOTOR] = (u - x[MOTOR]) / p->motor_lag;
+    }
     dx[BEND] = x[BEND_RATE];
     dx[BEND_RATE] = p->residue * p->gain * motor - 2.0 * p->zeta * w0 * x[BEND_RATE] - w0 * w0 * x[BEND];
-    if (p->sensor_lag > 0)
+    if (p->sensor_lag > 0) {
         dx[GYRO] = (x[RATE] + x[BEND_RATE] - x[GYRO]) / p->sensor_lag;
+    }
     dx[DAHL] = p->dahl_stiffness * (x[RATE] - fabs(x[RATE]) * x[DAHL]);
 }
 
@@ -80,17 +82,20 @@ static void runge_kutta(const physics *p, double u, double h, double *x) {
     const double to[3] = {h / 2, h / 2, h};
     derivative(p, u, x, k[0]);
     for (int stage = 0; stage < 3; stage++) {
-        for (int i = 0; i < N_STATES; i++)
+        for (int i = 0; i < N_STATES; i++) {
             at[i] = x[i] + to[stage] * k[stage][i];
+        }
         derivative(p, u, at, k[stage + 1]);
     }
-    for (int i = 0; i < N_STATES; i++)
+    for (int i = 0; i < N_STATES; i++) {
         x[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
+    }
 }
 
 static double map_command(const physics *p, double u) {
-    if (p->step > 0)
+    if (p->step > 0) {
         u = p->step * round(u / p->step);
+    }
     u = outside(u, p->dead_zone);
     return p->limit > 0 ? fmax(-p->limit, fmin(p->limit, u)) : u;
 }
@@ -98,8 +103,9 @@ static double map_command(const physics *p, double u) {
 static double control(const physics *p, double r, int n, const double *x) {
     static double angle[N];
     angle[n] = x[ANGLE];
-    if (p->kv == 0)
+    if (p->kv == 0) {
         return r;
+    }
     const int past = n - p->rate_samples;
     const double rate =
         p->rate_samples > 0 ? (angle[n] - (past < 0 ? 0.0 : angle[past])) * FS / p->rate_samples : x[RATE];
@@ -148,8 +154,9 @@ static void start_stack(void) {
 
 static void run_plant(double size, double offset) {
     bench_init(&b);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, (gsid_real)command_at(n, size, offset), &y[n], NULL), GSID_OK);
+    }
 }
 
 static void compare(const physics *p, double size, double offset) {
@@ -160,8 +167,9 @@ static void compare(const physics *p, double size, double offset) {
         peak = fmax(peak, fabs(truth[n]));
         worst = fmax(worst, fabs((double)y[n] - truth[n]));
     }
-    if (!(peak > 0.1 && worst <= TOLERANCE * peak))
+    if (!(peak > 0.1 && worst <= TOLERANCE * peak)) {
         fail_msg("%s: off by %.3g of the peak %.3g", b.item[b.cfg.n_items - 1].effect->id, worst / peak, peak);
+    }
 }
 
 static void linear_effects_follow_the_truth(void **state) {
@@ -281,8 +289,9 @@ static void run_with(gsid_real *value, double x, double size, double *out) {
     *value = x;
     assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, command_at(n, size, 0), &out[n], NULL), GSID_OK);
+    }
 }
 
 /* Fourth-order differences; from one side where the parameter cannot be less. */
@@ -293,8 +302,9 @@ static void difference(gsid_real *value, double size, double h, int one_sided) {
     memset(differences, 0, sizeof differences);
     for (int k = 0; k < 5; k++) {
         run_with(value, at + h * (one_sided ? k : k - 2), size, run);
-        for (int n = 0; n < N; n++)
+        for (int n = 0; n < N; n++) {
             differences[n] += weight[k] * run[n] / (12.0 * h);
+        }
     }
     *value = at;
     assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
@@ -307,8 +317,9 @@ static void compare_derivatives(double size, double tolerance, uint32_t only) {
     bench_init(&b);
     for (int n = 0; n < N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, command_at(n, size, 0), &y_now, now), GSID_OK);
-        for (uint32_t p = 0; p < b.cfg.n_free; p++)
+        for (uint32_t p = 0; p < b.cfg.n_free; p++) {
             dy[p][n] = now[p];
+        }
     }
     for (uint32_t p = 0; p < b.cfg.n_free; p++) {
         const gsid_plant_free f = b.free_parameter[p];
@@ -316,8 +327,9 @@ static void compare_derivatives(double size, double tolerance, uint32_t only) {
         gsid_real *value = &b.item[f.item].value[f.parameter];
         const int at_null = *value == d->null_value && d->lower == 0.0;
         const double scale = *value != 0.0 ? fabs(*value) : d->typical != 0.0 ? d->typical : 1.0;
-        if (f.item < only)
+        if (f.item < only) {
             continue;
+        }
         difference(value, size, 1e-5 * scale, at_null);
         /* Beside its own size, a derivative is judged by what 1e-4 deg/s for all of the parameter would be: rounding makes
          * differences of 1e-10 deg/s out of nothing. */
@@ -326,25 +338,31 @@ static void compare_derivatives(double size, double tolerance, uint32_t only) {
             error += pow(dy[p][n] - differences[n], 2);
             whole += pow(differences[n], 2);
         }
-        if (!(error <= pow(tolerance, 2) * whole))
+        if (!(error <= pow(tolerance, 2) * whole)) {
             fail_msg("%s of %s: off by %.3g of the derivative's size", d->name, b.item[f.item].effect->id,
                      sqrt(error / whole));
+        }
     }
 }
 
 /* Sizes at which each effect shows within 400 samples, and no instant of a refresh falls on a sample's. */
 static gsid_plant_item *add_shown(const char *id) {
     gsid_plant_item *item = bench_add(&b, id);
-    if (item->effect == gsid_catalogue_find("hard_stop"))
+    if (item->effect == gsid_catalogue_find("hard_stop")) {
         item->value[0] = 0.3;
-    if (item->effect == gsid_catalogue_find("gear_backlash"))
+    }
+    if (item->effect == gsid_catalogue_find("gear_backlash")) {
         item->value[3] = 20.0;
-    if (item->effect == gsid_catalogue_find("drive_saturation"))
+    }
+    if (item->effect == gsid_catalogue_find("drive_saturation")) {
         item->value[0] = 40.0;
-    if (item->effect == gsid_catalogue_find("sensor_sample_hold"))
+    }
+    if (item->effect == gsid_catalogue_find("sensor_sample_hold")) {
         item->value[0] = 397.3123;
-    if (item->effect == gsid_catalogue_find("position_velocity_loop"))
+    }
+    if (item->effect == gsid_catalogue_find("position_velocity_loop")) {
         item->value[2] = 40.0, item->value[3] = 2.0;
+    }
     return item;
 }
 
@@ -357,10 +375,12 @@ static void derivatives_are_those_of_the_simulation(void **state) {
     (void)state;
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *effect = gsid_catalogue[i];
-        if (effect == gsid_catalogue_find("drive_quantization"))
+        if (effect == gsid_catalogue_find("drive_quantization")) {
             continue; /* its derivative is that of the trend: see the effect */
-        if (effect == gsid_catalogue_find("rigid_body"))
+        }
+        if (effect == gsid_catalogue_find("rigid_body")) {
             continue; /* in every stack */
+        }
         start_stack();
         add_shown(effect->id);
         compare_derivatives(effect->control != NULL ? 1.0 : 100.0, tolerance_of(effect), 0);
@@ -371,16 +391,19 @@ static void derivatives_hold_where_the_effect_vanishes(void **state) {
     (void)state;
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *effect = gsid_catalogue[i];
-        if (effect->null_kind == GSID_NULL_THRESHOLD || effect->null_kind == GSID_NULL_NEVER)
+        if (effect->null_kind == GSID_NULL_THRESHOLD || effect->null_kind == GSID_NULL_NEVER) {
             continue; /* by its descriptor there is none */
+        }
         start_stack();
         gsid_plant_item *item = effect == gsid_catalogue_find("transport_delay")    ? &b.item[0]
                                 : effect == gsid_catalogue_find("viscous_friction") ? &b.item[2]
                                 : effect == gsid_catalogue_find("cable_spring")     ? &b.item[3]
                                                                                     : add_shown(effect->id);
-        for (uint32_t k = 0; k < effect->n_parameters; k++)
-            if (!isnan(effect->parameter[k].null_value))
+        for (uint32_t k = 0; k < effect->n_parameters; k++) {
+            if (!isnan(effect->parameter[k].null_value)) {
                 item->value[k] = effect->parameter[k].null_value;
+            }
+        }
         compare_derivatives(100.0, 1e-4, (uint32_t)(item - b.item));
     }
 }
@@ -408,8 +431,9 @@ static int is_listed(const char *list) {
         const size_t n = strcspn(list, ",");
         assert_in_range(n, 1, sizeof id - 1);
         memcpy(id, list, n);
-        if (gsid_catalogue_find(id) == NULL)
+        if (gsid_catalogue_find(id) == NULL) {
             return 0;
+        }
         list += n + (list[n] == ',');
     }
     return 1;

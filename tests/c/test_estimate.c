@@ -15,10 +15,12 @@ static long double cost_of(const gsid_frd *data, const gsid_rational *m) {
 }
 
 static void assert_same_model(const gsid_rational *got, const gsid_rational *want, long double tolerance) {
-    for (uint32_t i = 0; i <= want->n_poles; i++)
+    for (uint32_t i = 0; i <= want->n_poles; i++) {
         assert_near(got->den[i], want->den[i], tolerance);
-    for (uint32_t i = 0; i <= want->n_zeros; i++)
+    }
+    for (uint32_t i = 0; i <= want->n_zeros; i++) {
         assert_near(got->num[i], want->num[i], tolerance);
+    }
     assert_near(got->delay_s, want->delay_s, tolerance);
 }
 
@@ -29,12 +31,14 @@ static gsid_rational axis(void) {
     const double lead[2] = {11 / scale, 1}, notch[3] = {1, 0.03 / wa, 1 / wa / wa};
     gsid_rational m = new_model(GSID_DOMAIN_S, 4, 3, scale);
     m.den[0] = 0;
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
             m.den[i + j] += (gsid_real)(lag[i] * resonance[j]);
-            if (i < 2)
+            if (i < 2) {
                 m.num[i + j] += (gsid_real)(0.04 * wr * wr * lead[i] * notch[j]);
+            }
         }
+    }
     m.delay_s = (gsid_real)0.0054;
     return m;
 }
@@ -43,8 +47,9 @@ static void cost_is_the_weighted_sum_of_squares(void **state) {
     (void)state;
     seed = 1;
     gsid_rational m = second_order(GSID_DOMAIN_S);
-    for (int k = 0; k < 40; k++)
+    for (int k = 0; k < 40; k++) {
         sigma[k] = (gsid_real)(0.01 + 0.01 * draw());
+    }
     measure(&m, 40, 2.5, 1);
     m.num[0] *= 2;
     for (int weighted = 0; weighted < 2; weighted++) {
@@ -59,14 +64,18 @@ static void cost_is_the_weighted_sum_of_squares(void **state) {
 /* Solve the n normal equations in long double; the last column is the right-hand side. */
 static void solve(int n, long double m[N_MAX][N_MAX + 1], long double *x) {
     for (int p = 0; p < n; p++) {
-        for (int j = n; j >= p; j--)
+        for (int j = n; j >= p; j--) {
             m[p][j] /= m[p][p];
-        for (int i = 0; i < n; i++)
-            for (int j = n; j >= p && i != p; j--)
+        }
+        for (int i = 0; i < n; i++) {
+            for (int j = n; j >= p && i != p; j--) {
                 m[i][j] -= m[i][p] * m[p][j];
+            }
+        }
     }
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < n; i++) {
         x[i] = m[i][n];
+    }
 }
 
 /* Minimise sum w^2 |A G' - B|^2, w = 1/(sigma |A_last|^r), from the definition; `last` NULL: w = 1/sigma. */
@@ -78,24 +87,32 @@ static void equation_error(const gsid_frd *data, gsid_rational *m, const gsid_ra
         const wide v = m->domain == GSID_DOMAIN_S ? I * w / m->scale_rad_s : cexpl(-I * w * m->sample_s);
         const wide undelayed = (data->g[k].re + I * (wide)data->g[k].im) * cexpl(I * w * m->delay_s);
         wide column[N_MAX + 1], a = 0;
-        for (uint32_t i = 0; last != NULL && i <= n_den; i++)
+        for (uint32_t i = 0; last != NULL && i <= n_den; i++) {
             a += last->den[i] * cpowl(v, i);
+        }
         const long double weight = (last == NULL ? 1 : powl(cabsl(a), -r)) / data->sigma[k];
-        for (uint32_t i = 0, c = 0; i <= n_den; i++)
+        for (uint32_t i = 0, c = 0; i <= n_den; i++) {
             column[i == held ? n : c++] = (i == held ? -1 : 1) * weight * undelayed * cpowl(v, i);
-        for (uint32_t i = 0; i <= m->n_zeros; i++)
+        }
+        for (uint32_t i = 0; i <= m->n_zeros; i++) {
             column[n_den + i] = -weight * cpowl(v, i);
-        for (uint32_t i = 0; i < n; i++)
-            for (uint32_t j = 0; j <= n; j++)
+        }
+        for (uint32_t i = 0; i < n; i++) {
+            for (uint32_t j = 0; j <= n; j++) {
                 normal[i][j] += creall(conjl(column[i]) * column[j]);
+            }
+        }
     }
     solve((int)n, normal, x);
     m->den[held] = 1;
-    for (uint32_t i = 0, c = 0; i <= n_den; i++)
-        if (i != held)
+    for (uint32_t i = 0, c = 0; i <= n_den; i++) {
+        if (i != held) {
             m->den[i] = (gsid_real)x[c++];
-    for (uint32_t i = 0; i <= m->n_zeros; i++)
+        }
+    }
+    for (uint32_t i = 0; i <= m->n_zeros; i++) {
         m->num[i] = (gsid_real)x[n_den + i];
+    }
 }
 
 static void ls_and_iwls_solve_their_normal_equations(void **state) {
@@ -103,8 +120,9 @@ static void ls_and_iwls_solve_their_normal_equations(void **state) {
     for (int domain = GSID_DOMAIN_S; domain <= GSID_DOMAIN_Z; domain++) {
         seed = 3;
         const gsid_rational truth = second_order((gsid_domain)domain);
-        for (int k = 0; k < 40; k++)
+        for (int k = 0; k < 40; k++) {
             sigma[k] = (gsid_real)0.02;
+        }
         measure(&truth, 40, 2.5, 1);
         const gsid_frd data = data_of(40, sigma);
         gsid_rational ls = truth, want = truth, reweighted = truth, want_reweighted = truth;
@@ -134,8 +152,9 @@ static void iwls_stops_at_its_fixed_point(void **state) {
     for (int domain = GSID_DOMAIN_S; domain <= GSID_DOMAIN_Z; domain++) {
         seed = 4;
         const gsid_rational truth = second_order((gsid_domain)domain);
-        for (int k = 0; k < 40; k++)
+        for (int k = 0; k < 40; k++) {
             sigma[k] = (gsid_real)0.1;
+        }
         measure(&truth, 40, 2.5, 1);
         const gsid_frd data = data_of(40, sigma);
         gsid_rational found = truth, again = truth, beside = truth;
@@ -189,10 +208,12 @@ static void ml_of_a_polynomial_is_linear_regression(void **state) {
     (void)state;
     seed = 5;
     gsid_rational truth = new_model(GSID_DOMAIN_S, 0, 3, 2 * (double)PI_L * 100), m = truth, want = truth;
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         truth.num[i] = (gsid_real)(1 + i);
-    for (int k = 0; k < 40; k++)
+    }
+    for (int k = 0; k < 40; k++) {
         sigma[k] = (gsid_real)(0.05 * (1 + k % 3));
+    }
     measure(&truth, 40, 2.5, 1);
     const gsid_frd data = data_of(40, sigma);
     equation_error(&data, &want, NULL, 0); /* A = 1: the equation error is the output error */
@@ -203,8 +224,9 @@ static void ml_of_a_polynomial_is_linear_regression(void **state) {
      * settles is good for far less. */
     gsid_real cov[16];
     assert_int_equal(gsid_estimate_covariance(&data, &m, 0, cov, memory, sizeof memory), GSID_OK);
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         assert_near(m.num[i], want.num[i], 0.1L * sqrtl(cov[5 * i]));
+    }
     assert_near(cost, cost_of(&data, &want), 0.005L + 1000 * EPSILON * cost);
 }
 
@@ -216,18 +238,23 @@ static long double promise(const gsid_frd *data, const gsid_rational *m) {
         gsid_cplx unused, slope[N_MAX];
         assert_int_equal(gsid_rational_gradient(m, data->f_hz[k], &unused, slope), GSID_OK);
         wide column[N_MAX + 1];
-        for (int i = 0; i < n; i++)
+        for (int i = 0; i < n; i++) {
             column[i] = (slope[i].re + I * (wide)slope[i].im) / data->sigma[k];
+        }
         column[n] = (data->g[k].re + I * (wide)data->g[k].im - response(m, data->f_hz[k])) / data->sigma[k];
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j <= n; j++)
+        for (int i = 0; i < n; i++) {
+            for (int j = 0; j <= n; j++) {
                 normal[i][j] += creall(conjl(column[i]) * column[j]);
+            }
+        }
     }
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < n; i++) {
         right[i] = normal[i][n];
+    }
     solve(n, normal, x);
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < n; i++) {
         gain += right[i] * x[i];
+    }
     return gain;
 }
 
@@ -236,8 +263,9 @@ static void ml_ends_where_nothing_is_left_to_gain(void **state) {
     seed = 7;
     for (int repeat = 0; repeat < 30; repeat++) {
         const gsid_rational truth = second_order(repeat % 2 == 0 ? GSID_DOMAIN_S : GSID_DOMAIN_Z);
-        for (int k = 0; k < 40; k++)
+        for (int k = 0; k < 40; k++) {
             sigma[k] = (gsid_real)(0.01 + 0.02 * draw());
+        }
         measure(&truth, 40, 2.5, 1);
         const gsid_frd data = data_of(40, sigma);
         gsid_rational m = truth;
@@ -261,8 +289,9 @@ static void the_unit_of_unweighted_data_does_not_matter(void **state) {
     (void)state;
     seed = 9;
     const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    for (int k = 0; k < 40; k++)
+    for (int k = 0; k < 40; k++) {
         sigma[k] = (gsid_real)1e-3;
+    }
     measure(&truth, 40, 2.5, 1);
     gsid_real cost[2];
     gsid_rational m[2];
@@ -275,13 +304,15 @@ static void the_unit_of_unweighted_data_does_not_matter(void **state) {
         }
         const gsid_frd data = {.n_lines = 40, .f_hz = f_hz, .g = scaled};
         m[small] = truth;
-        for (int i = 0; i < 2; i++)
+        for (int i = 0; i < 2; i++) {
             m[small].num[i] *= unit * (gsid_real)1.3;
+        }
         const gsid_ml_cfg ml = {.free_delay = 1};
         assert_int_equal(gsid_estimate_ml(&data, &ml, &m[small], &cost[small], memory, sizeof memory), GSID_OK);
         cost[small] /= unit * unit;
-        for (int i = 0; i < 2; i++)
+        for (int i = 0; i < 2; i++) {
             m[small].num[i] /= unit;
+        }
     }
     assert_true(cost[0] < 40 * 1.5e-6); /* 40 lines of variance 1e-6 */
     assert_true(cost[0] == cost[1]);    /* a power of two changes no bit */
@@ -295,8 +326,9 @@ static gsid_status take_one_off(void *user, const gsid_rational *m, int with_dri
     for (int k = 0; k < 40; k++) {
         gsid_cplx own, slope[5];
         const gsid_status status = gsid_rational_gradient(m, f_hz[k], &own, slope);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
         g[k].re = twice[k].re - own.re;
         g[k].im = twice[k].im - own.im;
         for (int i = 0; i < 5 && with_drift; i++) {
@@ -312,8 +344,9 @@ static void data_may_depend_on_the_model(void **state) {
     (void)state;
     seed = 21;
     const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    for (int k = 0; k < 40; k++)
+    for (int k = 0; k < 40; k++) {
         sigma[k] = (gsid_real)0.01;
+    }
     measure(&truth, 40, 2.5, 1);
     for (int k = 0; k < 40; k++) {
         halved[k] = g[k];
@@ -348,8 +381,9 @@ static void ml_gets_through_the_valley_of_surplus_poles(void **state) {
     const gsid_rational truth = axis();
     for (uint32_t s = 1; s <= 5; s++) {
         seed = s;
-        for (int k = 0; k < N_LINES; k++)
+        for (int k = 0; k < N_LINES; k++) {
             sigma[k] = (gsid_real)1e-3;
+        }
         measure(&truth, N_LINES, 0.5, 1);
         const gsid_frd data = data_of(N_LINES, sigma);
         gsid_rational m = new_model(GSID_DOMAIN_S, 6, 5, truth.scale_rad_s);
@@ -360,8 +394,9 @@ static void ml_gets_through_the_valley_of_surplus_poles(void **state) {
         assert_int_equal(gsid_estimate_iwls(&data, &iwls, &m, NULL, memory, sizeof memory), GSID_OK);
         assert_int_equal(gsid_estimate_ml(&data, &ml, &m, &cost, memory, sizeof memory), GSID_OK);
         assert_int_equal(gsid_estimate_cost(&data, &truth, &at_truth), GSID_OK);
-        if (!(cost < at_truth))
+        if (!(cost < at_truth)) {
             fail_msg("seed %u: cost %.2f, true model %.2f", s, (double)cost, (double)at_truth);
+        }
     }
 }
 
@@ -372,8 +407,9 @@ static void covariance_is_that_of_repeated_experiments(void **state) {
     seed = 11;
     print_message("seed %u, %d repeats\n", seed, REPEATS);
     const gsid_rational truth = second_order(GSID_DOMAIN_S);
-    for (int k = 0; k < LINES; k++)
+    for (int k = 0; k < LINES; k++) {
         sigma[k] = (gsid_real)(2e-3 * (1 + k % 3));
+    }
     double sum = 0, squares[N] = {0};
     gsid_real cov[N * N];
     for (int repeat = 0; repeat < REPEATS; repeat++) {
@@ -387,19 +423,22 @@ static void covariance_is_that_of_repeated_experiments(void **state) {
                                m.num[1] - truth.num[1], m.delay_s - truth.delay_s};
         long double normal[N_MAX][N_MAX + 1], x[N_MAX];
         for (int i = 0; i < N; i++) {
-            for (int j = 0; j < N; j++)
+            for (int j = 0; j < N; j++) {
                 normal[i][j] = cov[i * N + j];
+            }
             normal[i][N] = off[i];
             squares[i] += off[i] * off[i] / cov[i * N + i];
         }
         solve(N, normal, x);
-        for (int i = 0; i < N; i++)
+        for (int i = 0; i < N; i++) {
             sum += (double)x[i] * off[i];
+        }
     }
     /* chi-square of many degrees of freedom n is normal with variance 2 n: 4 sigma, wrong once in 16 000 */
     assert_near(sum, REPEATS * N, 4 * sqrtl(2 * REPEATS * N));
-    for (int i = 0; i < N; i++)
+    for (int i = 0; i < N; i++) {
         assert_near(squares[i], REPEATS, 4 * sqrtl(2 * REPEATS));
+    }
 }
 
 static void a_known_delay_has_no_variance(void **state) {
@@ -411,8 +450,9 @@ static void a_known_delay_has_no_variance(void **state) {
     gsid_real known[16], found[25];
     assert_int_equal(gsid_estimate_covariance(&data, &truth, 0, known, memory, sizeof memory), GSID_OK);
     assert_int_equal(gsid_estimate_covariance(&data, &truth, 1, found, memory, sizeof memory), GSID_OK);
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         assert_true(known[5 * i] > 0 && known[5 * i] < found[6 * i]); /* one unknown more costs every other */
+    }
 }
 
 int main(void) {

@@ -19,8 +19,9 @@ static void a_common_factor_is_a_rank_loss_and_the_fit_is_good(void **state) {
     gsid_real cost;
     assert_int_equal(gsid_estimate_iwls(&data, &cfg, &m, &cost, memory, sizeof memory), GSID_RANK);
     assert_near(cost, 0, 20 * powl(100 * EPSILON, 2));
-    for (int k = 0; k < 20; k++)
+    for (int k = 0; k < 20; k++) {
         assert_near(cabsl(response(&m, f_hz[k]) - 2), 0, 100 * EPSILON);
+    }
     gsid_real cov[9] = {7};
     assert_int_equal(gsid_estimate_covariance(&data, &m, 0, cov, memory, sizeof memory), GSID_E_SINGULAR);
     assert_true(cov[0] == 7);
@@ -49,8 +50,9 @@ static void assert_refused(gsid_status status, const gsid_frd *data, const gsid_
     const gsid_ml_cfg ml = {.free_delay = 1};
     gsid_rational m, before;
     memset(&m, 0, sizeof m);
-    if (model != NULL)
+    if (model != NULL) {
         memcpy(&m, model, sizeof m);
+    }
     memcpy(&before, &m, sizeof m);
     gsid_rational *const to = model == NULL ? NULL : &m;
     gsid_real cost = 7, cov[N_MAX * N_MAX] = {7};
@@ -209,10 +211,12 @@ static void a_response_of_zero_leaves_the_outputs(void **state) {
 
 static int is_finite_model(const gsid_rational *m) {
     int is_finite = isfinite(m->delay_s);
-    for (uint32_t i = 0; i <= m->n_poles; i++)
+    for (uint32_t i = 0; i <= m->n_poles; i++) {
         is_finite &= isfinite(m->den[i]) != 0;
-    for (uint32_t i = 0; i <= m->n_zeros; i++)
+    }
+    for (uint32_t i = 0; i <= m->n_zeros; i++) {
         is_finite &= isfinite(m->num[i]) != 0;
+    }
     return is_finite;
 }
 
@@ -249,10 +253,12 @@ static void data_of_any_size_give_finite_models_or_a_refusal(void **state) {
             g[k].im = size * (gsid_real)noise_at(n++);
             sigma[k] = i % 3 ? fine : any_size(&n, most);
         }
-        for (uint32_t k = 0; k <= start.n_poles; k++)
+        for (uint32_t k = 0; k <= start.n_poles; k++) {
             start.den[k] = k == gsid_rational_held(&start) ? 1 : any_size(&n, most / 4);
-        for (uint32_t k = 0; k <= start.n_zeros; k++)
+        }
+        for (uint32_t k = 0; k <= start.n_zeros; k++) {
             start.num[k] = i % 5 ? size : any_size(&n, most);
+        }
         gsid_frd data = data_of(LINES, sigma);
         data.logarithmic = i % 7 == 0;
         gsid_rational m = start;
@@ -260,8 +266,9 @@ static void data_of_any_size_give_finite_models_or_a_refusal(void **state) {
         const gsid_status by_ml = gsid_estimate_ml(&data, &ml, &m, &cost, memory, sizeof memory);
         assert_finite_or_untouched(by_ml, &m, &start, cost);
         const gsid_status status = gsid_estimate_covariance(&data, &m, 1, cov, memory, sizeof memory);
-        for (uint32_t k = 0; k < N_MAX * N_MAX; k++)
+        for (uint32_t k = 0; k < N_MAX * N_MAX; k++) {
             assert_true(status < 0 ? cov[k] == cov_before[k] : isfinite(cov[k]));
+        }
         n_good += by_ml >= 0 && status >= 0;
         m = start, cost = 7;
         assert_finite_or_untouched(gsid_estimate_iwls(&data, &iwls, &m, &cost, memory, sizeof memory), &m, &start,
@@ -291,9 +298,11 @@ static void a_start_that_is_not_finite_is_refused(void **state) {
 
 static void memory_is_counted_and_checked(void **state) {
     (void)state;
-    for (uint32_t n_poles = 0; n_poles <= GSID_ORDER_MAX; n_poles++)
-        for (uint32_t n_zeros = 0; n_zeros <= GSID_ORDER_MAX; n_zeros++)
+    for (uint32_t n_poles = 0; n_poles <= GSID_ORDER_MAX; n_poles++) {
+        for (uint32_t n_zeros = 0; n_zeros <= GSID_ORDER_MAX; n_zeros++) {
             assert_int_equal(gsid_estimate_mem_size(n_poles, n_zeros), GSID_ESTIMATE_MEM_SIZE(n_poles, n_zeros));
+        }
+    }
     assert_int_equal(gsid_estimate_mem_size(GSID_ORDER_MAX + 1, 0), 0);
     assert_int_equal(gsid_estimate_mem_size(0, GSID_ORDER_MAX + 1), 0);
 

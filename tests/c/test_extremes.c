@@ -34,8 +34,9 @@ static gsid_real times_2_to(gsid_real x, int octave) {
 
 static gsid_real input(uint64_t n) {
     long double u = 0.02L * noise_at(n);
-    for (int i = 0; i < F; i++)
+    for (int i = 0; i < F; i++) {
         u += cosl(2 * PI_L * (long double)(lines[i] * (n % N) % N) / N + i);
+    }
     return (gsid_real)u;
 }
 
@@ -56,15 +57,17 @@ static result measure(int engine, int is_known, int octave_u, int octave_y) {
     gsid_cplx u_known[F];
     gsid_frf frf;
     result r;
-    for (int i = 0; i < F; i++)
+    for (int i = 0; i < F; i++) {
         u_known[i] = (gsid_cplx){times_2_to(known[i].re, octave_u), times_2_to(known[i].im, octave_u)};
+    }
     const gsid_frf_cfg cfg = {
         .n_period = N, .n_lines = F, .line = lines, .twiddle = twiddle, .u_known = is_known ? u_known : NULL};
     gsid_status (*init)(gsid_frf *, const gsid_frf_cfg *, void *, size_t) =
         engine ? gsid_frf_init_spread : gsid_frf_init;
     assert_int_equal(init(&frf, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
-    for (uint64_t n = 0; n < P * N; n++)
+    for (uint64_t n = 0; n < P * N; n++) {
         assert_true(gsid_frf_step(&frf, times_2_to(input(n), octave_u), times_2_to(output(n), octave_y)) >= 0);
+    }
     assert_true(gsid_frf_finish(&frf) >= 0);
     const gsid_frf_out out = {.g = r.g, .var_g = r.var_g, .var_y = r.var_y, .var_u = r.var_u};
     r.status = gsid_frf_result(&frf, &out);
@@ -73,8 +76,9 @@ static result measure(int engine, int is_known, int octave_u, int octave_y) {
 
 static void assert_scaled_or_unknown(gsid_real got, gsid_real unit, int octave) {
     const long double want = ldexpl((long double)unit, octave);
-    if (!(isinf(got) && got > 0))
+    if (!(isinf(got) && got > 0)) {
         assert_near((long double)got, want, 1e-3L * want);
+    }
 }
 
 /* Where nothing leaves the range: squares of the deviations, which are some 2^-9 of the lines, and of the lines. */
@@ -98,8 +102,9 @@ static void a_response_is_right_or_unknown_in_any_unit(void **state) {
             for (int i = 0; i < F && r.status >= 0; i++) {
                 assert_scaled_or_unknown(r.var_g[i], unit.var_g[i], 2 * (y - u));
                 n_unknown += isinf(r.var_g[i]) ? 1 : 0;
-                if (isinf(r.var_g[i]))
+                if (isinf(r.var_g[i])) {
                     continue;
+                }
                 assert_scaled_or_unknown(r.var_y[i], unit.var_y[i], 2 * y);
                 assert_scaled_or_unknown(r.var_u[i], unit.var_u[i], 2 * u);
                 assert_true(isfinite(r.g[i].re) && isfinite(r.g[i].im));
@@ -122,11 +127,13 @@ static void exact_signals_have_a_variance_of_0(void **state) {
     for (int is_silent = 0; is_silent < 2; is_silent++) {
         const gsid_frf_cfg cfg = {.n_period = N, .n_lines = F, .line = lines, .twiddle = twiddle};
         assert_int_equal(gsid_frf_init(&frf, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
-        for (uint64_t n = 0; n < P * N; n++)
+        for (uint64_t n = 0; n < P * N; n++) {
             gsid_frf_step(&frf, input(n % N), is_silent ? 0 : output(n % N));
+        }
         assert_int_equal(gsid_frf_result(&frf, &out), GSID_OK);
-        for (int i = 0; i < F; i++)
+        for (int i = 0; i < F; i++) {
             assert_true(var_g[i] == 0);
+        }
     }
 }
 
@@ -136,8 +143,9 @@ enum { EXCITED = 3 };
 
 static gsid_status finish_realisation(gsid_distortion *d, int octave_u, int octave_y) {
     assert_int_equal(gsid_distortion_start(d, NULL), GSID_OK);
-    for (uint64_t n = 0; n < P * N; n++)
+    for (uint64_t n = 0; n < P * N; n++) {
         gsid_distortion_step(d, times_2_to(input(n), octave_u), times_2_to(output(n), octave_y));
+    }
     return gsid_distortion_finish(d);
 }
 
@@ -159,12 +167,14 @@ static void distortion_is_right_or_refused_in_any_unit(void **state) {
         }
         const gsid_distortion_out out = {.var_noise = (at < 0 ? unit : got)[0], .level = (at < 0 ? unit : got)[1]};
         assert_int_equal(gsid_distortion_result(&d, &out), GSID_OK);
-        for (int i = 0; i < EXCITED && at >= 0; i++)
+        for (int i = 0; i < EXCITED && at >= 0; i++) {
             assert_near((long double)got[0][i], ldexpl((long double)unit[0][i], 2 * (y - u)),
                         1e-3L * ldexpl((long double)unit[0][i], 2 * (y - u)));
-        if (at >= 0)
+        }
+        if (at >= 0) {
             assert_near((long double)got[1][0], ldexpl((long double)unit[1][0], y),
                         1e-3L * ldexpl((long double)unit[1][0], y));
+        }
     }
 }
 
@@ -185,16 +195,19 @@ static void counts_stay_at_the_most_they_can_say(void **state) {
         gsid_status (*init)(gsid_frf *, const gsid_frf_cfg *, void *, size_t) =
             engine ? gsid_frf_init_spread : gsid_frf_init;
         assert_int_equal(init(&frf, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
-        for (uint64_t n = 0; n < 2 * N; n++)
+        for (uint64_t n = 0; n < 2 * N; n++) {
             gsid_frf_step(&frf, input(n), output(n));
+        }
         gsid_frf_finish(&frf);
         frf.n_periods = frf.n_spoiled = frf.n_refused = UINT32_MAX - 1;
-        for (uint64_t n = 2 * N; n < 6 * N; n++)
+        for (uint64_t n = 2 * N; n < 6 * N; n++) {
             gsid_frf_step(&frf, input(n), output(n));
+        }
         gsid_frf_finish(&frf);
         assert_int_equal(gsid_frf_result(&frf, &out), GSID_OK);
-        for (int i = 0; i < F; i++)
+        for (int i = 0; i < F; i++) {
             assert_true(isfinite(g[i].re) && isfinite(g[i].im));
+        }
         for (int k = 0; k < 3; k++) {
             gsid_frf_step(&frf, (gsid_real)NAN, 0);
             gsid_frf_skip(&frf, N);
@@ -203,8 +216,9 @@ static void counts_stay_at_the_most_they_can_say(void **state) {
         assert_true(frf.n_periods == UINT32_MAX && frf.n_spoiled == UINT32_MAX && frf.n_refused == UINT32_MAX);
         gsid_frf_finish(&frf);
         assert_int_equal(init(&other, &cfg, other_memory.bytes, sizeof other_memory.bytes), GSID_OK);
-        for (uint64_t n = 0; n < N; n++)
+        for (uint64_t n = 0; n < N; n++) {
             gsid_frf_step(&other, input(n), output(n));
+        }
         gsid_frf_finish(&other);
         other.n_spoiled = other.n_refused = 7;
         assert_int_equal(gsid_frf_merge(&frf, &other), GSID_OK);
@@ -213,8 +227,9 @@ static void counts_stay_at_the_most_they_can_say(void **state) {
         assert_int_equal(gsid_frf_add_period(&frf, both), GSID_OK);
         assert_true(frf.n_periods == UINT32_MAX);
         assert_int_equal(gsid_frf_result(&frf, &out), GSID_OK);
-        for (int i = 0; i < F; i++)
+        for (int i = 0; i < F; i++) {
             assert_true(isfinite(g[i].re) && isfinite(g[i].im));
+        }
     }
 }
 
@@ -231,8 +246,9 @@ static void counts_of_realisations_stay_too(void **state) {
     assert_int_equal(finish_realisation(&d, 0, 0), GSID_OK);
     assert_true(d.n_realisations == UINT32_MAX && d.n_periods == UINT32_MAX);
     assert_int_equal(gsid_distortion_result(&d, &out), GSID_OK);
-    for (int i = 0; i < EXCITED; i++)
+    for (int i = 0; i < EXCITED; i++) {
         assert_true(isfinite(bla[i].re) && isfinite(bla[i].im));
+    }
 }
 
 int main(void) {

@@ -43,8 +43,9 @@ static void delay_is_any_fraction_of_a_tick(void **state) {
         cfg.gyro_lag_s = 0.0;
         cfg.delay_s = ticks[k] / cfg.fs_hz;
         run(&cfg, 300);
-        for (uint32_t i = 0; i < 300; i++)
+        for (uint32_t i = 0; i < 300; i++) {
             assert_near(y[i], 10.0 * step_response(&cfg, i / cfg.fs_hz - cfg.delay_s), 1e-12);
+        }
     }
 }
 
@@ -69,8 +70,9 @@ static void overdamped_and_springless_axes_follow_the_closed_form(void **state) 
 /* One-sided spectrum of the last n samples at a line. */
 static double complex line_of(const double *x, uint32_t n, uint32_t line) {
     double complex sum = 0.0;
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         sum += x[i] * cexp(-2.0 * I * PI * (double)((uint64_t)i * line % n) / n);
+    }
     return 2.0 * sum / n;
 }
 
@@ -101,8 +103,9 @@ static void sine_steady_state_is_the_held_input_response(void **state) {
     const uint32_t lines[] = {1, 2, 30, 178, 179, 180, 700, 1400};
     for (uint32_t i = 0; i < n_settle + n; i++) {
         u[i] = 0.0;
-        for (size_t k = 0; k < 8; k++)
+        for (size_t k = 0; k < 8; k++) {
             u[i] += cos(2.0 * PI * (double)(i * lines[k] % n) / n + (double)k);
+        }
     }
     run(&cfg, n_settle + n);
     for (size_t k = 0; k < 8; k++) {
@@ -120,16 +123,18 @@ static void command_is_clipped_and_rounded(void **state) {
     gsid_axis_cfg cfg;
     gsid_axis_cfg_init(&cfg);
     const double step = 2.0 * 179.0 / 4096.0;
-    for (uint32_t i = 0; i < 4000; i++)
+    for (uint32_t i = 0; i < 4000; i++) {
         u[i] = -250.0 + 0.125 * i;
+    }
     run(&cfg, 4000);
     for (uint32_t i = 0; i < 4000; i++) {
         assert_true(fabs(u_applied[i]) <= 179.0);
         assert_near(u_applied[i] / step, round(u_applied[i] / step), 1e-9);
-        if (fabs(u[i]) <= 179.0)
+        if (fabs(u[i]) <= 179.0) {
             assert_near(u_applied[i], u[i], 0.5 * step * (1 + 1e-12));
-        else
+        } else {
             assert_true(u_applied[i] == (u[i] > 0 ? 179.0 : -179.0));
+        }
     }
 }
 
@@ -140,13 +145,15 @@ static void the_drive_has_a_dead_zone_and_a_limit(void **state) {
     gsid_axis_cfg cfg = quiet();
     cfg.drive_dead_zone = 2.0;
     cfg.drive_limit = 5.0;
-    for (uint32_t i = 0; i < 6000; i++)
+    for (uint32_t i = 0; i < 6000; i++) {
         u[i] = 12.0 * sin(2.0 * PI * 7.0 * i / cfg.fs_hz);
+    }
     run(&cfg, 6000);
     memcpy(driven, y, sizeof driven);
     assert_memory_equal(u_applied, u, 6000 * sizeof *u); /* the drive keeps it to itself */
-    for (uint32_t i = 0; i < 6000; i++)
+    for (uint32_t i = 0; i < 6000; i++) {
         u[i] = u[i] > 2.0 ? fmin(u[i] - 2.0, 5.0) : u[i] < -2.0 ? fmax(u[i] + 2.0, -5.0) : 0.0;
+    }
     cfg.drive_dead_zone = cfg.drive_limit = 0.0;
     run(&cfg, 6000);
     assert_memory_equal(driven, y, sizeof driven);
@@ -177,8 +184,9 @@ static void a_slow_gyro_holds_its_noise(void **state) {
     memset(u, 0, 3000 * sizeof *u);
     run(&cfg, 3000);
     uint32_t n_changes = 0;
-    for (uint32_t i = 1; i < 3000; i++)
+    for (uint32_t i = 1; i < 3000; i++) {
         n_changes += y[i] != y[i - 1];
+    }
     assert_int_equal(n_changes, 399); /* 400 refreshes, the first at tick 0 */
 }
 
@@ -212,8 +220,9 @@ static void the_seed_decides_the_noise(void **state) {
     gsid_axis_destroy(axis);
     cfg.seed++;
     run(&cfg, 2000);
-    for (uint32_t i = 0; i < 2000; i++)
+    for (uint32_t i = 0; i < 2000; i++) {
         assert_true(again[i] != y[i]);
+    }
 }
 
 static void noise_has_its_rms_and_its_colour(void **state) {
@@ -234,8 +243,9 @@ static void noise_has_its_rms_and_its_colour(void **state) {
             for (uint32_t i = 0; i < N_MAX; i++) {
                 sum += y[i];
                 square += y[i] * y[i];
-                if (i > 0)
+                if (i > 0) {
                     innovation += (y[i] - pole * y[i - 1]) * (y[i] - pole * y[i - 1]);
+                }
                 inside += fabs(y[i]) < rms;
             }
         }
@@ -261,8 +271,9 @@ static void the_fan_keeps_its_phase_for_three_hours(void **state) {
     cfg.fan_phase_rad = 0.3;
     memset(u, 0, sizeof u);
     assert_int_equal(gsid_axis_create(&axis, &cfg), GSID_OK);
-    for (int block = 0; block < 11; block++) /* 11 * 40000 / 40 Hz = 3.06 h */
+    for (int block = 0; block < 11; block++) { /* 11 * 40000 / 40 Hz = 3.06 h */
         gsid_axis_step(axis, N_MAX, u, NULL, y, NULL);
+    }
     gsid_axis_destroy(axis);
     for (uint64_t i = 0; i < N_MAX; i++) {
         const uint64_t tick = 10u * (uint64_t)N_MAX + i;

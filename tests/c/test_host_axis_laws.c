@@ -91,12 +91,14 @@ static void runge_kutta(const gsid_axis_cfg *c, const double *from, double side,
     double k[4][5], mid[5];
     for (int stage = 0; stage < 4; stage++) {
         const double part = stage == 0 ? 0.0 : stage == 3 ? h : 0.5 * h;
-        for (int i = 0; i < 5; i++)
+        for (int i = 0; i < 5; i++) {
             mid[i] = from[i] + part * (stage == 0 ? 0.0 : k[stage - 1][i]);
+        }
         slopes(c, mid, side, command, k[stage]);
     }
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < 5; i++) {
         to[i] = from[i] + h / 6.0 * (k[0][i] + 2.0 * k[1][i] + 2.0 * k[2][i] + k[3][i]);
+    }
 }
 
 static void slow_step(const gsid_axis_cfg *c, slow_axis *axis, double command, double h) {
@@ -116,8 +118,9 @@ static void slow_step(const gsid_axis_cfg *c, slow_axis *axis, double command, d
             *(to[1] * axis->side < 0.0 ? &hi : &lo) = half;
         }
         memcpy(axis->x, to, sizeof to);
-        if (crossed)
+        if (crossed) {
             axis->x[1] = 0.0;
+        }
         h -= crossed ? hi : h;
     }
 }
@@ -126,23 +129,26 @@ static void slow_step(const gsid_axis_cfg *c, slow_axis *axis, double command, d
 static void assert_like_the_slow_one(gsid_axis_cfg cfg, uint32_t n, double tolerance) {
     const uint32_t delay = 16 * SUB + 12;
     cfg.delay_s = 16.1875 / cfg.fs_hz;
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         u[i] = 9.0 * sin(2.0 * PI * 3.0 * i / cfg.fs_hz) + 2.0 * sin(2.0 * PI * 41.0 * i / cfg.fs_hz + 1.0);
+    }
     run(&cfg, n);
     slow_axis slow = {{0}, 0};
     uint32_t n_stuck = 0, n_moved = 0;
     for (uint32_t i = 0; i < n; i++) {
         assert_near(y[i], slow.x[4], tolerance);
         assert_near(angle[i], slow.x[0], tolerance);
-        if (i > 0)
+        if (i > 0) {
             *(angle[i] == angle[i - 1] ? &n_stuck : &n_moved) += 1;
+        }
         for (uint32_t k = 0; k < SUB; k++) {
             const int64_t at = (int64_t)i * SUB + k - delay;
             slow_step(&cfg, &slow, at < 0 ? 0.0 : u[at / SUB], 1.0 / (cfg.fs_hz * SUB));
         }
     }
-    if (cfg.coulomb_level > 0.0)
+    if (cfg.coulomb_level > 0.0) {
         assert_true(n_stuck > n / 20 && n_moved > n / 20); /* the record has both in plenty */
+    }
 }
 
 static void friction_agrees_with_a_slow_integrator(void **state) {
@@ -206,9 +212,10 @@ static double potential(const gsid_axis_cfg *c, double theta) {
     const double degree = PI / 180.0, rest = degree * c->unbalance_angle_deg;
     double energy = 0.5 * c->spring_stiffness * theta * theta + 0.25 * c->cubic_stiffness * pow(theta, 4);
     energy -= c->unbalance_level * (cos(degree * theta + rest) / degree + theta * sin(rest));
-    if (c->cogging_level > 0.0)
+    if (c->cogging_level > 0.0) {
         energy -= c->cogging_level / (degree * c->cogging_cycles) *
                   cos(degree * c->cogging_cycles * theta + c->cogging_phase_rad);
+    }
     return energy;
 }
 

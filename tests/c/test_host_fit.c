@@ -47,8 +47,9 @@ static double draw_normal(void) {
 
 /* Repeats, or fewer where every instruction costs fifty. */
 static int repeats(int full, int quick) {
-    if (getenv("GSID_TEST_QUICK") == NULL)
+    if (getenv("GSID_TEST_QUICK") == NULL) {
         return full;
+    }
     print_message("GSID_TEST_QUICK: %d repeats instead of %d\n", quick, full);
     return quick;
 }
@@ -75,8 +76,9 @@ static cplx unstable_system(cplx s) {
 /* Response of a system with delay; held: of a held input, as the sum of the images that sampling folds back. */
 static cplx response(system_at system, double f, double delay_s, int held) {
     const cplx s = 2 * I * PI * f;
-    if (!held)
+    if (!held) {
         return system(s) * cexp(-s * delay_s);
+    }
     cplx sum = 0;
     for (int m = -IMAGES; m <= IMAGES; m++) {
         const cplx image = s + 2 * I * PI * m / sample_s;
@@ -107,8 +109,9 @@ static void measure(system_at system, double delay_s, int held, uint32_t n, doub
 
 static double cost_of(const cplx *model) {
     double cost = 0;
-    for (uint32_t k = 0; k < n_lines; k++)
+    for (uint32_t k = 0; k < n_lines; k++) {
         cost += pow(cabs(g[k].re + I * g[k].im - model[k]) / sigma[k], 2);
+    }
     return cost;
 }
 
@@ -142,22 +145,25 @@ static double delay_sigma(const gsid_fit_result *r) {
 /* Nearest distance of a computed root to a wanted one. */
 static double distance(uint32_t n, const gsid_cplx *root, cplx wanted) {
     double nearest = HUGE_VAL;
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         nearest = fmin(nearest, cabs(root[i].re + I * root[i].im - wanted));
+    }
     return nearest;
 }
 
 static void assert_true_order(const gsid_fit_cfg *cfg, double delay_s, double cost_true, uint64_t noise_seed) {
     gsid_fit_result r;
     const gsid_status status = run(cfg, &r);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         fail_msg("seed %u, delay %g: status %d", (unsigned)noise_seed, delay_s, status);
+    }
     assert_poles_are_stable(&r);
     assert_int_equal(r.converged, 1);
     const double off = (r.model.delay_s - delay_s) / delay_sigma(&r);
-    if (!(r.cost <= cost_true) || !(fabs(off) < 4)) /* 4 sigma: wrong once in 16 000 */
+    if (!(r.cost <= cost_true) || !(fabs(off) < 4)) { /* 4 sigma: wrong once in 16 000 */
         fail_msg("seed %u, delay %g: cost %.3f of the true model's, delay off by %.2f sigma", (unsigned)noise_seed,
                  delay_s, r.cost / cost_true, off);
+    }
     /* the cost of n parameters is n/2 lower than the true model's, give or take sqrt(n/2): 9 parameters, 5 sigma */
     assert_true(r.cost > cost_true - 4.5 - 5 * sqrt(4.5));
     assert_true(fabs(r.cost - r.cost_ml) < 1e-9 * r.cost);
@@ -211,12 +217,14 @@ static void surplus_poles_stay_stable(void **state) {
             const gsid_fit_cfg cfg = ml(4 + more, 3 + more);
             const gsid_status status = run(&cfg, &r);
 #ifndef GSID_WITH_NLOPT
-            if (status == GSID_E_BACKEND)
+            if (status == GSID_E_BACKEND) {
                 continue;
+            }
 #endif
-            if (status != GSID_OK || !(r.cost <= cost_of(truth)))
+            if (status != GSID_OK || !(r.cost <= cost_of(truth))) {
                 fail_msg("seed %u, %u more: status %d, cost %.3f of the true model's", (unsigned)s, more, status,
                          r.cost / cost_of(truth));
+            }
             assert_poles_are_stable(&r);
         }
     }
@@ -231,18 +239,21 @@ static void assert_cost_is_of_the_model(const gsid_fit_result *r) {
         for (int m = -IMAGES; m <= IMAGES; m++) {
             const cplx s = 2 * I * PI * (f_hz[k] + m / sample_s), v = s / r->model.scale_rad_s;
             cplx a = 0, b = 0;
-            for (uint32_t i = r->model.n_poles + 1; i-- > 0;)
+            for (uint32_t i = r->model.n_poles + 1; i-- > 0;) {
                 a = a * v + r->model.den[i];
-            for (uint32_t i = r->model.n_zeros + 1; i-- > 0;)
+            }
+            for (uint32_t i = r->model.n_zeros + 1; i-- > 0;) {
                 b = b * v + r->model.num[i];
+            }
             sum += b / a * cexp(-s * r->model.delay_s) * (1 - cexp(-s * sample_s)) / (s * sample_s);
         }
         model[k] = sum;
     }
     brute = cost_of(model);
     /* both sums of images are good to 1e-6 of |G|, a hundredth of sigma */
-    if (!(fabs(brute - r->cost) < 0.02 * r->cost))
+    if (!(fabs(brute - r->cost) < 0.02 * r->cost)) {
         fail_msg("cost %.3f, by the sum of images %.3f", r->cost, brute);
+    }
 }
 
 static void a_held_input_is_taken_into_account(void **state) {
@@ -260,8 +271,9 @@ static void a_held_input_is_taken_into_account(void **state) {
         cfg.hold = 1;
         const gsid_status status = run(&cfg, &r);
 #ifndef GSID_WITH_NLOPT
-        if (status == GSID_E_BACKEND)
+        if (status == GSID_E_BACKEND) {
             continue;
+        }
 #endif
         assert_int_equal(status, GSID_OK);
         assert_poles_are_stable(&r);
@@ -290,12 +302,14 @@ static void every_method_answers(void **state) {
             gsid_fit_result r;
             const gsid_status status = run(&cfg, &r);
             const int on_grid = !WITH_NLOPT && method <= GSID_METHOD_IWLS; /* delay to a step of the scan only */
-            if (status != (on_grid ? GSID_MAX_ITER : GSID_OK))
+            if (status != (on_grid ? GSID_MAX_ITER : GSID_OK)) {
                 fail_msg("%s: status %d", names[method], status);
+            }
             assert_int_equal(r.converged, !on_grid);
             assert_true(isfinite(r.cost) && r.cost > 0 && isfinite(r.cost_ml));
-            for (uint32_t i = 0; i < r.n_parameters; i++)
+            for (uint32_t i = 0; i < r.n_parameters; i++) {
                 assert_true(r.cov[i * (r.n_parameters + 1)] > 0);
+            }
             /* the output error methods come near the best there is; LS weighs errors at high frequency too much */
             const double off = fabs(r.model.delay_s - 0.002);
             if (on_grid) {
@@ -330,12 +344,14 @@ static void linear_methods_find_a_stable_model_at_any_delay(void **state) {
             assert_int_equal(status, GSID_MAX_ITER);
             assert_int_equal(r.converged, 0);
 #else
-            if (status != GSID_OK)
+            if (status != GSID_OK) {
                 fail_msg("method %d, delay %g: status %d", method, delay_s, status);
+            }
 #endif
             assert_poles_are_stable(&r);
-            if (!(fabs(r.model.delay_s - delay_s) < limit_s))
+            if (!(fabs(r.model.delay_s - delay_s) < limit_s)) {
                 fail_msg("method %d, delay %g: %g found", method, delay_s, r.model.delay_s);
+            }
         }
     }
 }
@@ -356,8 +372,9 @@ static void nls_does_not_depend_on_the_unit(void **state) {
         cfg.hold = 1;
         assert_int_equal(run(&cfg, &r[small]), GSID_OK);
     }
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < 2; i++) {
         assert_true(distance(2, r[1].poles, r[0].poles[i].re + I * r[0].poles[i].im) < 1e-9 * 63);
+    }
     assert_true(fabs(r[1].model.delay_s - r[0].model.delay_s) < 1e-12);
 }
 
@@ -395,16 +412,19 @@ static void an_unstable_model_is_returned_only_when_asked_for(void **state) {
             const gsid_status status = run(&cfg, &r);
             if (status >= 0) {
                 assert_poles_are_stable(&r);
-                for (uint32_t i = 0; i < 2; i++) /* a pole that wants to leave stops 1e-6 of the band before the axis */
+                for (uint32_t i = 0; i < 2;
+                     i++) { /* a pole that wants to leave stops 1e-6 of the band before the axis */
                     assert_true(r.poles[i].re < -0.99e-6 * r.model.scale_rad_s);
+                }
             } else {
                 assert_true(status == GSID_E_UNSTABLE || status == GSID_E_BACKEND);
             }
 #ifndef GSID_WITH_NLOPT
             assert_true(status < 0);
 #endif
-            if (hold)
+            if (hold) {
                 continue;
+            }
             cfg.allow_unstable = 1;
             const int on_grid = !WITH_NLOPT && method <= GSID_METHOD_IWLS;
             assert_int_equal(run(&cfg, &r), on_grid ? GSID_MAX_ITER : GSID_OK);
@@ -458,10 +478,12 @@ static void delays_that_repeat_are_not_taken(void **state) {
  * of the binomial (wrong once in 16 000). */
 static void assert_binomial(const char *what, double level, const int held[5], int n) {
     const double scatter = 4 * sqrt(n * level * (1 - level));
-    for (int j = 0; j < 5; j++)
-        if (fabs(held[j] - n * level) > scatter)
+    for (int j = 0; j < 5; j++) {
+        if (fabs(held[j] - n * level) > scatter) {
             fail_msg("%s, parameter %d: %d of %d intervals hold the truth, wanted are %.0f +- %.0f", what, j, held[j],
                      n, n * level, scatter);
+        }
+    }
 }
 
 /* Repeated experiments: each interval holds the truth as often as it says. Those of 95 % show a covariance that is too small;
@@ -579,8 +601,9 @@ static void failures_leave_the_result(void **state) {
     assert_refused(GSID_E_CONFIG, &good, &held);
 
     /* a gain tells nothing of a pole and a zero */
-    for (uint32_t k = 0; k < n_lines; k++)
+    for (uint32_t k = 0; k < n_lines; k++) {
         g[k].re = 2, g[k].im = 0;
+    }
     gsid_fit_cfg gain = cfg;
     gain.n_poles = gain.n_zeros = 1;
     gain.delay = GSID_DELAY_NONE;

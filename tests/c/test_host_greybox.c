@@ -172,8 +172,9 @@ static void minimum_on_a_bound(void **state) {
 static double no_number(unsigned n, const double *x, double *gradient, void *user) {
     (void)x;
     (void)user;
-    for (unsigned i = 0; gradient != NULL && i < n; i++)
+    for (unsigned i = 0; gradient != NULL && i < n; i++) {
         gradient[i] = NAN;
+    }
     return NAN;
 }
 

@@ -33,9 +33,10 @@ static gsid_rational from_factors(uint32_t n_zeros, const double *num, uint32_t 
     uint32_t degree = 0;
     for (uint32_t i = 0; i < n_factors; i++) {
         const uint32_t order = factor[i][2] != 0 ? 2 : 1;
-        for (uint32_t k = degree + order + 1; k-- > 0;)
+        for (uint32_t k = degree + order + 1; k-- > 0;) {
             den[k] = factor[i][0] * den[k] + (k >= 1 ? factor[i][1] * den[k - 1] : 0) +
                      (k >= 2 ? factor[i][2] * den[k - 2] : 0);
+        }
         degree += order;
     }
     gsid_rational m = new_model(degree, n_zeros, scale);
@@ -55,23 +56,27 @@ static gsid_rational axis(void) {
 static void held(const gsid_rational *m, cplx *g) {
     gsid_cplx response[N_FREQ];
     assert_int_equal(gsid_hold_response(m, sample_s, N_FREQ, f_hz, response), GSID_OK);
-    for (int k = 0; k < N_FREQ; k++)
+    for (int k = 0; k < N_FREQ; k++) {
         g[k] = response[k].re + I * response[k].im;
+    }
 }
 
 static void assert_near(cplx got, cplx want, double tolerance, const char *what, double f) {
-    if (!(cabs(got - want) <= tolerance))
+    if (!(cabs(got - want) <= tolerance)) {
         fail_msg("%s, %g Hz: got (%.9g, %.9g), want (%.9g, %.9g), off by %.3g, allowed %.3g", what, f, creal(got),
                  cimag(got), creal(want), cimag(want), cabs(got - want), tolerance);
+    }
 }
 
 static cplx at(const gsid_rational *m, double w) {
     const cplx v = I * w / m->scale_rad_s;
     cplx a = 0, b = 0;
-    for (uint32_t i = m->n_poles + 1; i-- > 0;)
+    for (uint32_t i = m->n_poles + 1; i-- > 0;) {
         a = a * v + m->den[i];
-    for (uint32_t i = m->n_zeros + 1; i-- > 0;)
+    }
+    for (uint32_t i = m->n_zeros + 1; i-- > 0;) {
         b = b * v + m->num[i];
+    }
     return cexp(-I * w * m->delay_s) * b / a;
 }
 
@@ -119,10 +124,12 @@ static void images_of_repeated_poles(void **state) {
     (void)state;
     const double one[1] = {1};
     double lags[8][3], modes[4][3];
-    for (uint32_t i = 0; i < 8; i++)
+    for (uint32_t i = 0; i < 8; i++) {
         lags[i][0] = lags[i][1] = 1, lags[i][2] = 0;
-    for (uint32_t i = 0; i < 4; i++)
+    }
+    for (uint32_t i = 0; i < 4; i++) {
         modes[i][0] = modes[i][2] = 1, modes[i][1] = 0.1;
+    }
     for (uint32_t n = 2; n <= 8; n++) {
         gsid_rational m = from_factors(0, one, n, lags, 2 * PI * 100);
         m.delay_s = 1.4 * sample_s;
@@ -182,8 +189,9 @@ static void advance(const gsid_rational *m, double h, double u, double *x) {
     double k[4][ORDER], at_x[ORDER];
     const double part[4] = {0, 0.5, 0.5, 1};
     for (int stage = 0; stage < 4; stage++) {
-        for (int i = 0; i < ORDER; i++)
+        for (int i = 0; i < ORDER; i++) {
             at_x[i] = x[i] + (stage == 0 ? 0 : part[stage] * h * k[stage - 1][i]);
+        }
         double top = u;
         for (int i = 0; i < ORDER; i++) {
             top -= m->den[i] * at_x[i];
@@ -191,8 +199,9 @@ static void advance(const gsid_rational *m, double h, double u, double *x) {
         }
         k[stage][ORDER - 1] = top / m->den[ORDER];
     }
-    for (int i = 0; i < ORDER; i++)
+    for (int i = 0; i < ORDER; i++) {
         x[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
+    }
 }
 
 static int command(int n) {
@@ -209,13 +218,16 @@ static void assert_simulated(const gsid_rational *m, int delay) {
         /* just before instant n: what the direct path passes is the command delayed, one step of the simulation ago */
         const int before = (n + 100 * PERIOD) * STEPS - delay - 1;
         y[n % PERIOD] = direct * command(before / STEPS);
-        for (int i = 0; i < ORDER; i++)
+        for (int i = 0; i < ORDER; i++) {
             y[n % PERIOD] += ((i <= (int)m->n_zeros ? m->num[i] : 0) - direct * m->den[i]) * x[i];
-        for (int i = 0; i < STEPS; i++)
+        }
+        for (int i = 0; i < STEPS; i++) {
             advance(m, m->scale_rad_s * sample_s / STEPS, command(((n + 100 * PERIOD) * STEPS + i - delay) / STEPS), x);
+        }
     }
-    for (int k = 1; k < PERIOD / 2; k++)
+    for (int k = 1; k < PERIOD / 2; k++) {
         f[k - 1] = k / sample_s / PERIOD;
+    }
     assert_int_equal(gsid_hold_response(m, sample_s, PERIOD / 2 - 1, f, got), GSID_OK);
     for (int k = 1; k < PERIOD / 2; k++) {
         cplx u_line = 0, y_line = 0;
@@ -254,16 +266,18 @@ static void delay_is_a_smooth_parameter(void **state) {
         held(&m, below);
         m.delay_s = (whole + 1e-9) * sample_s;
         held(&m, above);
-        for (int k = 0; k < N_FREQ; k++) /* 2e-9 of a sample turns the phase by less than 1e-8 */
+        for (int k = 0; k < N_FREQ; k++) { /* 2e-9 of a sample turns the phase by less than 1e-8 */
             assert_near(above[k], below[k], 1e-8 * cabs(below[k]) + 1e-12, "across a whole delay", f_hz[k]);
+        }
     }
     cplx rounded[N_FREQ], whole[N_FREQ];
     m.delay_s = 3 * sample_s * (1 - DBL_EPSILON);
     held(&m, rounded);
     m.delay_s = 3 * sample_s;
     held(&m, whole);
-    for (int k = 0; k < N_FREQ; k++)
+    for (int k = 0; k < N_FREQ; k++) {
         assert_near(rounded[k], whole[k], 1e-12 * cabs(whole[k]), "rounded", f_hz[k]);
+    }
 }
 
 static void failures_leave_the_outputs(void **state) {
@@ -277,8 +291,9 @@ static void failures_leave_the_outputs(void **state) {
     assert_int_equal(gsid_hold_response(&m, sample_s, N_FREQ, f, NULL), GSID_E_NULL);
     assert_int_equal(gsid_hold_response(&m, sample_s, 0, NULL, NULL), GSID_OK);
     const double bad_samples[4] = {0, -1, NAN, INFINITY};
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         assert_int_equal(gsid_hold_response(&m, bad_samples[i], N_FREQ, f, g), GSID_E_CONFIG);
+    }
     bad = m;
     bad.domain = GSID_DOMAIN_Z;
     assert_int_equal(gsid_hold_response(&bad, sample_s, N_FREQ, f, g), GSID_E_CONFIG);

@@ -43,8 +43,9 @@ static void make(bench *b) {
     for (int k = 0; k < N_LINES; k++) {
         b->f_hz[k] = 2.0 * (k + 1);
         b->sigma[k] = 1e-6;
-        for (int c = 0; c < N_CHANNELS; c++)
+        for (int c = 0; c < N_CHANNELS; c++) {
             b->g[c][k] = response(c, b->f_hz[k], delays[c]);
+        }
     }
     for (int c = 0; c < N_CHANNELS; c++) {
         const gsid_frd data = {.n_lines = N_LINES, .f_hz = b->f_hz, .g = b->g[c], .sigma = b->sigma};
@@ -70,8 +71,9 @@ static void exact_responses_give_sections_numerators_and_delays(void **state) {
     b.result.delay_low_s = low_s;
     b.result.delay_high_s = high_s;
     assert_int_equal(run(&b), GSID_OK);
-    for (int c = 0; c < N_CHANNELS; c++) /* without noise no other minimum is left */
+    for (int c = 0; c < N_CHANNELS; c++) { /* without noise no other minimum is left */
         assert_true(low_s[c] == b.delay_s[c] && high_s[c] == b.delay_s[c]);
+    }
     const double w = b.result.scale_rad_s;
     assert_true(fabs(b.section[0] * w * w / 90400 - 1) < 1e-6);
     assert_true(fabs(b.section[1] * w / 40 - 1) < 1e-6);
@@ -112,9 +114,11 @@ static void information(const bench *b, const double *p, double m[N_Z][N_Z]) {
                 down[i] -= h;
                 slope[i] = (response_z(up, c, b->f_hz[k]) - response_z(down, c, b->f_hz[k])) / (2 * h * b->sigma[k]);
             }
-            for (int i = 0; i < N_Z; i++)
-                for (int j = 0; j < N_Z; j++)
+            for (int i = 0; i < N_Z; i++) {
+                for (int j = 0; j < N_Z; j++) {
                     m[i][j] += 2 * creal(conj(slope[i]) * slope[j]);
+                }
+            }
         }
     }
 }
@@ -124,11 +128,12 @@ static const double TRUTH_Z[N_Z] = {0.1, 0.2, 0.3, 0.05, -0.2, 0.15, 0.1, -0.1, 
 static void make_z(bench *b) {
     static const uint32_t shared[N_CHANNELS] = {0, 0};
     make(b);
-    for (int c = 0; c < N_CHANNELS; c++)
+    for (int c = 0; c < N_CHANNELS; c++) {
         for (int k = 0; k < N_LINES; k++) {
             const double complex g = response_z(TRUTH_Z, c, b->f_hz[k]);
             b->g[c][k] = (gsid_cplx){creal(g), cimag(g)};
         }
+    }
     const gsid_mimo_cfg cfg = {.domain = GSID_DOMAIN_Z,
                                .method = GSID_METHOD_ML,
                                .n_poles = N_POLES,
@@ -152,18 +157,21 @@ static void the_covariance_is_half_the_inverse_of_the_information(void **state) 
     memcpy(found, num, sizeof num);
     memcpy(found + N_NUM_Z, b.section, sizeof b.section);
     found[N_Z - 1] = b.delay_s[0];
-    for (int i = 0; i < N_Z; i++)
+    for (int i = 0; i < N_Z; i++) {
         assert_true(fabs(found[i] - TRUTH_Z[i]) < 1e-6);
+    }
     information(&b, found, m);
-    for (int i = 0; i < N_Z; i++)
+    for (int i = 0; i < N_Z; i++) {
         for (int j = 0; j < N_Z; j++) {
             double product = 0;
-            for (int k = 0; k < N_Z; k++)
+            for (int k = 0; k < N_Z; k++) {
                 product += m[i][k] * cov[k][j];
+            }
             const double unit = sqrt(m[i][i] / m[j][j]); /* of parameter j in those of i */
             assert_true(fabs(product / unit - (i == j)) <
                         1e-4); /* differences of 1e-5: squares of it, times the condition */
         }
+    }
 }
 
 /* An early response is no negative delay. Found by review: the search had no limits there. */
@@ -171,8 +179,9 @@ static void a_free_delay_is_not_negative(void **state) {
     (void)state;
     bench b;
     make(&b);
-    for (int k = 0; k < N_LINES; k++)
+    for (int k = 0; k < N_LINES; k++) {
         b.g[0][k] = response(0, b.f_hz[k], -0.5e-3);
+    }
     assert_true(run(&b) >= 0);
     assert_true(b.delay_s[0] == 0);
     assert_true(b.delay_s[1] >= 0 && b.delay_s[1] <= 3.0 / 120);

@@ -10,18 +10,22 @@ static bench b;
 static double u[PERIODS * N], y[PERIODS * N], truth[PERIODS * N];
 
 static void fill_command(double size) {
-    for (uint32_t n = 0; n < PERIODS * N; n++)
+    for (uint32_t n = 0; n < PERIODS * N; n++) {
         u[n] = bench_command(N, n, size);
+    }
 }
 
 /* ---- linear ---- */
 
 /* to += factor a b, ascending powers of s / scale */
 static void add_product(double factor, const double a[3], const double c[3], double *to) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            if (i + j < 5)
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            if (i + j < 5) {
                 to[i + j] += factor * a[i] * c[j];
+            }
+        }
+    }
 }
 
 /* gain s / (s^2 + viscous s + spring) + residue gain s / (s^2 + 2 zeta w s + w^2), with delay and lag */
@@ -125,8 +129,9 @@ static void shooting_finds_where_the_axis_settles(void **state) {
         run_axis(levels[k], 5.4e-3);
         start_source_with_friction(levels[k], 5.4e-3);
         assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 8, y, NULL, NULL, NULL, &residual), GSID_OK);
-        for (uint32_t n = 0; n < N; n++)
+        for (uint32_t n = 0; n < N; n++) {
             assert_near(y[n], truth[(PERIODS - 1) * N + n], 1e-9); /* the axis' own transient after 12 s */
+        }
     }
 }
 

@@ -27,9 +27,11 @@ static double draw(double lo, double hi) {
 static void expand(uint32_t n, const wide *root, wide *coef) {
     memset(coef, 0, (GSID_ORDER_MAX + 1) * sizeof *coef);
     coef[0] = 1;
-    for (uint32_t r = 0; r < n; r++)
-        for (uint32_t i = r + 2; i-- > 0;)
+    for (uint32_t r = 0; r < n; r++) {
+        for (uint32_t i = r + 2; i-- > 0;) {
             coef[i] = (i > 0 ? coef[i - 1] : 0) - (i <= r ? root[r] * coef[i] : 0);
+        }
+    }
 }
 
 static wide of(gsid_cplx z) {
@@ -44,8 +46,9 @@ static void assert_conjugate(uint32_t n, const gsid_cplx *root) {
             above += root[j].re == root[i].re && root[j].im == root[i].im;
             below += root[j].re == root[i].re && root[j].im == -root[i].im;
         }
-        if (above != below)
+        if (above != below) {
             fail_msg("%.17g %+.17g j has no partner", root[i].re, root[i].im);
+        }
     }
 }
 
@@ -67,8 +70,9 @@ static void assert_backward_stable(uint32_t n, const double *coef, double epsilo
     for (uint32_t i = 0; i <= n; i++) {
         const long double off = cabsl(coef[n] * product[i] - coef[i]);
         const long double allowed = epsilons * DBL_EPSILON * fabsl(coef[n]) * creall(all_positive[i]);
-        if (!(off <= allowed))
+        if (!(off <= allowed)) {
             fail_msg("seed %u, degree %u, power %u: off by %.3Lg, allowed %.3Lg", seed, n, i, off, allowed);
+        }
     }
 }
 
@@ -80,20 +84,24 @@ static void assert_roots(uint32_t n, const wide *known, double tolerance) {
     int taken[GSID_ORDER_MAX] = {0};
     uint32_t n_found;
     expand(n, known, coef);
-    for (uint32_t i = 0; i <= n; i++)
+    for (uint32_t i = 0; i <= n; i++) {
         rounded[i] = (double)creall(coef[i]);
+    }
     assert_int_equal(gsid_poly_roots(n, rounded, root, &n_found), GSID_OK);
     assert_int_equal(n_found, n);
     assert_conjugate(n, root);
     for (uint32_t k = 0; k < n; k++) {
         uint32_t nearest = n;
-        for (uint32_t i = 0; i < n; i++)
-            if (!taken[i] && (nearest == n || cabsl(of(root[i]) - known[k]) < cabsl(of(root[nearest]) - known[k])))
+        for (uint32_t i = 0; i < n; i++) {
+            if (!taken[i] && (nearest == n || cabsl(of(root[i]) - known[k]) < cabsl(of(root[nearest]) - known[k]))) {
                 nearest = i;
+            }
+        }
         const long double off = cabsl(of(root[nearest]) - known[k]);
-        if (!(off <= tolerance * cabsl(known[k])))
+        if (!(off <= tolerance * cabsl(known[k]))) {
             fail_msg("root %u (%.17Lg %+.17Lg j): off by %.3Lg of it", k, creall(known[k]), cimagl(known[k]),
                      off / cabsl(known[k]));
+        }
         taken[nearest] = 1;
     }
 }
@@ -107,8 +115,9 @@ static void wilkinson(void **state) {
     } cases[3] = {{5, 2e2 * 20 * DBL_EPSILON}, {10, 3e7 * 20 * DBL_EPSILON}, {15, 5e11 * 20 * DBL_EPSILON}};
     for (int c = 0; c < 3; c++) {
         wide known[GSID_ORDER_MAX];
-        for (uint32_t i = 0; i < cases[c].n; i++)
+        for (uint32_t i = 0; i < cases[c].n; i++) {
             known[i] = i + 1;
+        }
         assert_roots(cases[c].n, known, cases[c].tolerance);
     }
 }
@@ -120,11 +129,13 @@ static void real_roots_are_not_taken_for_pairs(void **state) {
     wide known[GSID_ORDER_MAX], wides[GSID_ORDER_MAX + 1];
     gsid_cplx root[GSID_ORDER_MAX];
     uint32_t n_found;
-    for (uint32_t i = 0; i < 14; i++)
+    for (uint32_t i = 0; i < 14; i++) {
         known[i] = i + 1;
+    }
     expand(14, known, wides);
-    for (uint32_t i = 0; i <= 14; i++)
+    for (uint32_t i = 0; i <= 14; i++) {
         coef[i] = (double)creall(wides[i]);
+    }
     assert_int_equal(gsid_poly_roots(14, coef, root, &n_found), GSID_OK);
     for (uint32_t i = 0; i < 14; i++) {
         assert_true(root[i].im == 0);
@@ -161,8 +172,9 @@ static void pairs_of_little_damping(void **state) {
 static void roots_of_very_different_size(void **state) {
     (void)state;
     wide known[9];
-    for (int i = 0; i < 9; i++)
+    for (int i = 0; i < 9; i++) {
         known[i] = (i % 2 == 0 ? -1 : 1) * powl(10, 1.5L * (i - 4)); /* 1e-6 .. 1e6 */
+    }
     assert_roots(9, known, 200 * DBL_EPSILON);
     const wide lag_and_mode[4] = {-5.5L + 11.8L * I, -5.5L - 11.8L * I, -17 + 1124.6L * I, -17 - 1124.6L * I};
     assert_roots(4, lag_and_mode, 200 * DBL_EPSILON);
@@ -205,10 +217,12 @@ static void random_polynomials(void **state) {
         double coef[GSID_ORDER_MAX + 1];
         const uint32_t n = 1 + (uint32_t)draw(0, GSID_ORDER_MAX);
         const double spread = draw(0, 6); /* decades between coefficients */
-        for (uint32_t i = 0; i <= n; i++)
+        for (uint32_t i = 0; i <= n; i++) {
             coef[i] = draw(-1, 1) * pow(10, draw(-spread, spread));
-        if (coef[n] == 0 || coef[0] == 0)
+        }
+        if (coef[n] == 0 || coef[0] == 0) {
             continue;
+        }
         assert_backward_stable(n, coef, 100.0 * n);
     }
 }

@@ -30,8 +30,9 @@ static void make(gsid_effect *effect, const gsid_expression *expression, uint32_
     const gsid_effect_parameter any = {"p", "", 1, GSID_R(-1e9), GSID_R(1e9), NAN};
     memset(effect, 0, sizeof *effect);
     effect->n_parameters = n_parameters;
-    for (uint32_t k = 0; k < n_parameters; k++)
+    for (uint32_t k = 0; k < n_parameters; k++) {
         effect->parameter[k] = any;
+    }
     assert_int_equal(gsid_expression_effect(expression, effect), GSID_OK);
 }
 
@@ -50,24 +51,28 @@ static gsid_status step_all(bench *to, double size, gsid_real *out, gsid_real *s
         gsid_real here[FREE_MAX];
         const gsid_status status =
             gsid_plant_step(&to->plant, (gsid_real)bench_command(N, n, size), &out[n], slopes != NULL ? here : NULL);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
-        for (uint32_t p = 0; slopes != NULL && p < to->cfg.n_free; p++)
+        }
+        for (uint32_t p = 0; slopes != NULL && p < to->cfg.n_free; p++) {
             slopes[p * N + n] = here[p];
+        }
     }
     return GSID_OK;
 }
 
 static double peak(const gsid_real *x) {
     double largest = 0;
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         largest = fmax(largest, fabs((double)x[n]));
+    }
     return largest;
 }
 
 static void assert_same(const gsid_real *got, const gsid_real *want, double tolerance) {
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_near((double)got[n], (double)want[n], tolerance * peak(want));
+    }
 }
 
 /* Every derivative of the simulation against its difference; differences of a float simulation are rounding only. */
@@ -89,8 +94,9 @@ static void assert_slopes(bench *of, double size) {
             assert_int_equal(step_all(of, size, sides[i], NULL), GSID_OK);
         }
         *value = kept;
-        for (int n = 0; n < N; n++)
+        for (int n = 0; n < N; n++) {
             bumped[n] = (bumped[n] - other[n]) / (2 * bump);
+        }
         assert_same(bumped, dy + p * N, SLOPE);
     }
 #endif
@@ -157,8 +163,9 @@ static void test_the_command_that_a_law_sees(void **state) {
         static gsid_real slopes[FREE_MAX * N];
         assert_int_equal(step_all(&b, 10.0, y, slopes), GSID_OK);
         assert_same(y, other, TOLERANCE);
-        for (uint32_t p = 0; p < a.cfg.n_free; p++) /* the parameters before the law's are the same ones */
+        for (uint32_t p = 0; p < a.cfg.n_free; p++) { /* the parameters before the law's are the same ones */
             assert_same(slopes + p * N, dy + p * N, 10 * TOLERANCE);
+        }
         assert_slopes(&b, 10.0);
     }
 }
@@ -187,8 +194,9 @@ static void test_a_steep_law(void **state) {
             }
         }
         assert_same(y, truth, TOLERANCE);
-        if (widths[i] > 0.05) /* narrower, a difference that crosses the transition is none */
+        if (widths[i] > 0.05) { /* narrower, a difference that crosses the transition is none */
             assert_slopes(&b, 10.0);
+        }
     }
 }
 
@@ -215,15 +223,17 @@ static void test_what_cannot_be_followed_is_refused(void **state) {
         bench_init(&b);
         gsid_status status = step_all(&b, 10.0, y, NULL);
         assert_true(status == bad[i].status || status == bad[i].or_status);
-        for (uint32_t n = 0; n < N; n++)
+        for (uint32_t n = 0; n < N; n++) {
             u[n] = (gsid_real)bench_command(N, n, 10.0);
+        }
         status = gsid_plant_periodic(&b.plant, N, u, 1, 4, y, NULL, NULL, NULL, NULL);
         assert_true(status == bad[i].status || status == bad[i].or_status);
         /* The plant is at rest and goes on: with the law switched off it works. */
         b.item[1].value[0] = 0;
         assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
-        if (i != 1) /* 0 / 0 is no number either */
+        if (i != 1) { /* 0 / 0 is no number either */
             assert_int_equal(step_all(&b, 10.0, y, NULL), GSID_OK);
+        }
     }
 }
 
@@ -256,10 +266,11 @@ static void test_functions_and_their_derivatives(void **state) {
                 memset(&side, 0, sizeof side);
                 item.value[0] = (gsid_real)(value + (j == 3 ? h : j == 4 ? -h : 0));
                 effect.torque(&item, &motion, &side);
-                if (j == 0)
+                if (j == 0) {
                     t = side;
-                else
+                } else {
                     at[(j - 1) / 2][(j - 1) % 2] = side.torque;
+                }
             }
             /* Central differences err by h^2 and rounding over h. */
             const double tolerance = sizeof(gsid_real) == 4 ? 2e-3 : 1e-8;
@@ -295,19 +306,22 @@ static void test_lists_that_are_no_expression(void **state) {
                                       unknown[] = {{GSID_EXPRESSION_N_KINDS, 0, 0}}, no_such[] = {VALUE(1)},
                                       infinite[] = {{GSID_EXPRESSION_NUMBER, 0, INFINITY}};
     static gsid_expression_step deep[2 * GSID_EXPRESSION_DEPTH_MAX + 1], wide[GSID_EXPRESSION_STEPS_MAX + 1];
-    for (size_t i = 0; i < LENGTH(deep); i++)
+    for (size_t i = 0; i < LENGTH(deep); i++) {
         deep[i].kind = i <= GSID_EXPRESSION_DEPTH_MAX ? GSID_EXPRESSION_RATE : GSID_EXPRESSION_ADD;
+    }
     wide[0].kind = GSID_EXPRESSION_RATE;
-    for (size_t i = 1; i < LENGTH(wide); i++)
+    for (size_t i = 1; i < LENGTH(wide); i++) {
         wide[i].kind = GSID_EXPRESSION_ABS;
+    }
     const gsid_expression bad[] = {{0, deep},     FROM(empty_stack), FROM(two_left), FROM(unknown),
                                    FROM(no_such), FROM(deep),        FROM(wide)};
     const gsid_expression not_finite = FROM(infinite), none = {1, NULL};
     gsid_effect effect;
     memset(&effect, 0, sizeof effect);
     effect.n_parameters = 1;
-    for (size_t i = 0; i < LENGTH(bad); i++)
+    for (size_t i = 0; i < LENGTH(bad); i++) {
         assert_int_equal(gsid_expression_effect(&bad[i], &effect), GSID_E_CONFIG);
+    }
     assert_int_equal(gsid_expression_effect(&not_finite, &effect), GSID_E_NONFINITE);
     assert_int_equal(gsid_expression_effect(&none, &effect), GSID_E_NULL);
     assert_int_equal(gsid_expression_effect(NULL, &effect), GSID_E_NULL);

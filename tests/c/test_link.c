@@ -175,8 +175,9 @@ static void frames_may_come_in_pieces(void **state) {
     const gsid_frame sent[3] = {frame_of(GSID_FRAME_RESULT, 0, 3000, 512), frame_of(GSID_FRAME_COMMAND, 1, 2, 3),
                                 frame_of(GSID_FRAME_STOP, 2, 0, 0)};
     uint8_t bytes[3 * BYTES + GSID_LINK_FRAME_MAX];
-    for (size_t i = 0; i < 3; i++)
+    for (size_t i = 0; i < 3; i++) {
         gsid_link_encode(&sent[i], SESSION, bytes + i * BYTES);
+    }
     for (size_t cut = 0; cut <= 3 * BYTES; cut++) {
         gsid_link link;
         gsid_frame got[3];
@@ -188,8 +189,9 @@ static void frames_may_come_in_pieces(void **state) {
         assert_int_equal(gsid_link_decode(&link, 3 * BYTES - cut, bytes + cut, 3 - first + 1, got + first, &second),
                          3 * BYTES - cut);
         assert_int_equal(first + second, 3);
-        for (size_t i = 0; i < 3; i++)
+        for (size_t i = 0; i < 3; i++) {
             assert_same(&got[i], &sent[i]);
+        }
         assert_int_equal(link.n_damaged + link.n_garbage + link.n_held, 0);
     }
 }
@@ -249,14 +251,16 @@ static void no_good_frame_is_lost_in_garbage(void **state) {
         link.session = SESSION;
         while (at < n_bytes) {
             size_t chunk = next_random(&seed) % 100, n_frames;
-            if (chunk > n_bytes - at)
+            if (chunk > n_bytes - at) {
                 chunk = n_bytes - at;
+            }
             at += gsid_link_decode(&link, chunk, stream + at, next_random(&seed) % 8, received + n_got, &n_frames);
             n_got += n_frames;
         }
         assert_int_equal(n_got, n_sent);
-        for (size_t i = 0; i < n_sent; i++)
+        for (size_t i = 0; i < n_sent; i++) {
             assert_same(&received[i], &expected[i]);
+        }
         assert_int_equal(link.n_garbage + link.n_frames * BYTES + link.n_held, n_bytes);
     }
 }

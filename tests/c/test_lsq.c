@@ -29,8 +29,9 @@ static gsid_real draw(void) {
 
 static void draw_problem(void) {
     for (int i = 0; i < N_ROWS; i++) {
-        for (int j = 0; j < N; j++)
+        for (int j = 0; j < N; j++) {
             a[i][j] = draw();
+        }
         b[i] = draw();
     }
 }
@@ -45,8 +46,9 @@ static gsid_lsq start(uint32_t n_columns) {
 /* the first n_columns columns of the problem */
 static gsid_lsq load(uint32_t n_columns) {
     gsid_lsq q = start(n_columns);
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         assert_int_equal(gsid_lsq_add(&q, a[i], b[i]), GSID_OK);
+    }
     return q;
 }
 
@@ -54,39 +56,50 @@ static gsid_lsq load(uint32_t n_columns) {
 static void invert_normal(int n, long double inverse[N][N]) {
     long double m[N][2 * N] = {{0}};
     for (int i = 0; i < n; i++) {
-        for (int j = 0; j < n; j++)
-            for (int k = 0; k < N_ROWS; k++)
+        for (int j = 0; j < n; j++) {
+            for (int k = 0; k < N_ROWS; k++) {
                 m[i][j] += (long double)a[k][i] * a[k][j];
+            }
+        }
         m[i][n + i] = 1;
     }
     for (int p = 0; p < n; p++) {
-        for (int j = 2 * n - 1; j >= p; j--)
+        for (int j = 2 * n - 1; j >= p; j--) {
             m[p][j] /= m[p][p];
-        for (int i = 0; i < n; i++)
-            for (int j = 2 * n - 1; j >= p && i != p; j--)
+        }
+        for (int i = 0; i < n; i++) {
+            for (int j = 2 * n - 1; j >= p && i != p; j--) {
                 m[i][j] -= m[i][p] * m[p][j];
+            }
+        }
     }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++)
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
             inverse[i][j] = m[i][n + j];
+        }
+    }
 }
 
 /* x <- the solution over the first n columns; returns the sum of squared residuals */
 static long double solve_normal(int n, long double x[N]) {
     long double inverse[N][N], right[N] = {0}, cost = 0;
     invert_normal(n, inverse);
-    for (int i = 0; i < n; i++)
-        for (int k = 0; k < N_ROWS; k++)
+    for (int i = 0; i < n; i++) {
+        for (int k = 0; k < N_ROWS; k++) {
             right[i] += (long double)a[k][i] * b[k];
+        }
+    }
     for (int i = 0; i < n; i++) {
         x[i] = 0;
-        for (int j = 0; j < n; j++)
+        for (int j = 0; j < n; j++) {
             x[i] += inverse[i][j] * right[j];
+        }
     }
     for (int k = 0; k < N_ROWS; k++) {
         long double residual = b[k];
-        for (int i = 0; i < n; i++)
+        for (int i = 0; i < n; i++) {
             residual -= x[i] * a[k][i];
+        }
         cost += residual * residual;
     }
     return cost;
@@ -104,8 +117,9 @@ static void solution_cost_and_covariance_are_those_of_the_normal_equations(void 
         long double want[N], inverse[N][N];
         const long double want_cost = solve_normal(N, want);
         assert_int_equal(gsid_lsq_solve(&q, 0, x, &cost), GSID_OK);
-        for (int i = 0; i < N; i++)
+        for (int i = 0; i < N; i++) {
             assert_near(x[i], want[i], TOLERANCE);
+        }
         assert_near(cost, want_cost, 10 * TOLERANCE); /* the cost itself is about 13 */
         invert_normal(N, inverse);
         assert_int_equal(gsid_lsq_covariance(&q, cov), GSID_OK);
@@ -142,20 +156,23 @@ static void as_many_rows_as_unknowns_leave_no_residual(void **state) {
 static void assert_pinned(int bad) {
     for (int i = 0; i < N_ROWS; i++) {
         a[i][bad] = 0;
-        for (int j = 0; j < bad; j++)
+        for (int j = 0; j < bad; j++) {
             a[i][bad] += (gsid_real)(j + 1) * a[i][j];
+        }
     }
     gsid_lsq q = load(N);
     gsid_real x[N], cost, again[N], cov[N * N] = {7};
     assert_int_equal(gsid_lsq_solve(&q, 0, x, &cost), GSID_RANK);
     assert_int_equal(q.n_pinned, 1);
     assert_true(x[bad] == 0);
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         memmove(&a[i][bad], &a[i][bad + 1], (size_t)(N - 1 - bad) * sizeof a[i][0]);
+    }
     long double want[N];
     const long double want_cost = solve_normal(N - 1, want);
-    for (int j = 0; j < N - 1; j++)
+    for (int j = 0; j < N - 1; j++) {
         assert_near(x[j < bad ? j : j + 1], want[j], TOLERANCE);
+    }
     assert_near(cost, want_cost, 10 * TOLERANCE);
     /* the pin is there to stay, and nothing forgets it */
     assert_int_equal(gsid_lsq_solve(&q, 0, again, NULL), GSID_RANK);
@@ -176,8 +193,9 @@ static void a_column_that_says_nothing_new_is_pinned_and_the_rest_stays_optimal(
 static void reset_forgets_rows_and_pins(void **state) {
     (void)state;
     draw_problem();
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         a[i][2] = a[i][1];
+    }
     gsid_lsq q = load(N);
     gsid_real x[N];
     assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_RANK);
@@ -185,20 +203,23 @@ static void reset_forgets_rows_and_pins(void **state) {
     assert_int_equal(q.n_rows, 0);
     assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_E_TOO_FEW);
     draw_problem();
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         assert_int_equal(gsid_lsq_add(&q, a[i], b[i]), GSID_OK);
+    }
     long double want[N];
     solve_normal(N, want);
     assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_OK);
-    for (int i = 0; i < N; i++)
+    for (int i = 0; i < N; i++) {
         assert_near(x[i], want[i], TOLERANCE);
+    }
 }
 
 static void the_rank_tolerance_is_relative_to_the_column(void **state) {
     (void)state;
     draw_problem();
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         a[i][1] = a[i][0] + (gsid_real)1e-3 * a[i][1];
+    }
     gsid_real x[N];
     gsid_lsq q = load(N);
     assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_OK);
@@ -218,14 +239,16 @@ static void entries_near_the_ends_of_the_range_are_no_rank_loss(void **state) {
         solve_normal(N, want);
         gsid_lsq q = start(N);
         for (int i = 0; i < N_ROWS; i++) {
-            for (int j = 0; j < N; j++)
+            for (int j = 0; j < N; j++) {
                 a[i][j] *= scales[s];
+            }
             assert_int_equal(gsid_lsq_add(&q, a[i], scales[s] * b[i]), GSID_OK);
         }
         gsid_real x[N];
         assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_OK);
-        for (int i = 0; i < N; i++)
+        for (int i = 0; i < N; i++) {
             assert_near(x[i], want[i], 10 * TOLERANCE); /* the small ones lose bits below the least normal number */
+        }
     }
 }
 
@@ -260,8 +283,9 @@ static void failures_leave_the_outputs(void **state) {
     assert_int_equal(gsid_lsq_add(&q, second, LARGEST), GSID_OK);
     assert_int_equal(gsid_lsq_solve(&q, 0, out, &cost), GSID_E_NONFINITE); /* 1/SMALLEST times LARGEST */
     assert_int_equal(gsid_lsq_reset(&q), GSID_OK);
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
         assert_int_equal(gsid_lsq_add(&q, (const gsid_real[2]){1, 1}, 1), GSID_OK);
+    }
     assert_int_equal(gsid_lsq_covariance(&q, out), GSID_E_SINGULAR);
     assert_int_equal(gsid_lsq_solve_normal(&q, first, out), GSID_E_SINGULAR);
     assert_int_equal(gsid_lsq_solve(NULL, 0, out, &cost), GSID_E_NULL);
@@ -293,8 +317,9 @@ static void not_initialised(void **state) {
 static void memory_is_counted_and_checked(void **state) {
     (void)state;
     gsid_lsq q = {0}, untouched = {0};
-    for (uint32_t n = 1; n <= GSID_LSQ_COLUMNS_MAX; n++)
+    for (uint32_t n = 1; n <= GSID_LSQ_COLUMNS_MAX; n++) {
         assert_int_equal(gsid_lsq_mem_size(n), GSID_LSQ_MEM_SIZE(n));
+    }
     assert_int_equal(gsid_lsq_mem_size(0), 0);
     /* beyond the limit the bytes would not fit a size_t everywhere: 65535 columns of float ask for 2^34 */
     assert_int_equal(gsid_lsq_mem_size(GSID_LSQ_COLUMNS_MAX + 1), 0);
@@ -316,8 +341,9 @@ static void memory_is_counted_and_checked(void **state) {
     assert_non_null(exact);
     assert_int_equal(gsid_lsq_init(&q, N, exact, size), GSID_OK);
     gsid_real x[N], cov[N * N];
-    for (int i = 0; i < N_ROWS; i++)
+    for (int i = 0; i < N_ROWS; i++) {
         assert_int_equal(gsid_lsq_add(&q, a[i], b[i]), GSID_OK);
+    }
     assert_int_equal(gsid_lsq_solve(&q, 0, x, NULL), GSID_OK);
     assert_int_equal(gsid_lsq_covariance(&q, cov), GSID_OK);
     free(exact);
@@ -329,11 +355,13 @@ static gsid_lsq load_blocks(uint32_t n_rows, double scale) {
     for (uint32_t first = 0; first < N_ROWS; first += n_rows) {
         gsid_real block[(N + 1) * GSID_LSQ_BLOCK];
         const uint32_t n = N_ROWS - first < n_rows ? N_ROWS - first : n_rows;
-        for (size_t i = 0; i < (N + 1) * GSID_LSQ_BLOCK; i++)
+        for (size_t i = 0; i < (N + 1) * GSID_LSQ_BLOCK; i++) {
             block[i] = 7; /* what rows beyond n hold does not matter */
+        }
         for (uint32_t t = 0; t < n; t++) {
-            for (uint32_t j = 0; j < N; j++)
+            for (uint32_t j = 0; j < N; j++) {
                 block[j * GSID_LSQ_BLOCK + t] = (gsid_real)(scale * (double)a[first + t][j]);
+            }
             block[N * GSID_LSQ_BLOCK + t] = (gsid_real)(scale * (double)b[first + t]);
         }
         assert_int_equal(gsid_lsq_add_block(&q, n, block), GSID_OK);
@@ -349,15 +377,17 @@ static void blocks_of_rows_say_what_single_rows_say(void **state) {
     gsid_real want[N], got[N], cost_want, cost_got;
     gsid_lsq one_by_one = load(N);
     assert_int_equal(gsid_lsq_solve(&one_by_one, 0, want, &cost_want), GSID_OK);
-    for (uint32_t n_rows = 1; n_rows <= GSID_LSQ_BLOCK; n_rows++)
+    for (uint32_t n_rows = 1; n_rows <= GSID_LSQ_BLOCK; n_rows++) {
         for (int s = 0; s < 3; s++) {
             gsid_lsq q = load_blocks(n_rows, scales[s]);
             assert_int_equal(q.n_rows, N_ROWS);
             assert_int_equal(gsid_lsq_solve(&q, 0, got, s == 0 ? &cost_got : NULL), GSID_OK);
-            for (int j = 0; j < N; j++) /* both are within 100 roundings of the exact solution */
+            for (int j = 0; j < N; j++) { /* both are within 100 roundings of the exact solution */
                 assert_true(fabs((double)(got[j] - want[j])) <= 200 * (double)EPSILON * (1 + fabs((double)want[j])));
+            }
             assert_true(s > 0 || fabs((double)(cost_got - cost_want)) <= 200 * (double)EPSILON * (double)cost_want);
         }
+    }
 }
 
 static void refused_blocks_change_nothing(void **state) {

@@ -6,12 +6,14 @@
 /* Against numbers with room to spare, for sizes of 8 bits: all products and sums there are. */
 static void sums_and_products_saturate(void **state) {
     (void)state;
-    for (size_t most = 0; most < 256; most += 51)
-        for (size_t a = 0; a <= most; a++)
+    for (size_t most = 0; most < 256; most += 51) {
+        for (size_t a = 0; a <= most; a++) {
             for (size_t b = 0; b <= most; b++) {
                 assert_int_equal(gsid_size_plus(a, b, most), a + b < most ? a + b : most);
                 assert_int_equal(gsid_size_times(a, b, most), a * b < most ? a * b : most);
             }
+        }
+    }
     assert_true(gsid_size_plus(SIZE_MAX, 1, SIZE_MAX) == SIZE_MAX);
     assert_true(gsid_size_times(SIZE_MAX / 2, 3, SIZE_MAX) == SIZE_MAX);
 }
@@ -40,8 +42,9 @@ static gsid_plant_cfg large_stack(uint32_t n_items) {
         .fs_hz = (gsid_real)FS, .n_items = n_items, .item = item, .n_free = n_items, .free_parameter = free_parameter};
     for (uint32_t i = 0; i < n_items; i++) {
         item[i].effect = gsid_catalogue_find(i == 0 ? "rigid_body" : "presliding_friction");
-        for (uint32_t k = 0; k < item[i].effect->n_parameters; k++)
+        for (uint32_t k = 0; k < item[i].effect->n_parameters; k++) {
             item[i].value[k] = item[i].effect->parameter[k].typical;
+        }
         free_parameter[i] = (gsid_plant_free){i, 0};
     }
     return cfg;
@@ -54,8 +57,9 @@ static void a_plant_larger_than_a_size_is_refused(void **state) {
     assert_true(needed > 0);
     assert_true(gsid_plant_size_within(&small, UINT32_MAX) == needed);
     assert_true(gsid_plant_size_within(&small, needed + GSID_ALIGN_CPLX) == needed);
-    for (size_t most = 0; most <= needed; most += 8)
+    for (size_t most = 0; most <= needed; most += 8) {
         assert_true(gsid_plant_size_within(&small, most) == 0);
+    }
     const gsid_plant_cfg large = large_stack(N_ITEMS);
     assert_true(gsid_plant_size_within(&large, UINT32_MAX) == 0);
 #if SIZE_MAX > UINT32_MAX

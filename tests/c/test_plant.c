@@ -14,8 +14,9 @@ static bench b;
 static gsid_real u[N], y[N], again[N], dy[FREE_MAX][N], angle[N], rate[N];
 
 static void fill_command(double size) {
-    for (uint32_t n = 0; n < N; n++)
+    for (uint32_t n = 0; n < N; n++) {
         u[n] = (gsid_real)bench_command(N, n, size);
+    }
 }
 
 static gsid_real step(gsid_real command) {
@@ -60,11 +61,13 @@ static void delay_passes_whole_samples_smoothly(void **state) {
             bench_add_with(&b, "coulomb_friction", 5, 0, 0);
             b.item[0].value[0] = (gsid_real)((whole[k] + (side ? hair : -hair)) / FS);
             bench_init(&b);
-            for (int n = 0; n < 100; n++)
+            for (int n = 0; n < 100; n++) {
                 (side ? after : before)[n] = step(u[n]);
+            }
         }
-        for (int n = 0; n < 100; n++) /* at most gain u dt, 7.4 * 100 deg/s^2 over two hairs of a sample */
+        for (int n = 0; n < 100; n++) { /* at most gain u dt, 7.4 * 100 deg/s^2 over two hairs of a sample */
             assert_near((double)before[n], (double)after[n], 740.0 * 2.0 * hair / FS + FINE);
+        }
     }
 }
 
@@ -99,13 +102,15 @@ static void shooting_agrees_with_200_periods(void **state) {
     gsid_real residual;
     start_rich_stack();
     bench_init(&b);
-    for (uint32_t n = 0; n < SHORT; n++)
+    for (uint32_t n = 0; n < SHORT; n++) {
         u[n] = (gsid_real)bench_command(SHORT, n, 50);
+    }
     assert_int_equal(gsid_plant_periodic(&b.plant, SHORT, u, 1, 10, y, NULL, NULL, NULL, NULL), GSID_OK);
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
     assert_true(gsid_plant_periodic(&b.plant, SHORT, u, 200, 0, again, NULL, NULL, NULL, &residual) >= 0);
-    for (int n = 0; n < SHORT; n++)
+    for (int n = 0; n < SHORT; n++) {
         assert_near((double)y[n], (double)again[n], (double)residual + 10 * FINE);
+    }
 }
 
 /* Several periods of the same command through _step: the sensitivities settle to those of the periodic answer. */
@@ -125,9 +130,11 @@ static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
             worst[p] = fmax(worst[p], fabs((double)now[p] - (double)dy[p][n % N]));
         }
     }
-    for (uint32_t p = 0; p < b.cfg.n_free; p++)
-        if (!(worst[p] <= PERIODIC_TOL * largest[p]))
+    for (uint32_t p = 0; p < b.cfg.n_free; p++) {
+        if (!(worst[p] <= PERIODIC_TOL * largest[p])) {
             fail_msg("free parameter %u: off by %.3g of %.3g", p, worst[p] / largest[p], largest[p]);
+        }
+    }
 }
 
 /* Nothing pulls a free axis back: its angle stays where it was, and the rate is found all the same. */
@@ -141,11 +148,13 @@ static void an_angle_that_nothing_determines_stays(void **state) {
     fill_command(50);
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 0, 3, y, NULL, angle, NULL, &residual), GSID_OK);
     assert_near((double)angle[0], 0.0, 0.0);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_near((double)step(u[n]), (double)y[n], (double)residual + FINE);
+    }
     assert_true(gsid_plant_periodic(&b.plant, N, u, 0, 3, again, NULL, NULL, NULL, &residual) >= 0);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_near((double)again[n], (double)y[n], 10 * FINE);
+    }
 }
 
 /* A constant torque on a free axis with no friction has no periodic state: the answer says how far off it is. */
@@ -195,15 +204,17 @@ static void the_disturbance_is_left_out_of_the_periodic_answer(void **state) {
     for (int with = 0; with < 2; with++) {
         bench_clear(&b);
         bench_add_source(&b);
-        if (with)
+        if (with) {
             bench_add_with(&b, "periodic_disturbance", 30.9, 1.0, 0.2);
+        }
         bench_free_all(&b);
         bench_init(&b);
         assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 1, 3, with ? again : y, dy[0], NULL, NULL, NULL), GSID_OK);
     }
     assert_memory_equal(y, again, sizeof y);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_true(dy[b.cfg.n_free - 1][n] == 0 && dy[b.cfg.n_free - 2][n] == 0);
+    }
 }
 
 /* ---- stiff laws at 3 kHz ---- */
@@ -211,8 +222,9 @@ static void the_disturbance_is_left_out_of_the_periodic_answer(void **state) {
 /* Jumps over the whole range, pauses and ramps. */
 static gsid_real wild_command(int n) {
     const uint32_t random = (uint32_t)n * 2654435761u >> 16;
-    if (n / 300 % 2 == 0)
+    if (n / 300 % 2 == 0) {
         return GSID_R(0.4) * (gsid_real)(n % 100);
+    }
     return n % 7 == 0 ? GSID_R(0.0) : GSID_R(179.0) * ((gsid_real)random / GSID_R(32768.0) - 1);
 }
 
@@ -245,10 +257,12 @@ static void stiff_laws_stay_finite(void **state) {
             bench_clear(&b);
             bench_add_source(&b);
             gsid_plant_item *item = bench_add(&b, laws[k].id);
-            for (int i = 0; i < 4; i++)
+            for (int i = 0; i < 4; i++) {
                 item->value[i] = (gsid_real)laws[k].value[i];
-            if (with_friction)
+            }
+            if (with_friction) {
                 bench_add_with(&b, "coulomb_friction", 50, 0, 0);
+            }
             run_wild();
         }
     }
@@ -319,8 +333,9 @@ static void a_refused_sample_or_update_changes_nothing(void **state) {
     start_source();
     bench_init(&b);
     fill_command(50);
-    for (int n = 0; n < 100; n++)
+    for (int n = 0; n < 100; n++) {
         y[n] = step(u[n]);
+    }
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
     for (int n = 0; n < 100; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, (gsid_real)NAN, &out, NULL), GSID_E_NONFINITE);
@@ -356,8 +371,9 @@ static void the_linear_start_is_the_orbit_without_laws(void **state) {
     bench_init(&b);
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, &residual), GSID_OK);
     assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_OK);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         assert_near((double)step(u[n]), (double)y[n], (double)residual + 10 * FINE);
+    }
     bench_clear(&b);
     bench_add_source(&b);
     bench_add_with(&b, "coulomb_friction", 15, 0, 0);
@@ -369,8 +385,9 @@ static void the_linear_start_is_the_orbit_without_laws(void **state) {
 
 static double farthest_from_orbit(void) {
     double farthest = 0;
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         farthest = fmax(farthest, fabs((double)(step(u[n]) - y[n])));
+    }
     return farthest;
 }
 
@@ -403,8 +420,9 @@ static void a_refused_linear_start_changes_nothing(void **state) {
     start_source();
     bench_init(&b);
     fill_command(50);
-    for (int n = 0; n < 100; n++)
+    for (int n = 0; n < 100; n++) {
         y[n] = step(u[n]);
+    }
     assert_int_equal(gsid_plant_reset(&b.plant), GSID_OK);
     for (int n = 0; n < 100; n++) {
         assert_int_equal(gsid_plant_start_linear(NULL, N, u), GSID_E_NULL);
@@ -425,11 +443,13 @@ static void a_linear_start_that_overflows_ends_at_rest(void **state) {
     start_source();
     b.item[1].value[0] = GSID_R(1e6); /* gain */
     bench_init(&b);
-    for (int n = 0; n < N; n++)
+    for (int n = 0; n < N; n++) {
         u[n] = sizeof(gsid_real) == 4 ? (gsid_real)3e38 : (gsid_real)1.7e308;
+    }
     assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_E_NONFINITE);
-    for (int n = 0; n < 100; n++)
+    for (int n = 0; n < 100; n++) {
         assert_true(step(0) == 0);
+    }
 }
 
 /* A plant that runs away is said to, and comes back to rest. */
@@ -441,8 +461,9 @@ static void overflow_is_an_answer(void **state) {
     bench_add(&b, "rigid_body");
     bench_add_with(&b, "cubic_spring", -1e8, 0, 0);
     bench_init(&b);
-    for (int n = 0; n < 3000 && status == GSID_OK; n++)
+    for (int n = 0; n < 3000 && status == GSID_OK; n++) {
         status = gsid_plant_step(&b.plant, GSID_R(179.0), &out, NULL);
+    }
     assert_int_equal(status, GSID_E_NONFINITE);
     assert_true(step(GSID_R(1.0)) == 0);
     fill_command(100);

@@ -23,13 +23,15 @@ static cost run(uint32_t n_samples) {
         const gsid_status status = gsid_plant_step(&b.plant, wild(n), &y, NULL);
         uint32_t *most = status == GSID_OK ? &c.followed : &c.given_up;
         *most = l->motion.n_moves > *most ? l->motion.n_moves : *most;
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             continue;
+        }
         assert_int_equal(status, GSID_E_STEEP);
         assert_true(y == 7);
         c.n_given_up++;
-        for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++)
+        for (uint32_t row = GSID_Z_STATES; row < l->linear.a.n; row++) {
             assert_true(l->z[row * l->shape.n_columns] == 0); /* at rest */
+        }
     }
     return c;
 }
@@ -51,8 +53,9 @@ static void a_sample_is_given_up_after_a_stated_number_of_moves(void **state) {
 static void the_periodic_answer_ends_too(void **state) {
     (void)state;
     static gsid_real u[N], y[N];
-    for (uint32_t n = 0; n < N; n++)
+    for (uint32_t n = 0; n < N; n++) {
         u[n] = wild(n);
+    }
     bench_init(&b);
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 1, 3, y, NULL, NULL, NULL, NULL), GSID_E_STEEP);
 }
@@ -63,8 +66,9 @@ static void ordinary_samples_take_few_moves(void **state) {
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         bench_clear(&b);
         bench_add_source(&b);
-        if (gsid_catalogue[i]->null_kind != GSID_NULL_NEVER)
+        if (gsid_catalogue[i]->null_kind != GSID_NULL_NEVER) {
             bench_add(&b, gsid_catalogue[i]->id);
+        }
         const cost c = run(N);
         assert_int_equal(c.n_given_up, 0);
         assert_in_range(c.followed, 1, GSID_PLANT_MOVES_MAX / 100);

@@ -20,8 +20,9 @@ static gsid_plant_item *start_with(const gsid_effect *effect) {
     gsid_plant_item *item = NULL;
     bench_clear(&b);
     bench_add_with(&b, "viscous_friction", 11, 0, 0);
-    if (effect != gsid_catalogue_find("rigid_body"))
+    if (effect != gsid_catalogue_find("rigid_body")) {
         bench_add_with(&b, "rigid_body", 7.4, 0, 0);
+    }
     item = bench_add(&b, effect->id);
     bench_init(&b);
     return item;
@@ -34,15 +35,17 @@ static int is_refused(const gsid_effect_parameter *p, gsid_real value) {
 /* Outputs are those of a plant that was never updated, to the bit. */
 static void assert_refused_without_trace(const gsid_effect *effect, uint32_t parameter, gsid_real bad) {
     gsid_plant_item *item = start_with(effect);
-    for (uint32_t n = 0; n < N_BEFORE; n++)
+    for (uint32_t n = 0; n < N_BEFORE; n++) {
         assert_true(step(n) == twin[n]);
+    }
     item->value[parameter] = bad;
     assert_true(gsid_plant_update(&b.plant) < 0);
     for (uint32_t n = N_BEFORE; n < N; n++) {
         const gsid_real now = step(n);
-        if (!(now == twin[n]))
+        if (!(now == twin[n])) {
             fail_msg("%s.%s = %g: sample %u is %.9g, was %.9g", effect->id, effect->parameter[parameter].name,
                      (double)bad, n, (double)now, (double)twin[n]);
+        }
     }
 }
 
@@ -52,8 +55,9 @@ static void a_refused_update_leaves_the_next_1000_outputs_as_they_were(void **st
     for (uint32_t e = 0; e < gsid_n_catalogue; e++) {
         const gsid_effect *effect = gsid_catalogue[e];
         start_with(effect);
-        for (uint32_t n = 0; n < N; n++)
+        for (uint32_t n = 0; n < N; n++) {
             twin[n] = step(n);
+        }
         for (uint32_t k = 0; k < effect->n_parameters; k++) {
             const gsid_effect_parameter *p = &effect->parameter[k];
             const gsid_real bad[] = {p->lower - 1 - 2 * (gsid_real)fabs((double)p->lower),
@@ -62,9 +66,11 @@ static void a_refused_update_leaves_the_next_1000_outputs_as_they_were(void **st
                                      (gsid_real)NAN,
                                      (gsid_real)INFINITY,
                                      -(gsid_real)INFINITY};
-            for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
-                if (is_refused(p, bad[i]))
+            for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+                if (is_refused(p, bad[i])) {
                     assert_refused_without_trace(effect, k, bad[i]);
+                }
+            }
         }
     }
 }
@@ -74,16 +80,19 @@ static void values_count_from_the_update_on(void **state) {
     (void)state;
     const gsid_effect *coulomb = gsid_catalogue_find("coulomb_friction");
     start_with(coulomb);
-    for (uint32_t n = 0; n < N; n++)
+    for (uint32_t n = 0; n < N; n++) {
         twin[n] = step(n);
+    }
     gsid_plant_item *item = start_with(coulomb);
     item->value[0] = GSID_R(60.0);
-    for (uint32_t n = 0; n < N_BEFORE; n++)
+    for (uint32_t n = 0; n < N_BEFORE; n++) {
         assert_true(step(n) == twin[n]);
+    }
     assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
     double moved = 0;
-    for (uint32_t n = N_BEFORE; n < N; n++)
+    for (uint32_t n = N_BEFORE; n < N; n++) {
         moved = fmax(moved, fabs((double)(step(n) - twin[n])));
+    }
     assert_true(moved > 0.1);
 }
 
@@ -111,8 +120,9 @@ static void lags_that_become_delays_find_room(void **state) {
     b.free_parameter[1] = (gsid_plant_free){5, 0};
     b.free_parameter[2] = (gsid_plant_free){6, 0};
     bench_init(&b);
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
         assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
+    }
     for (uint32_t n = 0; n < N; n++) {
         assert_int_equal(gsid_plant_step(&b.plant, command_at(n), &out, dy), GSID_OK);
         assert_true(dy[0] == dy[1] && dy[0] == dy[2]);

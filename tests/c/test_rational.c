@@ -32,10 +32,12 @@ static gsid_rational new_model(gsid_domain domain, uint32_t n_poles, uint32_t n_
 /* Coefficients of one sign in s and small ones in z keep the denominator away from zero on every line. */
 static gsid_rational random_model(gsid_domain domain, uint32_t n_poles, uint32_t n_zeros) {
     gsid_rational m = new_model(domain, n_poles, n_zeros, domain == GSID_DOMAIN_S ? 300.0 : 1.0 / 3000.0);
-    for (uint32_t i = 0; i <= n_poles; i++)
+    for (uint32_t i = 0; i <= n_poles; i++) {
         m.den[i] = (gsid_real)(domain == GSID_DOMAIN_S ? draw(0.5, 2) : draw(-0.9, 0.9) / n_poles);
-    for (uint32_t i = 0; i <= n_zeros; i++)
+    }
+    for (uint32_t i = 0; i <= n_zeros; i++) {
         m.num[i] = (gsid_real)draw(-1, 1);
+    }
     m.den[gsid_rational_held(&m)] = 1;
     m.delay_s = (gsid_real)draw(0, 0.01);
     return m;
@@ -47,19 +49,22 @@ static wide reference(const gsid_rational *m, long double f_hz, int moved, long 
     const wide v = m->domain == GSID_DOMAIN_S ? I * w / m->scale_rad_s : cexpl(-I * w * m->sample_s);
     wide a = 0, b = 0, power = 1;
     int parameter = 0;
-    for (uint32_t i = 0; i <= m->n_poles; i++, power *= v)
+    for (uint32_t i = 0; i <= m->n_poles; i++, power *= v) {
         a += power * (m->den[i] + (i != gsid_rational_held(m) && parameter++ == moved ? by : 0));
+    }
     power = 1;
-    for (uint32_t i = 0; i <= m->n_zeros; i++, power *= v)
+    for (uint32_t i = 0; i <= m->n_zeros; i++, power *= v) {
         b += power * (m->num[i] + (parameter++ == moved ? by : 0));
+    }
     return cexpl(-I * w * (m->delay_s + (parameter == moved ? by : 0))) * b / a;
 }
 
 static void assert_cplx_near(gsid_cplx got, wide want, long double tolerance) {
     const long double off = cabsl(got.re + I * (wide)got.im - want);
-    if (!(off <= tolerance))
+    if (!(off <= tolerance)) {
         fail_msg("got (%.9g, %.9g), want (%.9Lg, %.9Lg), off by %.3Lg, allowed %.3Lg", (double)got.re, (double)got.im,
                  creall(want), cimagl(want), off, tolerance);
+    }
 }
 
 static const uint32_t orders[5][2] = {{0, 0}, {1, 0}, {4, 3}, {2, 5}, {9, 8}};
@@ -75,11 +80,13 @@ static void response_is_that_of_the_definition(void **state) {
             const gsid_rational m = random_model((gsid_domain)domain, orders[o][0], orders[o][1]);
             gsid_real f[20];
             gsid_cplx g[20];
-            for (int k = 0; k < 20; k++)
+            for (int k = 0; k < 20; k++) {
                 f[k] = (gsid_real)(12.5 * k);
+            }
             assert_int_equal(gsid_rational_eval(&m, 20, f, g), GSID_OK);
-            for (int k = 0; k < 20; k++)
+            for (int k = 0; k < 20; k++) {
                 assert_cplx_near(g[k], reference(&m, f[k], -1, 0), TOLERANCE);
+            }
         }
     }
 }
@@ -134,8 +141,9 @@ static void init_sets_a_model_of_zero(void **state) {
     gsid_rational m = new_model(GSID_DOMAIN_S, 3, 2, 10);
     assert_int_equal(gsid_rational_held(&m), 3);
     assert_true(m.scale_rad_s == 10 && m.delay_s == 0 && m.den[0] == 1);
-    for (int i = 0; i <= GSID_ORDER_MAX; i++)
+    for (int i = 0; i <= GSID_ORDER_MAX; i++) {
         assert_true(m.num[i] == 0 && (i == 0 || m.den[i] == 0));
+    }
     m = new_model(GSID_DOMAIN_Z, GSID_ORDER_MAX, GSID_ORDER_MAX, 0.5);
     assert_int_equal(gsid_rational_held(&m), 0);
     assert_true(m.sample_s == (gsid_real)0.5);
@@ -146,12 +154,15 @@ static void init_sets_a_model_of_zero(void **state) {
 /* A denominator from its roots. In domain s, margin is the distance from the axis as a part of the root's size. */
 static gsid_rational from_roots(gsid_domain domain, uint32_t n, const wide *root) {
     wide c[GSID_ORDER_MAX + 1] = {1};
-    for (uint32_t r = 0; r < n; r++)
-        for (uint32_t i = r + 2; i-- > 0;)
+    for (uint32_t r = 0; r < n; r++) {
+        for (uint32_t i = r + 2; i-- > 0;) {
             c[i] = (i > 0 ? c[i - 1] : 0) - (i <= r ? root[r] * c[i] : 0);
+        }
+    }
     gsid_rational m = new_model(domain, n, 0, 1);
-    for (uint32_t i = 0; i <= n; i++)
+    for (uint32_t i = 0; i <= n; i++) {
         m.den[i] = (gsid_real)creall(c[domain == GSID_DOMAIN_S ? i : n - i]);
+    }
     return m;
 }
 
@@ -172,8 +183,9 @@ static void draw_stable_roots(gsid_domain domain, uint32_t n, wide *root) {
             pair[i] = is_pair ? size * cexpl(I * angle) : (domain == GSID_DOMAIN_S ? -size : size * cosl(angle));
         }
         root[r] = pair[0];
-        if (r + 1 < n)
+        if (r + 1 < n) {
             root[r + 1] = is_pair ? conjl(pair[0]) : pair[1];
+        }
     }
 }
 
@@ -181,9 +193,11 @@ static void draw_stable_roots(gsid_domain domain, uint32_t n, wide *root) {
 static void upset(gsid_domain domain, uint32_t n, wide *root) {
     const uint32_t chosen = (uint32_t)draw(0, n);
     const wide old = root[chosen];
-    for (uint32_t r = 0; r < n; r++)
-        if (r == chosen || (cimagl(old) != 0 && root[r] == conjl(old)))
+    for (uint32_t r = 0; r < n; r++) {
+        if (r == chosen || (cimagl(old) != 0 && root[r] == conjl(old))) {
             root[r] = domain == GSID_DOMAIN_S ? -conjl(root[r]) : root[r] / cabsl(root[r]) / (cabsl(root[r]) + 0.05L);
+        }
+    }
 }
 
 static void stability_is_where_the_roots_are(void **state) {
@@ -195,15 +209,18 @@ static void stability_is_where_the_roots_are(void **state) {
             wide root[GSID_ORDER_MAX];
             draw_stable_roots((gsid_domain)domain, n, root);
             gsid_rational m = from_roots((gsid_domain)domain, n, root);
-            if (!stable(&m))
+            if (!stable(&m)) {
                 fail_msg("domain %d, repeat %d, order %u: stable, said not to be", domain, repeat, n);
-            for (uint32_t i = 0; i <= n; i++)
+            }
+            for (uint32_t i = 0; i <= n; i++) {
                 m.den[i] *= -2;
+            }
             assert_true(stable(&m)); /* a common factor means nothing */
             upset((gsid_domain)domain, n, root);
             m = from_roots((gsid_domain)domain, n, root);
-            if (stable(&m))
+            if (stable(&m)) {
                 fail_msg("domain %d, repeat %d, order %u: unstable, said to be stable", domain, repeat, n);
+            }
         }
     }
 }
@@ -234,10 +251,12 @@ static void edges_of_stability(void **state) {
     };
     for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++) {
         gsid_rational m = new_model(cases[c].domain, cases[c].n, 0, 1);
-        for (int i = 0; i < 4; i++)
+        for (int i = 0; i < 4; i++) {
             m.den[i] = (gsid_real)cases[c].den[i];
-        if (stable(&m) != cases[c].stable)
+        }
+        if (stable(&m) != cases[c].stable) {
             fail_msg("case %u: want %d", (unsigned)c, cases[c].stable);
+        }
     }
 }
 
@@ -246,8 +265,9 @@ static void stability_of_tiny_coefficients(void **state) {
     (void)state;
     gsid_rational m = new_model(GSID_DOMAIN_S, 3, 0, 1);
     const gsid_real tiny = 8 * SMALLEST, den[4] = {1, 2, 2, 1};
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         m.den[i] = tiny * den[i];
+    }
     assert_true(stable(&m));
     m.den[1] = -m.den[1];
     assert_false(stable(&m));
@@ -258,8 +278,9 @@ static void failures_leave_the_outputs(void **state) {
     gsid_rational m = new_model(GSID_DOMAIN_S, 2, 0, 1), untouched;
     memcpy(&untouched, &m, sizeof m);
     const gsid_real bad[4] = {0, -1, (gsid_real)NAN, (gsid_real)INFINITY};
-    for (int i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++) {
         assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, 1, 1, bad[i]), GSID_E_CONFIG);
+    }
     assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, GSID_ORDER_MAX + 1, 1, 1), GSID_E_CONFIG);
     assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, 1, GSID_ORDER_MAX + 1, 1), GSID_E_CONFIG);
     assert_int_equal(gsid_rational_init(&m, (gsid_domain)2, 1, 1, 1), GSID_E_CONFIG);

@@ -27,10 +27,12 @@ static gsid_rational truth(void) {
     memset(&m, 0, sizeof m);
     assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, 2, 1, (gsid_real)(2 * (double)PI_L * 50)), GSID_OK);
     const double den[3] = {0.09, 0.18, 1}, num[2] = {0.1, 0.05};
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < 3; i++) {
         m.den[i] = (gsid_real)den[i];
-    for (int i = 0; i < 2; i++)
+    }
+    for (int i = 0; i < 2; i++) {
         m.num[i] = (gsid_real)num[i];
+    }
     m.delay_s = (gsid_real)0.02;
     return m;
 }
@@ -39,8 +41,9 @@ static gsid_rational truth(void) {
 static wide polynomial(const gsid_rational *m, uint32_t k, int is_den) {
     const wide v = 2 * PI_L * I * f_hz[k] / m->scale_rad_s;
     wide sum = 0;
-    for (uint32_t i = (is_den ? m->n_poles : m->n_zeros) + 1; i-- > 0;)
+    for (uint32_t i = (is_den ? m->n_poles : m->n_zeros) + 1; i-- > 0;) {
         sum = sum * v + (is_den ? m->den : m->num)[i];
+    }
     return is_den ? sum : sum * cexpl(-2 * PI_L * I * f_hz[k] * m->delay_s);
 }
 
@@ -147,14 +150,16 @@ static void exact_data_give_the_exact_model(void **state) {
     for (int logarithmic = 0; logarithmic < 2; logarithmic++) {
         gsid_frd data = measure(0);
         data.logarithmic = logarithmic;
-        if (!logarithmic)
+        if (!logarithmic) {
             data = with_input(data);
+        }
         gsid_rational m = off_by(0.1);
         const gsid_ml_cfg ml = {.free_delay = 1};
         gsid_real cost;
         assert_int_equal(gsid_estimate_ml(&data, &ml, &m, &cost, memory, sizeof memory), GSID_OK);
-        for (int i = 0; i < 3; i++)
+        for (int i = 0; i < 3; i++) {
             assert_true(fabs((double)(m.den[i] - want.den[i])) <= 1000 * (double)EPSILON);
+        }
         assert_true(fabs((double)(m.delay_s - want.delay_s)) <= 1000 * (double)EPSILON * 0.02);
     }
 }
@@ -169,8 +174,9 @@ static void the_search_ends_where_v_is_flat(void **state) {
     for (int logarithmic = 0; logarithmic < 2; logarithmic++) {
         gsid_frd data = measure(0.3);
         data.logarithmic = logarithmic;
-        if (!logarithmic)
+        if (!logarithmic) {
             data = with_input(data);
+        }
         gsid_rational m = off_by(0.1);
         const gsid_ml_cfg ml = {.free_delay = 1, .tolerance = (gsid_real)1e-9};
         gsid_real least, moved, cov[25];

@@ -161,8 +161,9 @@ static void a_sweep_of_too_many_octaves_is_refused(void **state) {
         const long double all = k0 * expm1l(ratio) / ratio, tolerance = (4 + fabsl(ratio)) * EPSILON;
         assert_int_equal(gsid_sweep_init(&sweep, &cfg), GSID_OK);
         assert_near((long double)gsid_sweep_turns(&cfg), all, tolerance * all + (long double)least);
-        for (int n = 0; n < 6000; n++)
+        for (int n = 0; n < 6000; n++) {
             assert_true(gsid_sweep_step(&sweep, &u) >= 0 && isfinite(u));
+        }
     }
 }
 

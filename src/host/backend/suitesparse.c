@@ -33,8 +33,9 @@ static void fill(const gsid_arrow *arrow, cholmod_sparse *a) {
     for (uint32_t j = arrow->n_local; j <= arrow->n_local + arrow->n_shared; j++) {
         start[column++] = at;
         first = 0;
-        for (uint32_t r = 0; r < arrow->n_records; first += arrow->n_rows[r], r++)
+        for (uint32_t r = 0; r < arrow->n_records; first += arrow->n_rows[r], r++) {
             at = put(arrow, r, j, first, at, row, value);
+        }
     }
     start[column] = at;
 }
@@ -44,15 +45,18 @@ static void copy_triangle(const cholmod_sparse *r, double *triangle) {
     const int64_t *start = r->p, *row = r->i;
     const double *value = r->x;
     memset(triangle, 0, n * n * sizeof(*triangle));
-    for (size_t j = 0; j < n; j++)
-        for (int64_t k = start[j]; k < start[j + 1]; k++)
+    for (size_t j = 0; j < n; j++) {
+        for (int64_t k = start[j]; k < start[j + 1]; k++) {
             triangle[(size_t)row[k] * n + j] = value[k];
+        }
+    }
 }
 
 gsid_status gsid_suitesparse_reduce(const gsid_arrow *arrow, double *triangle) {
     size_t n_rows = 0;
-    for (uint32_t r = 0; r < arrow->n_records; r++)
+    for (uint32_t r = 0; r < arrow->n_records; r++) {
         n_rows += arrow->n_rows[r];
+    }
     const size_t n = (size_t)arrow->n_records * arrow->n_local + arrow->n_shared + 1;
     const size_t n_entries = n_rows * ((size_t)arrow->n_local + arrow->n_shared + 1);
     cholmod_common common;
@@ -65,8 +69,9 @@ gsid_status gsid_suitesparse_reduce(const gsid_arrow *arrow, double *triangle) {
         SuiteSparseQR_C(ORDERING_FIXED, NO_TOLERANCE, (int64_t)n, 0, a, NULL, NULL, NULL, NULL, &r, NULL, NULL, NULL,
                         NULL, &common);
     }
-    if (r != NULL)
+    if (r != NULL) {
         copy_triangle(r, triangle);
+    }
     const gsid_status status = r != NULL ? GSID_OK : GSID_E_NO_MEMORY;
     cholmod_l_free_sparse(&a, &common);
     cholmod_l_free_sparse(&r, &common);
