@@ -152,6 +152,8 @@ pictures: demo ## draw the pictures of README.md from what the demo measured
 	$(VENV)/bin/gsid compare --model demo/fitted.json demo/hidden7.csv --plot docs/pictures/where.png
 	$(VENV)/bin/gsid add quadratic_drag --model demo/believed.json $(HIDDEN) --held-out demo/hidden7.csv \
 	    --held-out demo/hidden8.csv -o demo/added.json --plot docs/pictures/ladder.png
+	$(PY) tools/draw_before_after --before demo/fitted.json --after demo/added.json demo/hidden7.csv \
+	    -o docs/pictures/before_after.png
 
 # ---- tests -------------------------------------------------------------------------------------------------------
 # tests/c/test_host_*.c link the host library, the others core and effects, once in each precision.
@@ -279,6 +281,8 @@ $(VENV)/docs.stamp: docs/requirements.txt $(VENV)/requirements.stamp
 docs: all $(VENV)/docs.stamp ## build the documentation into build/docs; a warning is an error
 	@rm -rf $(BUILD)/docs
 	$(VENV)/bin/sphinx-build -q -E -W --keep-going -b html -d $(BUILD)/docs-cache docs $(BUILD)/docs
+	@! grep -rnoE '<(script|link|img)[^>]*(src|href)="(https?:)?//[^"]*"' --include='*.html' $(BUILD)/docs || \
+	    { echo "error: the site loads files from a network" >&2; exit 1; }
 	@echo "$(BUILD)/docs/index.html"
 
 .PHONY: effects-page
