@@ -216,6 +216,7 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 include tests/blind/blind.mk
 include tests/false_alarms/false_alarms.mk
 include tests/interrupted/interrupted.mk
+include tests/mutants/mutants.mk
 include firmware_examples/firmware.mk
 
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.

@@ -1,0 +1,106 @@
+"""Mutants of Python, by the operators of Cosmic Ray.
+
+Of the replacements of an operator only its neighbours are made (< to <= and >=, + to -): a float shifted by a
+float raises TypeError in any test, and says nothing of the tests.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators.provider import OperatorProvider
+from mutant import Mutant
+
+NEIGHBOURS = {
+    "Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul", "FloorDiv_Mul", "Mod_Mul",
+    "BitOr_BitAnd", "BitAnd_BitOr", "Lt_LtE", "Lt_GtE", "LtE_Lt", "LtE_Gt", "Gt_GtE", "Gt_LtE", "GtE_Gt",
+    "GtE_Lt", "Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is", "Delete_Not", "Delete_USub", "Delete_Invert",
+}  # fmt: skip
+REPLACEMENT = re.compile(r"Replace(?:Binary|Comparison|Unary)Operator_(.*)")
+NEEDS_NAMES = {"VariableReplacer", "VariableInserter"}
+
+
+def mutants(file: str, text: str) -> list[Mutant]:
+    """All mutants of a file that mean something else than the file.
+
+    Parameters
+    ----------
+    file : str
+        Path in the repository.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    list of Mutant
+    """
+    made, meaning = [], _meaning(text)
+    provider, nodes = OperatorProvider(), list(ast_nodes(get_ast(text)))
+    for name in provider:
+        replaced = REPLACEMENT.fullmatch(name)
+        if name in NEEDS_NAMES or (replaced and replaced[1] not in NEIGHBOURS):
+            continue
+        operator = provider[name]()
+        places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
+        for occurrence, (line, _) in enumerate(places):
+            changed = mutate_code(text, operator, occurrence)
+            if changed is not None and _meaning(changed) not in (None, meaning):
+                made.append(Mutant.of(file, line, name, text, changed))
+    return made
+
+
+class _Bare(ast.NodeTransformer):
+    """Takes out what is not run: annotations, and what only a type checker reads."""
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        node.annotation = None
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        node.returns = None
+        return self.generic_visit(node)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AnnAssign:
+        node.annotation = ast.Constant(0)
+        return self.generic_visit(node)
+
+    def visit_If(self, node: ast.If) -> ast.AST | None:
+        if "TYPE_CHECKING" in ast.unparse(node.test):
+            return None
+        return self.generic_visit(node)
+
+
+def _meaning(text: str) -> str | None:
+    """The syntax tree without what is not run; None where there is none."""
+    try:
+        return ast.dump(_Bare().visit(ast.parse(text)))
+    except SyntaxError:
+        return None
+
+
+def statement_lines(text: str, line: int) -> range:
+    """Lines of the statement around a line; of a compound statement those of its head.
+
+    Parameters
+    ----------
+    text : str
+        Of the whole file.
+    line : int
+        From 1.
+
+    Returns
+    -------
+    range
+    """
+    best = range(line, line + 1)
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, ast.stmt) or not node.lineno <= line <= node.end_lineno:
+            continue
+        body = getattr(node, "body", None)
+        end = max(body[0].lineno - 1, node.lineno) if body else node.end_lineno
+        if line <= end:
+            best = range(node.lineno, end + 1)
+    return best

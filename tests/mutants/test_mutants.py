@@ -1,0 +1,136 @@
+"""The tool itself: which mutants it makes, and how it judges those of a small project."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from bounded_run import run
+from mutant import Mutant
+
+NEEDED = "`make mutants` installs what its own tests need"
+pytest.importorskip("pytest_cov", reason=NEEDED)
+c_mutants, python_mutants, python_tests, run_mutants = (
+    pytest.importorskip(name, reason=NEEDED)
+    for name in ("c_mutants", "python_mutants", "python_tests", "run_mutants")
+)
+PACKAGES = Path(__file__).parents[2] / "build/mutants/packages"
+LAW = """from __future__ import annotations
+
+WIDTH = 3
+
+
+def law(x: float | None) -> float | None:
+    if x < WIDTH and not x == 0:
+        return 2 * x
+    return -x
+
+
+def spare(x):
+    return x + 1
+"""
+TESTS = """from law import law
+
+
+def test_law():
+    assert law(2) == 4
+    assert law(5) == -5
+"""
+
+
+def test_the_mutants_of_python_leave_annotations_alone():
+    made = {(one.line, one.after) for one in python_mutants.mutants("law.py", LAW)}
+    for expected in (
+        (3, "WIDTH = 4"),
+        (7, "if x <= WIDTH and not x == 0:"),
+        (7, "if x >= WIDTH and not x == 0:"),
+        (7, "if x < WIDTH or not x == 0:"),
+        (8, "return 2 / x"),
+        (9, "return x"),
+    ):
+        assert expected in {(line, " ".join(after.split())) for line, after in made}
+    assert not [line for line, _ in made if line == 6]
+
+
+def test_the_mutants_of_c():
+    source = "int f(int a) {\n    if (a < 2)\n        a += 1;\n    g(a);\n    return a ? a : -1;\n}\n"
+    made = {(one.line, one.after) for one in c_mutants.mutants("f.c", source)}
+    assert made == {
+        (2, "if (a <= 2)"),
+        (2, "if (a >= 2)"),
+        (2, "if (a < 3)"),
+        (2, "if (a < 1)"),
+        (2, "if (!(a < 2))"),
+        (3, "a -= 1;"),
+        (3, "a += 2;"),
+        (3, "a += 0;"),
+        (4, ";"),
+        (5, "return (a);"),
+        (5, "return (-1);"),
+        (5, "return a ? a : 0;"),
+        (5, "return a ? a : -2;"),
+    }
+
+
+@pytest.fixture
+def project(tmp_path):
+    """One module and its test, with the lines that the test executes."""
+    for name, text in (("python/law.py", LAW), ("tests/test_law.py", TESTS)):
+        path = tmp_path / "tree" / name
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+    tests = python_tests.PythonTests(tmp_path / "tree", PACKAGES)
+    tests.measure(tmp_path / "coverage", ["python/law.py"], ["tests"])
+    return tests
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "status"),
+    [
+        ("return 2 * x", "return 2 / x", "killed"),
+        ("return 2 * x", "return 2 * x + 0", "survived"),
+        ("return x + 1", "return x - 1", "uncovered"),
+        ("WIDTH = 3", "WIDTH = 1", "killed"),  # executed at import, and used by the test
+        ("return 2 * x", "while True: pass", "killed"),
+    ],
+)
+def test_a_mutant_is_judged_by_the_tests_of_its_line(project, monkeypatch, old, new, status):
+    monkeypatch.setattr(python_tests, "LIMIT_LEAST_S", 10)
+    line = LAW[: LAW.index(old)].count("\n") + 1
+    mutant = Mutant.of("python/law.py", line, "by hand", LAW, LAW.replace(old, new))
+    assert project.judge(mutant)[0] == status
+    assert (project.tree / "python/law.py").read_text() == LAW
+
+
+def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+    """What is known is not judged again; of a source that has changed everything is."""
+    monkeypatch.setattr(run_mutants, "ROOT", tmp_path)
+    monkeypatch.setattr(run_mutants, "TARGETS", {"law": ["law.py"]})
+    (tmp_path / "law.py").write_text(LAW)
+    judged = []
+
+    class Judge:
+        def judge(self, mutant):
+            judged.append(mutant.after)
+            return "survived", "", 1
+
+    def again(n, until=float("inf")):
+        results = run_mutants.Results(tmp_path / "results.jsonl")
+        return run_mutants.run("law", n, 7, [Judge()], results, until)
+
+    assert again(4, until=0.0) == []  # no time
+    first = again(4)
+    assert len(first) == 4
+    assert len(again(4)) == len(judged) == 4
+    assert again(6)[:4] == first
+    assert len(judged) == 6
+    (tmp_path / "law.py").write_text(LAW.replace("spare", "other"))
+    again(4)
+    assert len(judged) == 10
+
+
+def test_what_a_stopped_command_started_is_ended(tmp_path):
+    code = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; time.sleep(60)'])"
+    with pytest.raises(subprocess.TimeoutExpired):
+        run([sys.executable, "-c", code], tmp_path, tmp_path / "log.txt", 1.0)
+    assert run([sys.executable, "-c", "raise SystemExit(3)"], tmp_path, tmp_path / "log.txt", 60.0) == 3
