@@ -139,9 +139,10 @@ def identity(mutant: Mutant) -> str:
     return f"{mutant.file} {hashlib.sha256(mutant.text.encode()).hexdigest()[:16]}"
 
 
-def run(target: str, n: int, seed: int, judges: list, results: Results, until: float) -> list[dict]:
+def run(
+    target: str, mutants: list[Mutant], n: int, judges: list, results: Results, until: float
+) -> list[dict]:
     """The first `n` mutants in the order drawn that count, as far as they are judged within the time."""
-    mutants = drawn(target, seed)
     free: SimpleQueue = SimpleQueue()
     for judge in judges:
         free.put(judge)
@@ -162,8 +163,10 @@ def run(target: str, n: int, seed: int, judges: list, results: Results, until: f
 
     counted: list[dict] = []
     with ThreadPoolExecutor(len(judges)) as pool:
-        while mutants and len(counted) < n and time.monotonic() < until:
-            batch = [mutants.pop(0) for _ in range(min(2 * len(judges), len(mutants)))]
+        at = 0
+        while at < len(mutants) and len(counted) < n and time.monotonic() < until:
+            batch = mutants[at : at + 2 * len(judges)]
+            at += len(batch)
             counted += [one for one in pool.map(judged, batch) if one and one["status"] in COUNTED]
     return counted[:n]
 
@@ -202,8 +205,9 @@ def main() -> None:
     results = Results(arguments.folder / "results.jsonl")
     found = {}
     for target in arguments.target or TARGETS:
+        mutants = drawn(target, arguments.seed)  # before the copies: sources may change meanwhile
         judges = judges_of(target, arguments.folder.resolve(), arguments.jobs, arguments.tests)
-        found[target] = run(target, arguments.n, arguments.seed, judges, results, until)
+        found[target] = run(target, mutants, arguments.n, judges, results, until)
         print(f"{target}: {dict(Counter(one['status'] for one in found[target]))}", file=sys.stderr)
     if arguments.page:
         arguments.page.write_text(mutants_page.text(found, arguments.seed, arguments.n), encoding="utf-8")

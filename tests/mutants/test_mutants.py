@@ -116,7 +116,7 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
 
     def again(n, until=float("inf")):
         results = run_mutants.Results(tmp_path / "results.jsonl")
-        return run_mutants.run("law", n, 7, [Judge()], results, until)
+        return run_mutants.run("law", run_mutants.drawn("law", 7), n, [Judge()], results, until)
 
     assert again(4, until=0.0) == []  # no time
     first = again(4)
