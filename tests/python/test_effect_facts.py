@@ -10,6 +10,7 @@ from gsid.linear_start import LINEAR
 from gsid.linear_view import linear_view
 from gsid.plant import Effect, Param
 from gsid.plant_periodic import PeriodicPlant
+from gsid.probes import GRIDS as DIRECTIONS
 from gsid.scan import NOT_SEARCHED, TURNS_ONLY
 from gsid.search import SIMPLER
 from gsid.simulate import HIDDEN, parameter_types
@@ -244,3 +245,9 @@ def test_an_effect_of_ones_own_has_no_linear_part():
     np.testing.assert_array_equal(
         linear_view(model.stack(), F_HZ, FS_HZ).command, linear_view(AXIS, F_HZ, FS_HZ).command
     )
+
+
+def test_an_effect_that_is_searched_has_directions_of_the_search():
+    """Besides the axis itself, and two that are simulated: a bias in `scan`, a gear with play in `joint`."""
+    searched = catalogue().keys() - NOT_SEARCHED
+    assert searched - DIRECTIONS.keys() == {"rigid_body", "torque_bias", "gear_backlash"}
