@@ -28,6 +28,7 @@
     X(presliding_friction)                                                                                             \
     X(quadratic_drag)                                                                                                  \
     X(cable_spring)                                                                                                    \
+    X(quadratic_spring)                                                                                                \
     X(cubic_spring)                                                                                                    \
     X(mass_unbalance)                                                                                                  \
     X(motor_cogging)                                                                                                   \

@@ -21,7 +21,7 @@ static gsid_real y[N];
 typedef struct {
     double gain, viscous, spring, delay_steps;
     double motor_lag, f_hz, zeta, residue, sensor_lag, refresh_samples;
-    double coulomb, stribeck, stribeck_speed, dahl, dahl_stiffness, drag, cubic, unbalance, unbalance_rad;
+    double coulomb, stribeck, stribeck_speed, dahl, dahl_stiffness, drag, quadratic, cubic, unbalance, unbalance_rad;
     double cogging, cycles, phase, stop, stop_stiffness, bias;
     double gap, joint, ratio, damping;
     double step, dead_zone, limit;
@@ -48,7 +48,7 @@ static double friction(const physics *p, const double *x) {
 
 static double springs(const physics *p, double angle) {
     const double rad = angle * PI / 180.0;
-    return p->spring * angle + p->cubic * pow(angle, 3) + p->bias +
+    return p->spring * angle + p->quadratic * angle * angle + p->cubic * pow(angle, 3) + p->bias +
            p->unbalance * (sin(rad + p->unbalance_rad) - sin(p->unbalance_rad)) +
            p->cogging * sin(p->cycles * rad + p->phase) + p->stop_stiffness * outside(angle, p->stop);
 }
@@ -197,6 +197,12 @@ static void linear_effects_follow_the_truth(void **state) {
 static void springs_follow_the_truth(void **state) {
     (void)state;
     physics p = plain;
+    start_stack();
+    bench_add_with(&b, "quadratic_spring", 100, 0, 0);
+    p.quadratic = 100;
+    compare(&p, 100, 0);
+
+    p = plain;
     start_stack();
     bench_add_with(&b, "cubic_spring", 300, 0, 0);
     p.cubic = 300;
@@ -441,7 +447,7 @@ static int is_listed(const char *list) {
 
 static void descriptors_are_complete(void **state) {
     (void)state;
-    assert_int_equal(gsid_n_catalogue, 23);
+    assert_int_equal(gsid_n_catalogue, 24);
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *e = gsid_catalogue[i];
         assert_ptr_equal(gsid_catalogue_find(e->id), e);
