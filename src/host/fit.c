@@ -15,6 +15,7 @@
 #define HOPELESS 2 /* times the least cost so far: a start still above it after the first iterations is given up */
 #define HOLD_ROUNDS_MAX 12
 #define HOLD_SETTLED 0.005 /* of V, or of V per line where that is less: as in gsid_estimate_ml */
+#define BEGUN_MAX 8 /* times that a fit begins again from another delay */
 #define FAST_POLE 2 /* over the sample time: beyond, there may be a lower minimum */
 #define HOLD_SETTLED_LINEAR 1e-6 /* of the response: linear methods stop at a fixed point, not at the least V */
 
@@ -107,7 +108,8 @@ static gsid_status check(const gsid_frd *data, const gsid_fit_cfg *cfg) {
     if (cfg->n_poles > GSID_ORDER_MAX || cfg->n_zeros > GSID_ORDER_MAX || !(f_max > 0) ||
         (unsigned)cfg->domain > GSID_DOMAIN_Z || (unsigned)cfg->method >= GSID_METHOD_COUNT ||
         (unsigned)cfg->solver > GSID_SOLVER_NLOPT || (unsigned)cfg->delay > GSID_DELAY_FREE ||
-        !isfinite(cfg->delay_s) || !isfinite(cfg->delay_min_s) || !(cfg->exponent >= 0) || !isfinite(cfg->exponent))
+        !isfinite(cfg->delay_s) || !isfinite(cfg->delay_min_s) || !(cfg->exponent >= 0) || !isfinite(cfg->exponent) ||
+        !(cfg->sigma_dof >= 0) || !isfinite(cfg->sigma_dof))
         return GSID_E_CONFIG;
     if (!(cfg->delay_max_s >= 0 && cfg->delay_max_s <= GSID_FIT_DELAYS_MAX / (8 * f_max)))
         return GSID_E_CONFIG;
@@ -303,29 +305,83 @@ static int has_fast_pole(const fit_run *r, const gsid_rational *model) {
     return sqrt(fastest) * model->scale_rad_s * r->cfg.sample_s > FAST_POLE;
 }
 
+/* Begin again with the delay fixed, then free it, and take the lower of the two. */
+static gsid_status begin_from_delay(fit_run *r, double delay_s, gsid_status how, fit_candidate *best) {
+    fit_candidate c;
+    r->cfg.delay = GSID_DELAY_FIXED;
+    r->cfg.delay_s = delay_s;
+    gsid_status status = estimate(r, &c);
+    if (status >= 0 && r->cfg.hold)
+        status = settle_images(r, status, &c);
+    r->cfg.delay = GSID_DELAY_FREE;
+    if (status >= 0)
+        status = r->cfg.hold ? settle_images(r, status, &c) : fit_again(r, &c);
+    if (status >= 0 && c.cost < best->cost && gsid_fit_is_admissible(r, &c.model)) {
+        *best = c;
+        how = status;
+    }
+    status = r->cfg.hold ? gsid_fit_take_images(r, &best->model, 1) : GSID_OK;
+    return status != GSID_OK ? status : how;
+}
+
 /* Behind a hold V has another minimum where a delay takes the place of a fast pole. Begin again with the delay at the sample
- * before, where the pole is found, and take the lower of the two. */
+ * before, where the pole is found. */
 static gsid_status settle_from_sample(fit_run *r, gsid_status how, fit_candidate *best) {
     const size_t n_drift = (size_t)r->data->n_lines * (r->cfg.n_poles + r->cfg.n_zeros + 2);
-    fit_candidate c;
     memset(r->images, 0, r->data->n_lines * sizeof *r->images);
     memset(r->drift, 0, n_drift * sizeof *r->drift);
     r->follow_images = 0;
     gsid_fit_free_of_hold(r);
-    r->cfg.delay = GSID_DELAY_FIXED;
-    r->cfg.delay_s = fmax(0, floor(best->model.delay_s / r->cfg.sample_s)) * r->cfg.sample_s;
-    gsid_status status = estimate(r, &c);
-    if (status >= 0)
-        status = settle_images(r, status, &c);
-    r->cfg.delay = GSID_DELAY_FREE;
-    if (status >= 0)
-        status = settle_images(r, status, &c);
-    if (status >= 0 && c.cost < best->cost) {
-        *best = c;
-        how = status;
+    return begin_from_delay(r, fmax(0, floor(best->model.delay_s / r->cfg.sample_s)) * r->cfg.sample_s, how, best);
+}
+
+/* Sum of Re(1/x) over the roots x [rad/s] beyond the highest frequency: what they do to the slope of the phase at 0. */
+static gsid_status slope_of_far_roots(const fit_run *r, uint32_t degree, const double *coef, double scale,
+                                      double *slope_s) {
+    const double w_max = GSID_TWO_PI * gsid_fit_highest_frequency(r->data);
+    gsid_cplx root[GSID_ORDER_MAX];
+    uint32_t n = 0;
+    const gsid_status status = gsid_poly_roots(degree, coef, root, &n);
+    *slope_s = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        const double size2 = gsid_cplx_abs2(root[i]);
+        if (sqrt(size2) * scale > w_max)
+            *slope_s += root[i].re / (size2 * scale);
     }
-    status = gsid_fit_take_images(r, &best->model, 1);
-    return status != GSID_OK ? status : how;
+    return status;
+}
+
+/* The delay that the roots beyond the highest frequency stand for, 0 without such roots. */
+static double delay_of_far_roots(const fit_run *r, const gsid_rational *m) {
+    double by_zeros, by_poles;
+    if (m->domain != GSID_DOMAIN_S || slope_of_far_roots(r, m->n_zeros, m->num, m->scale_rad_s, &by_zeros) < 0 ||
+        slope_of_far_roots(r, m->n_poles, m->den, m->scale_rad_s, &by_poles) < 0)
+        return 0;
+    return by_zeros - by_poles;
+}
+
+/* Whether V, by the measured variance, is more than noise leaves of a right model by a standard deviation. */
+static int leaves_more_than_noise(const fit_run *r, const gsid_rational *model) {
+    const double n = r->data->n_lines - gsid_fit_n_parameters(&r->cfg) / 2.0, dof = r->cfg.sigma_dof;
+    const double mean = dof > 1 ? dof / (dof - 1) : 1, variance = dof > 2 ? dof / (dof - 2) : 1;
+    return gsid_fit_cost_by_variance(r, model) > mean * (n + sqrt(n * variance));
+}
+
+/* V has minima beside the least where a pole and a zero far above the lines make up for a wrong delay, and are missing where
+ * the plant has its own. Begin again with the delay that they stand for, and with parts of it where V is more than noise leaves,
+ * until that lowers V no further. */
+static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *best) {
+    static const double parts[] = {1, 0.9, 0.75};
+    uint32_t i = 0;
+    for (int n_begun = 0; i < sizeof parts / sizeof *parts && n_begun < BEGUN_MAX && how >= 0; n_begun++) {
+        const double last = best->cost, shift_s = delay_of_far_roots(r, &best->model);
+        if (shift_s == 0 || (i > 0 && !leaves_more_than_noise(r, &best->model)))
+            break;
+        how = begin_from_delay(r, best->model.delay_s + parts[i] * shift_s, how, best);
+        const int is_lower = best->cost < last - HOLD_SETTLED * fmin(1, last / r->work.n_lines);
+        i = is_lower ? 0 : i + 1; /* the lower minimum may have such roots, too */
+    }
+    return how;
 }
 
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result) {
@@ -347,6 +403,8 @@ gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit
     const int is_searched = cfg->start == NULL && cfg->method != GSID_METHOD_GA && !gsid_fit_is_linear(&r);
     if (status >= 0 && cfg->hold && cfg->delay == GSID_DELAY_FREE && is_searched && has_fast_pole(&r, &best.model))
         status = how = settle_from_sample(&r, how, &best);
+    if (status >= 0 && cfg->delay == GSID_DELAY_FREE && is_searched)
+        status = how = settle_far_roots(&r, how, &best);
     if (status >= 0)
         status = gsid_fit_answer(&r, &best, answer);
     if (status == GSID_OK && !gsid_fit_is_admissible(&r, &answer->model))

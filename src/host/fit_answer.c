@@ -95,7 +95,7 @@ static gsid_status roots_of(const gsid_rational *model, uint32_t degree, const d
     return status;
 }
 
-static double cost_by_measured_variance(const fit_run *r, const gsid_rational *model) {
+double gsid_fit_cost_by_variance(const fit_run *r, const gsid_rational *model) {
     double cost = 0;
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         gsid_cplx g;
@@ -111,7 +111,7 @@ gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_resu
     const gsid_rational *model = &best->model;
     result->model = *model;
     result->cost = best->cost;
-    result->cost_ml = cost_by_measured_variance(r, model);
+    result->cost_ml = gsid_fit_cost_by_variance(r, model);
     result->n_parameters = gsid_fit_n_parameters(&r->cfg);
     gsid_rational_is_stable(model, &result->is_stable);
     uint32_t n_poles;

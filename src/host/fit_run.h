@@ -68,6 +68,8 @@ gsid_status gsid_fit_influence(const fit_run *r, const gsid_rational *model, gsi
 
 /* ---- fit_answer.c: costs, roots, covariance */
 double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);
+double gsid_fit_cost_by_variance(const fit_run *r,
+                                 const gsid_rational *model); /* by the measured one, whatever the method */
 gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_result *result);
 
 #endif

@@ -45,6 +45,8 @@ typedef struct {
     gsid_solver solver;      /* of the nonlinear methods */
     const gsid_rational *start; /* nonlinear methods: search from this model only, of the same domain and orders; NULL: find one */
     uint32_t seed;           /* GA */
+    double sigma_dof;        /* degrees of freedom of sigma^2, counted in complex numbers; 0: known exactly. Where V is more than
+                                noise leaves of a right model, a free delay is searched for longer */
 } gsid_fit_cfg;
 
 typedef struct {
