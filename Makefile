@@ -264,6 +264,10 @@ coverage: all ## how often the intervals of fits hold the truth (minutes); fails
 coverage-mimo: all ## the same for common poles, delays and responses of a simulated 4 x 4 gimbal (minutes)
 	$(PY) tests/python/mimo_coverage.py
 
+.PHONY: minima-study
+minima-study: all ## how often a free delay of a random damped axis ends in a wrong minimum, and is reported (minutes)
+	$(PY) tests/python/damped_axes.py
+
 .PHONY: distortion-study
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
 	$(PY) tests/python/distortion_study.py

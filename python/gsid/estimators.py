@@ -272,6 +272,5 @@ def _text(row: Estimate) -> list[str]:
     numbers = [f"{row.amplitude_db:.3g}", f"{row.phase_deg:.3g}", f"{row.error_db:.1f}", f"{row.cost:.5g}"]
     delay = "-" if row.model is None else f"{1e3 * row.model.delay_s:.4g}"
     warnings = () if row.model is None else row.model.warnings
-    biased = (f"biased by {w.bias_over_std:.2g} sigma: use {w.use}" for w in warnings)
-    remarks = "; ".join(filter(None, [row.note, *biased]))
+    remarks = "; ".join(filter(None, [row.note, *(warning.short for warning in warnings)]))
     return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, *held_out_text(row.held_out), remarks]

@@ -13,6 +13,7 @@ from gsid._lib import check, ffi, lib
 from gsid.bands import in_band
 from gsid.confidence import unwrapped_phase_deg
 from gsid.errors import GsidError
+from gsid.fit_excess import excess_cost
 from gsid.fit_warnings import FitWarning, chosen_lines, equation_error, noisy_input
 from gsid.hold import fit_both
 from gsid.model import RationalModel
@@ -101,7 +102,8 @@ def fit(
     -------
     RationalModel
         With covariance. The covariance accounts for weights that are estimates themselves (EST-5). Where
-        noise biases the method its `warnings` say so, and name the method that is right.
+        noise biases the method its `warnings` say so, and name the method that is right; where the errors are
+        larger than noise explains they say so, too, and name what to try.
 
     Raises
     ------
@@ -142,6 +144,7 @@ def fit(
     if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
         _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
     cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
+    cfg.sigma_dof = 0.0 if np.isinf(dof) else dof
     if min_delay_s is not None:
         cfg.bound_delay, cfg.delay_min_s = True, min_delay_s
     if start is not None:
@@ -181,8 +184,8 @@ def _report(model: RationalModel, quiet: bool) -> RationalModel:
 def _warnings(
     model: RationalModel, bias: np.ndarray, frf: Frf, use: np.ndarray, sigma: np.ndarray
 ) -> tuple[FitWarning, ...]:
-    """What noise does to the method that the intervals do not contain."""
-    f_hz, found = frf.f_hz[use], None
+    """What the intervals do not contain: what noise does to the method, and errors beyond the noise."""
+    f_hz, fitted, found = frf.f_hz[use], frf.at(use), None
     if model.method in ("ls", "iwls"):
         found = equation_error(model, bias, f_hz)
     elif model.method in ("ml", "nls-output"):
@@ -192,8 +195,11 @@ def _warnings(
             found = noisy_input(model, f_hz, 2 * common, 1 / sigma)
         else:
             found = noisy_input(model, f_hz, common / _own_share(frf, use), np.abs(frf.u[use]))
-    chosen = chosen_lines(model, frf.at(use), sigma)
-    return tuple(warning for warning in (found, chosen) if warning is not None)
+    biases = [warning for warning in (found, chosen_lines(model, fitted, sigma)) if warning is not None]
+    if biases:  # of which the excess is a part
+        return tuple(biases)
+    excess = excess_cost(model, fitted)
+    return () if excess is None else (excess,)
 
 
 def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:

@@ -56,7 +56,7 @@ class RationalModel:
         How the model was fitted; None for a model that was not. `cost` is V of eq. 7.28, `cost_expected`
         what it is on average when only noise is left.
     warnings : tuple of FitWarning
-        Why the intervals of the fit do not hold the truth, and the method that is right; empty as a rule.
+        Why the intervals of the fit do not hold the truth, and what to use or try; empty as a rule.
     u_unit, y_unit : str
         Units of input and output.
     """

@@ -42,3 +42,19 @@ def test_the_table_of_estimators_is_silent_but_for_its_remarks(gsid, noisy_csv):
     result = gsid("fit", noisy_csv, "--order", "2/0", "--method", "all")
     assert "noise shifts" not in result.err
     assert "use ml" in result.out
+
+
+def test_bug_a_fit_far_above_the_noise_was_printed_as_converged_without_a_word(gsid, noisy_csv):
+    result = gsid("fit", noisy_csv, "--order", "1/0")
+    assert result.code == 0
+    assert result.err.count("times the squared errors that noise explains") == 1
+    for words in ("the order is too low", "another minimum", "try a higher order", "--delay SECONDS"):
+        assert words in " ".join(result.err.split())
+    assert "intervals count the noise alone: cost" in result.out
+    (warning,) = json.loads(gsid("fit", noisy_csv, "--order", "1/0", "--json").out)["warnings"]
+    assert warning["what"] == "excess_cost"
+    assert warning["bias_over_std"] is None
+    assert warning["cost_per_dof"] > 2
+    assert warning["p_value"] < 0.001
+    assert warning["use"] == "another order, start or delay"
+    assert "noise explains" in warning["text"]

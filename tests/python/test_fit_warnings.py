@@ -34,7 +34,7 @@ def study(responses, method, truth, **options):
         free = np.concatenate([truth.den[1:], truth.num, [truth.delay_s] if model.free_delay else []])
         errors.append(parameters(model) - free)
         stds.append(np.sqrt(np.diag(model.cov)))
-        sizes.append(model.warnings[0].bias_over_std if model.warnings else 0.0)
+        sizes.append(max((w.bias_over_std or 0.0 for w in model.warnings), default=0.0))
     return np.array(errors), np.array(stds), np.array(sizes)
 
 

@@ -37,6 +37,7 @@ from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 if TYPE_CHECKING:
     import numpy as np
 
+    from gsid.fit_warnings import FitWarning
     from gsid.frf import Frf
     from gsid.mimo import MimoRecord
     from gsid.model import RationalModel
@@ -413,13 +414,19 @@ def _print(model: RationalModel) -> None:
     print(f"cost {model.cost:.5g}{_expected(model)}")
     print(_delay(model))
     for warning in model.warnings:
-        print(f"intervals leave out a bias of up to {warning.bias_over_std:.2g} sigma: use {warning.use}")
+        print(_beside_intervals(warning))
     print()
     print_table(["power", "num", "sigma", "den", "sigma "], _coefficients(model))
     print()
     poles = _roots("pole", model.poles, model.pole_cov, model)
     zeros = _roots("zero", model.zeros, model.zero_cov, model)
     print_table(["", "re", "im", "f [Hz]", "95 %", "damping", "95 % "], [*poles, *zeros], left=[""])
+
+
+def _beside_intervals(warning: FitWarning) -> str:
+    if warning.bias_over_std is None:
+        return f"intervals count the noise alone: {warning.short}"
+    return f"intervals leave out a bias of up to {warning.bias_over_std:.2g} sigma: use {warning.use}"
 
 
 def _expected(model: RationalModel) -> str:
