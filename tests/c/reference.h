@@ -9,6 +9,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 
 #include <cmocka.h>
 
@@ -30,6 +31,12 @@ static inline void assert_near(long double got, long double want, long double to
     if (!(fabsl(got - want) <= tolerance)) {
         fail_msg("got %.17Lg, want %.17Lg, off by %.3Lg, allowed %.3Lg", got, want, fabsl(got - want), tolerance);
     }
+}
+
+/* Fewer repeats of the same code where every instruction costs fifty and no number is judged: under valgrind, where
+ * tools/run_c_tests sets GSID_TEST_QUICK. */
+static inline int repeats(int full, int quick) {
+    return getenv("GSID_TEST_QUICK") == NULL ? full : quick;
 }
 
 /* Noise within +-1, one number of its own for each n: SplitMix64's mixer. */

@@ -93,7 +93,7 @@ static void a_response_is_right_or_unknown_in_any_unit(void **state) {
     for (int kind = 0; kind < 4; kind++) {
         const result unit = measure(kind % 2, kind / 2, 0, 0);
         assert_int_equal(unit.status, GSID_OK);
-        for (int at = 0; at < N_OCTAVES * N_OCTAVES; at++) {
+        for (int at = 0; at < N_OCTAVES * N_OCTAVES; at += repeats(1, 13)) {
             const int u = STEP * octaves[at / N_OCTAVES], y = STEP * octaves[at % N_OCTAVES];
             const result r = measure(kind % 2, kind / 2, u, y);
             int n_unknown = 0;
@@ -155,7 +155,7 @@ static void distortion_is_right_or_refused_in_any_unit(void **state) {
         .n_period = N, .n_lines = F, .n_excited = EXCITED, .line = lines, .twiddle = twiddle};
     gsid_real unit[2][F], got[2][F];
     gsid_distortion d;
-    for (int at = -1; at < N_OCTAVES * N_OCTAVES; at++) {
+    for (int at = -1; at < N_OCTAVES * N_OCTAVES; at += at < 0 ? 1 : repeats(1, 13)) {
         const int u = at < 0 ? 0 : STEP * octaves[at / N_OCTAVES], y = at < 0 ? 0 : STEP * octaves[at % N_OCTAVES];
         assert_int_equal(gsid_distortion_init(&d, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
         const gsid_status status = finish_realisation(&d, u, y);

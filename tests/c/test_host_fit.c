@@ -14,6 +14,7 @@
 #include "gsid/host/fit.h"
 
 #include "../../src/host/fit_stable.h"
+#include "reference.h"
 
 #ifdef GSID_WITH_NLOPT
 #define WITH_NLOPT 1
@@ -43,15 +44,6 @@ static double draw(void) {
 static double draw_normal(void) {
     const double size = sqrt(-2 * log(draw()));
     return size * cos(2 * PI * draw());
-}
-
-/* Repeats, or fewer where every instruction costs fifty. */
-static int repeats(int full, int quick) {
-    if (getenv("GSID_TEST_QUICK") == NULL) {
-        return full;
-    }
-    print_message("GSID_TEST_QUICK: %d repeats instead of %d\n", quick, full);
-    return quick;
 }
 
 static cplx axis(cplx s) {

@@ -36,8 +36,8 @@ static gsid_status step(gsid_spread *s, uint64_t n) {
 }
 
 static void assert_lines(const gsid_spread *s, uint64_t n_start) {
-    const uint32_t n_period = s->cfg.n_period;
-    for (uint32_t i = 0; i < s->cfg.n_lines; i++) {
+    const uint32_t n_period = s->cfg.n_period, every = (uint32_t)repeats(1, 13);
+    for (uint32_t i = 0; i < s->cfg.n_lines; i += every) {
         for (uint32_t c = 0; c < s->cfg.n_channels; c++) {
             gsid_cplx x;
             assert_int_equal(gsid_spread_line(s, i, c, &x), GSID_OK);
