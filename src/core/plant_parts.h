@@ -135,9 +135,9 @@ typedef struct {
 
 struct gsid_plant_layout {
     plant_stack stack;
+    plant_linear linear;
     plant_shape shape;
     gsid_real *z; /* the state, with its derivatives */
-    plant_linear linear;
     plant_laws laws;
     plant_regime regime;
     plant_motion motion;
