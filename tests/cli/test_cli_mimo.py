@@ -124,7 +124,7 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
 
 def test_an_order_found(gsid, experiments):
     *fitted, new = experiments
-    fit = ("fit", *fitted, *CHANNELS, "--order", "auto", "--delay", "common", "--band", "5:200")
+    fit = ("fit", *fitted, *CHANNELS, "--order", "auto", "--delay", "common", "--band", "5:120")
     d = json.loads(gsid(*fit, "--held-out", new, "--json").out)
     (chosen,) = (row for row in d["orders"] if row["chosen"])
     assert (chosen["order"], d["n_poles"], d["n_zeros"]) == ("4/3", 4, 3)

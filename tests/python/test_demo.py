@@ -17,6 +17,7 @@ from gsid.model import RationalModel
 from gsid.plant import PlantModel
 from gsid.simulate import HIDDEN, SimulatedAxis, hidden_parameters
 
+pytestmark = pytest.mark.xdist_group("demo")  # the module's fixture is made once
 README = Path(__file__).parents[2] / "README.md"
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 

@@ -22,6 +22,7 @@ from gsid.report.tables import plant_table
 from gsid.spectra import spectra
 
 FS_HZ, N = 3000.0, 1500
+pytestmark = pytest.mark.xdist_group("report")  # the module's fixture is made once
 NASTY = 'rig <script>alert("&")</script>.csv'
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
