@@ -160,7 +160,8 @@ pictures: demo ## draw the pictures of README.md from what the demo measured
 
 HOST_TESTS := $(patsubst tests/c/%.c,$(BUILD)/tests/%,$(wildcard tests/c/test_host_*.c))
 CORE_TESTS := $(filter-out test_host_%,$(patsubst tests/c/%.c,%,$(wildcard tests/c/test_*.c)))
-C_TESTS := $(CORE_TESTS:%=$(BUILD)/double/tests/%) $(CORE_TESTS:%=$(BUILD)/float/tests/%) $(HOST_TESTS)
+# The longest first: those of the host.
+C_TESTS := $(HOST_TESTS) $(CORE_TESTS:%=$(BUILD)/double/tests/%) $(CORE_TESTS:%=$(BUILD)/float/tests/%)
 TEST_FLAGS := $(BASE_FLAGS) -Wall -Wextra
 
 define test_rule
