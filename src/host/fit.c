@@ -15,6 +15,7 @@
 #define HOPELESS 2 /* times the least cost so far: a start still above it after the first iterations is given up */
 #define HOLD_ROUNDS_MAX 12
 #define HOLD_SETTLED 0.005 /* of V, or of V per line where that is less: as in gsid_estimate_ml */
+#define FEW_PARAMETERS 8 /* more are often a surplus, which has roots far above the lines without harm */
 #define BEGUN_MAX 8 /* times that a fit begins again from another delay */
 #define FAST_POLE 2 /* over the sample time: beyond, there may be a lower minimum */
 #define HOLD_SETTLED_LINEAR 1e-6 /* of the response: linear methods stop at a fixed point, not at the least V */
@@ -372,10 +373,11 @@ static int leaves_more_than_noise(const fit_run *r, const gsid_rational *model) 
  * until that lowers V no further. */
 static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *best) {
     static const double parts[] = {1, 0.9, 0.75};
+    const int has_few = gsid_fit_n_parameters(&r->cfg) <= FEW_PARAMETERS;
     uint32_t i = 0;
     for (int n_begun = 0; i < sizeof parts / sizeof *parts && n_begun < BEGUN_MAX && how >= 0; n_begun++) {
         const double last = best->cost, shift_s = delay_of_far_roots(r, &best->model);
-        if (shift_s == 0 || (i > 0 && !leaves_more_than_noise(r, &best->model)))
+        if (shift_s == 0 || ((i > 0 || !has_few) && !leaves_more_than_noise(r, &best->model)))
             break;
         how = begin_from_delay(r, best->model.delay_s + parts[i] * shift_s, how, best);
         const int is_lower = best->cost < last - HOLD_SETTLED * fmin(1, last / r->work.n_lines);
