@@ -275,7 +275,7 @@ distortion-study: all ## how well the intervals of gsid.distortion cover a known
 
 .PHONY: hostile
 hostile: all ## bad input of every kind through every verb that reads it, with limits of time and memory (hours; resumes)
-	$(PY) tests/hostile/hostile_runs.py --processes --out $(BUILD)/hostile.jsonl
+	$(PY) tests/hostile/hostile_runs.py --out $(BUILD)/hostile.jsonl
 
 # The site needs no network; its packages do, once.
 $(VENV)/docs.stamp: docs/requirements.txt $(VENV)/requirements.stamp

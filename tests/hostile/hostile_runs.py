@@ -127,7 +127,7 @@ def run_corpus(entries, n_verbs, own_process, ended=()):
             for argv in commands:
                 result = run(argv, folder, own_process)
                 wrong = faults(result)
-                printed = result.pop("printed").decode(errors="backslashreplace")[:600]
+                printed = result.pop("printed").decode(errors="backslashreplace")[-600:]
                 what = {"kind": entry.kind, "name": entry.name, "argv": argv, "faults": wrong}
                 yield what | result | ({"printed": printed} if wrong else {})
             shutil.rmtree(folder)
@@ -150,7 +150,7 @@ def load(path):
 def show(result):
     """A run at fault, for people."""
     words = [result["kind"], result["name"][:60], " ".join(result["argv"]), result["faults"]]
-    print(*words, result["printed"][:300], sep=" | ", file=sys.stderr, flush=True)
+    print(*words, result["printed"][-300:], sep=" | ", file=sys.stderr, flush=True)
 
 
 def table(results):

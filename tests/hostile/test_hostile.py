@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from hostile_corpus import corpus
-from hostile_runs import faults, key, load, run_corpus, table
+from hostile_corpus import PLANT_VERBS, Entry, catalogue_plant, corpus, plant, read_by
+from hostile_runs import SECONDS, faults, key, load, run_corpus, table
 
 RUNS = Path(__file__).with_name("hostile_runs.py")
 CLASSES = {
@@ -71,6 +71,16 @@ def test_the_corpus_depends_on_its_seed_alone(entries):
     assert [entry.files for entry in first] == [entry.files for entry in second]
     assert min(collections.Counter(entry.kind for entry in first).values()) >= 1
     assert not [entry.name for entry in entries if not entry.commands]
+
+
+@pytest.mark.parametrize("model", [plant(), catalogue_plant()])
+def test_the_sound_models_are_quick(model):
+    """A bug: adding an effect to the sound models took 14 s, so that bad ones near to them did too."""
+    commands = [words for words in read_by(PLANT_VERBS, "m0.json") if words[0] in ("add", "diagnose")]
+    entry = Entry("sound", "model", {"m0.json": json.dumps(model).encode()}, commands)
+    results = list(run_corpus([entry], 99, own_process=True))
+    assert not [one for one in results if one["faults"]]
+    assert max(one["seconds"] for one in results) < SECONDS / 2
 
 
 def test_a_run_that_was_cut_goes_on(tmp_path, entries):
