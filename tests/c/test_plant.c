@@ -96,6 +96,28 @@ static void one_more_period_repeats_the_answer(void **state) {
     }
 }
 
+static void the_path_is_that_of_the_answer(void **state) {
+    (void)state;
+    bench_clear(&b);
+    bench_add_with(&b, "rigid_body", 7.4, 0, 0);
+    bench_add_with(&b, "viscous_friction", 11, 0, 0);
+    bench_add_with(&b, "cable_spring", 170, 0, 0);
+    fill_command(50);
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, angle, rate, NULL), GSID_OK);
+    double steepest = 0;
+    for (int n = 0; n < N; n++) {
+        steepest = fmax(steepest, fabs((double)(rate[(n + 1) % N] - rate[n])));
+    }
+    for (int n = 0; n < N; n++) {
+        const int next = (n + 1) % N;
+        assert_near((double)rate[n], (double)y[n], FINE); /* without a sensor */
+        /* the mean rate of a sample lies between those at its ends, where these do not curve much */
+        const double mean = (double)(rate[n] + rate[next]) / 2;
+        assert_near((double)(angle[next] - angle[n]) * FS, mean, steepest / 4 + FS * FINE);
+    }
+}
+
 static void shooting_agrees_with_200_periods(void **state) {
     (void)state;
     enum { SHORT = 150 };
@@ -475,6 +497,7 @@ int main(void) {
         cmocka_unit_test(free_axis_follows_the_closed_form),
         cmocka_unit_test(delay_passes_whole_samples_smoothly),
         cmocka_unit_test(one_more_period_repeats_the_answer),
+        cmocka_unit_test(the_path_is_that_of_the_answer),
         cmocka_unit_test(shooting_agrees_with_200_periods),
         cmocka_unit_test(periodic_sensitivities_are_those_reached_by_stepping),
         cmocka_unit_test(an_angle_that_nothing_determines_stays),

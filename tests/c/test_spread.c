@@ -284,6 +284,32 @@ static void the_engines_agree_to_rounding_through_losses_and_settling(void **sta
     }
 }
 
+/* A mutant passed that added all lines in the tick after the transform, and a few beyond the last one. */
+static void no_tick_adds_more_lines_than_planned(void **state) {
+    (void)state;
+    const uint32_t n_periods_all[3] = {90, 128, 8};
+    uint32_t most = 0;
+    for (uint32_t i = 0; i < 6; i++) {
+        const gsid_frf_cfg cfg = frf_cfg_of(n_periods_all[i % 3], 0, i % 2);
+        gsid_frf frf;
+        assert_int_equal(gsid_frf_init_spread(&frf, &cfg, memory.bytes, sizeof memory.bytes), GSID_OK);
+        uint32_t n_ticks = 0;
+        for (uint64_t n = 0; n < 3 * cfg.n_period; n++) {
+            const uint32_t before = frf.line_next;
+            assert_true(gsid_frf_step(&frf, sample(n, 1), sample(n, 0)) >= 0);
+            if (frf.line_next > before) {
+                assert_in_range(frf.line_next, before + 1, before + frf.spread.lines_per_tick);
+                n_ticks++;
+            }
+            assert_true(frf.line_next <= cfg.n_lines);
+        }
+        const uint32_t n_of_period = (cfg.n_lines + frf.spread.lines_per_tick - 1) / frf.spread.lines_per_tick;
+        assert_int_equal(n_ticks, 2 * n_of_period); /* the third period's lines are still to come */
+        most = n_of_period > most ? n_of_period : most;
+    }
+    assert_true(most > 1);
+}
+
 static void a_million_periods_later_the_answer_is_the_same_to_the_bit(void **state) {
     (void)state;
     enum { N = 90 };
@@ -432,6 +458,7 @@ int main(void) {
         cmocka_unit_test(the_work_of_a_period_fits_its_ticks_for_every_length),
         cmocka_unit_test(refused_samples_change_nothing),
         cmocka_unit_test(the_engines_agree_to_rounding_through_losses_and_settling),
+        cmocka_unit_test(no_tick_adds_more_lines_than_planned),
         cmocka_unit_test(a_million_periods_later_the_answer_is_the_same_to_the_bit),
         cmocka_unit_test(the_example_of_the_design_is_exact_to_rounding),
         cmocka_unit_test(memory_is_counted_and_checked),
