@@ -435,6 +435,50 @@ static void in_closed_loop_the_linear_start_is_near_the_orbit(void **state) {
     }
 }
 
+#ifndef GSID_SINGLE /* differences of a float simulation are rounding only */
+
+/* The periodic answer to a changed value of free parameter p. */
+static void answer_at(uint32_t p, double value, gsid_real *out) {
+    const gsid_plant_free of = b.free_parameter[p];
+    b.item[of.item].value[of.parameter] = value;
+    assert_int_equal(gsid_plant_update(&b.plant), GSID_OK);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 20, out, NULL, NULL, NULL, NULL), GSID_OK);
+}
+
+/* Commands that are under way carry the sensitivities of the period before. */
+static void in_closed_loop_periodic_sensitivities_are_those_by_differences(void **state) {
+    (void)state;
+    static double up[N], down[N];
+    fill_command(5);
+    bench_clear(&b);
+    bench_add_source(&b);
+    bench_add_with(&b, "position_velocity_loop", 4, 2, 0);
+    for (uint32_t p = 0; p < 4; p++) {
+        b.free_parameter[p] = (gsid_plant_free){p, 0};
+    }
+    b.cfg.n_free = 4;
+    bench_init(&b);
+    for (int again_from_there = 0; again_from_there < 2; again_from_there++) {
+        assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 20, y, dy[0], NULL, NULL, NULL), GSID_OK);
+    }
+    for (uint32_t p = 0; p < 4; p++) {
+        const double value = b.item[p].value[0], h = 1e-5 * value;
+        double largest = 0, worst = 0;
+        answer_at(p, value + h, up);
+        answer_at(p, value - h, down);
+        answer_at(p, value, y);
+        for (int n = 0; n < N; n++) {
+            const double slope = (up[n] - down[n]) / (2 * h);
+            largest = fmax(largest, fabs(slope));
+            worst = fmax(worst, fabs(slope - dy[p][n]));
+        }
+        assert_true(largest > 0);
+        assert_near(worst / largest, 0, 1e-4); /* h^2 = 1e-10, and the search ends at 1e-9 of the answer over h */
+    }
+}
+
+#endif
+
 static void a_refused_linear_start_changes_nothing(void **state) {
     (void)state;
     const gsid_plant none = {0};
@@ -509,6 +553,9 @@ int main(void) {
         cmocka_unit_test(a_refused_sample_or_update_changes_nothing),
         cmocka_unit_test(the_linear_start_is_the_orbit_without_laws),
         cmocka_unit_test(in_closed_loop_the_linear_start_is_near_the_orbit),
+#ifndef GSID_SINGLE
+        cmocka_unit_test(in_closed_loop_periodic_sensitivities_are_those_by_differences),
+#endif
         cmocka_unit_test(a_refused_linear_start_changes_nothing),
         cmocka_unit_test(a_linear_start_that_overflows_ends_at_rest),
         cmocka_unit_test(overflow_is_an_answer),
