@@ -456,7 +456,8 @@ static void only_the_same_measurement_merges(void **state) {
         unsigned char bytes[GSID_FRF_MEM_SIZE(F, 1)];
     } other_memory;
     const uint32_t other_lines[F] = {1, 4, 11, 28};
-    const gsid_cplx known[F] = {{1, 1}, {0, -2}, {2, 0}, {3, 0}}, other_known[F] = {{1, 1}, {0, -2}, {2, 0}, {3, 1}};
+    const gsid_cplx known[F] = {{1, 1}, {0, -2}, {2, 0}, {3, 0}};
+    gsid_cplx other_known[F];
     gsid_frf_cfg cfg = cfg_of(NULL, 0), lines_differ = cfg, input_known = cfg_of(known, 0);
     gsid_frf_cfg input_differs = cfg_of(other_known, 0);
     lines_differ.line = other_lines;
@@ -471,8 +472,14 @@ static void only_the_same_measurement_merges(void **state) {
         gsid_frf_init(&other, different[i], other_memory.bytes, sizeof other_memory.bytes);
         assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_CONFIG);
     }
-    init(&frf, &input_differs); /* other has a known input too, of another phase */
-    assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_CONFIG);
+    for (int part = 0; part < 4;
+         part++) { /* other has a known input too; larger and smaller, real and imaginary part */
+        const gsid_real change = part % 2 ? GSID_R(1.0) : GSID_R(-1.0);
+        memcpy(other_known, known, sizeof known);
+        *(part < 2 ? &other_known[2].re : &other_known[2].im) += change;
+        init(&frf, &input_differs);
+        assert_int_equal(gsid_frf_merge(&frf, &other), GSID_E_CONFIG);
+    }
 }
 
 static void whole_periods_are_taken_as_lines(void **state) {
