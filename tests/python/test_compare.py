@@ -138,6 +138,10 @@ def test_distortion_on_detection_lines_is_named_by_its_kind():
     assert band["f_lo_hz"] <= 5.0
     assert band["f_hi_hz"] >= 7.0
     assert band["share"] > 0.9
+    f, even = result.f_hz, result.kind == "even"
+    nearby = (f >= band["f_lo_hz"]) & (f <= band["f_hi_hz"])
+    power = np.sum(np.abs(result.error[nearby & even]) ** 2) / np.sum(np.abs(result.y[nearby]) ** 2)
+    assert band["db"] == pytest.approx(10 * np.log10(power), abs=1e-9)  # of the response of all its lines
     kinds = dict(zip(result.line.tolist(), result.kind.tolist(), strict=True))
     assert kinds[10] == "even"
     assert kinds[11] == "excited"

@@ -17,7 +17,7 @@ from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
-from gsid.weights import DOF_WANTED, pooled_variance
+from gsid.weights import DOF_WANTED, pooled_variance, smoothed
 
 N, P = 1500, 4
 AXIS = {"gain": 900.0, "viscous_rate": 12.0, "spring_stiffness": 400.0, "delay_s": 0.00437}
@@ -228,6 +228,7 @@ def test_a_spring_without_travel_is_not_determined():
     fast = [axis_record(u, P, 0.1, i, **AXIS) for i, u in enumerate(inputs)]
     fit = fit_plant(start(TRUTH), fast)
     assert "cable_spring.stiffness" in fit.undetermined
+    assert "not determined by the data: " + ", ".join(fit.undetermined) in repr(fit)
     assert not {"rigid_body.gain", "transport_delay.delay_s"} & set(fit.undetermined)
     assert np.isfinite(fit.model["cable_spring.stiffness"].std)
 
@@ -351,6 +352,16 @@ def test_few_degrees_of_freedom_are_pooled_over_lines():
     assert dof == 2 * 11
     np.testing.assert_allclose(variance[100], s.noise_y[95:106].mean())
     assert dof >= DOF_WANTED
+
+
+@pytest.mark.parametrize(("n_lines", "n_pooled"), [(1, 1), (2, 1), (5, 5), (6, 5), (40, 11)])
+def test_no_more_lines_are_pooled_than_there_are(n_lines, n_pooled):
+    variance = np.random.default_rng(1).chisquare(2, n_lines)
+    pooled, dof = smoothed(variance, 2.0)
+    assert dof == 2 * n_pooled
+    middle = (n_lines - 1) // 2
+    around = variance[middle - n_pooled // 2 : middle + n_pooled // 2 + 1]
+    assert pooled[middle] == pytest.approx(around.mean())
 
 
 def test_standard_errors_cover_the_truth():
