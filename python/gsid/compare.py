@@ -509,7 +509,8 @@ def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, 
     Each is judged by itself, with all of the model's uncertainty: what that allows there is no failure.
     """
     join = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("f_hz", "kind", "y")}
-    edges = _third_octaves(join["f_hz"][join["f_hz"] > 0].min(), join["f_hz"].max())
+    above = join["f_hz"][join["f_hz"] > 0]
+    edges = _third_octaves(above.min(), above.max()) if len(above) else np.array([np.inf])
     edges = np.insert(edges, 0, 0.0)  # the line at 0, where it counts, is a band of its own
     cells = []
     for kind in KINDS:

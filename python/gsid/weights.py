@@ -92,7 +92,7 @@ def smoothed(variance: np.ndarray, dof: float) -> tuple[np.ndarray, float]:
     (k,) ndarray, float
         Pooled, and their degrees of freedom.
     """
-    if dof >= DOF_WANTED:
+    if dof >= DOF_WANTED or len(variance) == 0:
         return variance, dof
     half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(variance) - 1) // 2)
     return ndimage.uniform_filter1d(variance, 2 * half + 1, mode="reflect"), dof * (2 * half + 1)

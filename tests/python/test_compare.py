@@ -400,6 +400,26 @@ def test_an_offset_is_seen_at_0_only_where_the_plant_knows_its_mean(command):
     assert compare(nowhere, dataclasses.replace(away, y_unit="deg"), band=(0.0, 60.0)).line[0] == 1
 
 
+def test_the_line_at_0_is_real(command):
+    """One number, not two: T of that line follows F(1, P - 1), that of the next F(2, 2 (P - 1))."""
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    seen = noisy(rng, command, y, 5)
+    found = compare(plant(STACK), seen, band=(0.0, 3.0))
+    assert found.line.tolist() == [0, 1]
+    t = 5 * np.abs(seen.y[:2] - plant(STACK).predict(seen).Y[:2]) ** 2 / seen.noise_y[:2]
+    tails = stats.f.sf(t[0], 1, 4), stats.f.sf(t[1], 2, 8)
+    assert found.p_value == pytest.approx(stats.chi2.sf(-2 * np.sum(np.log(tails)), 4), rel=1e-6)
+
+
+def test_a_band_of_the_line_at_0_alone(command):
+    """A bug: scipy's filter of no line at all ended in an internal error."""
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    right, off = (compare(plant(STACK), noisy(rng, command, y + by, 5), band=(0.0, 1.0)) for by in (0.0, 0.1))
+    assert right.line.tolist() == [0]
+    assert right.adequate
+    assert [(band["f_lo_hz"], band["f_hi_hz"]) for band in off.where] == [(0.0, 0.0)]
+
+
 @pytest.mark.parametrize(("share", "told"), [(0.05, False), (0.2, True)])
 def test_an_answer_that_is_not_steady_is_told(command, monkeypatch, caplog, share, told):
     """A bug: a plant without steady state was judged like any other. A tenth of the noise may move."""
