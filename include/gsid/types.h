@@ -43,7 +43,7 @@ typedef struct {
     X(GSID_E_MEMORY, -3, "the memory block is too small or not aligned", "ask the object's _mem_size for the bytes")   \
     X(GSID_E_NONFINITE, -4, "a number is not finite: refused, nothing changed", "")                                    \
     X(GSID_E_STATE, -5, "the object is not initialised, or not in a state for this call",                              \
-      "call its _init first; the header says what else the call waits for")                                            \
+      "call its _init first; the header lists what else the call needs")                                            \
     X(GSID_E_TOO_FEW, -6, "too few periods or lines for the answer asked", "measure longer, or lower the order")       \
     X(GSID_E_SINGULAR, -7, "the equations are singular", "lower the order, or widen the band")                         \
     X(GSID_E_UNSTABLE, -8, "no stable model was found", "lower the order, or allow unstable models")                   \

@@ -370,7 +370,7 @@ def _spread(values: list[float]) -> dict | None:
     }
 
 
-# What issue 3 asks: figure, name, bound, whether it is a lower bound.
+# The required figures: figure, name, bound, whether it is a lower bound.
 REQUIRED = [
     ("worked", "trials that diagnose did not break off", 1.0, True),
     ("first_group", f"effect in the first group, drop >= {CLEAR_DROP:g}", 0.98, True),
@@ -465,7 +465,7 @@ def page(figures: dict, command: str) -> str:
                 for row in figures["power"]
             ),
         ),
-        f"### Confusion: what was named first, drop >= {CLEAR_DROP:g}",
+        f"### Confusion: effect named first, drop >= {CLEAR_DROP:g}",
         _table(
             ["hidden", "named"],
             (
@@ -473,7 +473,7 @@ def page(figures: dict, command: str) -> str:
                 for effect, said in figures["confusion"].items()
             ),
         ),
-        "### Stated probability of the first group against how often it was right",
+        "### Calibration of the stated probability of the first group",
         _table(
             ["stated", "mean stated", "right"],
             (

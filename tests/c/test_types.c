@@ -27,7 +27,7 @@ static void each_status_has_a_sentence_of_its_own(void **state) {
     }
     assert_string_equal(gsid_status_str(GSID_E_NULL), "a required pointer is NULL");
     assert_string_equal(gsid_status_hint(GSID_E_STATE),
-                        "call its _init first; the header says what else the call waits for");
+                        "call its _init first; the header lists what else the call needs");
 }
 
 static void failures_are_negative(void **state) {

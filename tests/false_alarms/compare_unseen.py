@@ -145,17 +145,17 @@ def run(cell: Cell, seed: int) -> dict[str, float | bool]:
 
 STUDY = Study(
     name="compare_unseen",
-    title="A right, fitted model on a record that its fit has not seen",
+    title="A correct, fitted model on a record outside its fit",
     about=(
-        "A model of the right form is fitted to one record and compared (`gsid compare`) with another "
+        "A model of the correct form is fitted to one record and compared (`gsid compare`) with another "
         "realisation. Stacks of effects: a rigid body with viscous and Coulomb friction, a delay and "
-        f"a mode, {N_AXES} axes drawn at random, simulated by the blind trials' own simulator, with "
-        "coloured gyro noise, steps of its word, and a rough part at -50 dB of the response. The fit "
-        "starts up to 5 % off; where it ends in a wrong minimum the rejection is counted too. "
+        f"a mode, {N_AXES} axes drawn at random, simulated by the simulator of the blind trials, with "
+        "coloured gyro noise, quantization, and an irregular part at -50 dB of the response. The fit "
+        "starts up to 5 % off. Rejections after a wrong minimum are counted too. "
         "Rational models: a held second-order system with a zero, by scipy, with output noise from "
-        "white to strongly coloured. At one seed of ten it is counted besides how often the same "
-        "model is rejected if its uncertainty is left out, and how often a wrong model is rejected, "
-        "without the Coulomb friction or without the zero."
+        "white to strongly coloured. One seed of ten also shows how often the same model is rejected "
+        "if its uncertainty is left out, and how often a wrong model is rejected, without the Coulomb "
+        "friction or without the zero."
     ),
     cells=tuple(
         Cell(f"{words}, {n_fit} periods fitted, {n_new} compared", (kind, n_fit, n_new))

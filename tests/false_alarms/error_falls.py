@@ -59,15 +59,15 @@ def record(rng: np.random.Generator, periods: int, level: float = 1.0, colour: f
     return Record(np.tile(u, periods), y + NOISE * noise, FS_HZ, N, 0, hold="zoh")
 
 
-ABOUT = """`gsid add` judges on data that the fit left out, and reports a fall of the error when its p-value
-is 5 % at most. "As far off": two models whose gains are 2 % too large and 2 % too small, so that neither is
-nearer to the truth. "Added": `gsid.ladder.add` adds an effect that the axis does not have. On average that
-makes the model worse, so that the level is a bound. The axis is a rigid body with viscous friction,
-filtered by scipy; the noise is white, or has a pole at 0.9 ("coloured")."""
+ABOUT = """`gsid add` judges on data that the fit left out, and reports a fall of the error if its p-value
+is at most 5 %. "As far off": two models whose gains are 2 % too large and 2 % too small, so that neither is
+closer to the truth. "Added": `gsid.ladder.add` adds an effect that the axis does not have. On average that
+makes the model worse, so the level is a bound. The axis is a rigid body with viscous friction,
+filtered by scipy. The noise is white, or has a pole at 0.9 ("coloured")."""
 
 STUDY = Study(
     name="error_falls",
-    title="Ladder: a fall of the error on data that were not fitted",
+    title="Ladder: a fall of the error on data outside the fit",
     about=ABOUT,
     cells=(
         Cell("as far off, P 2", {"levels": [1.0], "periods": 2, "colour": 0.0}),

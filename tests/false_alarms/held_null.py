@@ -50,12 +50,12 @@ STUDY = Study(
     name="held_null",
     title="Diagnosis of held commands",
     about=(
-        "Null records of the blind trials' simulator (`docs/explanation/blind.md`): a linear axis with a "
-        "flexible mode, half of them behind a gyro with a lag, under commands that are held over each sample "
-        "of 3 kHz; two records of 8 periods, at two levels, with excited lines up to 190 or 450 Hz. `gsid "
-        "diagnose` gets the right model with all values 5 % off. Both cells have the same records. Where "
-        "a record does not state its hold, the model is rejected only if it fails under both assumptions, so "
-        "that the level is a bound there. A lag, a delay or a sampler must never be named, not even as "
+        "Null records of the simulator of the blind trials (`docs/explanation/blind.md`): a linear axis "
+        "with a flexible mode, half of them behind a gyro with a lag, under commands that are held over each "
+        "sample of 3 kHz; two records of 8 periods, at two levels, with excited lines up to 190 or 450 Hz. "
+        "`gsid diagnose` gets the correct model with all values 5 % off. Both cells have the same records. "
+        "If a record does not state its hold, the model is rejected only if it fails under both assumptions, "
+        "so the level is a bound. A lag, a delay or a sampler must never be named, not even as "
         "the nearest effect."
     ),
     cells=(Cell("hold: zoh", "zoh"), Cell("hold not stated", None, at_most=True)),

@@ -147,15 +147,16 @@ def _cells() -> tuple[Cell, ...]:
 
 
 ABOUT = """A linear axis is measured at an input level and at twice that level, and `superposition` compares
-the responses. P periods, M realisations; where a cell does not say otherwise: 8 periods, one realisation, 20
-lines, the same white noise at both levels. The noise is drawn in the frequency domain and goes through the
-core. The cells "records" are filtered by scipy, with coloured noise, and go through the whole of
+the responses. P periods, M realisations. Unless a cell states otherwise: 8 periods, one realisation, 20
+lines, the same white noise at both levels. The noise is drawn in the frequency domain and processed by the
+core. The cells "records" are filtered by scipy, with coloured noise, and processed by the complete
 `gsid.distortion`. "Noise up and down by 4": its variance at the second level is 4 times as large at one half
 of the lines, and a quarter at the other half. "Drift": a random walk, larger than the other noise at the four
 lowest lines. The jump from the first to the last sample of a record is one error in all lines, and the test
-takes the lines as independent: with one realisation it does not keep its level then. With several it does,
-since each realisation turns the phases of that error in its own way. "Cubic axis": a nonlinear one. The table
-shows how often the test finds that, and how often a test would that knows the variance of the noise."""
+assumes independent lines: with one realisation it does not keep its level in this case. With several it does,
+because each realisation rotates the phases of that error differently. "Cubic axis": a nonlinear axis. The
+table shows how often the test detects it, and how often a test with a known variance of the noise would
+detect it."""
 
 STUDY = Study(
     name="superposition",
