@@ -13,13 +13,14 @@ A mutant is the source with one small change: a sign, a comparison, a number, a 
 that fails with it has found it. `make mutants` draws {n} mutants of each part of the source from seed {seed},
 judges each by the tests that execute its line, and writes this page. Changes that do not compile, or that
 compile to the same program, are not counted. [Decisions](decisions.md) says how the tools were chosen.
+A run that was stopped has judged fewer than {n}. This one was of commit {commit}.
 
 | part | judged | found | not found | found, 95 % interval |
 |---|---|---|---|---|
 """
 
 
-def text(found: Mapping[str, Sequence[Mapping]], seed: int, n: int) -> str:
+def text(found: Mapping[str, Sequence[Mapping]], seed: int, n: int, commit: str) -> str:
     """The page as Markdown.
 
     Parameters
@@ -28,6 +29,8 @@ def text(found: Mapping[str, Sequence[Mapping]], seed: int, n: int) -> str:
         Of each part the mutants judged, as `run_mutants` keeps them.
     seed, n : int
         Of the sample.
+    commit : str
+        Of the sources that were judged.
 
     Returns
     -------
@@ -36,7 +39,7 @@ def text(found: Mapping[str, Sequence[Mapping]], seed: int, n: int) -> str:
     from scipy.stats import binomtest
 
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
-    out = HEAD.format(seed=seed, n=n)
+    out = HEAD.format(seed=seed, n=n, commit=commit)
     for part, mutants in found.items():
         n_found = sum(one["status"] == "killed" for one in mutants)
         if mutants:

@@ -162,10 +162,10 @@ def run(
         return found
 
     counted: list[dict] = []
-    with ThreadPoolExecutor(len(judges)) as pool:
+    with ThreadPoolExecutor(max(len(judges), 1)) as pool:
         at = 0
-        while at < len(mutants) and len(counted) < n and time.monotonic() < until:
-            batch = mutants[at : at + 2 * len(judges)]
+        while at < len(mutants) and len(counted) < n:
+            batch = mutants[at : at + max(2 * len(judges), 1)]
             at += len(batch)
             counted += [one for one in pool.map(judged, batch) if one and one["status"] in COUNTED]
     return counted[:n]
@@ -189,6 +189,11 @@ def judges_of(target: str, folder: Path, n: int, tests: list[str]) -> list:
     return made
 
 
+def _commit() -> str:
+    command = ["git", "describe", "--always", "--dirty=+"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout.strip()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=SAMPLE, help="mutants of each target")
@@ -206,11 +211,15 @@ def main() -> None:
     found = {}
     for target in arguments.target or TARGETS:
         mutants = drawn(target, arguments.seed)  # before the copies: sources may change meanwhile
-        judges = judges_of(target, arguments.folder.resolve(), arguments.jobs, arguments.tests)
+        is_over = time.monotonic() >= until  # then the page is made of what is known
+        judges = (
+            [] if is_over else judges_of(target, arguments.folder.resolve(), arguments.jobs, arguments.tests)
+        )
         found[target] = run(target, mutants, arguments.n, judges, results, until)
         print(f"{target}: {dict(Counter(one['status'] for one in found[target]))}", file=sys.stderr)
     if arguments.page:
-        arguments.page.write_text(mutants_page.text(found, arguments.seed, arguments.n), encoding="utf-8")
+        text = mutants_page.text(found, arguments.seed, arguments.n, _commit())
+        arguments.page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

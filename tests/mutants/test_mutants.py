@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mutants_page
 import pytest
 from bounded_run import run
 from mutant import Mutant
@@ -100,6 +101,22 @@ def test_a_mutant_is_judged_by_the_tests_of_its_line(project, monkeypatch, old, 
     mutant = Mutant.of("python/law.py", line, "by hand", LAW, LAW.replace(old, new))
     assert project.judge(mutant)[0] == status
     assert (project.tree / "python/law.py").read_text() == LAW
+
+
+def test_each_part_has_sources():
+    """A part whose files have moved would be judged as found whole."""
+    for part in run_mutants.TARGETS:
+        assert run_mutants.sources(part), part
+
+
+def test_the_page_has_each_mutant_that_was_not_found():
+    one = {"file": "a.c", "line": 7, "before": "a || b", "after": "a && b", "key": "a.c: a || b => a && b"}
+    found = [one | {"status": status} for status in ("killed", "survived", "uncovered")]
+    page = mutants_page.text({"core": found, "comparison": []}, 7, 200, "abc1234")
+    assert "| core | 3 | 1 | 2 | 6 % to 79 % |" in page  # Wilson
+    assert "| comparison | 0 | 0 | 0 |  |" in page
+    assert "| a.c:7 | `a \\|\\| b` → `a && b` | not looked into yet |" in page
+    assert "| a.c:7 | `a \\|\\| b` → `a && b` | no test executes the line |" in page
 
 
 def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
