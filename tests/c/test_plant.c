@@ -342,6 +342,11 @@ static void bad_configurations_are_refused(void **state) {
     b.cfg.item = NULL;
     assert_int_equal(try_init(), GSID_E_NULL);
     start_source();
+    b.cfg.free_parameter = NULL;
+    assert_int_equal(try_init(), GSID_OK); /* none is free */
+    b.cfg.n_free = 1;
+    assert_int_equal(try_init(), GSID_E_NULL);
+    start_source();
     const size_t size = gsid_plant_mem_size(&b.cfg);
     assert_int_equal(gsid_plant_init(&b.plant, &b.cfg, b.memory.bytes, size - 1), GSID_E_MEMORY);
     assert_int_equal(gsid_plant_init(&b.plant, &b.cfg, b.memory.bytes + 1, size), GSID_E_MEMORY);

@@ -147,6 +147,16 @@ def test_distortion_on_detection_lines_is_named_by_its_kind():
     assert kinds[11] == "excited"
 
 
+def test_the_verdict_names_the_band_of_the_largest_share():
+    extra = np.zeros(N // 2 + 1, complex)
+    extra[[10, 20]], extra[31] = 0.03, 0.3
+    result = compare(MODEL, measured(np.random.default_rng(SEED), periods=6, extra=extra, odd_only=True))
+    shares = [band["share"] for band in result.where]
+    assert len(shares) == 3
+    assert shares == sorted(shares, reverse=True)
+    assert f"{100 * shares[0]:.0f} % of the excess lies at 14.5 to 17.5 Hz on excited lines" in result.verdict
+
+
 def test_band_and_several_records():
     rng = np.random.default_rng(SEED)
     records = [measured(rng, periods=4) for _ in range(3)]
@@ -373,10 +383,16 @@ def test_what_the_fit_left_open_may_have_any_value(command, caplog):
     undetermined, of_each = copy.deepcopy(model), copy.deepcopy(model)
     undetermined["cable_spring.stiffness"].std = float("nan")
     of_each.fit["per_record"] = [{"name": "", "cable_spring.stiffness": [170.0, 1.0]}]
+    by = model.predict(new, sensitivities=True).dY[model.free_names.index("cable_spring.stiffness")]
     for one in (undetermined, of_each):
         caplog.clear()
-        assert compare(one, new).p_value > 1e-3
+        found = compare(one, new)
+        assert found.p_value > 1e-3
         assert "does not determine cable_spring.stiffness elsewhere" in caplog.text
+        # Of its own size, at the lowest lines, where the other parameters' errors are small beside that.
+        low = found.line[:3]
+        expected = np.abs(by[low]) * model["cable_spring.stiffness"].value
+        np.testing.assert_allclose(found.sigma_model[:3], expected, rtol=0.01)
 
 
 def test_friction_is_seen_in_a_plant_without_it(command):

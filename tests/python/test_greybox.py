@@ -17,7 +17,7 @@ from gsid.plant import PlantModel
 from gsid.plant_periodic import PeriodicPlant
 from gsid.record import Record
 from gsid.spectra import spectra
-from gsid.weights import DOF_WANTED, pooled_variance, smoothed
+from gsid.weights import DOF_WANTED, lines_used, pooled_variance, smoothed
 
 N, P = 1500, 4
 AXIS = {"gain": 900.0, "viscous_rate": 12.0, "spring_stiffness": 400.0, "delay_s": 0.00437}
@@ -354,14 +354,24 @@ def test_few_degrees_of_freedom_are_pooled_over_lines():
     assert dof >= DOF_WANTED
 
 
-@pytest.mark.parametrize(("n_lines", "n_pooled"), [(1, 1), (2, 1), (5, 5), (6, 5), (40, 11)])
-def test_no_more_lines_are_pooled_than_there_are(n_lines, n_pooled):
+@pytest.mark.parametrize(
+    ("n_lines", "n_dof", "n_pooled"),
+    [(1, 2, 1), (2, 2, 1), (5, 2, 5), (6, 2, 5), (40, 2, 11), (40, 3, 7), (40, 20, 1)],
+)
+def test_as_few_lines_are_pooled_as_are_needed(n_lines, n_dof, n_pooled):
+    """Up to 20 degrees of freedom, and no more lines than there are."""
     variance = np.random.default_rng(1).chisquare(2, n_lines)
-    pooled, dof = smoothed(variance, 2.0)
-    assert dof == 2 * n_pooled
+    pooled, dof = smoothed(variance, float(n_dof))
+    assert dof == n_dof * n_pooled
     middle = (n_lines - 1) // 2
     around = variance[middle - n_pooled // 2 : middle + n_pooled // 2 + 1]
     assert pooled[middle] == pytest.approx(around.mean())
+
+
+def test_a_band_may_reach_half_the_sample_rate():
+    (s,) = (spectra(record) for record in records(1, n_periods=3))
+    use = lines_used(start(TRUTH), s, (0.1, FS_HZ))
+    assert s.line[use].tolist() == list(range(1, (s.period_samples + 1) // 2))
 
 
 def test_standard_errors_cover_the_truth():
