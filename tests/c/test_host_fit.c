@@ -523,10 +523,15 @@ static void assert_refused(gsid_status status, const gsid_frd *data, const gsid_
     assert_memory_equal(&r, &before, sizeof r);
 }
 
-static void failures_leave_the_result(void **state) {
-    (void)state;
+/* Data of the tests of refusals. */
+static gsid_frd good_data(void) {
     measure(small_system, 0.002, 0, 50, 4, 1);
-    const gsid_frd good = {.n_lines = n_lines, .f_hz = f_hz, .g = g, .sigma = sigma};
+    return (gsid_frd){.n_lines = n_lines, .f_hz = f_hz, .g = g, .sigma = sigma};
+}
+
+static void missing_arguments_are_refused(void **state) {
+    (void)state;
+    const gsid_frd good = good_data();
     const gsid_fit_cfg cfg = ml(2, 1);
     gsid_frd data = good;
     assert_int_equal(gsid_fit_run(&good, &cfg, NULL), GSID_E_NULL);
@@ -543,7 +548,12 @@ static void failures_leave_the_result(void **state) {
     data = good;
     data.n_lines = 2;
     assert_refused(GSID_E_TOO_FEW, &data, &cfg); /* four numbers for five parameters */
+}
 
+static void bad_numbers_are_refused(void **state) {
+    (void)state;
+    const gsid_frd good = good_data();
+    const gsid_fit_cfg cfg = ml(2, 1);
     const double bad[2] = {NAN, INFINITY};
     for (int i = 0; i < 2; i++) {
         double *const fields[4] = {&f_hz[3], &g[3].re, &g[49].im, &sigma[3]};
@@ -560,6 +570,12 @@ static void failures_leave_the_result(void **state) {
         assert_refused(GSID_E_CONFIG, &good, &cfg);
         sigma[3] = kept;
     }
+}
+
+static void bad_settings_are_refused(void **state) {
+    (void)state;
+    const gsid_frd good = good_data();
+    const gsid_fit_cfg cfg = ml(2, 1);
 #define REFUSED(field, value)                                                                                          \
     do {                                                                                                               \
         gsid_fit_cfg wrong_cfg = cfg;                                                                                  \
@@ -574,6 +590,13 @@ static void failures_leave_the_result(void **state) {
     REFUSED(delay_max_s, -1);
     REFUSED(delay_max_s, NAN);
     REFUSED(delay_max_s, 513 / f_hz[49]); /* more than 4096 steps of 1/(8 f_max) */
+#undef REFUSED
+}
+
+static void a_bad_sample_time_is_refused(void **state) {
+    (void)state;
+    const gsid_frd good = good_data();
+    const gsid_fit_cfg cfg = ml(2, 1);
     gsid_fit_cfg needs_sample = cfg;
     needs_sample.domain = GSID_DOMAIN_Z;
     const double samples[5] = {0, -1, NAN, INFINITY, 0.5 / f_hz[49]};
@@ -591,15 +614,20 @@ static void failures_leave_the_result(void **state) {
     held.n_zeros = 1;
     held.domain = GSID_DOMAIN_Z;
     assert_refused(GSID_E_CONFIG, &good, &held);
+}
 
-    /* a gain tells nothing of a pole and a zero */
+/* Any pole and zero that cancel make a gain. */
+static void data_that_determine_no_model_are_refused(void **state) {
+    (void)state;
+    const gsid_frd good = good_data();
+    const gsid_fit_cfg cfg = ml(2, 1);
     for (uint32_t k = 0; k < n_lines; k++) {
         g[k].re = 2, g[k].im = 0;
     }
     gsid_fit_cfg gain = cfg;
     gain.n_poles = gain.n_zeros = 1;
     gain.delay = GSID_DELAY_NONE;
-    gain.allow_unstable = 1; /* where the pole is says nothing either */
+    gain.allow_unstable = 1;
     assert_refused(GSID_E_SINGULAR, &good, &gain);
     memset(f_hz, 0, sizeof f_hz);
     assert_refused(GSID_E_CONFIG, &good, &cfg);
@@ -651,7 +679,11 @@ int main(void) {
         cmocka_unit_test(domain_z),
         cmocka_unit_test(delays_that_repeat_are_not_taken),
         cmocka_unit_test(intervals_hold_the_truth),
-        cmocka_unit_test(failures_leave_the_result),
+        cmocka_unit_test(missing_arguments_are_refused),
+        cmocka_unit_test(bad_numbers_are_refused),
+        cmocka_unit_test(bad_settings_are_refused),
+        cmocka_unit_test(a_bad_sample_time_is_refused),
+        cmocka_unit_test(data_that_determine_no_model_are_refused),
         cmocka_unit_test(a_reflected_start_is_left_only_for_a_lower_cost),
     };
     return cmocka_run_group_tests_name("fit", tests, NULL, NULL);
