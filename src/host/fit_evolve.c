@@ -107,10 +107,16 @@ static gsid_status evolve(herd *h, uint32_t n, const double *lower, const double
     double gene[GSID_ORDER_MAX + 1];
     for (uint32_t i = 0; i < n; i++)
         gene[i] = (lower[i] + upper[i]) / 2;
-    const gsid_nlopt_search how = {GSID_NLOPT_ESCH, 0, POPULATION * GENERATIONS, POPULATION, seed};
+    const gsid_nlopt_search how = {.algorithm = GSID_NLOPT_ESCH,
+                                   .n = n,
+                                   .lower = lower,
+                                   .upper = upper,
+                                   .n_max = POPULATION * GENERATIONS,
+                                   .population = POPULATION,
+                                   .seed = seed};
     c->cost = HUGE_VAL;
     if (n > 0) {
-        const gsid_status status = gsid_nlopt_minimise(&how, n, fitness, h, lower, upper, gene, &c->cost);
+        const gsid_status status = gsid_nlopt_minimise(&how, fitness, h, gene, &c->cost);
         if (status < 0)
             return status;
     }

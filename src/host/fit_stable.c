@@ -196,8 +196,13 @@ static gsid_status minimise(search *s, double tolerance, double *x, double *leas
     set_bounds(s, lower, upper);
     for (uint32_t i = 0; i < s->n; i++)
         x[i] = fmin(fmax(x[i] / s->scale[i], lower[i]), upper[i]);
-    const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, EVALUATIONS_MAX, 0, 0};
-    const gsid_status status = gsid_nlopt_minimise(&how, s->n, objective, s, lower, upper, x, least);
+    const gsid_nlopt_search how = {.algorithm = GSID_NLOPT_SLSQP,
+                                   .n = s->n,
+                                   .lower = lower,
+                                   .upper = upper,
+                                   .tolerance = tolerance,
+                                   .n_max = EVALUATIONS_MAX};
+    const gsid_status status = gsid_nlopt_minimise(&how, objective, s, x, least);
     for (uint32_t i = 0; i < s->n; i++)
         x[i] *= s->scale[i];
     return status;

@@ -2,7 +2,8 @@
 #ifndef GSID_FIT_STABLE_H
 #define GSID_FIT_STABLE_H
 
-#include "gsid/estimate.h"
+#include "gsid/frd.h"
+#include "gsid/rational.h"
 
 typedef struct {
     int free_delay; /* 0: the delay stays as it is */

@@ -153,13 +153,18 @@ gsid_status gsid_minimise(uint32_t n, gsid_objective objective, void *user, cons
         }
     }
 #ifdef GSID_WITH_NLOPT
-    const gsid_nlopt_search how = {GSID_NLOPT_SLSQP, tolerance, (int)n_max, 0, 0};
+    const gsid_nlopt_search how = {.algorithm = GSID_NLOPT_SLSQP,
+                                   .n = n,
+                                   .lower = lower,
+                                   .upper = upper,
+                                   .tolerance = tolerance,
+                                   .n_max = (int)n_max};
     double value, *at = malloc(n * sizeof *at);
     if (at == NULL) {
         return GSID_E_NO_MEMORY;
     }
     memcpy(at, x, n * sizeof *at);
-    gsid_status status = gsid_nlopt_minimise(&how, n, objective, user, lower, upper, at, &value);
+    gsid_status status = gsid_nlopt_minimise(&how, objective, user, at, &value);
     if (status >= 0 && !isfinite(value)) {
         status = GSID_E_NONFINITE;
     }

@@ -42,6 +42,8 @@ typedef enum {
 
 typedef struct {
     gsid_nlopt_algorithm algorithm;
+    unsigned n;                  /* unknowns */
+    const double *lower, *upper; /* [n] bounds; infinite where there is none, which only SLSQP takes */
     double tolerance;    /* stop when a step lowers the value by less */
     int n_max;           /* evaluations at most */
     unsigned population; /* 0: the algorithm's own */
@@ -49,12 +51,10 @@ typedef struct {
 } gsid_nlopt_search;
 
 /** Minimise within bounds.
- *  @param[in]     lower, upper  [n] bounds; infinite where there is none, which only SLSQP takes
- *  @param[in,out] x             [n] start, within the bounds; least point found
- *  @param[out]    least         value there
+ *  @param[in,out] x      [n] start, within the bounds; least point found
+ *  @param[out]    least  value there
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NO_MEMORY; GSID_E_SINGULAR the search failed: x is the start */
-gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
-                                const double *lower, const double *upper, double *x, double *least);
+gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, gsid_objective f, void *user, double *x, double *least);
 
 /** Minimise over one number from 0 to 1, without derivatives (NLopt's LN_BOBYQA).
  *  @param[in]     tolerance  stop when the number moves by less

@@ -5,9 +5,9 @@
 
 #include "backend.h"
 
-static nlopt_opt create(const gsid_nlopt_search *how, unsigned n) {
+static nlopt_opt create(const gsid_nlopt_search *how) {
     static const nlopt_algorithm ALGORITHM[] = {NLOPT_LD_SLSQP, NLOPT_GN_ESCH, NLOPT_GN_CRS2_LM, NLOPT_GN_ISRES};
-    return nlopt_create(ALGORITHM[how->algorithm], n);
+    return nlopt_create(ALGORITHM[how->algorithm], how->n);
 }
 
 static gsid_status status_of(nlopt_result result) {
@@ -24,9 +24,8 @@ static gsid_status status_of(nlopt_result result) {
     return GSID_E_SINGULAR;
 }
 
-gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_objective f, void *user,
-                                const double *lower, const double *upper, double *x, double *least) {
-    nlopt_opt opt = create(how, n);
+gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, gsid_objective f, void *user, double *x, double *least) {
+    nlopt_opt opt = create(how);
     if (opt == NULL) {
         return GSID_E_NO_MEMORY;
     }
@@ -36,10 +35,10 @@ gsid_status gsid_nlopt_minimise(const gsid_nlopt_search *how, unsigned n, gsid_o
     }
     nlopt_result result = nlopt_set_min_objective(opt, f, user);
     if (result == NLOPT_SUCCESS) {
-        result = nlopt_set_lower_bounds(opt, lower);
+        result = nlopt_set_lower_bounds(opt, how->lower);
     }
     if (result == NLOPT_SUCCESS) {
-        result = nlopt_set_upper_bounds(opt, upper);
+        result = nlopt_set_upper_bounds(opt, how->upper);
     }
     if (result == NLOPT_SUCCESS) {
         result = nlopt_set_ftol_abs(opt, how->tolerance);
