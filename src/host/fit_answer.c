@@ -5,16 +5,6 @@
 #include "../core/complex_math.h"
 #include "fit_run.h"
 
-/* Weight of the output error that a method amounts to: 1/sigma, but |A|^(1 - r) for the linear ones, where LS has r = 0. */
-double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k) {
-    if (!gsid_fit_is_linear(r))
-        return 1 / r->sigma[k];
-    const double given = r->cfg.exponent > 0 ? r->cfg.exponent : 1;
-    const double exponent = r->cfg.method == GSID_METHOD_LS ? 0 : given;
-    const gsid_cplx v = gsid_rational_variable(model, GSID_TWO_PI * r->data->f_hz[k]);
-    return pow(gsid_cplx_abs2(gsid_cplx_polynomial(model->n_poles, model->den, v)), (1 - exponent) / 2);
-}
-
 /* Rows w dG/dtheta into `rows`, and N = sum w^4 sigma^2 Re(x x^H), x = dG/dtheta, into inner. */
 static gsid_status weighted_sums(const fit_run *r, const gsid_rational *model, uint32_t n, gsid_lsq *rows,
                                  double *inner) {

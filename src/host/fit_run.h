@@ -32,11 +32,15 @@ typedef struct {
     double cost;
 } fit_candidate;
 
-/* ---- the run */
 double gsid_fit_highest_frequency(const gsid_frd *data);
 uint32_t gsid_fit_n_parameters(const gsid_fit_cfg *cfg);
 int gsid_fit_is_linear(const fit_run *r); /* LS or IWLS */
 int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model); /* stable and late enough, where asked for */
+
+/* Weight of the output error that a method amounts to: 1/sigma, but |A|^(1 - r) for the linear ones, where LS has r = 0. */
+double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);
+
+/* Put c into the n_kept best, in order. */
 void gsid_fit_keep_best(const fit_candidate *c, uint32_t n_kept, fit_candidate *kept);
 
 /* ---- fit_hold.c */
@@ -67,7 +71,6 @@ gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept);
 gsid_status gsid_fit_influence(const fit_run *r, const gsid_rational *model, gsid_fit_result *result);
 
 /* ---- fit_answer.c: costs, roots, covariance */
-double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);
 double gsid_fit_cost_by_variance(const fit_run *r,
                                  const gsid_rational *model); /* by the measured one, whatever the method */
 gsid_status gsid_fit_answer(fit_run *r, const fit_candidate *best, gsid_fit_result *result);
