@@ -7,17 +7,20 @@ import pytest
 
 @pytest.fixture
 def check(run, root, tmp_path):
-    """Run the check on a tree, with a core archive made of one piece of C."""
+    """Run the check on a tree, with a core archive made of pieces of C, an object each."""
 
-    def check(tree, core_code=None):
-        archives = []
-        if core_code is not None:
-            source, planted, archive = tmp_path / "planted.c", tmp_path / "planted.o", tmp_path / "planted.a"
-            source.write_text(core_code)
+    def check(tree, *core_code):
+        objects = []
+        for number, code in enumerate(core_code):
+            source = tmp_path / f"planted_{number}.c"
+            objects.append(source.with_suffix(".o"))
+            source.write_text(code)
             flags = ["-std=c99", "-fPIC", "-fno-stack-protector"]
-            assert run("cc", *flags, "-c", "-o", planted, source).returncode == 0
-            assert run("ar", "rcs", archive, planted).returncode == 0
-            archives = ["--core", archive]
+            assert run("cc", *flags, "-c", "-o", objects[-1], source).returncode == 0
+        archives = []
+        if objects:
+            assert run("ar", "rcs", tmp_path / "planted.a", *objects).returncode == 0
+            archives = ["--core", tmp_path / "planted.a"]
         return run(sys.executable, root / "tools/check_layers", "--root", tree, *archives)
 
     return check
@@ -62,6 +65,38 @@ def test_an_include_along_the_layers_is_let_through(check, tree, file, include):
     (tree / file).parent.mkdir(exist_ok=True)
     (tree / file).write_text(f"#include {include}\n")
     result = check(tree)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"planted_a.h": "planted_b.h", "planted_b.h": "planted_a.h"},
+        {"planted_a.c": "planted_b.h", "planted_b.c": "planted_a.h", "planted_a.h": "", "planted_b.h": ""},
+        {"planted_a.h": "planted_a.h"},
+    ],
+    ids=["headers", "a source and its header count as one", "a header that includes itself"],
+)
+def test_a_cycle_of_includes_is_found(check, tree, files):
+    for file, include in files.items():
+        (tree / "src/core" / file).write_text(f'#include "{include}"\n' if include else "\n")
+    result = check(tree)
+    assert result.returncode == 1
+    assert "error: cycle of includes: src/core/planted_" in result.stderr
+
+
+def test_a_cycle_of_calls_between_objects_is_found(check, root):
+    one = "int gsid_two(void); int gsid_one(void) { return 1; } int gsid_three(void) { return gsid_two(); }"
+    other = "int gsid_one(void); int gsid_two(void) { return gsid_one(); }"
+    result = check(root, one, other)
+    assert result.returncode == 1
+    assert "cycle of calls: planted_" in result.stderr
+
+
+def test_calls_one_way_between_objects_are_let_through(check, root):
+    one = "int gsid_one(void) { return 1; }"
+    other = "int gsid_one(void); int gsid_two(void) { return gsid_one(); }"
+    result = check(root, one, other)
     assert result.returncode == 0, result.stderr
 
 
