@@ -36,55 +36,69 @@ static void run_free(fit_run *r) {
 
 /* What a method needs besides the response. */
 static gsid_status check_needs(const gsid_frd *data, const gsid_fit_cfg *cfg) {
-    if (cfg->method == GSID_METHOD_ML_INPUT_OUTPUT && (data->var_u == NULL || data->cov_yu == NULL))
+    if (cfg->method == GSID_METHOD_ML_INPUT_OUTPUT && (data->var_u == NULL || data->cov_yu == NULL)) {
         return GSID_E_NULL;
+    }
     if (cfg->method == GSID_METHOD_NLS_OUTPUT) {
-        if (cfg->input == NULL)
+        if (cfg->input == NULL) {
             return GSID_E_NULL;
-        for (uint32_t k = 0; k < data->n_lines; k++)
-            if (!(cfg->input[k] > 0 && isfinite(cfg->input[k])))
+        }
+        for (uint32_t k = 0; k < data->n_lines; k++) {
+            if (!(cfg->input[k] > 0 && isfinite(cfg->input[k]))) {
                 return GSID_E_CONFIG;
+            }
+        }
     }
     const gsid_rational *start = cfg->start;
     if (start != NULL &&
-        (start->domain != cfg->domain || start->n_poles != cfg->n_poles || start->n_zeros != cfg->n_zeros))
+        (start->domain != cfg->domain || start->n_poles != cfg->n_poles || start->n_zeros != cfg->n_zeros)) {
         return GSID_E_CONFIG;
+    }
     return GSID_OK;
 }
 
 static gsid_status check_lines(const gsid_frd *data) {
     for (uint32_t k = 0; k < data->n_lines; k++) {
         if (!isfinite(data->f_hz[k]) || !isfinite(data->g[k].re) || !isfinite(data->g[k].im) ||
-            !isfinite(data->sigma[k]))
+            !isfinite(data->sigma[k])) {
             return GSID_E_NONFINITE;
-        if (!(data->sigma[k] > 0))
+        }
+        if (!(data->sigma[k] > 0)) {
             return GSID_E_CONFIG;
+        }
     }
     return GSID_OK;
 }
 
 static gsid_status check(const gsid_frd *data, const gsid_fit_cfg *cfg) {
-    if (data == NULL || cfg == NULL || data->f_hz == NULL || data->g == NULL || data->sigma == NULL)
+    if (data == NULL || cfg == NULL || data->f_hz == NULL || data->g == NULL || data->sigma == NULL) {
         return GSID_E_NULL;
+    }
     const gsid_status status = check_lines(data);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const int needs_sample = cfg->hold || cfg->domain == GSID_DOMAIN_Z;
     const double f_max = gsid_fit_highest_frequency(data);
     if (cfg->n_poles > GSID_ORDER_MAX || cfg->n_zeros > GSID_ORDER_MAX || !(f_max > 0) ||
         (unsigned)cfg->domain > GSID_DOMAIN_Z || (unsigned)cfg->method >= GSID_METHOD_COUNT ||
         (unsigned)cfg->solver > GSID_SOLVER_NLOPT || (unsigned)cfg->delay > GSID_DELAY_FREE ||
         !isfinite(cfg->delay_s) || !isfinite(cfg->delay_min_s) || !(cfg->exponent >= 0) || !isfinite(cfg->exponent) ||
-        !(cfg->sigma_dof >= 0) || !isfinite(cfg->sigma_dof))
+        !(cfg->sigma_dof >= 0) || !isfinite(cfg->sigma_dof)) {
         return GSID_E_CONFIG;
-    if (!(cfg->delay_max_s >= 0 && cfg->delay_max_s <= GSID_FIT_DELAYS_MAX / (8 * f_max)))
+    }
+    if (!(cfg->delay_max_s >= 0 && cfg->delay_max_s <= GSID_FIT_DELAYS_MAX / (8 * f_max))) {
         return GSID_E_CONFIG;
-    if (needs_sample && !(cfg->sample_s > 0 && f_max * cfg->sample_s < 0.5))
+    }
+    if (needs_sample && !(cfg->sample_s > 0 && f_max * cfg->sample_s < 0.5)) {
         return GSID_E_CONFIG;
-    if (cfg->hold && (cfg->domain == GSID_DOMAIN_Z || cfg->n_zeros > cfg->n_poles))
+    }
+    if (cfg->hold && (cfg->domain == GSID_DOMAIN_Z || cfg->n_zeros > cfg->n_poles)) {
         return GSID_E_CONFIG;
-    if (2 * data->n_lines < gsid_fit_n_parameters(cfg))
+    }
+    if (2 * data->n_lines < gsid_fit_n_parameters(cfg)) {
         return GSID_E_TOO_FEW;
+    }
     return check_needs(data, cfg);
 }
 
@@ -105,10 +119,12 @@ static gsid_status run_init(fit_run *r, const gsid_frd *data, const gsid_fit_cfg
     r->mem = malloc(r->mem_size);
     if (r->g == NULL || r->hold == NULL || r->images == NULL || r->moved == NULL || r->drift == NULL ||
         r->sigma == NULL || r->cov_yu == NULL || r->thin_f == NULL || r->thin_sigma == NULL || r->thin_g == NULL ||
-        r->mem == NULL)
+        r->mem == NULL) {
         return GSID_E_NO_MEMORY;
-    for (uint32_t k = 0; k < data->n_lines; k++)
+    }
+    for (uint32_t k = 0; k < data->n_lines; k++) {
         r->hold[k] = cfg->hold ? gsid_fit_hold(GSID_TWO_PI * data->f_hz[k], cfg->sample_s) : gsid_cplx_make(1, 0);
+    }
     r->work.n_lines = data->n_lines;
     r->work.f_hz = data->f_hz;
     r->work.g = r->g;
@@ -128,15 +144,18 @@ static gsid_status take_start(fit_run *r, fit_candidate *c) {
     const gsid_rational *start = r->cfg.start;
     const double rate = gsid_fit_rate(r);
     gsid_status status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, rate);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const double ratio = r->cfg.domain == GSID_DOMAIN_S ? rate / start->scale_rad_s : 1;
     const uint32_t held = gsid_rational_held(start);
     const double top = start->den[held] * pow(ratio, held);
-    for (uint32_t i = 0; i <= start->n_poles; i++)
+    for (uint32_t i = 0; i <= start->n_poles; i++) {
         c->model.den[i] = start->den[i] * pow(ratio, i) / top;
-    for (uint32_t i = 0; i <= start->n_zeros; i++)
+    }
+    for (uint32_t i = 0; i <= start->n_zeros; i++) {
         c->model.num[i] = start->num[i] * pow(ratio, i) / top;
+    }
     c->model.delay_s = r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : start->delay_s;
     if (r->cfg.hold) { /* without its images a model whose poles are as fast as the hold is no minimum */
         r->follow_images = 1;
@@ -169,13 +188,16 @@ static gsid_status search_bounded(const fit_run *r, fit_candidate *c) {
 
 /* The least cost near a start, among admissible models unless it cannot beat the best. */
 static gsid_status refine(fit_run *r, double best_cost, fit_candidate *c) {
-    if (r->cfg.solver == GSID_SOLVER_NLOPT)
+    if (r->cfg.solver == GSID_SOLVER_NLOPT) {
         return search_bounded(r, c);
+    }
     gsid_status status = gauss_newton(r, ITERATIONS_FIRST, c);
-    if (status == GSID_MAX_ITER && c->cost < HOPELESS * best_cost)
+    if (status == GSID_MAX_ITER && c->cost < HOPELESS * best_cost) {
         status = gauss_newton(r, ITERATIONS, c);
-    if (status < 0 || gsid_fit_is_admissible(r, &c->model) || !(c->cost < best_cost))
+    }
+    if (status < 0 || gsid_fit_is_admissible(r, &c->model) || !(c->cost < best_cost)) {
         return status;
+    }
     return search_bounded(r, c);
 }
 
@@ -197,16 +219,18 @@ static gsid_status refine_best(fit_run *r, uint32_t n, const fit_candidate *star
 
 static gsid_status estimate(fit_run *r, fit_candidate *best) {
     fit_candidate starts[REFINED_STARTS];
-    if (gsid_fit_is_linear(r))
+    if (gsid_fit_is_linear(r)) {
         return gsid_fit_linear(r, best);
+    }
     gsid_status status;
     const uint32_t n_starts = r->cfg.start != NULL ? 1 : REFINED_STARTS;
-    if (r->cfg.start != NULL)
+    if (r->cfg.start != NULL) {
         status = take_start(r, starts);
-    else if (r->cfg.method == GSID_METHOD_GA)
+    } else if (r->cfg.method == GSID_METHOD_GA) {
         status = gsid_fit_evolve(r, n_starts, starts);
-    else
+    } else {
         status = gsid_fit_starts(r, n_starts, starts);
+    }
     return status < 0 ? status : refine_best(r, n_starts, starts, best);
 }
 
@@ -221,15 +245,18 @@ static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candida
     for (int i = 0; i < HOLD_ROUNDS_MAX && !settled && how >= 0; i++) {
         const gsid_rational last = best->model;
         gsid_status status = gsid_fit_take_images(r, &last, 0);
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             status = how = gsid_fit_linear_again(r, best);
-        if (status < 0)
+        }
+        if (status < 0) {
             return status;
+        }
         settled = gsid_equations_are_alike(&r->work, &last, &best->model, HOLD_SETTLED_LINEAR);
     }
     gsid_status status = gsid_fit_take_images(r, &best->model, 1);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_estimate_cost(&r->work, &best->model, &best->cost);
+    }
     return status != GSID_OK ? status : settled ? how : GSID_MAX_ITER;
 }
 
@@ -243,17 +270,20 @@ static gsid_status settle_images(fit_run *r, gsid_status how, fit_candidate *bes
     r->follow_images = 1;
     for (int i = 0; i < HOLD_ROUNDS_MAX && !settled && how >= 0; i++) {
         status = gsid_fit_take_images(r, &c.model, 0);
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             status = gsid_estimate_cost(&r->work, &c.model, &c.cost);
-        if (status != GSID_OK)
+        }
+        if (status != GSID_OK) {
             return status;
+        }
         settled = !(c.cost < best->cost - HOLD_SETTLED * fmin(1, c.cost / r->work.n_lines));
         if (c.cost < best->cost) {
             *best = c;
             best_how = how;
         }
-        if (!settled)
+        if (!settled) {
             how = fit_again(r, &c);
+        }
     }
     status = gsid_fit_take_images(r, &best->model, 1);
     return status != GSID_OK ? status : settled ? best_how : GSID_MAX_ITER;
@@ -263,11 +293,13 @@ static gsid_status settle_images(fit_run *r, gsid_status how, fit_candidate *bes
 static int has_fast_pole(const fit_run *r, const gsid_rational *model) {
     gsid_cplx pole[GSID_ORDER_MAX];
     uint32_t n = 0;
-    if (gsid_poly_roots(model->n_poles, model->den, pole, &n) < 0)
+    if (gsid_poly_roots(model->n_poles, model->den, pole, &n) < 0) {
         return 0;
+    }
     double fastest = 0;
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         fastest = fmax(fastest, gsid_cplx_abs2(pole[i]));
+    }
     return sqrt(fastest) * model->scale_rad_s * r->cfg.sample_s > FAST_POLE;
 }
 
@@ -277,11 +309,13 @@ static gsid_status begin_from_delay(fit_run *r, double delay_s, gsid_status how,
     r->cfg.delay = GSID_DELAY_FIXED;
     r->cfg.delay_s = delay_s;
     gsid_status status = estimate(r, &c);
-    if (status >= 0 && r->cfg.hold)
+    if (status >= 0 && r->cfg.hold) {
         status = settle_images(r, status, &c);
+    }
     r->cfg.delay = GSID_DELAY_FREE;
-    if (status >= 0)
+    if (status >= 0) {
         status = r->cfg.hold ? settle_images(r, status, &c) : fit_again(r, &c);
+    }
     if (status >= 0 && c.cost < best->cost && gsid_fit_is_admissible(r, &c.model)) {
         *best = c;
         how = status;
@@ -311,8 +345,9 @@ static gsid_status slope_of_far_roots(const fit_run *r, uint32_t degree, const d
     *slope_s = 0;
     for (uint32_t i = 0; i < n; i++) {
         const double size2 = gsid_cplx_abs2(root[i]);
-        if (sqrt(size2) * scale > w_max)
+        if (sqrt(size2) * scale > w_max) {
             *slope_s += root[i].re / (size2 * scale);
+        }
     }
     return status;
 }
@@ -321,8 +356,9 @@ static gsid_status slope_of_far_roots(const fit_run *r, uint32_t degree, const d
 static double delay_of_far_roots(const fit_run *r, const gsid_rational *m) {
     double by_zeros, by_poles;
     if (m->domain != GSID_DOMAIN_S || slope_of_far_roots(r, m->n_zeros, m->num, m->scale_rad_s, &by_zeros) < 0 ||
-        slope_of_far_roots(r, m->n_poles, m->den, m->scale_rad_s, &by_poles) < 0)
+        slope_of_far_roots(r, m->n_poles, m->den, m->scale_rad_s, &by_poles) < 0) {
         return 0;
+    }
     return by_zeros - by_poles;
 }
 
@@ -342,8 +378,9 @@ static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *
     uint32_t i = 0;
     for (int n_begun = 0; i < sizeof parts / sizeof *parts && n_begun < BEGUN_MAX && how >= 0; n_begun++) {
         const double last = best->cost, shift_s = delay_of_far_roots(r, &best->model);
-        if (shift_s == 0 || ((i > 0 || !has_few) && !leaves_more_than_noise(r, &best->model)))
+        if (shift_s == 0 || ((i > 0 || !has_few) && !leaves_more_than_noise(r, &best->model))) {
             break;
+        }
         how = begin_from_delay(r, best->model.delay_s + parts[i] * shift_s, how, best);
         const int is_lower = best->cost < last - HOLD_SETTLED * fmin(1, last / r->work.n_lines);
         i = is_lower ? 0 : i + 1; /* the lower minimum may have such roots, too */
@@ -353,29 +390,37 @@ static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *
 
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result) {
     gsid_status status = check(data, cfg);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
-    if (result == NULL)
+    }
+    if (result == NULL) {
         return GSID_E_NULL;
+    }
     fit_run r;
     memset(&r, 0, sizeof r);
     gsid_fit_result *answer = calloc(1, sizeof *answer);
     status = answer == NULL ? GSID_E_NO_MEMORY : run_init(&r, data, cfg);
     fit_candidate best;
     gsid_status how = GSID_OK;
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = how = estimate(&r, &best);
-    if (status >= 0 && cfg->hold)
+    }
+    if (status >= 0 && cfg->hold) {
         status = how = gsid_fit_is_linear(&r) ? settle_images_linear(&r, how, &best) : settle_images(&r, how, &best);
+    }
     const int is_searched = cfg->start == NULL && cfg->method != GSID_METHOD_GA && !gsid_fit_is_linear(&r);
-    if (status >= 0 && cfg->hold && cfg->delay == GSID_DELAY_FREE && is_searched && has_fast_pole(&r, &best.model))
+    if (status >= 0 && cfg->hold && cfg->delay == GSID_DELAY_FREE && is_searched && has_fast_pole(&r, &best.model)) {
         status = how = settle_from_sample(&r, how, &best);
-    if (status >= 0 && cfg->delay == GSID_DELAY_FREE && is_searched)
+    }
+    if (status >= 0 && cfg->delay == GSID_DELAY_FREE && is_searched) {
         status = how = settle_far_roots(&r, how, &best);
-    if (status >= 0)
+    }
+    if (status >= 0) {
         status = gsid_fit_answer(&r, &best, answer);
-    if (status == GSID_OK && !gsid_fit_is_admissible(&r, &answer->model))
+    }
+    if (status == GSID_OK && !gsid_fit_is_admissible(&r, &answer->model)) {
         status = GSID_E_UNSTABLE; /* linear methods only: the others search among stable models */
+    }
     if (status == GSID_OK) {
         answer->converged = how == GSID_OK;
         *result = *answer;

@@ -41,8 +41,9 @@ static void poles_of(const herd *h, const double *gene, gsid_cplx *pole) {
         pole[i] = z < 1 ? gsid_cplx_make(-w * z, root) : gsid_cplx_make(-w * z + root, 0);
         pole[i + 1] = z < 1 ? gsid_cplx_make(-w * z, -root) : gsid_cplx_make(-w * z - root, 0);
     }
-    if (n % 2 == 1)
+    if (n % 2 == 1) {
         pole[n - 1] = gsid_cplx_make(-exp(gene[n - 1]), 0);
+    }
 }
 
 /* den <- product of (v - p / scale) in domain s, of (1 - exp(p T) v) in domain z. */
@@ -61,8 +62,9 @@ static void set_denominator(const gsid_cplx *pole, gsid_rational *model) {
             den[j] = j > 0 ? gsid_cplx_add(low, gsid_cplx_mul(one, den[j - 1])) : low;
         }
     }
-    for (uint32_t i = 0; i <= model->n_poles; i++)
+    for (uint32_t i = 0; i <= model->n_poles; i++) {
         model->den[i] = den[i].re;
+    }
 }
 
 /* Eq: EST-10. Weighed between absolute and relative errors: with the former a resonance where the response is small is lost beside small
@@ -80,8 +82,9 @@ static double fitness(unsigned n, const double *gene, double *gradient, void *us
     (void)gradient;
     poles_of(h, gene, pole);
     set_denominator(pole, &h->model);
-    if (h->r->cfg.delay == GSID_DELAY_FREE)
+    if (h->r->cfg.delay == GSID_DELAY_FREE) {
         h->model.delay_s = gene[n - 1];
+    }
     const gsid_status status = gsid_fit_numerator(&h->r->thin, 1, &h->num, &h->model, &h->cost);
     return status >= 0 && isfinite(h->cost) ? h->cost : HUGE_VAL;
 }
@@ -89,9 +92,11 @@ static double fitness(unsigned n, const double *gene, double *gradient, void *us
 static void set_ranges(const fit_run *r, double *lower, double *upper) {
     const uint32_t n = r->cfg.n_poles;
     double f_min = HUGE_VAL;
-    for (uint32_t k = 0; k < r->data->n_lines; k++)
-        if (r->data->f_hz[k] > 0)
+    for (uint32_t k = 0; k < r->data->n_lines; k++) {
+        if (r->data->f_hz[k] > 0) {
             f_min = fmin(f_min, r->data->f_hz[k]);
+        }
+    }
     for (uint32_t i = 0; i < n; i++) {
         const int is_damping = i % 2 == 1;
         lower[i] = log(is_damping ? DAMPING_LEAST : GSID_TWO_PI * f_min / BEYOND);
@@ -105,8 +110,9 @@ static void set_ranges(const fit_run *r, double *lower, double *upper) {
 static gsid_status evolve(herd *h, uint32_t n, const double *lower, const double *upper, uint32_t seed,
                           fit_candidate *c) {
     double gene[GSID_ORDER_MAX + 1];
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         gene[i] = (lower[i] + upper[i]) / 2;
+    }
     const gsid_nlopt_search how = {.algorithm = GSID_NLOPT_ESCH,
                                    .n = n,
                                    .lower = lower,
@@ -117,11 +123,13 @@ static gsid_status evolve(herd *h, uint32_t n, const double *lower, const double
     c->cost = HUGE_VAL;
     if (n > 0) {
         const gsid_status status = gsid_nlopt_minimise(&how, fitness, h, gene, &c->cost);
-        if (status < 0)
+        if (status < 0) {
             return status;
+        }
     }
-    if (!(fitness(n, gene, NULL, h) < HUGE_VAL))
+    if (!(fitness(n, gene, NULL, h) < HUGE_VAL)) {
         return GSID_E_SINGULAR;
+    }
     c->model = h->model;
     return gsid_estimate_cost(&h->r->work, &c->model, &c->cost);
 }
@@ -129,10 +137,12 @@ static gsid_status evolve(herd *h, uint32_t n, const double *lower, const double
 gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     herd h = {.r = r};
     gsid_status status = gsid_rational_init(&h.model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, gsid_fit_rate(r));
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_lsq_init(&h.num, r->cfg.n_zeros + 1, r->mem, r->mem_size);
-    if (status != GSID_OK)
+    }
+    if (status != GSID_OK) {
         return status;
+    }
     double lower[GSID_ORDER_MAX + 1], upper[GSID_ORDER_MAX + 1];
     r->stride = (r->stride + 1) / 2;
     gsid_fit_thin_out(r);

@@ -49,8 +49,9 @@ static gsid_status images_of(const fit_run *r, const gsid_rational *model, gsid_
 }
 
 static double *parameter(gsid_rational *model, uint32_t i) {
-    if (i < model->n_poles)
+    if (i < model->n_poles) {
         return &model->den[i < gsid_rational_held(model) ? i : i + 1];
+    }
     i -= model->n_poles;
     return i <= model->n_zeros ? &model->num[i] : &model->delay_s;
 }
@@ -62,14 +63,17 @@ static gsid_status difference_steps(const fit_run *r, const gsid_rational *model
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         gsid_cplx g, slope[GSID_RATIONAL_PARAMETERS_MAX];
         const gsid_status status = gsid_rational_gradient(model, r->data->f_hz[k], &g, slope);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
         size += gsid_cplx_abs2(g);
-        for (uint32_t i = 0; i < n; i++)
+        for (uint32_t i = 0; i < n; i++) {
             by_parameter[i] += gsid_cplx_abs2(slope[i]);
+        }
     }
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         step[i] = by_parameter[i] > 0 ? 1e-6 * sqrt(size / by_parameter[i]) : 0;
+    }
     return GSID_OK;
 }
 
@@ -95,7 +99,8 @@ gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int wit
     fit_run *r = user;
     gsid_status status = images_of(r, model, r->images);
     gsid_fit_free_of_hold(r);
-    if (status == GSID_OK && with_drift)
+    if (status == GSID_OK && with_drift) {
         status = set_drift(r, model);
+    }
     return status;
 }

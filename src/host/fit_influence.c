@@ -30,19 +30,22 @@ static gsid_status take_line(const influence *in, uint32_t k, line *l) {
     const fit_run *r = in->r;
     gsid_cplx g;
     const gsid_status status = gsid_rational_gradient(in->model, r->data->f_hz[k], &g, l->x);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     const gsid_cplx *drift = r->drift + (size_t)k * (r->cfg.n_poles + r->cfg.n_zeros + 2);
     l->v = gsid_rational_variable(in->model, GSID_TWO_PI * r->data->f_hz[k]);
     l->a = gsid_cplx_polynomial(in->model->n_poles, in->model->den, l->v);
     const double weight = gsid_fit_equivalent_weight(r, in->model, k), sigma = r->data->sigma[k];
     l->u2 = weight * weight;
     l->variance = sigma * sigma / gsid_cplx_abs2(r->hold[k]);
-    for (uint32_t i = 0; i < in->n; i++)
+    for (uint32_t i = 0; i < in->n; i++) {
         l->x[i] = gsid_cplx_sub(l->x[i], drift[i]);
+    }
     l->z = in->n > in->n_linear ? l->x[in->n_linear] : gsid_cplx_make(0, 0);
-    for (uint32_t i = 0; i < in->n_linear && in->n > in->n_linear; i++)
+    for (uint32_t i = 0; i < in->n_linear && in->n > in->n_linear; i++) {
         l->z = gsid_cplx_add(l->z, gsid_cplx_scale(in->along[i], l->x[i]));
+    }
     return GSID_OK;
 }
 
@@ -54,8 +57,9 @@ static double inner(gsid_cplx a, gsid_cplx b) {
 static void apply_inverse(const influence *in, const double *x, double *y) {
     for (uint32_t i = 0; i < in->n_linear; i++) {
         y[i] = 0;
-        for (uint32_t j = 0; j < in->n_linear; j++)
+        for (uint32_t j = 0; j < in->n_linear; j++) {
             y[i] += in->inverse[i * in->n_linear + j] * x[j];
+        }
     }
 }
 
@@ -68,23 +72,28 @@ static gsid_status first_pass(influence *in, double *mixed, double *noise) {
         double re[GSID_RATIONAL_PARAMETERS_MAX], im[GSID_RATIONAL_PARAMETERS_MAX];
         line l;
         gsid_status status = take_line(in, k, &l);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
         const double u = sqrt(l.u2), w2 = l.u2 / gsid_cplx_abs2(l.a);
         gsid_cplx power = {1, 0};
-        for (uint32_t i = 0, column = 0; i <= in->model->n_poles; i++, power = gsid_cplx_mul(power, l.v))
-            if (i != held)
+        for (uint32_t i = 0, column = 0; i <= in->model->n_poles; i++, power = gsid_cplx_mul(power, l.v)) {
+            if (i != held) {
                 noise[column++] += w2 * l.variance * inner(power, l.a);
+            }
+        }
         for (uint32_t i = 0; i < in->n_linear; i++) {
             re[i] = u * l.x[i].re;
             im[i] = u * l.x[i].im;
             mixed[i] += l.u2 * inner(l.x[i], l.z); /* of the delay alone, as long as `along` is 0 */
         }
         status = gsid_lsq_add(&rows, re, 0);
-        if (status == GSID_OK)
+        if (status == GSID_OK) {
             status = gsid_lsq_add(&rows, im, 0);
-        if (status != GSID_OK)
+        }
+        if (status != GSID_OK) {
             return status;
+        }
     }
     return gsid_lsq_covariance(&rows, in->inverse);
 }
@@ -94,11 +103,13 @@ static gsid_status second_pass(influence *in, double *q) {
     for (uint32_t k = 0; k < in->r->data->n_lines; k++) {
         line l;
         const gsid_status status = take_line(in, k, &l);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
         in->slope2 += gsid_cplx_abs2(l.z);
-        for (uint32_t i = 0; i < in->n_linear; i++)
+        for (uint32_t i = 0; i < in->n_linear; i++) {
             q[i] += inner(l.z, l.x[i]);
+        }
     }
     return in->slope2 > 0 ? GSID_OK : GSID_E_SINGULAR;
 }
@@ -108,15 +119,17 @@ static void influence_of(const influence *in, const line *l, gsid_cplx *c) {
     gsid_cplx by_delay = {0, 0};
     if (in->n > in->n_linear) {
         by_delay = l->z;
-        for (uint32_t i = 0; i < in->n_linear; i++)
+        for (uint32_t i = 0; i < in->n_linear; i++) {
             by_delay = gsid_cplx_sub(by_delay, gsid_cplx_scale(l->u2 * in->pull[i], l->x[i]));
+        }
         by_delay = gsid_cplx_scale(1 / in->slope2, by_delay);
         c[in->n_linear] = by_delay;
     }
     for (uint32_t i = 0; i < in->n_linear; i++) {
         c[i] = gsid_cplx_scale(in->along[i], by_delay);
-        for (uint32_t j = 0; j < in->n_linear; j++)
+        for (uint32_t j = 0; j < in->n_linear; j++) {
             c[i] = gsid_cplx_add(c[i], gsid_cplx_scale(l->u2 * in->inverse[i * in->n_linear + j], l->x[j]));
+        }
     }
 }
 
@@ -126,12 +139,15 @@ static gsid_status sum_covariance(const influence *in, double *cov) {
         gsid_cplx c[GSID_RATIONAL_PARAMETERS_MAX];
         line l;
         const gsid_status status = take_line(in, k, &l);
-        if (status != GSID_OK)
+        if (status != GSID_OK) {
             return status;
+        }
         influence_of(in, &l, c);
-        for (uint32_t i = 0; i < in->n; i++)
-            for (uint32_t j = 0; j < in->n; j++)
+        for (uint32_t i = 0; i < in->n; i++) {
+            for (uint32_t j = 0; j < in->n; j++) {
                 cov[i * in->n + j] += l.variance / 2 * inner(c[i], c[j]);
+            }
+        }
     }
     return GSID_OK;
 }
@@ -142,26 +158,32 @@ gsid_status gsid_fit_influence(const fit_run *r, const gsid_rational *model, gsi
     double mixed[GSID_RATIONAL_PARAMETERS_MAX] = {0}, noise[GSID_RATIONAL_PARAMETERS_MAX] = {0};
     double q[GSID_RATIONAL_PARAMETERS_MAX] = {0};
     in.inverse = malloc((size_t)n_linear * n_linear * sizeof *in.inverse);
-    if (in.inverse == NULL)
+    if (in.inverse == NULL) {
         return GSID_E_NO_MEMORY;
+    }
     gsid_status status = first_pass(&in, mixed, noise);
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         apply_inverse(&in, noise, result->bias);
+    }
     double delay_bias = 0;
     if (status == GSID_OK && n > n_linear) {
         apply_inverse(&in, mixed, in.along);
-        for (uint32_t i = 0; i < n_linear; i++)
+        for (uint32_t i = 0; i < n_linear; i++) {
             in.along[i] = -in.along[i];
+        }
         status = second_pass(&in, q);
         apply_inverse(&in, q, in.pull);
-        for (uint32_t i = 0; i < n_linear; i++)
+        for (uint32_t i = 0; i < n_linear; i++) {
             delay_bias += q[i] * result->bias[i] / in.slope2;
+        }
         result->bias[n_linear] = delay_bias;
     }
-    for (uint32_t i = 0; i < n_linear; i++)
+    for (uint32_t i = 0; i < n_linear; i++) {
         result->bias[i] = in.along[i] * delay_bias - result->bias[i];
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = sum_covariance(&in, result->cov);
+    }
     free(in.inverse);
     return status;
 }

@@ -25,8 +25,9 @@ gsid_status gsid_fit_numerator(const gsid_frd *data, uint32_t stride, gsid_lsq *
     for (uint32_t k = 0; k < data->n_lines && status >= 0; k += stride) {
         put_line(data, k, model, row, block);
         row = (row + 2) % GSID_LSQ_BLOCK;
-        if (row == 0 || data->n_lines - k <= stride)
+        if (row == 0 || data->n_lines - k <= stride) {
             status = gsid_lsq_add_block(equations, row == 0 ? GSID_LSQ_BLOCK : row, block);
+        }
     }
     return status < 0 ? status : gsid_lsq_solve(equations, 0, model->num, cost);
 }

@@ -7,8 +7,9 @@
 
 double gsid_fit_highest_frequency(const gsid_frd *data) {
     double f = 0;
-    for (uint32_t k = 0; k < data->n_lines; k++)
+    for (uint32_t k = 0; k < data->n_lines; k++) {
         f = fmax(f, fabs(data->f_hz[k]));
+    }
     return f;
 }
 
@@ -21,8 +22,9 @@ int gsid_fit_is_linear(const fit_run *r) {
 }
 
 double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k) {
-    if (!gsid_fit_is_linear(r))
+    if (!gsid_fit_is_linear(r)) {
         return 1 / r->sigma[k];
+    }
     const double given = r->cfg.exponent > 0 ? r->cfg.exponent : 1;
     const double exponent = r->cfg.method == GSID_METHOD_LS ? 0 : given;
     const gsid_cplx v = gsid_rational_variable(model, GSID_TWO_PI * r->data->f_hz[k]);
@@ -41,10 +43,12 @@ int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model) {
 }
 
 void gsid_fit_keep_best(const fit_candidate *c, uint32_t n_kept, fit_candidate *kept) {
-    if (!(c->cost < kept[n_kept - 1].cost))
+    if (!(c->cost < kept[n_kept - 1].cost)) {
         return;
+    }
     uint32_t i = n_kept - 1;
-    for (; i > 0 && c->cost < kept[i - 1].cost; i--)
+    for (; i > 0 && c->cost < kept[i - 1].cost; i--) {
         kept[i] = kept[i - 1];
+    }
     kept[i] = *c;
 }

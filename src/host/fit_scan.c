@@ -31,9 +31,11 @@ static int ascending(const void *a, const void *b) {
 static double line_spacing(uint32_t n, double *f) {
     double spacing = HUGE_VAL;
     qsort(f, n, sizeof *f, ascending);
-    for (uint32_t k = 1; k < n; k++)
-        if (f[k] > f[k - 1])
+    for (uint32_t k = 1; k < n; k++) {
+        if (f[k] > f[k - 1]) {
             spacing = fmin(spacing, f[k] - f[k - 1]);
+        }
+    }
     return spacing;
 }
 
@@ -44,8 +46,9 @@ void gsid_fit_plan_scan(fit_run *r) {
     memcpy(r->thin_f, r->data->f_hz, r->data->n_lines * sizeof *r->thin_f);
     const double spacing = line_spacing(r->data->n_lines, r->thin_f);
     r->delay_limit_s = r->cfg.delay_max_s;
-    if (!(r->delay_limit_s > 0))
+    if (!(r->delay_limit_s > 0)) {
         r->delay_limit_s = fmin(fmin(DELAY_MAX_S, 1 / spacing), GSID_FIT_DELAYS_MAX / (8 * f_max));
+    }
     const double by_count = r->data->n_lines / (SCAN_LINES_PER_PARAMETER * (double)gsid_fit_n_parameters(&r->cfg));
     const double by_delay = 1 / (2 * r->delay_limit_s * spacing);
     r->stride = (uint32_t)fmax(1, fmin(by_count, by_delay));
@@ -64,28 +67,32 @@ static gsid_status linear_fit(fit_run *r, const gsid_frd *lines, double delay_s,
     c->cost = HUGE_VAL;
     gsid_status status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, rate);
     c->model.delay_s = delay_s;
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_estimate_iwls(lines, &iwls, &c->model, &c->cost, r->mem, r->mem_size);
+    }
     return status;
 }
 
 /* LS; IWLS at its fixed point, looked for from a model near by, or without one from LS. */
 static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *near, fit_candidate *c) {
-    if (r->cfg.method == GSID_METHOD_LS)
+    if (r->cfg.method == GSID_METHOD_LS) {
         return linear_fit(r, &r->work, delay_s, 0, c);
+    }
     const gsid_iwls_cfg iwls = {.n_iterations = REWEIGHTINGS_MAX,
                                 .exponent = r->cfg.exponent,
                                 .tolerance = FIXED_POINT,
                                 .from_model = near != NULL};
     gsid_status status = GSID_OK;
     c->cost = HUGE_VAL;
-    if (near != NULL)
+    if (near != NULL) {
         c->model = *near;
-    else
+    } else {
         status = gsid_rational_init(&c->model, r->cfg.domain, r->cfg.n_poles, r->cfg.n_zeros, gsid_fit_rate(r));
+    }
     c->model.delay_s = delay_s;
-    if (status == GSID_OK)
+    if (status == GSID_OK) {
         status = gsid_estimate_iwls(&r->work, &iwls, &c->model, &c->cost, r->mem, r->mem_size);
+    }
     return status;
 }
 
@@ -93,8 +100,9 @@ static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *
 static void thin_out_band(fit_run *r, double f_most_hz, uint32_t stride) {
     uint32_t n = 0, n_within = 0;
     for (uint32_t k = 0; k < r->work.n_lines; k++) {
-        if (fabs(r->work.f_hz[k]) > f_most_hz || n_within++ % stride != 0)
+        if (fabs(r->work.f_hz[k]) > f_most_hz || n_within++ % stride != 0) {
             continue;
+        }
         r->thin_f[n] = r->work.f_hz[k];
         r->thin_g[n] = r->work.g[k];
         r->thin_sigma[n++] = r->work.sigma[k];
@@ -117,8 +125,9 @@ static uint32_t n_scan_steps(const fit_run *r) {
 }
 
 void gsid_fit_forget(uint32_t n, fit_candidate *kept) {
-    for (uint32_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++) {
         kept[i].cost = HUGE_VAL;
+    }
 }
 
 /* The best linear fits to the thinned lines at delays from 0 to the limit. */
@@ -141,15 +150,19 @@ static void scan_low_band(fit_run *r, uint32_t share, uint32_t finer, fit_candid
     gsid_fit_forget(LOW_STARTS, kept);
     thin_out_band(r, f_most_hz, 1);
     const uint32_t stride = r->thin.n_lines / (SCAN_LINES_PER_PARAMETER * n_parameters);
-    if (stride > 1)
+    if (stride > 1) {
         thin_out_band(r, f_most_hz, stride);
-    if (r->thin.n_lines < n_parameters)
+    }
+    if (r->thin.n_lines < n_parameters) {
         return;
+    }
     scan_delays(r, finer * (n_scan_steps(r) + share - 1) / share, LOW_STARTS, kept);
     const gsid_ml_cfg ml = {.n_iterations = LOW_ITERATIONS, .free_delay = 1};
-    for (uint32_t i = 0; i < LOW_STARTS && kept[i].cost < HUGE_VAL; i++)
-        if (gsid_estimate_ml(&r->thin, &ml, &kept[i].model, &kept[i].cost, r->mem, r->mem_size) < 0)
+    for (uint32_t i = 0; i < LOW_STARTS && kept[i].cost < HUGE_VAL; i++) {
+        if (gsid_estimate_ml(&r->thin, &ml, &kept[i].model, &kept[i].cost, r->mem, r->mem_size) < 0) {
             kept[i].cost = HUGE_VAL;
+        }
+    }
 }
 
 /* The best linear fits to all lines, at the best delays of a scan and at those found in the low lines. Where the noise is
@@ -163,12 +176,14 @@ static gsid_status scan(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     gsid_fit_thin_out(r);
     gsid_status last = scan_delays(r, n_scan_steps(r), n_kept, found);
     uint32_t n = n_kept;
-    for (uint32_t share = ratio; share <= LOW_SHARE_MAX; share *= ratio, n += LOW_STARTS)
+    for (uint32_t share = ratio; share <= LOW_SHARE_MAX; share *= ratio, n += LOW_STARTS) {
         scan_low_band(r, share, finer, found + n);
+    }
     gsid_fit_forget(n_kept, kept);
     for (uint32_t i = 0; i < n; i++) {
-        if (!(found[i].cost < HUGE_VAL))
+        if (!(found[i].cost < HUGE_VAL)) {
             continue;
+        }
         const gsid_status status = linear_fit(r, &r->work, found[i].model.delay_s, SCAN_REWEIGHTINGS, &c);
         last = status < 0 ? status : last;
         gsid_fit_keep_best(&c, n_kept, kept);
@@ -178,8 +193,9 @@ static gsid_status scan(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
 
 /* Where to start from, best first: the scan when the delay is free. */
 gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
-    if (r->cfg.delay == GSID_DELAY_FREE)
+    if (r->cfg.delay == GSID_DELAY_FREE) {
         return scan(r, n_kept, kept);
+    }
     gsid_fit_forget(n_kept, kept);
     return linear_fit(r, &r->work, r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : 0, REWEIGHTINGS, kept);
 }
@@ -246,14 +262,16 @@ static gsid_status search_beside(fit_run *r, const fit_candidate *start, double 
                       .near = to_the_end ? &start->model : NULL,
                       .best.cost = HUGE_VAL,
                       .how = GSID_E_SINGULAR};
-    if (!(s.lower_s < s.upper_s))
+    if (!(s.lower_s < s.upper_s)) {
         return GSID_E_UNSTABLE;
+    }
     const double start_s = fmax(start->model.delay_s, s.lower_s);
     const double cost = cost_at_delay(&s, start_s);
     gsid_status status = s.how;
     s.unit = cost > 0 ? cost : 1;
-    if (cost < HUGE_VAL && status != GSID_MAX_ITER) /* without a fixed point there is nothing to search for */
+    if (cost < HUGE_VAL && status != GSID_MAX_ITER) { /* without a fixed point there is nothing to search for */
         status = search_delay(&s, start_s, to_the_end ? 1e-6 : 1e-3);
+    }
     *found = s.best;
     return status;
 }
@@ -272,8 +290,9 @@ static gsid_status scan_minima(fit_run *r, uint32_t n_steps, uint32_t n_kept, fi
         const gsid_status status =
             i > n_steps ? GSID_OK : linear_fit(r, &r->thin, r->delay_limit_s * i / n_steps, SCAN_REWEIGHTINGS, &c[2]);
         last = status < 0 ? status : last;
-        if (c[1].cost <= c[0].cost && c[1].cost <= c[2].cost)
+        if (c[1].cost <= c[0].cost && c[1].cost <= c[2].cost) {
             gsid_fit_keep_best(&c[1], n_kept, kept);
+        }
     }
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
 }
@@ -296,23 +315,27 @@ static gsid_status scan_linear(fit_run *r, fit_candidate *best) {
     fit_candidate minima[SEARCHES], unstable = {.cost = HUGE_VAL}, c;
     const double step_s = linear_step(r);
     gsid_status status = scan_minima(r, (uint32_t)lround(r->delay_limit_s / step_s), SEARCHES, minima);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     best->cost = HUGE_VAL;
     for (uint32_t i = 0; i < SEARCHES && minima[i].cost < HUGE_VAL; i++) {
         status = search_beside(r, &minima[i], step_s, 0, &c);
-        if (status >= 0)
+        if (status >= 0) {
             gsid_fit_keep_best(&c, 1, gsid_fit_is_admissible(r, &c.model) ? best : &unstable);
+        }
     }
-    if (!(best->cost < HUGE_VAL)) /* none is: gsid_fit_run refuses it */
+    if (!(best->cost < HUGE_VAL)) { /* none is: gsid_fit_run refuses it */
         *best = unstable;
+    }
     return best->cost < HUGE_VAL ? gsid_fit_linear_again(r, best) : status;
 }
 
 /* LS and IWLS. */
 gsid_status gsid_fit_linear(fit_run *r, fit_candidate *best) {
-    if (r->cfg.delay == GSID_DELAY_FREE)
+    if (r->cfg.delay == GSID_DELAY_FREE) {
         return scan_linear(r, best);
+    }
     const double delay_s = r->cfg.delay == GSID_DELAY_FIXED ? r->cfg.delay_s : 0;
     const gsid_status status = settled_fit(r, delay_s, NULL, best);
     return status == GSID_RANK ? GSID_OK : status;

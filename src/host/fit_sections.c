@@ -23,8 +23,9 @@ void gsid_fit_section_coefficients(gsid_domain domain, uint32_t order, const dou
 void gsid_fit_section_derivatives(gsid_domain domain, uint32_t order, const double *x, gsid_cplx v, gsid_cplx *by) {
     if (domain == GSID_DOMAIN_S) {
         by[0] = gsid_cplx_make(1, 0);
-        if (order == 2)
+        if (order == 2) {
             by[1] = gsid_cplx_make(v.re + EDGE, v.im);
+        }
         return;
     }
     const gsid_cplx p = gsid_cplx_scale(1 - EDGE, v);
@@ -46,8 +47,9 @@ void gsid_fit_section_bounds(gsid_domain domain, double *lower, double *upper) {
 
 /* A pole as a root of the sections' own variable. */
 static gsid_cplx unscaled(gsid_domain domain, gsid_cplx p) {
-    if (domain == GSID_DOMAIN_S)
+    if (domain == GSID_DOMAIN_S) {
         return gsid_cplx_make(p.re + EDGE, p.im);
+    }
     return gsid_cplx_scale(1 / (1 - EDGE), p);
 }
 
@@ -96,8 +98,10 @@ void gsid_fit_sections_from_poles(gsid_domain domain, uint32_t n_poles, int unst
         }
     }
     qsort(real, n_real, sizeof *real, by_magnitude);
-    for (uint32_t i = 0; i + 1 < n_real; i += 2, first += 2)
+    for (uint32_t i = 0; i + 1 < n_real; i += 2, first += 2) {
         section_from_roots(domain, 2, real[i], real[i + 1], x + first);
-    if (n_real % 2 == 1)
+    }
+    if (n_real % 2 == 1) {
         section_from_roots(domain, 1, real[n_real - 1], real[n_real - 1], x + first);
+    }
 }

@@ -44,18 +44,21 @@ void gsid_fit_sections(const double *x, gsid_rational *model) {
     for (uint32_t first = 0; first < model->n_poles; first += 2) {
         double c[3];
         gsid_fit_section_coefficients(model->domain, gsid_fit_section_order(model->n_poles, first), x + first, c);
-        for (uint32_t i = GSID_ORDER_MAX + 3; i-- > 0;)
+        for (uint32_t i = GSID_ORDER_MAX + 3; i-- > 0;) {
             den[i] = c[0] * den[i] + (i >= 1 ? c[1] * den[i - 1] : 0) + (i >= 2 ? c[2] * den[i - 2] : 0);
+        }
     }
     memcpy(model->den, den, sizeof model->den);
 }
 
 static void unpack(const search *s, const double *x, gsid_rational *model) {
     gsid_fit_sections(x, model);
-    for (uint32_t i = 0; i <= model->n_zeros; i++)
+    for (uint32_t i = 0; i <= model->n_zeros; i++) {
         model->num[i] = x[model->n_poles + i];
-    if (s->free_delay)
+    }
+    if (s->free_delay) {
         model->delay_s = x[s->n - 1];
+    }
 }
 
 /* Error at one line, and the response's derivatives by every parameter. */
@@ -72,14 +75,17 @@ static gsid_residual line_derivatives(const search *s, const double *x, uint32_t
         gsid_fit_section_coefficients(m->domain, order, x + first, c);
         gsid_fit_section_derivatives(m->domain, order, x + first, v, by + first);
         const gsid_cplx minus_g = gsid_cplx_div(gsid_cplx_scale(-1, g), gsid_cplx_polynomial(order, c, v));
-        for (uint32_t i = 0; i < order; i++)
+        for (uint32_t i = 0; i < order; i++) {
             by[first + i] = gsid_cplx_mul(minus_g, by[first + i]);
+        }
     }
     gsid_cplx power = by_num;
-    for (uint32_t i = 0; i <= m->n_zeros; i++, power = gsid_cplx_mul(power, v))
+    for (uint32_t i = 0; i <= m->n_zeros; i++, power = gsid_cplx_mul(power, v)) {
         by[m->n_poles + i] = power;
-    if (s->free_delay)
+    }
+    if (s->free_delay) {
         by[s->n - 1] = gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re);
+    }
     return gsid_residual_at(s->data, k, g);
 }
 
@@ -89,16 +95,18 @@ static double objective(unsigned n, const double *scaled, double *gradient, void
     gsid_cplx by[PARAMETERS_MAX];
     for (unsigned i = 0; i < n; i++) {
         x[i] = scaled[i] * s->scale[i];
-        if (gradient != NULL)
+        if (gradient != NULL) {
             gradient[i] = 0;
+        }
     }
     unpack(s, x, &s->model);
     for (uint32_t k = 0; k < s->data->n_lines; k++) {
         const gsid_residual error = line_derivatives(s, x, k, by);
         const gsid_cplx q = gsid_residual_project(&error, error.value);
         v += gsid_cplx_abs2(error.value);
-        for (unsigned i = 0; gradient != NULL && i < n; i++)
+        for (unsigned i = 0; gradient != NULL && i < n; i++) {
             gradient[i] += 2 * (by[i].re * q.re - by[i].im * q.im) * s->scale[i];
+        }
     }
     return isfinite(v) ? v : HUGE_VAL;
 }
@@ -110,19 +118,22 @@ static void set_scales(search *s, const double *x) {
     unpack(s, x, &s->model);
     for (uint32_t k = 0; k < s->data->n_lines; k++) {
         const gsid_residual error = line_derivatives(s, x, k, by);
-        for (uint32_t i = 0; i < s->n; i++)
+        for (uint32_t i = 0; i < s->n; i++) {
             curvature[i] += gsid_cplx_abs2(gsid_residual_slope(&error, by[i]));
+        }
     }
-    for (uint32_t i = 0; i < s->n; i++)
+    for (uint32_t i = 0; i < s->n; i++) {
         s->scale[i] = curvature[i] > 0 && isfinite(curvature[i]) ? 1 / sqrt(curvature[i]) : 1;
+    }
 }
 
 /* Poles as roots of den in v (domain s), or of z^n den(1/z) (domain z). */
 static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole) {
     double coef[GSID_ORDER_MAX + 1];
     uint32_t n_found;
-    for (uint32_t i = 0; i <= model->n_poles; i++)
+    for (uint32_t i = 0; i <= model->n_poles; i++) {
         coef[i] = model->den[model->domain == GSID_DOMAIN_S ? i : model->n_poles - i];
+    }
     const gsid_status status = gsid_poly_roots(model->n_poles, coef, pole, &n_found);
     return status < 0 || n_found < model->n_poles ? GSID_E_SINGULAR : GSID_OK;
 }
@@ -130,13 +141,16 @@ static gsid_status find_poles(const gsid_rational *model, gsid_cplx *pole) {
 static gsid_status start_from(const search *s, const gsid_rational *model, double *x) {
     gsid_cplx pole[GSID_ORDER_MAX];
     const gsid_status status = find_poles(model, pole);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     gsid_fit_sections_from_poles(model->domain, model->n_poles, s->bounds->unstable, pole, x);
-    for (uint32_t i = 0; i <= model->n_zeros; i++)
+    for (uint32_t i = 0; i <= model->n_zeros; i++) {
         x[model->n_poles + i] = model->num[i];
-    if (s->free_delay)
+    }
+    if (s->free_delay) {
         x[s->n - 1] = model->delay_s;
+    }
     return GSID_OK;
 }
 
@@ -165,8 +179,9 @@ static gsid_status follow_reflection(search *s, double v, double *x) {
     const double steps = b->delay_step_s > 0 ? fmin(ceil(span_s / b->delay_step_s), GSID_FIT_DELAYS_MAX) : 0;
     const size_t mem_size = gsid_lsq_mem_size(s->model.n_zeros + 1);
     void *mem = malloc(mem_size);
-    if (mem == NULL)
+    if (mem == NULL) {
         return GSID_E_NO_MEMORY;
+    }
     gsid_lsq equations;
     gsid_lsq_init(&equations, s->model.n_zeros + 1, mem, mem_size);
     gsid_rational trial = s->model, best = s->model;
@@ -179,13 +194,16 @@ static gsid_status follow_reflection(search *s, double v, double *x) {
         }
     }
     free(mem);
-    if (gsid_estimate_cost(s->data, &best, &cost) != GSID_OK || !(cost < v))
+    if (gsid_estimate_cost(s->data, &best, &cost) != GSID_OK || !(cost < v)) {
         return GSID_OK;
+    }
     s->model = best;
-    for (uint32_t i = 0; i <= s->model.n_zeros; i++)
+    for (uint32_t i = 0; i <= s->model.n_zeros; i++) {
         x[s->model.n_poles + i] = s->model.num[i];
-    if (s->free_delay)
+    }
+    if (s->free_delay) {
         x[s->n - 1] = s->model.delay_s;
+    }
     return GSID_OK;
 }
 
@@ -194,8 +212,9 @@ static gsid_status minimise(search *s, double tolerance, double *x, double *leas
     double lower[PARAMETERS_MAX], upper[PARAMETERS_MAX];
     set_scales(s, x);
     set_bounds(s, lower, upper);
-    for (uint32_t i = 0; i < s->n; i++)
+    for (uint32_t i = 0; i < s->n; i++) {
         x[i] = fmin(fmax(x[i] / s->scale[i], lower[i]), upper[i]);
+    }
     const gsid_nlopt_search how = {.algorithm = GSID_NLOPT_SLSQP,
                                    .n = s->n,
                                    .lower = lower,
@@ -203,8 +222,9 @@ static gsid_status minimise(search *s, double tolerance, double *x, double *leas
                                    .tolerance = tolerance,
                                    .n_max = EVALUATIONS_MAX};
     const gsid_status status = gsid_nlopt_minimise(&how, objective, s, x, least);
-    for (uint32_t i = 0; i < s->n; i++)
+    for (uint32_t i = 0; i < s->n; i++) {
         x[i] *= s->scale[i];
+    }
     return status;
 }
 
@@ -213,23 +233,30 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
     s.n = model->n_poles + model->n_zeros + 1 + (s.free_delay ? 1 : 0);
     double x[PARAMETERS_MAX], least;
     gsid_status status = start_from(&s, model, x);
-    if (status != GSID_OK)
+    if (status != GSID_OK) {
         return status;
+    }
     s.variable = malloc(data->n_lines * sizeof *s.variable);
-    if (s.variable == NULL)
+    if (s.variable == NULL) {
         return GSID_E_NO_MEMORY;
-    for (uint32_t k = 0; k < data->n_lines; k++)
+    }
+    for (uint32_t k = 0; k < data->n_lines; k++) {
         s.variable[k] = gsid_rational_variable(model, GSID_TWO_PI * data->f_hz[k]);
+    }
     unpack(&s, x, &s.model);
-    if (gsid_estimate_cost(data, &s.model, &least) != GSID_OK)
+    if (gsid_estimate_cost(data, &s.model, &least) != GSID_OK) {
         least = HUGE_VAL;
-    if (least > FAR * *cost)
+    }
+    if (least > FAR * *cost) {
         status = follow_reflection(&s, least, x);
-    if (status == GSID_OK)
+    }
+    if (status == GSID_OK) {
         status = minimise(&s, TOLERANCE * fmin(1, *cost / data->n_lines), x, &least);
+    }
     free(s.variable);
-    if (status < 0)
+    if (status < 0) {
         return status;
+    }
     unpack(&s, x, &s.model);
     *model = s.model;
     *cost = least;
