@@ -343,6 +343,8 @@ static void bad_configurations_are_refused(void **state) {
     assert_int_equal(try_init(), GSID_E_NULL);
     start_source();
     b.cfg.free_parameter = NULL;
+    b.cfg.fs_hz = GSID_R(0.5); /* any rate that is positive */
+    b.cfg.n_items = 4; /* without the mode, too fast for that */
     assert_int_equal(try_init(), GSID_OK); /* none is free */
     b.cfg.n_free = 1;
     assert_int_equal(try_init(), GSID_E_NULL);
