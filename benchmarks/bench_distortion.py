@@ -11,9 +11,9 @@ tests/python/test_distortion_peer.py.
 import numpy as np
 from beside import best_linear_approximation, best_seconds, show, versions
 
-from gsid.distortion import distortion
-from gsid.excitation import Multisine
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate_distortion import distortion
 
 FS_HZ, N, M, P, TURNS, SEED = 3000.0, 6000, 6, 40, 20, 1
 

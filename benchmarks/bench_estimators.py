@@ -26,12 +26,12 @@ import numpy as np
 from bench_fit import AMPLITUDE, F_HZ, FS_HZ, PERIODS, SNR_DB, N, measurement
 from page import put, table
 
-from gsid.bands import in_band
-from gsid.errors import GsidError
-from gsid.estimators import fit_all
-from gsid.fit import METHODS, fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
+from gsid.base.bands import in_band
+from gsid.base.errors import GsidError
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.rational import METHODS, fit
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 TRUTH = RationalModel([-3.132e-5, 7617, 8.768e4], [1, 1027, 1.153e4, 1.735e5], 0.00543)
 BAND, ORDER, SEEDS = (1.0, 120.0), "3/2", range(10)

@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from beside import best_seconds, octave, show, versions
 
-from gsid.excitation import Multisine
-from gsid.limits import Limits, optimise, travel
-from gsid.model import RationalModel
+from gsid.excitation.limits import optimise, travel
+from gsid.excitation.multisine import Multisine
+from gsid.excitation.periodic import Limits
+from gsid.models.rational import RationalModel
 
 FS_HZ, N, BAND_HZ, TURNS, SEEDS = 3000.0, 6000, (0.5, 250.0), 5, range(1, 6)
 SHAPES = {"flat": 0.0, "1/sqrt(f)": -10.0}

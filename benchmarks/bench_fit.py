@@ -28,8 +28,8 @@ from fit_peers import Found, ScipyFit, octave, timed, vector_fit
 from page import put, table
 
 from gsid._lib import ffi, lib, version
-from gsid.fit import fit
-from gsid.frf import Frf
+from gsid.fitting.rational import fit
+from gsid.response.frf import Frf
 
 FS_HZ, N, PERIODS, AMPLITUDE, SNR_DB, SEEDS = 3000.0, 6000, 75, 3.0, 40.0, range(10)
 F_HZ = np.arange(1, 501) * FS_HZ / N

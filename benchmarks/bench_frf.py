@@ -21,9 +21,9 @@ import scipy.fft
 import scipy.signal
 from beside import best_seconds, show, versions
 
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate import frf
 
 ROOT = Path(__file__).resolve().parent.parent
 FS_HZ, N, PERIODS, TURNS, SEED = 3000.0, 6000, 75, 15, 1

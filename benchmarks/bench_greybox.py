@@ -21,12 +21,12 @@ import scipy
 from scipy.integrate import solve_ivp
 
 from gsid._lib import ffi, lib, version
-from gsid.excitation import Multisine
-from gsid.greybox import fit_plant
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.simulate import SimulatedAxis
-from gsid.spectra import spectra
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
+from gsid.spectrum.realisation import spectra
 
 FS_HZ, N, PERIODS, RECORDS, TURNS = 3000.0, 6000, 3, 6, 7
 AXIS = {"gain": 900.0, "viscous_rate": 11.0, "spring_stiffness": 400.0, "delay_s": 0.0051}

@@ -13,10 +13,10 @@ import sys
 
 import numpy as np
 
-from gsid.estimators import bootstrap
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
+from gsid.fitting.estimators import bootstrap
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 SMALL = RationalModel([40.0, 900.0], [1.0, 30.0, 2000.0], 0.0042)
 WA, WR = 2 * np.pi * 165, 2 * np.pi * 179

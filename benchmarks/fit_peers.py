@@ -19,7 +19,7 @@ from scipy.io import loadmat, savemat
 from scipy.optimize import least_squares
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
+    from gsid.response.frf import Frf
 
 
 TURNS = 3

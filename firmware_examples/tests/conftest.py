@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from emulator import SILENCE_S, Axis, SocketLine, emulator, serve
 
-from gsid.simulate import SimulatedAxis
+from gsid.rig.axis import SimulatedAxis
 
 
 def three_pole_axis() -> SimulatedAxis:

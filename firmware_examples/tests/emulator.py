@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from gsid._lib import ffi, lib
-from gsid.link import Transport
-from gsid.simulate import SimulatedAxis
+from gsid.rig.axis import SimulatedAxis
+from gsid.rig.link import Transport
 
 ROOT = Path(__file__).resolve().parents[2]
 BOARDS = {"m7": "mps2-an500", "m4": "mps2-an386"}
@@ -34,7 +34,7 @@ def emulator(name: str, *options: str) -> list[str]:
 class Axis:
     """The axis's end of the line in lock-step.
 
-    It keeps the rules that `gsid.simulate.Server` keeps, but frame by frame, and so much faster;
+    It keeps the rules that `gsid.rig.server.Server` keeps, but frame by frame, and so much faster;
     what the drive reports is collected.
 
     Attributes
@@ -118,7 +118,7 @@ class Axis:
 
 
 class SocketLine:
-    """A socket with the interface of `gsid.link.Transport`."""
+    """A socket with the interface of `gsid.rig.link.Transport`."""
 
     def __init__(self, line: socket.socket) -> None:
         self.read = lambda: line.recv(4096)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from emulator import BOARDS, ROOT
 
-from gsid.export_c import export_c
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
+from gsid.models.export_c import export_c
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
 
 FS_HZ = 3000
 C = [

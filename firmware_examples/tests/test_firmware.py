@@ -10,8 +10,8 @@ import pytest
 from emulator import ROOT, image
 
 import gsid
-from gsid.link import SAMPLE, Receiver
-from gsid.record import Record
+from gsid.records.record import Record
+from gsid.rig.link import SAMPLE, Receiver
 
 N_PERIOD, N_LINES, N_GOOD = 6000, 500, 10
 

@@ -1,5 +1,5 @@
 /* A torque law written as an expression, for example c tanh(w / 0.1): a list of steps for a small stack of numbers, each with
- * its derivatives. Text becomes such a list on the desktop (python/gsid/expression.py); the core only evaluates. */
+ * its derivatives. Text becomes such a list on the desktop (python/gsid/effects/law_text.py); the core only evaluates. */
 #ifndef GSID_EXPRESSION_H
 #define GSID_EXPRESSION_H
 

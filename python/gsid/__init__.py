@@ -9,59 +9,124 @@
     found = gsid.diagnose(plant, [record])            # Diagnosis
     better = gsid.add("coulomb_friction", plant, [record]).model
 
-Names are loaded when they are first used. compare, diagnose, distortion, fit, frf, noise and spectra are
-modules, too: `from gsid.compare import Comparison`. effects is one that has them all:
-`gsid.effects.expression(...)`.
+Effects of your own are made by `gsid.effects`: `gsid.effects.expression(...)`. Names are loaded when they are
+first used.
 """
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gsid.errors import GsidError, InputError
+from gsid.base.errors import GsidError, InputError
 
-# Where the other public names live; a module of its own name can be called itself (gsid._callable).
+if TYPE_CHECKING:  # the same names for editors and type checkers
+    from gsid import effects as effects
+    from gsid.comparison import Comparison as Comparison
+    from gsid.comparison import compare as compare
+    from gsid.diagnosis.add import Addition as Addition
+    from gsid.diagnosis.add import add as add
+    from gsid.diagnosis.diagnose import Diagnosis as Diagnosis
+    from gsid.diagnosis.diagnose import diagnose as diagnose
+    from gsid.diagnosis.ladder import Ladder as Ladder
+    from gsid.diagnosis.ladder import Rung as Rung
+    from gsid.diagnosis.ladder import undo as undo
+    from gsid.diagnosis.torque_residual import TorqueResidual as TorqueResidual
+    from gsid.diagnosis.torque_residual import torque_residual as torque_residual
+    from gsid.excitation.multisine import Multisine as Multisine
+    from gsid.fitting.mimo import fit_mimo as fit_mimo
+    from gsid.fitting.order import OrderChoice as OrderChoice
+    from gsid.fitting.order import select_order as select_order
+    from gsid.fitting.rational import fit as fit
+    from gsid.greybox.fit import PlantFit as PlantFit
+    from gsid.greybox.fit import RecordFit as RecordFit
+    from gsid.greybox.fit import fit_plant as fit_plant
+    from gsid.models.load import load_model as load_model
+    from gsid.models.mimo import MimoModel as MimoModel
+    from gsid.models.piecewise import PiecewiseModel as PiecewiseModel
+    from gsid.models.rational import RationalModel as RationalModel
+    from gsid.plant.effect import Effect as Effect
+    from gsid.plant.effect import Param as Param
+    from gsid.plant.model import PlantModel as PlantModel
+    from gsid.plant.periodic import Prediction as Prediction
+    from gsid.records.files import read_record as read_record
+    from gsid.records.files import write_record as write_record
+    from gsid.records.mimo import MimoRecord as MimoRecord
+    from gsid.records.mimo import read_mimo_record as read_mimo_record
+    from gsid.records.record import Record as Record
+    from gsid.response.distortion import Distortion as Distortion
+    from gsid.response.estimate import frf as frf
+    from gsid.response.estimate_distortion import distortion as distortion
+    from gsid.response.frf import Frf as Frf
+    from gsid.response.mimo import MimoFrf as MimoFrf
+    from gsid.response.mimo import frf_mimo as frf_mimo
+    from gsid.spectrum.noise import Noise as Noise
+    from gsid.spectrum.noise import noise as noise
+    from gsid.spectrum.realisation import spectra as spectra
+    from gsid.spectrum.spectra import Spectra as Spectra
+
+    __version__: str
+
+# Where each public name is defined.
 _HOME = {
-    "MimoRecord": "mimo",
-    "Multisine": "excitation",
-    "PlantModel": "plant",
-    "RationalModel": "model",
-    "Record": "record",
-    "add": "ladder",
-    "compare": None,
-    "diagnose": None,
-    "distortion": None,
-    "effects": None,
-    "fit": None,
-    "fit_mimo": "mimo_fit",
-    "fit_plant": "greybox",
-    "frf": None,
-    "frf_mimo": "mimo",
-    "load_model": "model",
-    "noise": None,
-    "read_mimo_record": "mimo",
-    "read_record": "io",
-    "select_order": "order",
-    "spectra": None,
-    "torque_residual": "torque",
-    "undo": "ladder",
-    "write_record": "io",
+    "Addition": "diagnosis.add",
+    "Comparison": "comparison",
+    "Diagnosis": "diagnosis.diagnose",
+    "Distortion": "response.distortion",
+    "Effect": "plant.effect",
+    "Frf": "response.frf",
+    "Ladder": "diagnosis.ladder",
+    "MimoFrf": "response.mimo",
+    "MimoModel": "models.mimo",
+    "MimoRecord": "records.mimo",
+    "Multisine": "excitation.multisine",
+    "Noise": "spectrum.noise",
+    "OrderChoice": "fitting.order",
+    "Param": "plant.effect",
+    "PiecewiseModel": "models.piecewise",
+    "PlantFit": "greybox.fit",
+    "PlantModel": "plant.model",
+    "Prediction": "plant.periodic",
+    "RationalModel": "models.rational",
+    "Record": "records.record",
+    "RecordFit": "greybox.fit",
+    "Rung": "diagnosis.ladder",
+    "Spectra": "spectrum.spectra",
+    "TorqueResidual": "diagnosis.torque_residual",
+    "add": "diagnosis.add",
+    "compare": "comparison",
+    "diagnose": "diagnosis.diagnose",
+    "distortion": "response.estimate_distortion",
+    "fit": "fitting.rational",
+    "fit_mimo": "fitting.mimo",
+    "fit_plant": "greybox.fit",
+    "frf": "response.estimate",
+    "frf_mimo": "response.mimo",
+    "load_model": "models.load",
+    "noise": "spectrum.noise",
+    "read_mimo_record": "records.mimo",
+    "read_record": "records.files",
+    "select_order": "fitting.order",
+    "spectra": "spectrum.realisation",
+    "torque_residual": "diagnosis.torque_residual",
+    "undo": "diagnosis.ladder",
+    "write_record": "records.files",
 }
 
-__all__ = ["GsidError", "InputError", "__version__", *_HOME]
+__all__ = ["GsidError", "InputError", "__version__", "effects", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is asked for when it is first needed, so that `gsid --help` is quick and `gsid doctor` can
-    say why the C library does not load."""
+    """Load a name when it is first used: `gsid --help` is quick, `gsid doctor` can report why the C library
+    does not load."""
     if name == "__version__":
         from gsid._lib import version
 
         return version()
+    if name == "effects":
+        return importlib.import_module("gsid.effects")
     if name not in _HOME:
         raise AttributeError(f"module 'gsid' has no attribute {name!r}")
-    home = _HOME[name]
-    module = importlib.import_module(f"gsid.{home or name}")
-    return getattr(module, name) if home else module
+    found = globals()[name] = getattr(importlib.import_module(f"gsid.{_HOME[name]}"), name)
+    return found
 
 
 def __dir__() -> list[str]:

@@ -1,6 +1,6 @@
 """The two builds of the C library, and the one place where its status codes become exceptions."""
 
-from gsid.errors import GsidError
+from gsid.base.errors import GsidError
 
 try:
     from gsid._gsid32 import ffi as ffi32

@@ -47,9 +47,9 @@ PROBABILITY_EDGES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 def gsid_tool(place: Path) -> dict:
     """What gsid says of the records in a folder; the only place here that knows its interface."""
 
-    from gsid.diagnose import diagnose
-    from gsid.io import read_record
-    from gsid.model import load_model
+    from gsid.diagnosis.diagnose import diagnose
+    from gsid.models.load import load_model
+    from gsid.records.files import read_record
 
     fit, held = (
         [read_record(path) for path in sorted(place.glob(f"{kind}_*.npz"))] for kind in ("fit", "held")

@@ -6,12 +6,12 @@ import score
 import trials
 import truth
 
-from gsid.candidates import Given, tried
-from gsid.greybox import fit_plant
-from gsid.io import read_record
-from gsid.linear_start import linear_start
-from gsid.model import load_model
-from gsid.spectra import spectra
+from gsid.diagnosis.candidates import Given, tried
+from gsid.greybox.fit import fit_plant
+from gsid.greybox.linear_start import linear_start
+from gsid.models.load import load_model
+from gsid.records.files import read_record
+from gsid.spectrum.realisation import spectra
 
 SEED = 11  # a development seed
 

@@ -245,7 +245,7 @@ def test_predicted_drop_is_the_noncentrality_of_the_likelihood_ratio():
 
 def test_trials_are_what_they_are_drawn_to_be(tmp_path):
     """Same seed, same trial; travel and drop as drawn; the model off by 5 %; the product reads the files."""
-    from gsid.io import read_record
+    from gsid.records.files import read_record
 
     trial, again = (trials.make_trial(2, 3, {"single": 1}) for _ in range(2))
     assert trials.seal(trial.key, 2) == trials.seal(again.key, 2)

@@ -43,7 +43,7 @@ EFFECTS = {
 
 def product_model(place, effects, params):
     """The same axis as a model file of the product, loaded."""
-    from gsid.model import load_model
+    from gsid.models.load import load_model
 
     if "gear_backlash" in effects:
         # The product's unit of inertia is the load, the truth's motor and load together.

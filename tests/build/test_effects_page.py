@@ -3,7 +3,7 @@
 import re
 import sys
 
-from gsid.effects import catalogue
+from gsid.effects.types import catalogue
 
 PAGE = "docs/reference/effects.md"
 

@@ -61,9 +61,9 @@ def test_silverbox_has_a_hardening_spring(page):
     found = parameters(folder / "silverbox.json")
     assert found["cubic_spring"]["stiffness"] > 0
     assert "flexible_mode" not in found
-    from gsid.io import read_record
-    from gsid.model import load_model
-    from gsid.spectra import spectra
+    from gsid.models.load import load_model
+    from gsid.records.files import read_record
+    from gsid.spectrum.realisation import spectra
 
     record = read_record(folder / "silverbox_new.npz", settle=2048)
     measured = record.y[2048:].reshape(-1, 1024)
@@ -132,7 +132,7 @@ PUBLISHED_MIRROR = np.array([0.0389, 0.0587, 0.0421])  # 28 states, at 300 mV
 
 def mirror_error(folder, name):
     import gsid
-    from gsid.mimo import nrmse
+    from gsid.fitting.validation import nrmse
 
     channels = ["u1", "u2", "u3"], ["y1", "y2", "y3"]
     test = [gsid.read_mimo_record(folder / f"test{e}.npz", *channels) for e in (1, 2, 3)]

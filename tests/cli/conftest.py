@@ -9,8 +9,8 @@ import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 
 from gsid.cli.main import main
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.records.files import write_record
+from gsid.records.record import Record
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 UPDATE = "GSID_UPDATE_SNAPSHOTS"  # set to 1 to accept what the command now says

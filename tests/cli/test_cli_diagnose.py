@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsid.excitation import Multisine
-from gsid.io import read_record, write_record
-from gsid.ladder import Rung
-from gsid.model import RationalModel, load_model
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.simulate import SimulatedAxis
+from gsid.diagnosis.ladder import Rung
+from gsid.excitation.multisine import Multisine
+from gsid.models.load import load_model
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.files import read_record, write_record
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
 
 FS_HZ, N, BAND, LEVEL = 3000.0, 1500, (2.0, 100.0), 2.0
 RECORDS = [f"r{i}.npz" for i in range(4)]

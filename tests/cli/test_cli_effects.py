@@ -2,7 +2,7 @@
 
 import json
 
-from gsid.effects import catalogue
+from gsid.effects.types import catalogue
 
 
 def test_the_table_has_a_line_for_each_effect(gsid):

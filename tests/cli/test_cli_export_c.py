@@ -2,7 +2,7 @@
 
 import json
 
-from gsid.model import RationalModel
+from gsid.models.rational import RationalModel
 
 
 def test_two_files_and_what_they_hold(gsid, tmp_path):

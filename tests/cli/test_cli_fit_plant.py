@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gsid.excitation import Multisine
-from gsid.greybox import COST_MEANS
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import COST_MEANS
+from gsid.records.files import write_record
+from gsid.records.record import Record
 
 FS_HZ, GAIN, RATE = 1000.0, 40.0, 25.0
 

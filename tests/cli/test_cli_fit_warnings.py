@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, response
 
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.records.files import write_record
+from gsid.records.record import Record
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from gsid.excitation import Multisine
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.records.files import write_record
+from gsid.records.record import Record
 
 FS_HZ, N = 1000.0, 1000
 B, A = [0, 0.5], [1, -0.95]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gsid.excitation import Multisine
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.records.files import write_record
+from gsid.records.record import Record
 
 FS_HZ, N, GAIN, RATE = 3000.0, 3000, 40.0, 25.0
 KEYS = ("hold", "hold_assumed", "delay_hold_uncertainty_s")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_system import FS_HZ
 
-from gsid.io import write_record
+from gsid.records.files import write_record
 
 N = 8000
 

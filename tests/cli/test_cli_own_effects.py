@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsid.excitation import Multisine
-from gsid.io import write_record
-from gsid.model import load_model
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.simulate import SimulatedAxis
+from gsid.excitation.multisine import Multisine
+from gsid.models.load import load_model
+from gsid.plant.model import PlantModel
+from gsid.records.files import write_record
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
 
 ROOT = Path(__file__).parents[2]
 FS_HZ, N, BAND, LEVEL = 3000.0, 1000, (3.0, 100.0), 2.0

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from gsid.model import RationalModel
+from gsid.models.rational import RationalModel
 
 
 def test_page_with_a_fit(gsid, rec_csv):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from gsid.effects import catalogue
-from gsid.simulate import HIDDEN
+from gsid.effects.types import catalogue
+from gsid.rig.axis import HIDDEN
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsid.base.errors import GsidError
+from gsid.base.files import write_atomically
 from gsid.cli.main import gsid as verbs
-from gsid.errors import GsidError
-from gsid.files import write_atomically
 
 COMMAND = Path(sys.executable).parent / "gsid"
 

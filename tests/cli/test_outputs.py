@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from gsid.io import write_record
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.files import write_record
 
 COMMAND = Path(sys.executable).parent / "gsid"
 

@@ -11,9 +11,9 @@ import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 from scipy.io import loadmat
 
-from gsid import order
-from gsid.io import write_record
-from gsid.record import Record
+from gsid.fitting import order
+from gsid.records.files import write_record
+from gsid.records.record import Record
 from measured import BENCH, needs_bench
 
 NAMES = ["--u", "iq", "--y", "omega_motor"]
@@ -85,7 +85,7 @@ def test_frf_files(gsid, rec_csv):
 
 
 def test_frf_reports_lost_samples(gsid, record):
-    from gsid.io import write_record
+    from gsid.records.files import write_record
 
     record.valid[1000] = False
     write_record("lost.csv", record)

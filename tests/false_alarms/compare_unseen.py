@@ -16,14 +16,15 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "blind"))
 import trials
 import truth
 
-from gsid.compare import compare
-from gsid.fit import fit
-from gsid.frf import frf
-from gsid.greybox import fit_plant
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.spectra import Spectra, spectra
+from gsid.comparison import compare
+from gsid.fitting.rational import fit
+from gsid.greybox.fit import fit_plant
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.spectra import Spectra
 
 FS_HZ, N = 3000.0, 1500
 LINES = np.arange(1, 96, 2)  # 2 to 190 Hz, odd: those between show what is not linear

@@ -1,4 +1,4 @@
-"""How often `gsid.ladder` reports that the error falls though the model comes no nearer to the truth."""
+"""How often `gsid.diagnosis.add` reports that the error falls though the model comes no nearer to the truth."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 from scipy.signal import lfilter
 from study import Cell, Study
 
-from gsid.fall import fall_p_value
-from gsid.ladder import add
-from gsid.plant import PlantModel
-from gsid.record import Record
+from gsid.diagnosis.add import add
+from gsid.diagnosis.error_fall import fall_p_value
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
 
 FS_HZ, N = 500.0, 500
 LINE = np.arange(1, 41)
@@ -27,7 +27,7 @@ def run(cell: Cell, seed: int) -> float:
 
 
 def added(rng: np.random.Generator, effect: str, records: int, periods: int) -> float:
-    """Of an effect that the axis does not have, added by `gsid.ladder.add`."""
+    """Of an effect that the axis does not have, added by `gsid.add`."""
     measured = [record(rng, periods) for _ in range(records)]
     rung = add(effect, plant(GAIN * 1.03, RATE * 0.97), measured).rung
     assert rung.judged_on == ("not_fitted" if records > 2 else "later_periods")
@@ -36,7 +36,7 @@ def added(rng: np.random.Generator, effect: str, records: int, periods: int) -> 
 
 def as_far_off(rng: np.random.Generator, levels: list[float], periods: int, colour: float) -> float:
     """Of two models whose gains are too large and too small by the same: the least favourable null."""
-    from gsid.spectra import spectra_of
+    from gsid.spectrum.realisation import spectra_of
 
     measured = spectra_of([record(rng, periods, level, colour) for level in levels])
     return fall_p_value(plant(GAIN * (1 + DOUBT), RATE), plant(GAIN * (1 - DOUBT), RATE), measured)
@@ -61,7 +61,7 @@ def record(rng: np.random.Generator, periods: int, level: float = 1.0, colour: f
 
 ABOUT = """`gsid add` judges on data that the fit left out, and reports a fall of the error if its p-value
 is at most 5 %. "As far off": two models whose gains are 2 % too large and 2 % too small, so that neither is
-closer to the truth. "Added": `gsid.ladder.add` adds an effect that the axis does not have. On average that
+closer to the truth. "Added": `gsid.add` adds an effect that the axis does not have. On average that
 makes the model worse, so the level is a bound. The axis is a rigid body with viscous friction,
 filtered by scipy. The noise is white, or has a pole at 0.9 ("coloured")."""
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from study import Cell, Outcome, Study
 
-from gsid.diagnose import diagnose
-from gsid.hold_cases import STAND_IN
-from gsid.plant import PlantModel
-from gsid.record import Record
+from gsid.diagnosis.diagnose import diagnose
+from gsid.diagnosis.hold_cases import STAND_IN
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "blind"))
 ALPHA = 0.05

@@ -1,4 +1,4 @@
-"""Level of `gsid.level_tests.superposition`: a linear axis has one response at two input levels."""
+"""Level of `gsid.response.superposition.superposition`: a linear axis has one response at two input levels."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 from study import Cell, Study
 
-from gsid.distortion import Distortion, StreamingDistortion, distortion
-from gsid.level_tests import superposition
-from gsid.record import Record
+from gsid.records.record import Record
+from gsid.response.distortion import Distortion
+from gsid.response.estimate_distortion import StreamingDistortion, distortion
+from gsid.response.superposition import superposition
 
 FS_HZ, N = 1024.0, 2048
 LEVELS = (1.0, 2.0)

@@ -162,7 +162,7 @@ def catalogue_plant():
 
 def rational(domain="s"):
     """A fitted transfer function with its covariance."""
-    from gsid.model import RationalModel
+    from gsid.models.rational import RationalModel
 
     num, den = ([500.0], [1.0, 220.0]) if domain == "s" else ([0.0, 0.5], [1.0, -0.8])
     fitted = {"method": "ml", "cost": 19.0, "cost_expected": 18.0, "n_lines": 19, "converged": True}
@@ -174,8 +174,8 @@ def rational(domain="s"):
 
 def pieces():
     """A set of transfer functions in adjoining bands."""
-    from gsid.model import RationalModel
-    from gsid.piecewise import PiecewiseModel
+    from gsid.models.piecewise import PiecewiseModel
+    from gsid.models.rational import RationalModel
 
     first = RationalModel.from_dict(rational())
     second = RationalModel.from_dict(rational())
@@ -185,7 +185,7 @@ def pieces():
 
 def matrix():
     """A 2 x 1 matrix of transfer functions."""
-    from gsid.mimo_model import MimoModel
+    from gsid.models.mimo import MimoModel
 
     model = MimoModel(
         sections=[4e4, 100.0],

@@ -27,9 +27,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gsid.io import read_record
-from gsid.journal import recover
-from gsid.record import Record
+from gsid.records.files import read_record
+from gsid.records.record import Record
+from gsid.rig.journal import recover
 
 GSID = [sys.executable, "-m", "gsid.cli.main"]
 PERIOD = 300

@@ -33,23 +33,24 @@ import numpy as np
 
 import gsid
 from gsid import effects
-from gsid.distortion import StreamingDistortion, distortion
-from gsid.errors import GsidError
-from gsid.excitation import Multisine
-from gsid.fit import fit
-from gsid.frf import frf
-from gsid.greybox import fit_plant
-from gsid.limits import Limits, optimise
-from gsid.link import Receiver, encode, frames
-from gsid.mimo import frf_mimo
-from gsid.mimo_fit import fit_mimo
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
-from gsid.record import Record
+from gsid.base.errors import GsidError
+from gsid.excitation.generators import Prbs, SteppedSine, Sweep
+from gsid.excitation.limits import optimise
+from gsid.excitation.multisine import Multisine
+from gsid.excitation.periodic import Limits
+from gsid.fitting.mimo import fit_mimo
+from gsid.fitting.rational import fit
+from gsid.greybox.fit import fit_plant
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
 from gsid.report import words
-from gsid.signals import Prbs, SteppedSine, Sweep
-from gsid.simulate import SimulatedAxis
-from gsid.streaming import StreamingFrf
+from gsid.response.estimate import frf
+from gsid.response.estimate_distortion import StreamingDistortion, distortion
+from gsid.response.mimo import frf_mimo
+from gsid.response.streaming import StreamingFrf
+from gsid.rig.axis import SimulatedAxis
+from gsid.rig.link import Receiver, encode, frames
 
 FS_HZ, N_THREADS, N_ROUNDS = 1000.0, 4, 2
 AXIS = RationalModel([7.4, 200], [1, 30, 4e4], 0.002, fs_hz=FS_HZ, hold="zoh")
@@ -84,7 +85,7 @@ def spectra_of_several_periods():
 def a_long_period():
     """Longer than a plan that is kept."""
     u = np.random.default_rng(1).standard_normal(2**20 + 2)
-    return gsid.spectra.period_lines(u[None], np.arange(1, 9, dtype=np.uint32), 0)
+    return gsid.spectrum.lines.period_lines(u[None], np.arange(1, 9, dtype=np.uint32), 0)
 
 
 def phases(limits=None, model=None):

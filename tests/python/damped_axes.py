@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsid.errors import GsidError
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
+from gsid.base.errors import GsidError
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 FS_HZ = 3000.0
 FAMILIES = ("in band", "anywhere")

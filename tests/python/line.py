@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from gsid.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver, encode
-from gsid.simulate import Server, SimulatedAxis
+from gsid.rig.axis import SimulatedAxis
+from gsid.rig.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver, encode
+from gsid.rig.server import Server
 
 SESSION = 7  # of tests that speak the protocol by hand
 GSID = [sys.executable, "-m", "gsid.cli.main"]

@@ -12,9 +12,9 @@ import mimo_gimbal as gimbal
 import numpy as np
 from scipy import stats
 
-from gsid.confidence import NORMAL_95
-from gsid.mimo import frf_mimo
-from gsid.mimo_fit import fit_mimo
+from gsid.fitting.mimo import fit_mimo
+from gsid.models.confidence import NORMAL_95
+from gsid.response.mimo import frf_mimo
 
 F_HZ = np.array([5.0, 30.0, 62.0, 110.0, 171.0, 230.0])
 

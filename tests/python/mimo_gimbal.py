@@ -8,7 +8,7 @@ correlated from output to output.
 
 import numpy as np
 
-from gsid.mimo import MimoRecord
+from gsid.records.mimo import MimoRecord
 
 FS_HZ, N, TOP_HZ = 2000.0, 2000, 240
 INERTIA = np.array(

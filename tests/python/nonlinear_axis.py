@@ -5,7 +5,7 @@ A lag, a static polynomial and a lag again, all in the frequency domain: every p
 
 import numpy as np
 
-from gsid.record import Record
+from gsid.records.record import Record
 
 FS_HZ, N, LINE = 256.0, 256, np.arange(1, 64, 2)  # odd lines: even ones show even distortion
 
@@ -65,7 +65,7 @@ class NonlinearAxis:
 
 def coverage(axis, m, p, repeats, seed):
     """How often the 95 % intervals cover the truth, (F,) each, and the mean of M (s2_BLA - s2_BLA,n)."""
-    from gsid.distortion import from_responses
+    from gsid.response.estimate_distortion import from_responses
 
     _, truth_nonlinear = axis.truth()
     truth = {"std_noise": axis.noise_std(p) / np.sqrt(m), "std_nonlinear": truth_nonlinear}

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.simulate import SimulatedAxis
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
 
 FS_HZ = 3000.0
 OFF = {

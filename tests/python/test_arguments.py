@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import gsid
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.excited import slip
-from gsid.frf import Frf
-from gsid.io import read_record
-from gsid.record import Record
-from gsid.validation import validate
+from gsid.base.errors import InputError
+from gsid.excitation.multisine import Multisine
+from gsid.fitting.validation import validate
+from gsid.records.files import read_record
+from gsid.records.record import Record
+from gsid.response.frf import Frf
+from gsid.spectrum.excited import slip
 
 FS_HZ, N = 1000.0, 500
 COMMAND = Multisine.design(FS_HZ, N, (2, 200), grid="odd", rms=1.0).table()

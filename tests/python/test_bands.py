@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gsid.bands import in_band, within
-from gsid.closed_loop import closed_loop_frf
-from gsid.compare import compare
-from gsid.distortion import distortion
-from gsid.frf import frf
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.base.bands import in_band, within
+from gsid.comparison import compare
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
+from gsid.response.closed_loop import closed_loop_frf
+from gsid.response.estimate import frf
+from gsid.response.estimate_distortion import distortion
 
 FS_HZ, N = 1000.0, 10000
 EDGES = (0.1, 0.3)

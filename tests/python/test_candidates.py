@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.candidates import SAME, Candidate, Given, evidence, ranked, tried
-from gsid.errors import InputError
-from gsid.linear_view import linear_view
-from gsid.plant_periodic import PeriodicPlant
-from gsid.probes import Probe
-from gsid.scores import Score
+from gsid.base.errors import InputError
+from gsid.diagnosis.candidates import SAME, Candidate, Given, evidence, ranked, tried
+from gsid.diagnosis.probes import Probe
+from gsid.diagnosis.score_test import Score
+from gsid.plant.linear_response import linear_view
+from gsid.plant.periodic import PeriodicPlant
 
 N = 3000
 AXIS = {"rigid_body": {"gain": 10.0}, "viscous_friction": {"rate": 3.0}, "cable_spring": {"stiffness": 150.0}}

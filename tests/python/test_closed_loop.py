@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from gsid.closed_loop import closed_loop_frf
-from gsid.errors import InputError
-from gsid.fit import fit
-from gsid.frf import frf
-from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.base.errors import InputError
+from gsid.fitting.rational import fit
+from gsid.records.record import Record
+from gsid.response.closed_loop import closed_loop_frf
+from gsid.response.estimate import frf
+from gsid.spectrum.realisation import spectra
 
 SEED = 20260401
 FS_HZ, N, LINES = 1000.0, 400, np.arange(1, 80, 2)

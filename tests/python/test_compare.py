@@ -8,16 +8,17 @@ import pytest
 from plants import FS_HZ, axis_period, plant
 from scipy import stats
 
-from gsid.compare import compare
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.fit import fit
-from gsid.frf import frf
-from gsid.greybox import fit_plant
-from gsid.model import RationalModel
-from gsid.piecewise import PiecewiseModel
-from gsid.plant import PlantModel
-from gsid.spectra import Spectra, lines_of
+from gsid.base.errors import InputError
+from gsid.comparison import compare
+from gsid.excitation.multisine import Multisine
+from gsid.fitting.rational import fit
+from gsid.greybox.fit import fit_plant
+from gsid.models.piecewise import PiecewiseModel
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.response.estimate import frf
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.spectra import Spectra
 
 SEED = 20260303
 MODEL = RationalModel([900.0], [1.0, 30.0, 900.0], 0.003)

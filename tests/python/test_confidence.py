@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, f
 
-from gsid.confidence import (
+from gsid.models.confidence import (
     complex_bound,
     confidence_ellipse,
     excess_bands,

@@ -5,8 +5,8 @@ import pytest
 from scipy import signal
 from scipy.io import loadmat
 
-from gsid.convert import from_zpk, sampled, save_mat, to_state_space, to_zpk
-from gsid.model import RationalModel
+from gsid.models.convert import from_zpk, sampled, save_mat, to_state_space, to_zpk
+from gsid.models.rational import RationalModel
 
 F = np.linspace(1.0, 1200.0, 50)
 PLANT = RationalModel([3.0, 40.0, 900.0], [1.0, 30.0, 2000.0, 5000.0], 0.0042)

@@ -13,9 +13,9 @@ from gsid.cli.main import main
 from gsid.demo.hidden import SIZES, draw
 from gsid.demo.linear import beside_truth, mode_pole
 from gsid.demo.missing import BELIEVED, believed, excitations
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
-from gsid.simulate import HIDDEN, SimulatedAxis, hidden_parameters
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.rig.axis import HIDDEN, SimulatedAxis, hidden_parameters
 
 pytestmark = pytest.mark.xdist_group("demo")  # the module's fixture is made once
 README = Path(__file__).parents[2] / "README.md"

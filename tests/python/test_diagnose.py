@@ -9,23 +9,25 @@ import pytest
 from plants import plant
 from scipy import stats
 
-from gsid.candidates import Given, Group
-from gsid.diagnose import Diagnosis, diagnose
-from gsid.effects import catalogue
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.greybox import fit_plant
-from gsid.linear_start import linear_start
-from gsid.linear_view import linear_view
-from gsid.model import RationalModel
-from gsid.next_experiment import next_experiment
-from gsid.plant import Effect, Param, PlantModel
-from gsid.probes import GRIDS, Trajectory, dahl_state, locked_rates, nominal_rates
-from gsid.record import Record
-from gsid.scan import with_effect
-from gsid.search import Search, Step
-from gsid.simulate import SimulatedAxis
-from gsid.spectra import Spectra, lines_of, spectra
+from gsid.base.errors import InputError
+from gsid.diagnosis.candidates import Given, Group
+from gsid.diagnosis.diagnose import Diagnosis, diagnose
+from gsid.diagnosis.next_experiment import next_experiment
+from gsid.diagnosis.probes import GRIDS, Trajectory, dahl_state, locked_rates, nominal_rates
+from gsid.diagnosis.search import Search, Step
+from gsid.effects.types import catalogue
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
+from gsid.greybox.linear_start import linear_start
+from gsid.models.rational import RationalModel
+from gsid.plant.effect import Effect, Param
+from gsid.plant.linear_response import linear_view
+from gsid.plant.model import PlantModel, with_effect
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.spectra import Spectra
 
 TRUTH = {
     "rigid_body": {"gain": 7.4},

@@ -5,12 +5,13 @@ import pytest
 from nonlinear_axis import FS_HZ, LINE, N, NonlinearAxis, coverage
 from scipy.stats import binom, chi2
 
-from gsid.distortion import StreamingDistortion, distortion, excess_kurtosis, from_responses
-from gsid.errors import GsidError, InputError
-from gsid.frf import frf
-from gsid.level_tests import harmonics, superposition
-from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.base.errors import GsidError, InputError
+from gsid.records.record import Record
+from gsid.response.distortion import excess_kurtosis
+from gsid.response.estimate import frf
+from gsid.response.estimate_distortion import StreamingDistortion, distortion, from_responses
+from gsid.response.superposition import harmonics, superposition
+from gsid.spectrum.realisation import spectra
 
 SEED = 41
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from nonlinear_axis import FS_HZ, NonlinearAxis
 
-from gsid.distortion import distortion
-from gsid.record import Record
+from gsid.records.record import Record
+from gsid.response.estimate_distortion import distortion
 
 M, P = 5, 6
 

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from plants import plant
 
-from gsid.diagnose import diagnose
-from gsid.excitation import Multisine
-from gsid.plant_periodic import drive_command
-from gsid.probes import GRIDS
-from gsid.record import Record
-from gsid.scan import trajectory
-from gsid.spectra import lines_of, spectra
+from gsid.diagnosis.diagnose import diagnose
+from gsid.diagnosis.probes import GRIDS
+from gsid.diagnosis.scan import trajectory
+from gsid.excitation.multisine import Multisine
+from gsid.plant.model import drive_command
+from gsid.records.record import Record
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.realisation import spectra
 
 SEED = 20260311
 FS, N, PERIODS, SETTLE = 3000.0, 1500, 6, 4  # the loop forgets as exp(-50 t)

@@ -10,15 +10,15 @@ import pytest
 from plants import FS_HZ, plant
 
 from gsid._lib import ffi
-from gsid.effects import SCALES, SPACINGS, catalogue, find
-from gsid.linear_start import LINEAR
-from gsid.linear_view import linear_view
-from gsid.plant import Effect, Param
-from gsid.plant_periodic import PeriodicPlant
-from gsid.probes import GRIDS as DIRECTIONS
-from gsid.scan import NOT_SEARCHED, TURNS_ONLY
-from gsid.search import SIMPLER
-from gsid.simulate import HIDDEN, parameter_types
+from gsid.diagnosis.probes import GRIDS as DIRECTIONS
+from gsid.diagnosis.scan import NOT_SEARCHED, TURNS_ONLY
+from gsid.diagnosis.search import SIMPLER
+from gsid.effects.types import SCALES, SPACINGS, catalogue, find
+from gsid.greybox.linear_start import LINEAR
+from gsid.plant.effect import Effect, Param
+from gsid.plant.linear_response import linear_view
+from gsid.plant.periodic import PeriodicPlant
+from gsid.rig.axis import HIDDEN, parameter_types
 
 F_HZ = np.geomspace(0.5, 200.0, 40)
 S = 2j * np.pi * F_HZ

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from gsid import plots
-from gsid.estimators import Estimators, fit_all
-from gsid.fit import METHODS
-from gsid.frf import Frf
-from gsid.model import RationalModel
+from gsid.fitting.estimators import Estimators, fit_all
+from gsid.fitting.rational import METHODS
+from gsid.models.rational import RationalModel
 from gsid.report import Report
+from gsid.response.frf import Frf
 
 SEED = 20260303
 F = np.arange(1, 121) * 1.0

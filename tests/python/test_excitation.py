@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from gsid.errors import InputError
-from gsid.excitation import Multisine, crest_factor, power_share
+from gsid.base.errors import InputError
+from gsid.excitation.multisine import Multisine
+from gsid.excitation.periodic import crest_factor, power_share
 
 
 @pytest.fixture(scope="module")

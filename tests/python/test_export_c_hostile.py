@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from gsid import InputError
-from gsid.c_text import KEYWORDS, comment, literal, refused_name
-from gsid.export_c import export_c
-from gsid.io import read_record, write_record
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
-from gsid.record import Record
+from gsid.base.c_text import KEYWORDS, comment, literal, refused_name
+from gsid.models.export_c import export_c
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.files import read_record, write_record
+from gsid.records.record import Record
 
 CC, CXX = (shlex.split(os.environ.get(key, default)) for key, default in (("CC", "cc"), ("CXX", "c++")))
 STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wcomment", "-Wtrigraphs", "-Werror"]

@@ -5,8 +5,8 @@ import pytest
 
 from gsid import effects
 from gsid._lib import ffi, ffi32, lib32
-from gsid.errors import InputError
-from gsid.expression import as_c, parse
+from gsid.base.errors import InputError
+from gsid.effects.law_text import as_c, parse
 
 SEED = 20260412
 LAWS = {

@@ -1,4 +1,4 @@
-"""Every output goes through `gsid.files`: whole or not at all, over nothing but a regular file."""
+"""Every output goes through `gsid.base.files`: whole or not at all, over nothing but a regular file."""
 
 import ast
 import os
@@ -16,10 +16,10 @@ import pytest
 
 import gsid
 from gsid import InputError
-from gsid.files import refuse_overwrite, write_atomically
-from gsid.io import read_record, write_record
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.base.files import refuse_overwrite, write_atomically
+from gsid.models.rational import RationalModel
+from gsid.records.files import read_record, write_record
+from gsid.records.record import Record
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 TEXT = "the new text\n"
@@ -184,7 +184,7 @@ def test_file_and_folder_are_synced_in_order(tmp_path, monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGINT])
 def test_nothing_is_left_behind_by_a_signal(tmp_path, number):
     code = (
-        "import sys, time; from gsid.files import write_atomically\n"
+        "import sys, time; from gsid.base.files import write_atomically\n"
         "def slow(part):\n    part.write_text('half'); print('now', flush=True); time.sleep(30)\n"
         "write_atomically(sys.argv[1], slow)"
     )
@@ -212,7 +212,7 @@ def test_stdout_takes_a_record_and_a_model(tmp_path):
     write_record(tmp_path / "rec.csv", record)
     RationalModel([1], [1, 2], 0.1).save(tmp_path / "m.json")
     code = (
-        "import sys; from gsid.io import read_record, write_record; from gsid.model import RationalModel\n"
+        "import sys; from gsid.records.files import read_record, write_record; from gsid.models.rational import RationalModel\n"
         "print('before'); write_record('-', read_record('rec.csv'))\n"
         "RationalModel([1], [1, 2], 0.1).save('-')"
     )
@@ -292,7 +292,7 @@ def test_a_slow_reader_never_sees_half_a_file(tmp_path):
     texts = [str(digit) * 100_000 for digit in range(10)]
     write_atomically(path, lambda part: part.write_text(texts[0]))
     code = (
-        "import sys, time; from gsid.files import write_atomically\n"
+        "import sys, time; from gsid.base.files import write_atomically\n"
         "for i in range(60): write_atomically(sys.argv[1], lambda p: p.write_text(str(i % 10) * 100_000))"
     )
     with subprocess.Popen([sys.executable, "-c", code, path]) as process:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.errors import GsidError
-from gsid.fit import METHODS, fit, initial_delay, parse_order
-from gsid.frf import Frf, frf
-from gsid.io import read_record
-from gsid.model import RationalModel
+from gsid.base.errors import GsidError
+from gsid.fitting.rational import METHODS, fit, initial_delay, parse_order
+from gsid.models.rational import RationalModel
+from gsid.records.files import read_record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 from measured import BENCH, needs_bench
 
 SEED = 20260302
@@ -107,7 +108,7 @@ def test_the_slope_of_the_phase_is_the_delay_of_a_pure_delay():
 
 def noisy_input(rng, periods=40, noise=0.05):
     """Records of a plant whose input is measured with noise, and as much of it in the output."""
-    from gsid.record import Record
+    from gsid.records.record import Record
 
     n, fs = 600, 600.0
     line = np.arange(1, 121)

@@ -8,12 +8,13 @@ import pytest
 from damped_axes import FAMILIES, HOLDS, ending, random_axis, with_noise
 from scipy import stats
 
-from gsid.estimators import fit_all
-from gsid.fit import fit
-from gsid.fit_excess import ALPHA, excess
-from gsid.frf import Frf, frf
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.excess import ALPHA, excess
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 
 TRUTH = RationalModel([200, 9000], [1, 40, 900], 2e-3)
 F = np.arange(1, 151) * 4.0

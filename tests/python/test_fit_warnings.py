@@ -9,12 +9,13 @@ import pytest
 from scipy import stats
 from test_linear_fits import BENCH, SMALL, THESIS, F, measured
 
-from gsid.errors import GsidError
-from gsid.estimators import fit_all
-from gsid.fit import fit
-from gsid.frf import Frf, frf
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.base.errors import GsidError
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 
 DELAY_S = 0.0042
 TRUTH = RationalModel(SMALL.num, SMALL.den, DELAY_S)

@@ -6,8 +6,8 @@ The figure printed here is the one that gsid/frf.h states.
 import numpy as np
 import pytest
 
-from gsid.excitation import Multisine
-from gsid.streaming import StreamingFrf
+from gsid.excitation.multisine import Multisine
+from gsid.response.streaming import StreamingFrf
 
 N, PERIODS = 6000, 75
 SEED = 20240229

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
-from gsid.excitation import Multisine
-from gsid.streaming import StreamingFrf
+from gsid.excitation.multisine import Multisine
+from gsid.response.streaming import StreamingFrf
 
 N, PERIODS, FS_HZ = 6000, 10, 3000
 SEED = 7

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from foreign_files import NAMES, U, Y, arrays, flipped, npy_claiming, write
 
-from gsid.errors import InputError
-from gsid.io import foreign, read_record
+from gsid.base.errors import InputError
+from gsid.records import foreign
+from gsid.records.files import read_record
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 KINDS = ["rec.mat", "recz.mat", "v73.mat", "rec.h5", "rec.npz", "rec.ulg"]

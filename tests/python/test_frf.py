@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsid.errors import GsidError, InputError
-from gsid.excitation import Multisine
-from gsid.excited import excited_lines
-from gsid.frf import Frf, frf, merged
-from gsid.record import Record
-from gsid.spectra import spectra
-from gsid.streaming import StreamingFrf
-from gsid.tones import Tone
+from gsid.base.errors import GsidError, InputError
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf, merged
+from gsid.response.streaming import StreamingFrf
+from gsid.spectrum.excited import excited_lines
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.tones import Tone
 from measured import BENCH, needs_bench
 
 FS_HZ, N, PERIODS = 1000.0, 500, 12

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gsid._lib import ffi, ffi32, lib, lib32
-from gsid.excitation import Multisine
-from gsid.signals import Prbs, SteppedSine, Sweep
+from gsid.excitation.generators import Prbs, SteppedSine, Sweep
+from gsid.excitation.multisine import Multisine
 
 FS_HZ, PERIODS, BEGIN = 1000.0, 3, 0.37  # whole periods looked at, from this share of one on
 

@@ -8,16 +8,17 @@ from plants import FS_HZ, axis_record, plant
 from scipy import stats
 from scipy.signal import lfilter
 
-from gsid.errors import GsidError, InputError
-from gsid.excitation import Multisine
-from gsid.greybox import fit_plant
-from gsid.greybox_problem import Point, Problem
-from gsid.greybox_search import minimise
-from gsid.plant import PlantModel
-from gsid.plant_periodic import PeriodicPlant
-from gsid.record import Record
-from gsid.spectra import spectra
-from gsid.weights import DOF_WANTED, lines_used, pooled_variance, smoothed
+from gsid.base.errors import GsidError, InputError
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
+from gsid.greybox.minimise import minimise
+from gsid.greybox.problem import Point, Problem
+from gsid.greybox.weights import lines_used, pooled_variance
+from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
+from gsid.records.record import Record
+from gsid.spectrum.lines import DOF_WANTED, smoothed
+from gsid.spectrum.realisation import spectra
 
 N, P = 1500, 4
 AXIS = {"gain": 900.0, "viscous_rate": 12.0, "spring_stiffness": 400.0, "delay_s": 0.00437}

@@ -7,16 +7,18 @@ import pytest
 from plants import axis_record, plant
 
 from gsid import Record, read_record
-from gsid.compare import compare
-from gsid.diagnose import diagnose
-from gsid.excitation import Multisine
-from gsid.fit import fit
-from gsid.frf import Frf, frf
-from gsid.greybox import fit_plant
-from gsid.io import write_record
-from gsid.ladder import add
-from gsid.model import RationalModel, load_model
-from gsid.piecewise import fit_piecewise
+from gsid.comparison import compare
+from gsid.diagnosis.add import add
+from gsid.diagnosis.diagnose import diagnose
+from gsid.excitation.multisine import Multisine
+from gsid.fitting.piecewise import fit_piecewise
+from gsid.fitting.rational import fit
+from gsid.greybox.fit import fit_plant
+from gsid.models.load import load_model
+from gsid.models.rational import RationalModel
+from gsid.records.files import write_record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 
 SEED = 20261122
 FS_HZ = 3000.0

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 from plants import plant
 
-from gsid.candidates import Candidate, Group
-from gsid.hold_cases import Case, settle
+from gsid.diagnosis.candidates import Candidate, Group
+from gsid.diagnosis.hold_cases import Case, settle
 
 GIVEN = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}}
 ADDED = {"motor_lag": {"time_constant_s": 1e-3}, "coulomb_friction": {"level": 1.0}}

@@ -5,17 +5,18 @@ import json
 import numpy as np
 import pytest
 
+from gsid.base.errors import InputError
+from gsid.base.json_files import DEPTH_MOST, parse_json
 from gsid.cli.common import visible
 from gsid.cli.main import main
-from gsid.distortion import distortion
-from gsid.errors import InputError
-from gsid.io import read_record, write_record
-from gsid.json_files import DEPTH_MOST, parse_json
-from gsid.ladder import ladder
-from gsid.level_tests import superposition
-from gsid.model import load_model
-from gsid.plant import PlantModel
-from gsid.record import Record, split_periods
+from gsid.diagnosis.ladder import ladder
+from gsid.models.load import load_model
+from gsid.plant.model import PlantModel
+from gsid.records.files import read_record, write_record
+from gsid.records.periods import split_periods
+from gsid.records.record import Record
+from gsid.response.estimate_distortion import distortion
+from gsid.response.superposition import superposition
 
 ESCAPE = "\x1b[31mred\x07"
 U = np.tile(np.sin(np.arange(20) * 0.9), 6)

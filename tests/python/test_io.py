@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from gsid.errors import InputError
-from gsid.files import write_atomically
-from gsid.io import read_record, write_record
-from gsid.record import Record, split_periods
+from gsid.base.errors import InputError
+from gsid.base.files import write_atomically
+from gsid.records.files import read_record, write_record
+from gsid.records.periods import split_periods
+from gsid.records.record import Record
 
 FORMATS = [".csv", ".npz", ".mat", ".h5"]
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from plants import FS_HZ, plant
 
-from gsid.joint import joint_starts
-from gsid.joint_motion import fit_joint, twist_of
-from gsid.plant_periodic import PeriodicPlant
-from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.diagnosis.joint_fit import fit_joint, twist_of
+from gsid.diagnosis.joint_start import joint_starts
+from gsid.plant.periodic import PeriodicPlant
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra
 
 GAP, STIFFNESS, DAMPING = 0.01, 1e5, 40.0
 

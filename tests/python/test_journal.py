@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from line import Altered, Loopback, multisine, quiet_axis
 
-from gsid.errors import InputError
-from gsid.journal import Journal, JournalError, RunDescription, recover
-from gsid.link import SAMPLE, LinkError, run
-from gsid.simulate import Server
+from gsid.base.errors import InputError
+from gsid.rig.journal import Journal, JournalError, RunDescription, recover
+from gsid.rig.link import SAMPLE, LinkError, run
+from gsid.rig.server import Server
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 N = 600

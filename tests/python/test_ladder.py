@@ -12,19 +12,20 @@ from plants import FS_HZ, axis_record, plant
 from scipy.stats import t, ttest_1samp
 
 from gsid import plots
-from gsid.compare import compare
-from gsid.diagnose import diagnose
-from gsid.effects import find
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.fall import fall_by_line, fall_p_value, p_value_of_sum
-from gsid.greybox import fit_plant
-from gsid.ladder import Ladder, Rung, add, ladder, undo, with_history
-from gsid.linear_start import linear_start
-from gsid.model import load_model
-from gsid.scan import with_effect
-from gsid.spectra import spectra
-from gsid.weights import lines_used
+from gsid.base.errors import InputError
+from gsid.comparison import compare
+from gsid.diagnosis.add import add, with_history
+from gsid.diagnosis.diagnose import diagnose
+from gsid.diagnosis.error_fall import fall_by_line, fall_p_value, p_value_of_sum
+from gsid.diagnosis.ladder import Ladder, Rung, ladder, undo
+from gsid.effects.types import find
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
+from gsid.greybox.linear_start import linear_start
+from gsid.greybox.weights import lines_used
+from gsid.models.load import load_model
+from gsid.plant.model import with_effect
+from gsid.spectrum.realisation import spectra
 
 SEED = 20260305
 N, BAND, NOISE = 1500, (2.0, 100.0), 0.02

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.limits import Limits, fit_to_limits, optimise, plan_budget, travel, travel_response
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
-from gsid.record import Record
-from gsid.signals import Prbs, Sweep
+from gsid.excitation.generators import Prbs, Sweep
+from gsid.excitation.limits import fit_to_limits, optimise, plan_budget, travel, travel_response
+from gsid.excitation.multisine import Multisine
+from gsid.excitation.periodic import Limits
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
 
 FS_HZ, N = 3000.0, 6000
 GAIN, RATE = 7.0, 10.0

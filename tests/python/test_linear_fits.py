@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 FS_HZ = 3000.0
 F = np.arange(1, 501) * 0.5

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from line import SESSION, Altered, Loopback, frames_in, multisine, quiet_axis
 
-from gsid import link
-from gsid.errors import InputError
-from gsid.link import (
+from gsid.base.errors import InputError
+from gsid.response.streaming import StreamingFrf
+from gsid.rig import link
+from gsid.rig.link import (
     COMMAND,
     HELLO,
     SAMPLE,
@@ -28,8 +29,7 @@ from gsid.link import (
     new_session,
     run,
 )
-from gsid.simulate import Server
-from gsid.streaming import StreamingFrf
+from gsid.rig.server import Server
 
 N = 600
 SETTLE = 2 * N

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.record import Record
+from gsid.base.errors import InputError
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate import frf
 
 FS_HZ, N = 1000.0, 2000
 POLE = np.exp(-0.02 * 0.377) * np.exp(1j * 0.377)  # 60 Hz, damping 0.02: five lines wide
@@ -116,7 +116,7 @@ def test_refusals():
         frf(Record(np.sin(np.arange(30.0)), np.zeros(30), FS_HZ, 30), lpm=True)
     with pytest.raises(InputError, match="no line that stands out"):
         frf(Record(np.zeros(N), np.zeros(N), FS_HZ, N), lpm=True)
-    from gsid.spectra import spectra
+    from gsid.spectrum.realisation import spectra
 
     with pytest.raises(ValueError, match="lpm needs the samples"):
         frf(spectra(from_rest(1, 3), settle=0), lpm=True)

@@ -9,11 +9,12 @@ import pytest
 from scipy import signal
 
 import gsid
+from gsid.base.errors import InputError
 from gsid.cli.main import main
-from gsid.errors import InputError
-from gsid.mimo import MimoFrf, MimoRecord, frf_mimo
-from gsid.mimo_fit import fit_mimo
-from gsid.mimo_model import MimoModel
+from gsid.fitting.mimo import fit_mimo
+from gsid.models.mimo import MimoModel
+from gsid.records.mimo import MimoRecord
+from gsid.response.mimo import MimoFrf, frf_mimo
 
 
 def nearest(poles, true):
@@ -273,7 +274,7 @@ def test_one_response_is_fitted_as_by_fit():
     sigma = 1e-2 * np.sqrt(np.mean(np.abs(g) ** 2))
     g = g + sigma * rng.standard_normal((*g.shape, 2)) @ [1, 1j] / np.sqrt(2)
     variance = np.full(len(F_HZ), sigma**2)
-    one = gsid.fit(gsid.frf.Frf.from_arrays(F_HZ, g[:, 0, 0], variance, fs_hz=1000.0), "4/3")
+    one = gsid.fit(gsid.response.frf.Frf.from_arrays(F_HZ, g[:, 0, 0], variance, fs_hz=1000.0), "4/3")
     many = fit_mimo(MimoFrf.from_arrays(F_HZ, g, variance[:, None], fs_hz=1000.0), "4/3")
     assert many.cost == pytest.approx(one.cost, abs=0.01)
     assert many.cost_expected == pytest.approx(one.cost_expected)

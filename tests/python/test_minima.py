@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.estimators import fit_all
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
-from gsid.order import select_order
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.order import select_order
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 SEEDS = range(12)
 F = np.arange(1, 251) * 1.0

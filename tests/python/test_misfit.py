@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.misfit import Errors, misfit
-from gsid.model import RationalModel, half_of
-from gsid.piecewise import PiecewiseModel
+from gsid.models.misfit import Errors, misfit
+from gsid.models.piecewise import PiecewiseModel
+from gsid.models.rational import RationalModel, half_of
 
 SEED = 20261122
 MODEL = RationalModel([900.0], [1.0, 30.0, 900.0], 0.003, free_delay=True)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from gsid.errors import GsidError, InputError
-from gsid.model import RationalModel
+from gsid.base.errors import GsidError, InputError
+from gsid.models.rational import RationalModel
 
 SEED = 20260301
 NUM, DEN, DELAY = [8510.0, 2.6e5, 9.36e9, 0.0], [1.0, 1045.0, 1.31e6, 1.28e9, 1.41e10, 2.15e11], 0.0054

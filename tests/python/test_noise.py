@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import freqz, lfilter, welch
 from scipy.stats import binom
 
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.noise import noise, without_tones
-from gsid.record import Record
-from gsid.tones import false_alarm, find_tones
+from gsid.base.errors import InputError
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.spectrum.noise import noise, without_tones
+from gsid.spectrum.tones import false_alarm, find_tones
 
 FS_HZ = 1000.0
 COLOUR = [1.0], [1.0, -0.9]  # a first-order low pass

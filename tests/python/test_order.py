@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.mimo import MimoFrf
-from gsid.model import RationalModel
-from gsid.order import far_out, near_cancelled, select_order
-from gsid.validation import whiteness
+from gsid.fitting.order import far_out, near_cancelled, select_order
+from gsid.fitting.rational import fit
+from gsid.fitting.validation import whiteness
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
+from gsid.response.mimo import MimoFrf
 
 SEED = 20260304
 F = np.arange(1, 121) * 1.0

@@ -16,8 +16,9 @@ from scipy.interpolate import PchipInterpolator
 import gsid
 from gsid import effects
 from gsid._lib import ffi, lib
-from gsid.errors import InputError
-from gsid.plant import Effect, Param, PlantModel
+from gsid.base.errors import InputError
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
 
 ROOT = Path(__file__).parents[2]
 SEED = 20260413

@@ -63,12 +63,14 @@ def test_the_order_of_imports_does_not_matter():
 
 
 def test_nothing_is_loaded_before_it_is_used():
-    code = "import gsid, sys; assert not {'numpy', 'gsid._lib', 'gsid.compare'} & set(sys.modules); dir(gsid)"
+    code = (
+        "import gsid, sys; assert not {'numpy', 'gsid._lib', 'gsid.comparison'} & set(sys.modules); dir(gsid)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_effects_of_ones_own_need_no_import_of_their_own():
-    """A bug: gsid.effects.expression, as the documents have it, was there only once gsid.plant was loaded."""
+    """A bug: gsid.effects.expression, as the documents have it, was there only once gsid.plant.model was loaded."""
     code = "import gsid; gsid.effects.expression('c*w', {'c': 1.0})"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from gsid.compare import compare
-from gsid.errors import GsidError, InputError
-from gsid.fit import fit
-from gsid.frf import Frf, frf
-from gsid.model import RationalModel, load_model
-from gsid.piecewise import PiecewiseModel, _Bands, fit_piecewise
-from gsid.record import Record
+from gsid.base.errors import GsidError, InputError
+from gsid.comparison import compare
+from gsid.fitting.piecewise import _Bands, fit_piecewise
+from gsid.fitting.rational import fit
+from gsid.models.load import load_model
+from gsid.models.piecewise import PiecewiseModel
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 
 SEED = 20260402
 WA, WR = 2 * np.pi * 165, 2 * np.pi * 179

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from plants import FS_HZ, axis_period, plant
 
-from gsid.effects import catalogue, find
-from gsid.errors import InputError
-from gsid.excitation import Multisine
-from gsid.model import RationalModel, load_model
-from gsid.plant import Effect, Param, PlantModel
-from gsid.record import Record
-from gsid.spectra import lines_of, spectra
+from gsid.base.errors import InputError
+from gsid.effects.types import catalogue, find
+from gsid.excitation.multisine import Multisine
+from gsid.models.load import load_model
+from gsid.models.rational import RationalModel
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.realisation import spectra
 
 N = 1500
 LINEAR = {

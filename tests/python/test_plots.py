@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from gsid import plots
-from gsid.compare import compare
-from gsid.confidence import complex_bound, gain_phase_std
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.limits import Limits, travel
-from gsid.model import RationalModel
-from gsid.noise import noise
-from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.comparison import compare
+from gsid.excitation.limits import travel
+from gsid.excitation.multisine import Multisine
+from gsid.excitation.periodic import Limits
+from gsid.models.confidence import complex_bound, gain_phase_std
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.spectrum.noise import noise
+from gsid.spectrum.realisation import spectra
 
 FS_HZ, N, DELAY_S = 3000.0, 1500, 0.0054
 LINE = np.arange(1, 126)  # 2 to 250 Hz

@@ -80,7 +80,7 @@ def test_it_is_added_and_found(records):
 
 
 def test_the_class_the_json_and_the_exported_code_know_it():
-    from gsid.effects import catalogue
+    from gsid.effects.types import catalogue
 
     known = catalogue()["quadratic_spring"]
     assert known["stiffness"].unit == "1/(s^2 deg)"

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from gsid.errors import InputError
-from gsid.record import Record, find_period, find_settling, split_periods
+from gsid.base.errors import InputError
+from gsid.records.periods import find_period, find_settling, split_periods
+from gsid.records.record import Record
 from measured import BENCH, needs_bench
 
 

@@ -10,16 +10,16 @@ import pytest
 from plants import axis_record, plant
 
 from gsid import plots
-from gsid.compare import compare
-from gsid.diagnose import diagnose
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.ladder import add
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.comparison import compare
+from gsid.diagnosis.add import add
+from gsid.diagnosis.diagnose import diagnose
+from gsid.excitation.multisine import Multisine
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
 from gsid.report import Report, Truth
 from gsid.report.tables import plant_table
-from gsid.spectra import spectra
+from gsid.response.estimate import frf
+from gsid.spectrum.realisation import spectra
 
 FS_HZ, N = 3000.0, 1500
 pytestmark = pytest.mark.xdist_group("report")  # the module's fixture is made once

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from line import GSID, multisine, quiet_axis, simulator
 
-from gsid.frf import frf
-from gsid.io import read_record
-from gsid.link import Link, LinkError, run
-from gsid.simulate import Damage, Server, pseudo_terminal, serve_line
-from gsid.spectra import spectra
+from gsid.records.files import read_record
+from gsid.response.estimate import frf
+from gsid.rig.link import Link, LinkError, run
+from gsid.rig.server import Damage, Server, pseudo_terminal, serve_line
+from gsid.spectrum.realisation import spectra
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 EXCITE = ("--period", "600", "--band", "5:600", "--lines", "odd", "--amplitude", "8")
@@ -279,12 +279,12 @@ def test_a_record_to_the_standard_output(folder):
 def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
     """The run is whole by then; the exit code tells of the signal all the same."""
     signalled = (
-        "import os, signal, sys, gsid.cli.run as run, gsid.io; write = gsid.io.write_record\n"
+        "import os, signal, sys, gsid.cli.run as run, gsid.records.files; write = gsid.records.files.write_record\n"
         "def slow(path, record):\n"
         "    os.kill(os.getpid(), signal.SIGTERM) if str(path) == 'a.csv' else None\n"
         "    os.kill(os.getpid(), signal.SIGINT) if str(path) == 'a.csv' else None\n"
         "    write(path, record)\n"
-        "gsid.io.write_record = slow\n"
+        "gsid.records.files.write_record = slow\n"
         "from gsid.cli.main import main; sys.exit(main())"
     )
     with simulator() as (_, port):

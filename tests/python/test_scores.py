@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.scores import (
+from gsid.diagnosis.score_test import (
     apart,
     family_wise_p,
     orthonormal,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.candidates import Candidate, Given
-from gsid.search import Search
+from gsid.diagnosis.candidates import Candidate, Given
+from gsid.diagnosis.search import Search
 
 N_DOF = 100
 NOISE = 110.0  # a cost that is noise only

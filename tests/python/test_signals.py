@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import chirp
 
-from gsid.excitation import GRIDS, Multisine, crest_factor
-from gsid.signals import Prbs, SteppedSine, Sweep
+from gsid.excitation.generators import Prbs, SteppedSine, Sweep
+from gsid.excitation.multisine import GRIDS, Multisine
+from gsid.excitation.periodic import crest_factor
 
 FS_HZ = 3000.0
 
@@ -150,7 +151,7 @@ def test_refused_with_the_nearest_request(ask, words):
 
 
 def test_scaling_and_files(tmp_path):
-    from gsid.io import read_record
+    from gsid.records.files import read_record
 
     signals = [
         Prbs.design(FS_HZ, 4 * 1499, (1, 300)),

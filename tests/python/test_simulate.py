@@ -5,11 +5,14 @@ import pytest
 from line import SESSION, frames_in, quiet_axis
 from scipy import signal
 
+from gsid.base.errors import GsidError, InputError
 from gsid.demo.missing import BELIEVED
-from gsid.effects import find
-from gsid.errors import GsidError, InputError
-from gsid.excitation import Multisine
-from gsid.link import (
+from gsid.effects.types import find
+from gsid.excitation.multisine import Multisine
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.rig.axis import HIDDEN, SimulatedAxis, hidden_parameters, parameter_types
+from gsid.rig.link import (
     COMMAND,
     COMMAND_LOST,
     FRAME_BYTES,
@@ -21,18 +24,7 @@ from gsid.link import (
     frames,
     hello_frame,
 )
-from gsid.plant import Effect, Param, PlantModel
-from gsid.simulate import (
-    HIDDEN,
-    LEAD_S,
-    QUEUE,
-    WATCHDOG_S,
-    Damage,
-    Server,
-    SimulatedAxis,
-    hidden_parameters,
-    parameter_types,
-)
+from gsid.rig.server import LEAD_S, QUEUE, WATCHDOG_S, Damage, Server
 
 
 def hello(server: Server) -> np.ndarray:

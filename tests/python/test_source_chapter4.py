@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gsid.excitation import Multisine
-from gsid.frf import frf
-from gsid.record import Record
-from gsid.spectra import spectra
-from gsid.streaming import StreamingFrf
+from gsid.excitation.multisine import Multisine
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.response.streaming import StreamingFrf
+from gsid.spectrum.realisation import spectra
 
 FS_HZ, N, M = 1000.0, 400, 25
 B, A = [0, 0.4], [1, -0.6]

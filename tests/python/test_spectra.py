@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from gsid.record import Record
-from gsid.spectra import covariance, period_lines, spectra, variance_between_lines
+from gsid.records.record import Record
+from gsid.spectrum.lines import covariance, period_lines, variance_between_lines
+from gsid.spectrum.realisation import spectra
 
 N, P, SEED = 600, 4, 41
 

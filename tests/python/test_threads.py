@@ -34,7 +34,7 @@ def in_threads():
 
 
 def test_answers_in_threads_are_those_alone(in_threads):
-    """Bug: two searches of phases at once (`gsid.limits.optimise`) corrupted the heap."""
+    """Bug: two searches of phases at once (`gsid.excitation.limits.optimise`) corrupted the heap."""
     assert in_threads["different"] == []
 
 
@@ -61,7 +61,7 @@ def test_children_forked_beside_threads_do_not_hang():
 
 FORKED_IN_A_PROPERTY = """
 import os, signal, threading
-from gsid.spectra import Spectra, spectra
+from gsid.spectrum.spectra import Spectra; from gsid.spectrum.realisation import spectra
 import gsid.spectra as module
 from concurrent_jobs import record
 

@@ -5,9 +5,10 @@ import pytest
 from plants import FS_HZ, axis_period, plant
 
 from gsid import plots
-from gsid.excitation import Multisine
-from gsid.spectra import Spectra, lines_of
-from gsid.torque import torque_residual
+from gsid.diagnosis.torque_residual import torque_residual
+from gsid.excitation.multisine import Multisine
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.spectra import Spectra
 
 SEED = 20260306
 N, BAND, NOISE, PERIODS = 1500, (2.0, 100.0), 0.02, 6

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.errors import InputError
-from gsid.estimators import fit_all
-from gsid.fit import fit
-from gsid.frf import Frf
-from gsid.model import RationalModel
-from gsid.order import select_order
-from gsid.validation import validate
+from gsid.base.errors import InputError
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.order import select_order
+from gsid.fitting.rational import fit
+from gsid.fitting.validation import validate
+from gsid.models.rational import RationalModel
+from gsid.response.frf import Frf
 
 SEED = 20260403
 F = np.arange(1, 61) * 2.0

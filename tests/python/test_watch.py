@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from line import Loopback, multisine, quiet_axis
 
-from gsid.link import LimitError, Stopped, run
-from gsid.simulate import Server, SimulatedAxis
-from gsid.watch import RunLimits, Watch
+from gsid.rig.axis import SimulatedAxis
+from gsid.rig.link import LimitError, Stopped, run
+from gsid.rig.server import Server
+from gsid.rig.watch import RunLimits, Watch
 
 FS_HZ = 100.0
 

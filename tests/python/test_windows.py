@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import coherence, csd, freqz, lfilter, welch
 
-from gsid.errors import InputError, NotPeriodicError
-from gsid.fit import fit
-from gsid.frf import frf
-from gsid.record import Record
-from gsid.spectra import spectra
+from gsid.base.errors import InputError, NotPeriodicError
+from gsid.fitting.rational import fit
+from gsid.records.record import Record
+from gsid.response.estimate import frf
+from gsid.spectrum.realisation import spectra
 
 FS_HZ, WINDOW = 1000.0, 512
 B, A = [0, 0.1], [1, -0.9]

@@ -32,9 +32,9 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.effects import EffectType
-    from gsid.ladder import Addition
-    from gsid.record import Record
+    from gsid.diagnosis.add import Addition
+    from gsid.effects.types import EffectType
+    from gsid.records.record import Record
 
 Bounds = tuple[float, float] | None
 
@@ -134,8 +134,8 @@ def add(
         effect, records = None, (effect, *records)
     if not records:
         raise click.UsageError("a record is missing", ctx)
-    from gsid.files import is_stdout
-    from gsid.ladder import add as add_effect
+    from gsid.base.files import is_stdout
+    from gsid.diagnosis.add import add as add_effect
 
     with options_as_arguments():
         chosen = _own(torque, table, library, params) if own else effect
@@ -170,7 +170,7 @@ def _check(
     ctx: click.Context, effect: str | None, own: Sequence[object], params: Sequence[tuple[str, float, Bounds]]
 ) -> None:
     """Refuse what does not name one effect, or a value twice."""
-    from gsid.effects import catalogue
+    from gsid.effects.types import catalogue
 
     if len(own) > 1:
         raise click.UsageError("--torque, --table and --library name one effect each: give one of them", ctx)
@@ -214,7 +214,7 @@ def _print(result: Addition) -> None:
 
 
 def _undo(model_path: str, output: str, as_json: bool) -> None:
-    from gsid.ladder import ladder, undo
+    from gsid.diagnosis.ladder import ladder, undo
 
     model = load_plant(model_path)
     before = undo(model)

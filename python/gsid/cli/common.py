@@ -21,13 +21,13 @@ import click
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gsid.diagnose import Diagnosis
-    from gsid.ladder import Ladder
-    from gsid.mimo import MimoRecord
-    from gsid.model import RationalModel
-    from gsid.plant import PlantModel
-    from gsid.record import Record
-    from gsid.spectra import Spectra
+    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.ladder import Ladder
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+    from gsid.records.mimo import MimoRecord
+    from gsid.records.record import Record
+    from gsid.spectrum.spectra import Spectra
 
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
 
@@ -135,7 +135,7 @@ class FilesInUse:
     @classmethod
     def of(cls, ctx: click.Context | None) -> FilesInUse:
         """Those of the command that runs; the same for all its arguments."""
-        return cls() if ctx is None else ctx.meta.setdefault("gsid.files", cls())
+        return cls() if ctx is None else ctx.meta.setdefault("gsid.base.files", cls())
 
     def read(self, *paths: str) -> None:
         """Note inputs.
@@ -157,8 +157,8 @@ class FilesInUse:
         InputError
             One of them is an input or another output, or nothing can be written there.
         """
-        from gsid.errors import InputError
-        from gsid.files import refuse_overwrite, target_of
+        from gsid.base.errors import InputError
+        from gsid.base.files import refuse_overwrite, target_of
 
         for path in map(str, paths):
             folder = target_of(path).parent
@@ -173,7 +173,7 @@ class FilesInUse:
 
     @staticmethod
     def _check(output: str, inputs: Iterable[str]) -> None:
-        from gsid.files import refuse_overwrite
+        from gsid.base.files import refuse_overwrite
 
         refuse_overwrite(output, inputs, "the output would replace an input")
 
@@ -216,7 +216,7 @@ class OutputPath(click.Path):
         self.streams = streams
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from gsid.files import is_stdout
+        from gsid.base.files import is_stdout
 
         path = super().convert(value, param, ctx)
         if not is_stdout(path):
@@ -346,11 +346,11 @@ def reading_options(command: Callable) -> Callable:
         def read(
             paths: Sequence[str], *, matrix: bool = False, **how: bool
         ) -> list[Record] | list[MimoRecord]:
-            from gsid.io import read_record
+            from gsid.records.files import read_record
 
             given = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
             if matrix and "," in f"{u_name}{y_name}":
-                from gsid.mimo import read_mimo_record
+                from gsid.records.mimo import read_mimo_record
 
                 names = [(name or default).split(",") for name, default in ((u_name, "u"), (y_name, "y"))]
                 return [read_mimo_record(path, *names, **given) for path in paths]
@@ -390,7 +390,7 @@ def check_picture(picture: str | None) -> None:
 def draw(figure: Callable[[], Figure], picture: str | None) -> None:
     """Write a figure where a picture was asked for; only then is it made."""
     if picture:
-        from gsid.files import write_atomically
+        from gsid.base.files import write_atomically
 
         write_atomically(picture, lambda part: figure().savefig(part))
         say(f"wrote {picture}")
@@ -409,9 +409,9 @@ def load_single(path: str) -> RationalModel | PlantModel:
     InputError
         It cannot be read, or is a matrix of responses.
     """
-    from gsid.errors import InputError
-    from gsid.mimo_model import MimoModel
-    from gsid.model import load_model
+    from gsid.base.errors import InputError
+    from gsid.models.load import load_model
+    from gsid.models.mimo import MimoModel
 
     model = load_model(path)
     if isinstance(model, MimoModel):
@@ -429,9 +429,9 @@ def load_plant(path: str) -> PlantModel:
     InputError
         It cannot be read, or is a fitted transfer function.
     """
-    from gsid.errors import InputError
-    from gsid.model import load_model
-    from gsid.plant import PlantModel
+    from gsid.base.errors import InputError
+    from gsid.models.load import load_model
+    from gsid.plant.model import PlantModel
 
     model = load_model(path)
     if not isinstance(model, PlantModel):
@@ -443,7 +443,7 @@ def load_plant(path: str) -> PlantModel:
 @contextlib.contextmanager
 def options_as_arguments() -> Iterator[None]:
     """What the library refuses as an argument (ValueError, TypeError) came from an option: a usage error."""
-    from gsid.errors import InputError
+    from gsid.base.errors import InputError
 
     try:
         yield
@@ -577,8 +577,8 @@ def with_ladder(
     given: PlantModel, found: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
 ) -> PlantModel:
     """The model that a diagnosis found, with its ladder where the data suffice to keep some out."""
-    from gsid.errors import GsidError, InputError
-    from gsid.ladder import with_history
+    from gsid.base.errors import GsidError, InputError
+    from gsid.diagnosis.add import with_history
 
     if not found.found:
         return found.model
@@ -602,7 +602,7 @@ def print_ladder(ladder: Ladder) -> None:
 def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
     """Note that the records do not state their hold, what was taken, and how to settle it."""
     if is_assumed:
-        from gsid.hold import words
+        from gsid.base.hold import words
 
         say(f"note: {words(hold, other_delay_s)}")
 

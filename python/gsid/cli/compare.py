@@ -25,10 +25,10 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.compare import Comparison
-    from gsid.model import RationalModel
-    from gsid.plant import PlantModel
-    from gsid.record import Record
+    from gsid.comparison import Comparison
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+    from gsid.records.record import Record
 
 
 @click.command(short_help="Compare a model with records.")
@@ -71,7 +71,7 @@ def compare(
     excited count too: what stands there is distortion. The verdict is an answer, not
     a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
     """
-    from gsid.compare import compare as compare_model
+    from gsid.comparison import compare as compare_model
 
     check_picture(picture)
     model = load_single(model_path)
@@ -89,8 +89,8 @@ def compare(
 
 def _cost_means(model: RationalModel | PlantModel) -> str:
     """What a cost says of a model, by what its fit made small."""
-    from gsid.greybox import COST_MEANS
-    from gsid.plant import PlantModel
+    from gsid.greybox.fit import COST_MEANS
+    from gsid.plant.model import PlantModel
 
     method = (
         (model.fit or {}).get("method") if isinstance(model, PlantModel) else getattr(model, "method", None)

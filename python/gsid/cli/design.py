@@ -29,9 +29,9 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.excitation import Periodic
-    from gsid.limits import Limits, Model
-    from gsid.record import Record
+    from gsid.excitation.limits import Model
+    from gsid.excitation.periodic import Limits, Periodic
+    from gsid.records.record import Record
 
 NUMBERS_PER_LINE = 6  # of the C table
 
@@ -81,7 +81,8 @@ def _finished(command: Callable) -> Callable:
         as_json: bool,
         **kwargs: object,
     ) -> None:
-        from gsid.limits import Limits, fit_to_limits, travel
+        from gsid.excitation.limits import fit_to_limits, travel
+        from gsid.excitation.periodic import Limits
 
         context = click.get_current_context()
         if limit_travel_deg is not None and model_path is None:
@@ -137,8 +138,8 @@ def multisine(
     Odd lines leave the even ones free, to show even distortion; odd-random leaves out one odd line of four
     besides, to show odd distortion. With limits the amplitude is the largest that they allow.
     """
-    from gsid.excitation import Multisine
-    from gsid.limits import optimise as search
+    from gsid.excitation.limits import optimise as search
+    from gsid.excitation.multisine import Multisine
 
     signal = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude, peak=peak)
     if optimise:
@@ -172,7 +173,7 @@ def prbs(
 
     Not every period has a sequence; the nearest one that has is named.
     """
-    from gsid.signals import Prbs
+    from gsid.excitation.generators import Prbs
 
     return Prbs.design(fs_hz, period, band, kind=kind, amplitude=1.0 if amplitude is None else amplitude)
 
@@ -211,7 +212,7 @@ def sweep(
     """
     import math
 
-    from gsid.signals import Sweep
+    from gsid.excitation.generators import Sweep
 
     size, phase_rad = 1.0 if amplitude is None else amplitude, math.radians(phase_deg)
     return Sweep.design(
@@ -249,7 +250,7 @@ def stepped_sine(
 
     period_samples is the length of the whole sequence.
     """
-    from gsid.signals import SteppedSine
+    from gsid.excitation.generators import SteppedSine
 
     return SteppedSine.design(
         fs_hz,
@@ -279,8 +280,8 @@ def budget(records: list[Record], band: tuple[float, float] | None, sigma: float
     amplitude_factor is what the amplitude would have to be multiplied by to reach the same without measuring
     longer. Noise falls with both; distortion does not: see gsid distortion.
     """
-    from gsid.frf import frf
-    from gsid.limits import plan_budget
+    from gsid.excitation.limits import plan_budget
+    from gsid.response.estimate import frf
 
     response = frf(records, band=band)
     with options_as_arguments():
@@ -313,7 +314,7 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
 def _write(path: str, signal: Periodic) -> None:
     import numpy as np
 
-    from gsid.files import kind_of, write_atomically
+    from gsid.base.files import kind_of, write_atomically
 
     arrays = {
         "u": signal.table(),
@@ -349,7 +350,7 @@ def _write(path: str, signal: Periodic) -> None:
 
 def _c_table(stem: str, signal: Periodic) -> str:
     """One period as a C99 header; single precision, which is what a drive takes."""
-    from gsid.c_text import literal, refused_name
+    from gsid.base.c_text import literal, refused_name
 
     name = re.sub(r"[^A-Za-z0-9]+", "_", stem)
     name = f"u_{name}" if refused_name(name) else name

@@ -32,11 +32,11 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.compare import Comparison
-    from gsid.diagnose import Diagnosis
-    from gsid.ladder import Ladder
-    from gsid.record import Record
-    from gsid.torque import TorqueResidual
+    from gsid.comparison import Comparison
+    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.ladder import Ladder
+    from gsid.diagnosis.torque_residual import TorqueResidual
+    from gsid.records.record import Record
 
 
 @click.command(short_help="Find the physical effect that a model misses.")
@@ -75,10 +75,10 @@ def diagnose(
     by one and ranked by evidence; those that the data cannot tell apart stand in one group. Best are several
     realisations at two levels of the excitation.
     """
-    from gsid.compare import compare
-    from gsid.diagnose import diagnose as find_missing
-    from gsid.ladder import ladder
-    from gsid.spectra import spectra
+    from gsid.comparison import compare
+    from gsid.diagnosis.diagnose import diagnose as find_missing
+    from gsid.diagnosis.ladder import ladder
+    from gsid.spectrum.realisation import spectra
 
     check_picture(picture)
     model = load_plant(model_path)
@@ -96,7 +96,7 @@ def diagnose(
         say(f"wrote {output}")
     missing = None
     if curve or result.verdict == "unknown_effect":
-        from gsid.torque import torque_residual
+        from gsid.diagnosis.torque_residual import torque_residual
 
         missing = torque_residual(result.steps[0].fit.model, measured, band=band)
     if curve:

@@ -19,9 +19,9 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.distortion import Distortion
-    from gsid.level_tests import Superposition
-    from gsid.record import Record
+    from gsid.records.record import Record
+    from gsid.response.distortion import Distortion
+    from gsid.response.superposition import Superposition
 
 
 @click.command(short_help="Noise and nonlinear distortion, apart.")
@@ -54,8 +54,8 @@ def distortion(
     even and odd are amplitudes of the output at the lines even_hz and odd_hz that are not excited,
     even_noise and odd_noise what noise alone would leave there.
     """
-    from gsid.distortion import distortion as measure
-    from gsid.level_tests import superposition
+    from gsid.response.estimate_distortion import distortion as measure
+    from gsid.response.superposition import superposition
 
     result = measure(read(records), band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
@@ -87,7 +87,7 @@ def _values(d: Distortion) -> dict:
         values[f"{name}_hz"] = d.free_f_hz[chosen]
         values[f"{name}_noise"] = d.level_noise[chosen]
     if len(d.line) == 1:
-        from gsid.level_tests import harmonics
+        from gsid.response.superposition import harmonics
 
         values["harmonics"] = [vars(h) for h in harmonics(d)]
     keys = ("n_periods", "n_realisations", "n_spoiled", "period_samples", "settle_samples", "fs_hz")
@@ -142,7 +142,7 @@ def _print(d: Distortion) -> None:
 
 
 def _print_harmonics(d: Distortion) -> None:
-    from gsid.level_tests import harmonics
+    from gsid.response.superposition import harmonics
 
     unit = f" [{d.y_unit}]" if d.y_unit else ""
     header = ["order", "f [Hz]", f"amplitude{unit}", "below the sine [dB]", "above noise [dB]"]

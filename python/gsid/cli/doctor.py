@@ -101,8 +101,8 @@ def _measurement() -> Check:
     try:
         import numpy as np
 
-        from gsid.frf import frf
-        from gsid.record import Record
+        from gsid.records.record import Record
+        from gsid.response.estimate import frf
 
         n, line = 64, np.arange(33)
         spectrum = np.where((line > 0) & (line < 20), np.exp(1j * line**2), 0)

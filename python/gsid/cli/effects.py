@@ -15,7 +15,7 @@ def effects(ids: tuple[str, ...], as_json: bool) -> None:
 
     A model file names them, with a value for each of their parameters.
     """
-    from gsid.effects import catalogue, find
+    from gsid.effects.types import catalogue, find
 
     chosen = [find(one) for one in ids] or list(catalogue().values())
     if as_json:

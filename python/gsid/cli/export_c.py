@@ -35,9 +35,9 @@ def export_c(
     NAME_step takes the command of a sample and gives the output. A plant's friction and other torques that
     are not linear are left out of it: NAME_feedforward gives the command that takes them away.
     """
-    from gsid.export_c import export_c as export
-    from gsid.files import write_atomically
-    from gsid.hold import facts_of
+    from gsid.base.files import write_atomically
+    from gsid.models.export_c import export_c as export
+    from gsid.models.hold import facts_of
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")

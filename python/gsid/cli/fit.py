@@ -37,14 +37,14 @@ from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 if TYPE_CHECKING:
     import numpy as np
 
-    from gsid.fit_warnings import FitWarning
-    from gsid.frf import Frf
-    from gsid.mimo import MimoRecord
-    from gsid.model import RationalModel
-    from gsid.order import OrderChoice
-    from gsid.plant import PlantModel
-    from gsid.record import Record
-    from gsid.validation import Validation
+    from gsid.fitting.order import OrderChoice
+    from gsid.fitting.validation import Validation
+    from gsid.models.fit_warning import FitWarning
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+    from gsid.records.mimo import MimoRecord
+    from gsid.records.record import Record
+    from gsid.response.frf import Frf
 
 
 class Pieces(click.ParamType):
@@ -177,10 +177,10 @@ def fit(
         _check_options_of_plants(ctx, method)
         _fit_plant(load_plant(model_path), read(records), band, method, output, as_json)
         return
-    from gsid.fit import fit as fit_model
-    from gsid.frf import frf
-    from gsid.record import Record
-    from gsid.validation import validate
+    from gsid.fitting.rational import fit as fit_model
+    from gsid.fitting.validation import validate
+    from gsid.records.record import Record
+    from gsid.response.estimate import frf
 
     fitted = read(records, matrix=True)
     options: dict[str, Any] = {"delay": delay, "band": band, "domain": domain}
@@ -259,7 +259,7 @@ def _check_options_of_plants(ctx: click.Context, method: str) -> None:
 def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:
     import numpy as np
 
-    from gsid.order import far_out, near_cancelled
+    from gsid.fitting.order import far_out, near_cancelled
 
     trade = "; the delay may trade against {}" if model.free_delay else ""
     f_hz = (
@@ -275,7 +275,7 @@ def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:
 
 def _save(model: RationalModel, output: str) -> None:
     if output.lower().endswith(".mat"):
-        from gsid.convert import save_mat
+        from gsid.models.convert import save_mat
 
         save_mat(model, output)
     else:
@@ -290,9 +290,9 @@ def _fit_plant(
     output: str | None,
     as_json: bool,
 ) -> None:
-    from gsid.greybox import COST_MEANS, fit_plant
-    from gsid.linear_start import linear_start
-    from gsid.spectra import spectra
+    from gsid.greybox.fit import COST_MEANS, fit_plant
+    from gsid.greybox.linear_start import linear_start
+    from gsid.spectrum.realisation import spectra
 
     n_free = len(start.free_names)
     with working(f"fitting {n_free} parameters to {describe(records)}"), options_as_arguments():
@@ -325,7 +325,7 @@ def _fit_pieces(
     **options: object,
 ) -> None:
     """A model of low order in each of several adjoining bands."""
-    from gsid.piecewise import fit_piecewise
+    from gsid.fitting.piecewise import fit_piecewise
 
     with working(f"fitting pieces of {order} to {records}"), options_as_arguments():
         found = fit_piecewise(frf, order, n_pieces, **options)
@@ -358,7 +358,7 @@ def _fit_all(
     frf: Frf, records: str, output: str | None, as_json: bool, order: str, **options: object
 ) -> None:
     """Every estimator; the model written is the best."""
-    from gsid.estimators import fit_all
+    from gsid.fitting.estimators import fit_all
 
     with working(f"fitting {order} to {records} by every estimator"), options_as_arguments():
         found = fit_all(frf, order, **options)
@@ -462,7 +462,7 @@ def _coefficients(model: RationalModel) -> list[list[str]]:
 
 def _roots(kind: str, roots: np.ndarray, covariances: np.ndarray, model: RationalModel) -> list[list[str]]:
     """One row per real root or conjugate pair, in the continuous plane's frequency and damping."""
-    from gsid.confidence import NORMAL_95, root_quantities
+    from gsid.models.confidence import NORMAL_95, root_quantities
 
     rows = []
     for root, covariance in zip(roots, covariances, strict=True):

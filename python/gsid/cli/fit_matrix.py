@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from gsid.mimo import MimoRecord
-    from gsid.mimo_model import MimoModel
+    from gsid.models.mimo import MimoModel
+    from gsid.records.mimo import MimoRecord
 
 
 def fit_matrix(
@@ -40,8 +40,9 @@ def fit_matrix(
     **options: object,
 ) -> None:
     """Fit one model with common poles to the experiments, and say what it is."""
-    from gsid.mimo import frf_mimo, nrmse
-    from gsid.mimo_fit import fit_mimo
+    from gsid.fitting.mimo import fit_mimo
+    from gsid.fitting.validation import nrmse
+    from gsid.response.mimo import frf_mimo
 
     if output and output.lower().endswith(".mat"):
         raise click.UsageError("a matrix of responses is written as .json", click.get_current_context())
@@ -112,7 +113,7 @@ def _delay_cell(model: MimoModel, i: int, j: int) -> str:
 
 
 def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
-    from gsid.confidence import NORMAL_95
+    from gsid.models.confidence import NORMAL_95
 
     converged = "converged" if model.converged else "not converged"
     stable = "stable" if model.stable else "NOT STABLE"

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from gsid.cli.common import options_as_arguments, print_table, working
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
-    from gsid.mimo import MimoFrf
-    from gsid.order import OrderChoice
+    from gsid.fitting.order import OrderChoice
+    from gsid.response.frf import Frf
+    from gsid.response.mimo import MimoFrf
 
 
 def choose_order(frf: Frf | MimoFrf, records: str, **options: object) -> OrderChoice:
     """Choose the order for what was measured from `records`, in words."""
-    from gsid.order import select_order
+    from gsid.fitting.order import select_order
 
     with working(f"choosing an order for {records}"), options_as_arguments():
         return select_order(frf, **options)

@@ -20,8 +20,8 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
-    from gsid.record import Record
+    from gsid.records.record import Record
+    from gsid.response.frf import Frf
 
 
 @click.command(short_help="Frequency response and its variance from records.")
@@ -77,7 +77,7 @@ def frf(
     Without a period, --window or an input that does not repeat, the response is H1 by Hann windows, biased
     by leakage: read the warning.
     """
-    from gsid.frf import frf as measure
+    from gsid.response.estimate import frf as measure
 
     with options_as_arguments():
         result = measure(
@@ -147,7 +147,7 @@ def _print(frf: Frf) -> None:
 def _write(path: str, frf: Frf) -> None:
     import numpy as np
 
-    from gsid.files import kind_of, write_atomically
+    from gsid.base.files import kind_of, write_atomically
 
     columns = _columns(frf)
     keys = {key: value for key, value in _keys(frf).items() if value is not None}  # a hold may be unknown

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand
 
+from gsid.base.errors import GsidError, InputError, SimulationError
 from gsid.cli.common import (
     EXIT_GOOD,
     EXIT_INPUT,
@@ -23,7 +24,6 @@ from gsid.cli.common import (
     version,
     visible,
 )
-from gsid.errors import GsidError, InputError, SimulationError
 
 VERBS = {
     "design": "Make a periodic excitation.",
@@ -81,7 +81,7 @@ class Verbs(click.Group):
 def gsid(libraries: Sequence[tuple[str, str]]) -> None:
     """Measure a servo axis, fit a model, and see where the two differ."""
     if libraries:
-        from gsid.effects import load
+        from gsid.effects.custom import load
 
         for path, name in libraries:
             load(path, name)

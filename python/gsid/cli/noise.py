@@ -21,8 +21,8 @@ from gsid.cli.common import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from gsid.noise import Noise
-    from gsid.record import Record
+    from gsid.records.record import Record
+    from gsid.spectrum.noise import Noise
 
 
 @click.command(short_help="Spectrum and variance of the noise, and what is periodic in it.")
@@ -51,7 +51,7 @@ def noise(
     by their frequency. The spectrum is what is left without them. A file needs no input; where there is a
     periodic one, its response is taken off first. With zero input --period sets the resolution.
     """
-    from gsid.noise import noise as analyse
+    from gsid.spectrum.noise import noise as analyse
 
     check_picture(picture)
     if picture and len(records) > 1:

@@ -24,11 +24,11 @@ from gsid.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from gsid.distortion import Distortion
-    from gsid.plant import PlantModel
-    from gsid.record import Record
+    from gsid.plant.model import PlantModel
+    from gsid.records.record import Record
     from gsid.report import Report
-    from gsid.spectra import Spectra
+    from gsid.response.distortion import Distortion
+    from gsid.spectrum.spectra import Spectra
 
 
 @click.command(short_help="Write a report as one HTML page.")
@@ -79,15 +79,15 @@ def report(
 
     Without --model and --order the page shows the measurement only. The name of the page is printed.
     """
-    from gsid.compare import compare
-    from gsid.files import is_stdout
-    from gsid.fit import fit
-    from gsid.frf import frf
-    from gsid.limits import Limits
-    from gsid.noise import noise
-    from gsid.order import select_order
+    from gsid.base.files import is_stdout
+    from gsid.comparison import compare
+    from gsid.excitation.periodic import Limits
+    from gsid.fitting.order import select_order
+    from gsid.fitting.rational import fit
     from gsid.report import Report
-    from gsid.spectra import spectra
+    from gsid.response.estimate import frf
+    from gsid.spectrum.noise import noise
+    from gsid.spectrum.realisation import spectra
 
     context = click.get_current_context()
     if model_path and order:
@@ -121,7 +121,7 @@ def report(
             limits=Limits(limit_command, limit_travel_deg),
         )
         if estimators:
-            from gsid.estimators import fit_all
+            from gsid.fitting.estimators import fit_all
 
             page.add_estimators("Estimators", response, fit_all(response, order))
         if diagnose:
@@ -135,8 +135,8 @@ def report(
 
 def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | None) -> Distortion | None:
     """Records of several levels are compared with a plant, but have no one best linear approximation."""
-    from gsid.distortion import distortion
-    from gsid.errors import InputError
+    from gsid.base.errors import InputError
+    from gsid.response.estimate_distortion import distortion
 
     try:
         return distortion(measured, band=band)
@@ -149,8 +149,8 @@ def _add_diagnosis(
     page: Report, model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
 ) -> None:
     """What is missing, and the ladder that leads there."""
-    from gsid.diagnose import diagnose
-    from gsid.ladder import ladder
+    from gsid.diagnosis.diagnose import diagnose
+    from gsid.diagnosis.ladder import ladder
 
     found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
     measured = found.read(measured)

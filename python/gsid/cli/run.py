@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.files import is_stdout
 from gsid.cli.common import (
     INPUT,
     OUTPUT,
@@ -24,15 +25,14 @@ from gsid.cli.common import (
     say,
 )
 from gsid.cli.stopping import Stopping, tell
-from gsid.files import is_stdout
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from gsid.excitation import Multisine
-    from gsid.frf import Frf
-    from gsid.link import Progress
-    from gsid.record import Record
+    from gsid.excitation.multisine import Multisine
+    from gsid.records.record import Record
+    from gsid.response.frf import Frf
+    from gsid.rig.link import Progress
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
 JOURNAL = ".journal"  # behind the record's name
@@ -131,10 +131,10 @@ def run(
     Samples are written to REC.journal while they come. It is removed once the record is on the disk; what a
     crash or a full disk leaves behind becomes a record by `gsid run --recover REC.journal`.
     """
-    from gsid.excitation import Multisine
-    from gsid.link import run as drive
-    from gsid.streaming import StreamingFrf
-    from gsid.watch import RunLimits
+    from gsid.excitation.multisine import Multisine
+    from gsid.response.streaming import StreamingFrf
+    from gsid.rig.link import run as drive
+    from gsid.rig.watch import RunLimits
 
     if journal_file is not None:
         _recover(journal_file, output, as_json)
@@ -190,7 +190,7 @@ def run(
 
 def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
     """Write the record, then remove the journal; a record that cannot be written leaves the journal."""
-    from gsid.errors import InputError
+    from gsid.base.errors import InputError
 
     try:
         _write(path, record)
@@ -208,7 +208,7 @@ def _keep(path: Path, record: Record, journal: Path, failure: BaseException | No
 
 def _warn(meta: dict[str, str]) -> None:
     """What a run that reached its end is not quite sure of."""
-    from gsid.link import SILENCE_STOP_S
+    from gsid.rig.link import SILENCE_STOP_S
 
     if meta["command_zero_confirmed"] != "yes":
         say("warning: the axis has not confirmed that its command is zero")
@@ -222,8 +222,8 @@ def _warn(meta: dict[str, str]) -> None:
 
 def _recover(journal: str, output: str | None, as_json: bool) -> None:
     """The record of a journal; the journal stays."""
-    from gsid.errors import InputError
-    from gsid.journal import recover
+    from gsid.base.errors import InputError
+    from gsid.rig.journal import recover
 
     context = click.get_current_context()
     given = [
@@ -255,9 +255,9 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     """One period, its rate and its excited lines."""
     import numpy as np
 
-    from gsid.errors import InputError
-    from gsid.excited import excited_lines
-    from gsid.io import read_record
+    from gsid.base.errors import InputError
+    from gsid.records.files import read_record
+    from gsid.spectrum.excited import excited_lines
 
     context = click.get_current_context()
     given = [f"--{name}" for name in DESIGN if is_given(context, name)]
@@ -280,8 +280,8 @@ def _try_out(path: Path) -> None:
 
     import numpy as np
 
-    from gsid.io import write_record
-    from gsid.record import Record
+    from gsid.records.files import write_record
+    from gsid.records.record import Record
 
     # A name at which nobody can have laid a link.
     probe = path.with_name(f".gsid-{secrets.token_hex(8)}{path.suffix}")
@@ -292,7 +292,7 @@ def _try_out(path: Path) -> None:
 
 
 def _write(path: Path, record: Record) -> None:
-    from gsid.io import write_record
+    from gsid.records.files import write_record
 
     write_record(path, record)
     good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]

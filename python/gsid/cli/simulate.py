@@ -14,7 +14,7 @@ import click
 from gsid.cli.common import FILE_OUTPUT, Value, json_option, options_as_arguments, print_json, say
 
 if TYPE_CHECKING:
-    from gsid.simulate import Server
+    from gsid.rig.server import Server
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -73,17 +73,10 @@ def simulate(
 
     The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
     """
-    from gsid.errors import GsidError
-    from gsid.files import write_atomically
-    from gsid.simulate import (
-        Damage,
-        Server,
-        SimulatedAxis,
-        hidden_parameters,
-        pseudo_terminal,
-        serve_line,
-        symlink,
-    )
+    from gsid.base.errors import GsidError
+    from gsid.base.files import write_atomically
+    from gsid.rig.axis import SimulatedAxis, hidden_parameters
+    from gsid.rig.server import Damage, Server, pseudo_terminal, serve_line, symlink
 
     if params and not effect:
         raise click.UsageError("--param needs --effect", click.get_current_context())
@@ -144,15 +137,15 @@ def _logged(path: Path, server: Server, serve: Callable[[], None]) -> None:
 
 
 def _scaled_noise(factor: float) -> dict[str, float]:
-    from gsid.simulate import SimulatedAxis
+    from gsid.rig.axis import SimulatedAxis
 
     defaults = SimulatedAxis().parameters
     return {name: factor * defaults[name] for name in ("noise_rms", "noise_low_rms", "fan_amplitude")}
 
 
 def _parameter(text: str) -> tuple[str, float]:
-    from gsid.errors import choose
-    from gsid.simulate import parameter_types
+    from gsid.base.errors import choose
+    from gsid.rig.axis import parameter_types
 
     types = parameter_types()
     name, equals, value = text.partition("=")
@@ -170,7 +163,7 @@ def _parameter(text: str) -> tuple[str, float]:
 
 
 def _write_json(path: Path, values: dict) -> None:
-    from gsid.files import write_atomically
+    from gsid.base.files import write_atomically
 
     write_atomically(
         path, lambda part: part.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")

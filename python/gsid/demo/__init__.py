@@ -12,9 +12,9 @@ from gsid.demo import missing as second_half
 from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.linear import Experiment
 from gsid.demo.missing import Search
-from gsid.excitation import Multisine
-from gsid.link import Progress
+from gsid.excitation.multisine import Multisine
 from gsid.report import Report
+from gsid.rig.link import Progress
 
 
 @dataclass

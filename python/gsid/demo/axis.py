@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gsid.excitation import Multisine
-from gsid.io import write_record
-from gsid.link import Progress, run
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.records.files import write_record
+from gsid.records.record import Record
+from gsid.rig.link import Progress, run
 
 FS_HZ = 3000.0
 PERIOD = 6000

@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from gsid.compare import Comparison, compare
+from gsid.comparison import Comparison, compare
 from gsid.demo.axis import Bench
-from gsid.excitation import Multisine
-from gsid.fit import fit
-from gsid.frf import Frf, frf
-from gsid.model import RationalModel
-from gsid.record import Record
+from gsid.excitation.multisine import Multisine
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.records.record import Record
 from gsid.report import Report, Truth
-from gsid.spectra import Spectra, spectra
+from gsid.response.estimate import frf
+from gsid.response.frf import Frf
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.spectra import Spectra
 
 BAND_HZ = (0.5, 250.0)
 AMPLITUDE = 3.0  # command per line, as the source's Schroeder multisine

@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from gsid.compare import Comparison, compare
+from gsid.base.files import write_atomically
+from gsid.comparison import Comparison, compare
 from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.hidden import Hidden, draw
-from gsid.diagnose import Diagnosis, diagnose
-from gsid.excitation import Multisine
-from gsid.files import write_atomically
-from gsid.ladder import Ladder, add, ladder
-from gsid.plant import Effect, Param, PlantModel
+from gsid.diagnosis.add import add
+from gsid.diagnosis.diagnose import Diagnosis, diagnose
+from gsid.diagnosis.ladder import Ladder, ladder
+from gsid.excitation.multisine import Multisine
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
 from gsid.report import Report, Truth
-from gsid.simulate import SimulatedAxis
-from gsid.spectra import Spectra, spectra
+from gsid.rig.axis import SimulatedAxis
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.spectra import Spectra
 
 LEVELS = (15.0, 45.0)  # command of the first line; the larger one moves the axis by 3 deg
 SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis travels, below 2 Hz

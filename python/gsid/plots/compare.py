@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from gsid.confidence import complex_bound
+from gsid.models.confidence import complex_bound
 from gsid.plots.style import (
     BOUND_OF_NOISE,
     EXCESS,
@@ -32,8 +32,8 @@ from gsid.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from gsid.compare import Comparison
-    from gsid.ladder import Ladder
+    from gsid.comparison import Comparison
+    from gsid.diagnosis.ladder import Ladder
 
 # Legend of the errors that judge a ladder, by the name of their column.
 JUDGED = {

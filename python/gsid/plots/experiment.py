@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from gsid.excitation import between_samples
-from gsid.limits import travel_path, travel_unit
+from gsid.excitation.limits import travel_path, travel_unit
+from gsid.excitation.periodic import between_samples
 from gsid.plots.style import (
     EXCESS,
     MEASURED,
@@ -28,15 +28,15 @@ from gsid.plots.style import (
     styled,
     with_unit,
 )
-from gsid.spectra import lines_of, period_of
+from gsid.spectrum.lines import lines_of, period_of
 
 if TYPE_CHECKING:
-    from gsid.excitation import Multisine
-    from gsid.limits import Limits
-    from gsid.model import RationalModel
-    from gsid.plant import PlantModel
-    from gsid.record import Record
-    from gsid.spectra import Spectra
+    from gsid.excitation.multisine import Multisine
+    from gsid.excitation.periodic import Limits
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+    from gsid.records.record import Record
+    from gsid.spectrum.spectra import Spectra
 
 
 def _one_period(source: Multisine | Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from gsid.confidence import NORMAL_95
+from gsid.models.confidence import NORMAL_95
 from gsid.plots.style import (
     MEASURED,
     MODEL,
@@ -28,8 +28,8 @@ from gsid.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from gsid.mimo import MimoFrf
-    from gsid.mimo_model import MimoModel
+    from gsid.models.mimo import MimoModel
+    from gsid.response.mimo import MimoFrf
 
 
 @styled

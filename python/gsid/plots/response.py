@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gsid.confidence import (
+from gsid.models.confidence import (
     NORMAL_95,
     complex_bound,
     excess_bands,
@@ -45,9 +45,9 @@ from gsid.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
-    from gsid.model import RationalModel
-    from gsid.piecewise import PiecewiseModel
+    from gsid.models.piecewise import PiecewiseModel
+    from gsid.models.rational import RationalModel
+    from gsid.response.frf import Frf
 
 
 @styled

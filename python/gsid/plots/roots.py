@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from gsid.confidence import NORMAL_95, confidence_ellipse
+from gsid.models.confidence import NORMAL_95, confidence_ellipse
 from gsid.plots.style import (
     EXCESS,
     GRID_LINE,
@@ -25,7 +25,7 @@ from gsid.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from gsid.model import RationalModel
+    from gsid.models.rational import RationalModel
 
 
 @styled

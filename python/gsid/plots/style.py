@@ -13,11 +13,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
-from gsid.confidence import NORMAL_95
+from gsid.models.confidence import NORMAL_95
 
 if TYPE_CHECKING:
-    from gsid.frf import Frf
-    from gsid.model import RationalModel
+    from gsid.models.rational import RationalModel
+    from gsid.response.frf import Frf
 
 
 # Okabe and Ito's colours, which stay apart for the colour-blind; one meaning each in all pictures.

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from gsid.plots.style import EXCESS, MODEL, NOISE, new_figure, plain_text, styled, with_unit
 
 if TYPE_CHECKING:
-    from gsid.torque import Curve, TorqueResidual
+    from gsid.diagnosis.torque_residual import Curve, TorqueResidual
 
 
 @styled

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 import jinja2
 
 from gsid import plots
-from gsid.compare import compare
-from gsid.files import write_atomically
-from gsid.ladder import Ladder
-from gsid.plant import PlantModel
+from gsid.base.files import write_atomically
+from gsid.comparison import compare
+from gsid.diagnosis.ladder import Ladder
+from gsid.diagnosis.torque_residual import torque_residual
+from gsid.plant.model import PlantModel
 from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
 from gsid.report.tables import (
     ESTIMATORS_NOTE,
@@ -29,23 +30,22 @@ from gsid.report.tables import (
     truth_table,
 )
 from gsid.report.words import command_line, run_facts, verdict_of, versions
-from gsid.torque import torque_residual
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gsid.compare import Comparison
-    from gsid.diagnose import Diagnosis
-    from gsid.distortion import Distortion
-    from gsid.estimators import Estimators
-    from gsid.excitation import Multisine
-    from gsid.frf import Frf
-    from gsid.limits import Limits
-    from gsid.model import RationalModel
-    from gsid.noise import Noise
-    from gsid.piecewise import PiecewiseModel
-    from gsid.record import Record
-    from gsid.spectra import Spectra
+    from gsid.comparison import Comparison
+    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.excitation.multisine import Multisine
+    from gsid.excitation.periodic import Limits
+    from gsid.fitting.estimators import Estimators
+    from gsid.models.piecewise import PiecewiseModel
+    from gsid.models.rational import RationalModel
+    from gsid.records.record import Record
+    from gsid.response.distortion import Distortion
+    from gsid.response.frf import Frf
+    from gsid.spectrum.noise import Noise
+    from gsid.spectrum.spectra import Spectra
 
 
 @dataclass(frozen=True)

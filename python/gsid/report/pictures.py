@@ -13,16 +13,16 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from gsid import plots
-from gsid.ladder import ladder
-from gsid.limits import travel_unit
-from gsid.model import RationalModel
-from gsid.plant import PlantModel
+from gsid.diagnosis.ladder import ladder
+from gsid.excitation.limits import travel_unit
+from gsid.models.rational import RationalModel
+from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gsid.frf import Frf
-    from gsid.spectra import Spectra
+    from gsid.response.frf import Frf
+    from gsid.spectrum.spectra import Spectra
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid import plots
-from gsid.confidence import NORMAL_95, root_quantities
-from gsid.greybox import COST_MEANS
-from gsid.piecewise import PiecewiseModel
-from gsid.plant import Param, PlantModel
+from gsid.greybox.fit import COST_MEANS
+from gsid.models.confidence import NORMAL_95, root_quantities
+from gsid.models.piecewise import PiecewiseModel
+from gsid.plant.effect import Param
+from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
-    from gsid.candidates import Group
-    from gsid.compare import Comparison
-    from gsid.diagnose import Diagnosis
-    from gsid.model import RationalModel
-    from gsid.verdict import DistortedBand
+    from gsid.comparison import Comparison
+    from gsid.diagnosis.candidates import Group
+    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.models.rational import RationalModel
+    from gsid.response.distortion import DistortedBand
 
 ESTIMATORS_NOTE = (
     "Errors are root mean squares over the lines, from the measured response; the cost is that of maximum "

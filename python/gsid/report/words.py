@@ -12,14 +12,14 @@ import numpy as np
 
 from gsid import plots
 from gsid._lib import ffi, lib, version
-from gsid.piecewise import PiecewiseModel
-from gsid.plant import PlantModel
+from gsid.models.piecewise import PiecewiseModel
+from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
-    from gsid.compare import Comparison
-    from gsid.excitation import Multisine
-    from gsid.frf import Frf
-    from gsid.model import RationalModel
+    from gsid.comparison import Comparison
+    from gsid.excitation.multisine import Multisine
+    from gsid.models.rational import RationalModel
+    from gsid.response.frf import Frf
 
 
 def verdict_of(

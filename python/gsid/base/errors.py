@@ -1,0 +1,91 @@
+"""What can go wrong, by whose fault it is; hints on names that there are not."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class GsidError(RuntimeError):
+    """The C library refused or failed.
+
+    Parameters
+    ----------
+    code : int
+        Negative status of the library; docs/reference/errors.md lists them.
+    message : str
+        What was being done and what went wrong.
+    hint : str
+        What to do about it; empty where there is nothing general to say.
+    """
+
+    def __init__(self, code: int, message: str, hint: str = "") -> None:
+        super().__init__(code, message, hint)
+        self.code = code
+        self.message = message
+        self.hint = hint
+        _note(self, hint)
+
+    @property
+    def of_data(self) -> bool:
+        """Whether the numbers given are at fault: not finite, too few, singular, unstable or too steep."""
+        return self.code in (-4, -6, -7, -8, -11)
+
+    def __str__(self) -> str:
+        return f"{self.message} (status {self.code})"
+
+
+class SimulationError(GsidError):
+    """A plant with the values that it has cannot be simulated: the model is at fault, not the library."""
+
+
+class InputError(ValueError):
+    """A file or a record is not what it should be.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong.
+    where : str
+        File, line, column or sample at fault.
+    value : object
+        The offending value; None where there is none.
+    hint : str
+        What to do about it.
+    """
+
+    def __init__(self, what: str, where: str = "", value: object = None, hint: str = "") -> None:
+        super().__init__(what, where, value, hint)
+        self.what = what
+        self.where = where
+        self.value = value
+        self.hint = hint
+        _note(self, hint)
+
+    def __str__(self) -> str:
+        details = [self.where] if self.where else []
+        if self.value is not None:
+            details.append(str(self.value))
+        return f"{self.what} ({': '.join(details)})" if details else self.what
+
+
+class NotPeriodicError(InputError):
+    """The input of a record does not repeat."""
+
+
+def _note(error: Exception, hint: str) -> None:
+    """Let a traceback show the hint, as the command does."""
+    if hint:
+        error.add_note(f"hint: {hint}")
+
+
+def close(name: str, names: Iterable[str]) -> str:
+    """ "did you mean ...?", or nothing when no name is close."""
+    matches = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {matches[0]}?" if matches else ""
+
+
+def choose(name: str, names: Iterable[str]) -> str:
+    """Hint for a name that is not among `names`: the nearest one, and the list."""
+    names = list(names)
+    return f"{close(name, names)} there are: {', '.join(names) or 'none'}".lstrip()

@@ -1,0 +1,577 @@
+"""Is the model adequate, and where is it not? Measured mean spectra against the model's, line by line.
+
+At each line the model's output error of every period is E[p] = Y[p] - G U[p]; for a plant, whose answer is
+not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. The
+mean over the P periods, with its sample variance s^2 / P of nu = P - 1 degrees of freedom, is judged by
+`gsid.models.misfit` (CMP-1), together with the covariance of the model where it has one: a model that was
+fitted to other records carries their noise into these. (A wandering output scatters more from period to
+period than its mean; where the input repeats, s^2 is taken from what lies between the lines:
+`gsid.spectrum.lines.variance_between_lines`.) Each parameter fitted to these very records takes a degree of
+freedom instead, which only the caller can know (`fitted`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import stats
+
+from gsid.base.bands import in_band
+from gsid.base.hold import fit_readings, likelier
+from gsid.greybox.problem import least_size
+from gsid.greybox.weights import UNSETTLED, lines_used
+from gsid.models.misfit import Errors, misfit
+from gsid.models.rational import half_of
+from gsid.models.sample_rate import at_rate_of
+from gsid.plant.model import PlantModel, transport_delay_s
+from gsid.plant.units import check_units
+from gsid.spectrum.lines import for_weights
+from gsid.spectrum.realisation import spectra_of
+from gsid.spectrum.spectra import Spectra, is_open, read_as
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from gsid.models.piecewise import PiecewiseModel
+    from gsid.models.rational import RationalModel
+    from gsid.records.record import Record
+
+_log = logging.getLogger(__name__)
+
+KINDS = ("excited", "odd", "even")
+
+# Neighbouring bands are shown as one when their mean excess per line differs by no more than this factor.
+ALIKE = 10.0
+
+
+@dataclass(eq=False, repr=False)
+class Comparison:
+    """What :func:`compare` found.
+
+    Parameters
+    ----------
+    adequate : bool
+        The test of the whole band does not reject at level `alpha`.
+    p_value : float
+        Probability of a misfit this large or larger when the model is right.
+    alpha : float
+        False-alarm rate of the test.
+    cost_per_dof : float
+        Misfit over its mean when the model is right, which is 1.
+    rms_error, noise_floor_rms, model_uncertainty_rms : float
+        Rms of the mean output's error in the band, what noise alone leaves of it, and what the model's
+        covariance adds on average to a right model's; in the output's unit.
+    model_uncertainty : {"included", "none", "fitted"}
+        Whether the model's own uncertainty is allowed for: by its covariance; not, as it has none; or not, as
+        it was fitted to these records.
+    where : list of dict
+        Bands in which the model fails, largest share of the excess first: f_lo_hz, f_hi_hz, lines
+        ("excited", "odd", "even"), share (of the excess cost), p_value (within the band, corrected for the
+        number of bands), db (error over response of the whole band).
+    line, f_hz, kind : (k,) ndarrays
+        Line number, Hz, and what the line is: "excited", or a detection line, "odd" or "even".
+    error, y : (k,) complex ndarrays
+        Mean output minus model output, and mean output; of several records, of that which moves most.
+    sigma, sigma_model : (k,) ndarray
+        Standard deviation of that error when the model is right, and the part of it by the model's
+        uncertainty.
+    n_dof : int
+        Degrees of freedom of the noise's variance, sigma^2 - sigma_model^2: good periods of that record less
+        one.
+    cost : (k,) ndarray
+        T averaged over the records, of the error that is left beside the best change of the model within its
+        uncertainty.
+    n_periods, n_records : int
+        Good periods in all, and records.
+    deviance : float
+        -2 log likelihood but for a constant: T summed over all lines, twice.
+    hold : {"zoh", "none"} or None
+        How the records' input was taken between the samples; None where they state different holds.
+    hold_assumed : bool
+        The records do not state it: of both assumptions the one under which the model is adequate, else the
+        likelier.
+    other_delay_s : float or None
+        The model's delay [s] under the other assumption: from its fit where the hold was assumed there too,
+        else half a sample apart. None where the hold is stated or the model has no delay.
+    delay_hold_uncertainty_s : float or None
+        Difference of the delay between the two assumptions [s].
+    """
+
+    adequate: bool
+    p_value: float
+    alpha: float
+    cost_per_dof: float
+    rms_error: float
+    noise_floor_rms: float
+    model_uncertainty_rms: float
+    model_uncertainty: str
+    where: list[dict[str, Any]]
+    line: np.ndarray
+    f_hz: np.ndarray
+    kind: np.ndarray
+    error: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray
+    sigma_model: np.ndarray
+    n_dof: int
+    cost: np.ndarray
+    n_periods: int
+    n_records: int
+    y_unit: str = ""
+    names: list[str] = field(default_factory=list)
+    deviance: float = 0.0
+    hold: str | None = None
+    hold_assumed: bool = False
+    other_delay_s: float | None = None
+    delay_hold_uncertainty_s: float | None = None
+
+    @property
+    def verdict(self) -> str:
+        """What was found, for people, and whether the model's uncertainty is unknown."""
+        if self.model_uncertainty != "none":
+            return self._verdict
+        return f"{self._verdict} The model has no covariance: it is judged as if it were known exactly."
+
+    @property
+    def _verdict(self) -> str:
+        floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
+        size = f"rms error {self.rms_error:.3g} where noise alone leaves {floor}"
+        if self.model_uncertainty == "included":
+            size += f" and the model's uncertainty {self.model_uncertainty_rms:.3g}"
+        if self.adequate:
+            rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
+            return f"Adequate: what is left is noise ({size}; {rate})."
+        if not self.where:
+            return (
+                f"Not adequate: {size}; the excess is spread thinly over the band (p = {self.p_value:.2g})."
+            )
+        worst = self.where[0]
+        lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"
+        band = f"{worst['f_lo_hz']:.3g} to {worst['f_hi_hz']:.3g} Hz"
+        share = f"{100 * worst['share']:.0f} % of the excess lies at {band} on {lines}"
+        return f"Not adequate: {size}; {share} (cost {self.cost_per_dof:.3g} times that of noise)."
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid compare --json`."""
+        keys = (
+            "adequate",
+            "p_value",
+            "alpha",
+            "cost_per_dof",
+            "rms_error",
+            "noise_floor_rms",
+            "model_uncertainty_rms",
+            "model_uncertainty",
+            "where",
+            "n_periods",
+            "hold",
+            "hold_assumed",
+            "delay_hold_uncertainty_s",
+        )
+        return {key: getattr(self, key) for key in keys} | {"n_realisations": self.n_records}
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Error at the output against noise, with the bands where the model fails."""
+        from gsid import plots
+
+        return plots.comparison(self)
+
+    def __repr__(self) -> str:
+        lines = [self.verdict]
+        for band in self.where:
+            lines.append(
+                f"  {band['f_lo_hz']:8.4g} to {band['f_hi_hz']:8.4g} Hz  {band['lines']:8}  "
+                f"{100 * band['share']:5.1f} % of the excess  {band['db']:6.1f} dB of the response"
+            )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        import html
+
+        rows = "".join(
+            f"<tr><td>{band['f_lo_hz']:.4g} to {band['f_hi_hz']:.4g}</td><td>{band['lines']}</td>"
+            f"<td>{100 * band['share']:.1f}</td><td>{band['db']:.1f}</td></tr>"
+            for band in self.where
+        )
+        titles = ("band [Hz]", "lines", "share of excess [%]", "error / response [dB]")
+        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
+        table = f"<table>{head}{rows}</table>" if rows else ""
+        return f"<p>{html.escape(self.verdict)}</p>{table}"
+
+
+@dataclass
+class _Lines:
+    """One record's lines in the band."""
+
+    line: np.ndarray
+    f_hz: np.ndarray
+    kind: np.ndarray
+    y: np.ndarray
+    errors: Errors
+
+    @property
+    def power(self) -> np.ndarray:
+        """Factor from a line's |amplitude|^2 to its share of the mean square."""
+        return np.where(self.line == 0, 1.0, 0.5)
+
+    def mean_square(self, squares: np.ndarray) -> float:
+        """Of a signal with these |amplitude|^2."""
+        return float(np.sum(self.power * squares))
+
+
+def compare(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    period: int | None = None,
+    settle: int | None = None,
+    band: tuple[float, float] | None = None,
+    alpha: float = 0.05,
+    fitted: bool = False,
+) -> Comparison:
+    """Test a model against measurements and show where it fails (CMP-1, CMP-2).
+
+    Parameters
+    ----------
+    model : RationalModel, PiecewiseModel or PlantModel
+    records : Record or Spectra, or a sequence of them
+        One or more realisations, each with at least two good periods.
+    period, settle : int, optional
+        Samples in a period and samples thrown away first; default what the record says or shows.
+    band : (lo, hi), optional
+        Hz; default from the first to the last excited line, for a plant as in `gsid.fit_plant`.
+    alpha : float
+        False-alarm rate of the test.
+    fitted : bool
+        Whether the free parameters were fitted to these very records in this band. The test of the whole
+        band allows for them by their number; the bands of the misfit are still judged mildly. A model
+        fitted to other records, as by default, is allowed the covariance of its fit; one without covariance
+        is judged as if it were known exactly.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        No line in the band, or alpha not between 0 and 1.
+    TypeError
+        No model, or no record.
+    InputError
+        A record has less than two good periods, or no period, or its units are not the model's, or a
+        model in z has another sample rate.
+    GsidError
+        The plant cannot be simulated.
+
+    Notes
+    -----
+    Records that do not state their hold are compared under both assumptions: see `Comparison.hold_assumed`.
+    """
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
+    measured = spectra_of(records, period=period, settle=settle)
+    if not isinstance(model, PlantModel) and not hasattr(model, "response"):
+        raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
+    if isinstance(model, PlantModel) and not fitted:
+        _say_what_is_open(model)
+    if _depends_on_hold(model) and is_open(measured):
+        return _either(model, measured, lambda *case: _compared(*case, band, alpha, fitted=fitted))
+    return _compared(model, measured, band, alpha, fitted=fitted)
+
+
+def _depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
+    """A loop's reference is held whatever the records state; a model in z has any hold inside."""
+    if isinstance(model, PlantModel):
+        return not model.has_controller
+    return getattr(model, "pieces", (model,))[0].domain == "s"
+
+
+def _either(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    measured: list[Spectra],
+    compared: Callable[[Any, list[Spectra]], Comparison],
+) -> Comparison:
+    """The assumption under which the model is adequate; of two alike the likelier."""
+    cases = fit_readings(lambda reading: compared(_behind(model, reading), read_as(measured, reading)))
+    adequate = [reading for reading, case in cases.items() if case.adequate]
+    likeliest = likelier({reading: case.deviance for reading, case in cases.items()})
+    taken = adequate[0] if len(adequate) == 1 else likeliest
+    case, half = cases[taken], 0.5 / measured[0].fs_hz
+    case.hold, case.hold_assumed, case.delay_hold_uncertainty_s = taken, True, half
+    delay_s = transport_delay_s(model) if isinstance(model, PlantModel) else getattr(model, "delay_s", None)
+    if delay_s is not None:
+        fitted = (model.fit or {}) if isinstance(model, PlantModel) else vars(model)
+        other = fitted.get("other_delay_s") if fitted.get("hold") == taken else None
+        case.other_delay_s = delay_s + (half if taken == "zoh" else -half) if other is None else other
+        case.delay_hold_uncertainty_s = abs(delay_s - case.other_delay_s)
+    return case
+
+
+def _behind(model: RationalModel | PiecewiseModel | PlantModel, hold: str) -> Any:
+    """The model as it answers to an input of a hold; a plant is simulated as the records are read."""
+    if isinstance(model, PlantModel):
+        return model
+    if hasattr(model, "pieces"):
+        return replace(model, pieces=tuple(replace(piece, hold=hold) for piece in model.pieces))
+    return replace(model, hold=hold)
+
+
+def _compared(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    measured: list[Spectra],
+    band: tuple[float, float] | None,
+    alpha: float,
+    *,
+    fitted: bool,
+) -> Comparison:
+    parts = [_lines(model, s, band, with_uncertainty=not fitted) for s in measured]
+    errors = Errors.joined([part.errors for part in parts])
+    found = misfit(errors)
+
+    n, n_fitted = len(errors), _n_parameters(model) if fitted else 0
+    n_dof = max(found.n_dof - n_fitted, 1)
+    p_value = float(stats.chi2.sf(found.chi2, n_dof))
+    left = _by_record(parts, found.left)
+    shown = int(np.argmax([np.sum(np.abs(part.y) ** 2) for part in parts]))
+    of = parts[shown]
+
+    def rms(name: str) -> float:
+        return float(np.sqrt(np.mean([part.mean_square(getattr(part.errors, name)) for part in parts])))
+
+    return Comparison(
+        adequate=p_value >= alpha,
+        p_value=p_value,
+        alpha=alpha,
+        cost_per_dof=(_mean_cost(left) + found.moved / (2 * n)) * 2 * n / max(2 * n - n_fitted, 1),
+        rms_error=rms("squares"),
+        noise_floor_rms=rms("var_mean"),
+        model_uncertainty_rms=rms("var_model"),
+        model_uncertainty="fitted" if fitted else "included" if has_covariance(model) else "none",
+        where=_where(parts, errors, alpha),
+        line=of.line,
+        f_hz=of.f_hz,
+        kind=of.kind,
+        error=of.errors.error,
+        y=of.y,
+        sigma=np.sqrt(of.errors.var_mean + of.errors.var_model),
+        sigma_model=np.sqrt(of.errors.var_model),
+        n_dof=measured[shown].n_periods - 1,
+        cost=np.mean([one.t for one in left], axis=0) if _same_lines(parts) else left[shown].t,
+        n_periods=sum(s.n_periods for s in measured),
+        n_records=len(parts),
+        y_unit=measured[0].y_unit,
+        names=[s.name for s in measured],
+        deviance=_mean_cost(left) * 2 * n + found.moved,
+        hold=_common_hold(model, measured),
+    )
+
+
+def _common_hold(model: RationalModel | PiecewiseModel | PlantModel, measured: list[Spectra]) -> str | None:
+    is_loop = isinstance(model, PlantModel) and model.has_controller
+    holds = {"zoh"} if is_loop else {one.hold for one in measured}
+    return holds.pop() if len(holds) == 1 else None
+
+
+def _n_parameters(model: RationalModel | PiecewiseModel | PlantModel) -> int:
+    return len(model.free_names) if isinstance(model, PlantModel) else model.n_parameters
+
+
+def _same_lines(parts: list[_Lines]) -> bool:
+    return all(np.array_equal(part.line, parts[0].line) for part in parts)
+
+
+def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
+    """Whether the uncertainty of all of a model is known, of the parameters that are free now.
+
+    One that was made free after the fit has no standard deviation: the covariance is that of others.
+    """
+
+    def known(cov: np.ndarray | None, n_free: int) -> bool:
+        return cov is not None and cov.shape == (n_free, n_free) and bool(np.all(np.isfinite(cov)))
+
+    if isinstance(model, PlantModel) and any(model[name].std is None for name in model.free_names):
+        return False
+    pieces = getattr(model, "pieces", (model,))
+    return all(known(piece.cov, _n_parameters(piece)) for piece in pieces)
+
+
+def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
+    """Errors of all records, cut where they were joined."""
+    ends = np.cumsum([len(part.line) for part in parts])
+    return [errors[end - len(part.line) : end] for part, end in zip(parts, ends, strict=True)]
+
+
+def _lines(
+    model: RationalModel | PiecewiseModel | PlantModel,
+    s: Spectra,
+    band: tuple[float, float] | None,
+    *,
+    with_uncertainty: bool,
+) -> _Lines:
+    check_units(model, s)
+    if isinstance(model, PlantModel):
+        use = lines_used(model, s, band)
+    else:
+        model = at_rate_of(model, s)
+        f_excited = s.f_hz[s.excited]
+        inside = (s.line > 0) & (2 * s.line < s.period_samples)
+        use = inside.copy()
+        use[inside] = in_band(s.f_hz[inside], band if band is not None else (f_excited[0], f_excited[-1]))
+    known_input = isinstance(model, PlantModel) or not np.any(s.U - s.U[0])
+    answer, by_model = _answer(model, s, use, with_uncertainty and has_covariance(model))
+    errors = s.Y[:, use] - answer
+    variance, dof = s.noise_y[use] if known_input else np.var(errors, axis=0, ddof=1), s.n_periods - 1
+    real = s.line[use] == 0
+    for_weight = variance.copy()
+    for_weight[~real] = for_weights(variance[~real], dof)
+    return _Lines(
+        line=s.line[use],
+        f_hz=s.f_hz[use],
+        kind=np.where(s.excited[use], "excited", np.where(s.line[use] % 2 == 1, "odd", "even")),
+        y=s.Y[:, use].mean(axis=0),
+        errors=Errors(
+            error=errors.mean(axis=0),
+            var_mean=variance / s.n_periods,
+            dof=np.full(len(real), float(dof)),
+            var_weight=for_weight / s.n_periods,
+            real=real,
+            by_model=by_model,
+        ),
+    )
+
+
+def _answer(
+    model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, use: np.ndarray, with_uncertainty: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """The model's output lines, of every period or of all alike, and how its uncertainty moves them."""
+    none = np.zeros((int(np.count_nonzero(use)), 0), complex)
+    if not isinstance(model, PlantModel):
+        by_model = model.deviations(s.f_hz[use]) * s.u[use, None] if with_uncertainty else none
+        return model.response(s.f_hz[use]) * s.U[:, use], by_model
+    answer = model.predict(s, sensitivities=with_uncertainty)
+    noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
+    if not answer.settled and answer.residual > UNSETTLED * noise_rms:
+        _log.warning("no steady state was found for %s: the comparison is not to be trusted", s.name)
+    return answer.Y[use], answer.dY[:, use].T @ _plant_deviations(model) if with_uncertainty else none
+
+
+def _plant_deviations(model: PlantModel) -> np.ndarray:
+    """(n_free, r) one standard deviation of the parameters along each independent direction.
+
+    What the fit left open may have any value of its size.
+    """
+    cov = np.array(model.cov)
+    for name in _open_parameters(model):
+        i = model.free_names.index(name)
+        cov[i, i] += max(abs(model[name].value), least_size(model.parameter(name))) ** 2
+    return half_of(cov)
+
+
+def _open_parameters(model: PlantModel) -> list[str]:
+    """Free parameters that the fit left undetermined, or found for each of its records apart."""
+    own = {name for record in (model.fit or {}).get("per_record") or [] for name in record}
+    stds = {name: model[name].std for name in model.free_names}
+    return [name for name, std in stds.items() if name in own or (std is not None and np.isnan(std))]
+
+
+def _say_what_is_open(model: PlantModel) -> None:
+    found = _open_parameters(model) if has_covariance(model) else []
+    if found:
+        text = "the fit does not determine %s elsewhere: any value of its size is allowed, to first order"
+        _log.warning(text, ", ".join(found))
+
+
+def _mean_cost(records: list[Errors]) -> float:
+    """Mean of T over its expectation nu / (nu - 1). It has none with nu = 1: all variances stand in."""
+    total = 0.0
+    for one in records:
+        if one.dof[0] > 1:
+            total += float(np.mean(one.t / one.t_expected))
+        else:
+            total += float(np.sum(one.squares) / max(np.sum(one.var_mean), np.finfo(float).tiny))
+    return total / len(records)
+
+
+def _third_octaves(f_lo: float, f_hi: float) -> np.ndarray:
+    """Edges of third-octave bands that cover f_lo to f_hi."""
+    n = int(np.ceil(3 * np.log2(f_hi / f_lo) + 1e-9))
+    return f_lo * 2 ** (np.arange(n + 2) / 3) * 2 ** (-1 / 6)
+
+
+def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, Any]]:
+    """Third-octave bands, of each kind of line, that fail at level alpha all together (Holm).
+
+    Each is judged by itself, with all of the model's uncertainty: what that allows there is no failure.
+    """
+    join = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("f_hz", "kind", "y")}
+    above = join["f_hz"][join["f_hz"] > 0]
+    edges = _third_octaves(above.min(), above.max()) if len(above) else np.array([np.inf])
+    edges = np.insert(edges, 0, 0.0)  # the line at 0, where it counts, is a band of its own
+    cells = []
+    for kind in KINDS:
+        for lo, hi in itertools.pairwise(edges):
+            lines = (join["kind"] == kind) & (join["f_hz"] >= lo) & (join["f_hz"] < hi)
+            if np.any(lines):
+                found = misfit(errors[lines])
+                excess = float(np.sum(found.left.t - found.left.t_expected)) + found.moved / 2
+                cells.append(
+                    {
+                        "kind": kind,
+                        "index": len(cells),
+                        "lines": lines,
+                        "p": found.p_value,
+                        "excess": excess,
+                        "density": max(excess / np.count_nonzero(lines), np.finfo(float).tiny),
+                    }
+                )
+    failing = _holm(cells, alpha)
+    total = float(sum(max(cell["excess"], 0.0) for cell in cells))
+    bands = [_band(group, join, errors, total) for group in _joined(failing)]
+    return sorted(bands, key=lambda band: -band["share"])
+
+
+def _holm(cells: list[dict[str, Any]], alpha: float) -> list[dict[str, Any]]:
+    """Cells rejected by Holm's step-down procedure, each with its corrected p; in the order given."""
+    corrected = 0.0
+    for rank, cell in enumerate(sorted(cells, key=lambda cell: cell["p"])):
+        corrected = max(corrected, min(1.0, cell["p"] * (len(cells) - rank)))
+        cell["p_corrected"] = corrected
+    return [cell for cell in cells if cell["p_corrected"] < alpha]
+
+
+def _joined(cells: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Neighbouring cells of one kind that fail about equally badly, as one group."""
+    groups: list[list[dict[str, Any]]] = []
+    for cell in cells:
+        group = groups[-1] if groups else None
+        if group and group[-1]["kind"] == cell["kind"] and group[-1]["index"] + 1 == cell["index"]:
+            densities = [member["density"] for member in group] + [cell["density"]]
+            if max(densities) <= ALIKE * min(densities):
+                group.append(cell)
+                continue
+        groups.append([cell])
+    return groups
+
+
+def _band(
+    group: list[dict[str, Any]], join: dict[str, np.ndarray], errors: Errors, total: float
+) -> dict[str, Any]:
+    lines = np.any([cell["lines"] for cell in group], axis=0)
+    f = join["f_hz"][lines]
+    nearby = (join["f_hz"] >= f.min()) & (join["f_hz"] <= f.max())
+    response = float(np.sum(np.abs(join["y"][nearby]) ** 2))
+    error = float(np.sum(errors.squares[lines]))
+    return {
+        "f_lo_hz": float(f.min()),
+        "f_hi_hz": float(f.max()),
+        "lines": group[0]["kind"],
+        "share": sum(cell["excess"] for cell in group) / total if total > 0 else 0.0,
+        "p_value": min(cell["p_corrected"] for cell in group),
+        "db": 10 * float(np.log10(max(error, 1e-300) / max(response, 1e-300))),
+    }

@@ -1,0 +1,212 @@
+"""The fit of a joint with play without the plant's feedback: from the load's motion as it was measured.
+
+A simulated play collides at its own times; each collision enlarges what came before, so that the cost of a
+simulation is rough, with narrow minima about a steep one. What the joint transmits is also known from the
+other side: it is what moved the load as measured. Driven by that torque, the twist of a spring with play and
+damping is an equation of first order that forgets where it began, and the cost has one minimum. Noise in the
+torque leaves a few per cent of error in play and stiffness, which the fit by simulation takes out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid.greybox.fit import PlantFit
+from gsid.greybox.linear_start import LINEAR
+from gsid.greybox.problem import least_size
+from gsid.plant.linear_response import JOINT, linear_view
+from gsid.plant.model import PlantModel
+from gsid.plant.units import RADIANS
+from gsid.spectrum.lines import lines_of, period_of
+from gsid.spectrum.spectra import Spectra
+
+GEAR = ("gap_deg", "stiffness", "damping")
+SHAPES = (f"{JOINT}.gap_deg", f"{JOINT}.inertia_ratio")
+WIDE = 2.3  # times the highest excited line: as far as the torque's harmonics are worth their noise
+OVERSAMPLING = 2  # of the twist, per sample
+WARM = 8  # this part of a period comes first: the twist forgets its start in one contact
+STEPS_MAX = 12
+# Over the last one, and tried at once: together they cost little more than one.
+DAMPINGS = 10.0 ** np.arange(-2, 4)
+STIFFEST = 1e-3  # of the stiffness: with less damping / step the twist follows the torque at once
+DIFFERENCE = 1e-4  # of a parameter's size, for its slope
+LARGEST_STEP = (-0.5, 1.0)  # of a parameter's size
+GAIN_LEAST = 1e-3  # of the cost: a smaller gain ends the search
+
+
+def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) -> PlantModel:
+    """The joint and the linear part that explain the output best, given the load's measured motion (DIA-10).
+
+    Parameters
+    ----------
+    starts : list of PlantModel
+        One stack with a joint, open loop, with different values; the best is where the search begins.
+    fit : PlantFit
+        Gives lines and weights.
+    measured : list of Spectra
+
+    Returns
+    -------
+    PlantModel
+    """
+    problem = _Problem(starts[0], fit, measured)
+    costs = problem.costs(np.array([_values(one, problem.names) for one in starts]))
+    model = starts[int(np.argmin(costs))]
+    x, damping = _values(model, problem.names), 1e-2
+    lower, upper = problem.bounds
+    for _ in range(STEPS_MAX):
+        size = np.maximum(np.abs(x), problem.least_sizes)
+        errors = problem.errors(np.vstack([x, x + DIFFERENCE * np.diag(size)]))
+        if not np.all(np.isfinite(errors)):
+            break
+        e, jacobian = errors[0], (errors[1:] - errors[0]).T / DIFFERENCE
+        steps = [_step(e, jacobian, damping * more) * size for more in DAMPINGS]
+        tried = np.clip(x + np.array(steps), lower, upper)
+        costs = problem.costs(tried)
+        best = int(np.argmin(costs))
+        if not costs[best] < e @ e:
+            break
+        x, damping = tried[best], max(damping * DAMPINGS[best], 1e-6)
+        if costs[best] > (1 - GAIN_LEAST) * (e @ e):
+            break
+    better = dict(zip(problem.names, x, strict=True))
+    return model.with_values([better.get(name, model[name].value) for name in model.free_names])
+
+
+def _values(model: PlantModel, names: list[str]) -> np.ndarray:
+    return np.array([model[name].value for name in names])
+
+
+def _step(e: np.ndarray, jacobian: np.ndarray, damping: float) -> np.ndarray:
+    """Levenberg-Marquardt's, in parameters over their sizes."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    rows = np.vstack([jacobian / scale, np.sqrt(damping) * np.eye(len(scale))])
+    right = np.concatenate([-e, np.zeros(len(scale))])
+    return np.clip(np.linalg.lstsq(rows, right, rcond=None)[0] / scale, *LARGEST_STEP)
+
+
+@dataclass(eq=False)
+class _Parts:
+    """Responses around a joint: command to motor's torque, sensor, load alone, structure; and the joint."""
+
+    drive: np.ndarray
+    sensor: np.ndarray
+    load: np.ndarray
+    modes: np.ndarray
+    gear: dict[str, float]
+
+
+class _Problem:
+    """Weighted errors of the records that share the first one's period and rate, for many values at once."""
+
+    def __init__(self, model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> None:
+        self.model, first = model, measured[0]
+        alike = [
+            (one, record)
+            for one, record in zip(measured, fit.records, strict=True)
+            if (one.period_samples, one.fs_hz, one.hold) == (first.period_samples, first.fs_hz, first.hold)
+        ]
+        self.measured, self.records = [one for one, _ in alike], [record for _, record in alike]
+        self.names = [name for name in model.free_names if name in LINEAR or name in SHAPES]
+        chosen = [model.free_names.index(name) for name in self.names]
+        lower, upper = model.bounds()
+        self.bounds = lower[chosen], upper[chosen]
+        self.least_sizes = [least_size(model.parameter(name)) for name in self.names]
+        self.n, self.fs_hz = first.period_samples, first.fs_hz
+        self.s = 2j * np.pi * np.where(first.f_hz > 0, first.f_hz, 1.0)
+        self.heard = [_heard(one) for one in self.measured]
+
+    def costs(self, many: np.ndarray) -> np.ndarray:
+        """(n_sets,), infinite where a set has no answer."""
+        costs = np.sum(self.errors(many) ** 2, axis=1)
+        return np.where(np.isfinite(costs), costs, np.inf)
+
+    def errors(self, many: np.ndarray) -> np.ndarray:
+        """(n_sets, rows), one row for each set of values."""
+        parts = [self._parts(values) for values in many]
+        torque = np.array([self._torque(part, i) for part in parts for i in range(len(self.measured))])
+        gear = np.repeat([[part.gear[name] for name in GEAR] for part in parts], len(self.measured), axis=0)
+        h = 1 / (self.fs_hz * OVERSAMPLING)
+        twist = lines_of(twist_of(torque, *gear.T, h))[:, : len(self.s)].reshape(len(parts), -1, len(self.s))
+        return np.array([self._error(part, x) for part, x in zip(parts, twist, strict=True)])
+
+    def _parts(self, values: np.ndarray) -> _Parts:
+        stack = self.model.stack()
+        for name, value in zip(self.names, values, strict=True):
+            effect, _, parameter = name.rpartition(".")
+            stack[effect][parameter] = float(value)
+        gear = stack.pop(JOINT)
+        one = self.measured[0]
+        view = linear_view(
+            stack,
+            one.f_hz,
+            one.fs_hz,
+            output_angle=self.model.output == "angle",
+            radians_per_unit=RADIANS[self.model.angle_unit],
+            held=one.hold == "zoh",
+        )
+        sensor = view.direct / view.drive
+        load = view.torque / sensor
+        return _Parts(view.drive, sensor, load, view.command / sensor - view.drive * load, gear)
+
+    def _torque(self, part: _Parts, i: int) -> np.ndarray:
+        """What moved the load, over one period."""
+        one = self.measured[i]
+        lines = (one.y / part.sensor - part.modes * one.u) / part.load * self.heard[i]
+        fine = np.zeros(self.n * OVERSAMPLING // 2 + 1, complex)
+        fine[1 : len(lines)] = lines[1:]
+        return period_of(fine, self.n * OVERSAMPLING)
+
+    def _error(self, part: _Parts, twist: np.ndarray) -> np.ndarray:
+        """With the twist x known, motor and load move as one: (r s + 1 / load) w = torque - r s^2 x."""
+        ratio = part.gear["inertia_ratio"]
+        rows = []
+        for one, record, x in zip(self.measured, self.records, twist, strict=True):
+            rate = (part.drive * one.u - ratio * self.s**2 * x) / (1 / part.load + ratio * self.s)
+            weight = np.where(record.line > 0, record.weight, 0)  # of line 0 a linear part knows nothing
+            e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * weight
+            rows += [e.real, e.imag]
+        return np.concatenate(rows)
+
+
+def _heard(one: Spectra) -> np.ndarray:
+    """Share of each line that is not noise (Wiener), up to where the harmonics end."""
+    noise = 2 * one.var_y / one.n_periods
+    power = np.maximum(np.abs(one.y) ** 2, np.finfo(float).tiny)
+    return np.clip(1 - noise / power, 0, 1) * (one.f_hz <= WIDE * one.f_hz[one.excited].max())
+
+
+def twist_of(
+    torque: np.ndarray, gap: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, h: float
+) -> np.ndarray:
+    """Twist of springs with play and damping, by the trapezoidal rule, which a piecewise line solves exactly.
+
+    Parameters
+    ----------
+    torque : (n_lanes, n) ndarray
+        One period of the torque that each transmits, over the load's inertia.
+    gap, stiffness, damping : (n_lanes,) ndarray
+    h : float
+        Step [s].
+
+    Returns
+    -------
+    (n_lanes, n) ndarray
+    """
+    edge = gap / 2
+    a = np.maximum(damping / h, STIFFEST * stiffness)
+    mean = np.ascontiguousarray((torque + np.roll(torque, 1, axis=1)).T / 2)
+    n = len(mean)
+    x, spring, twist = np.zeros(len(gap)), np.zeros(len(gap)), np.empty_like(mean)
+    for i in range(-(n // WARM), n):
+        right = mean[i] + a * x - spring / 2
+        within = right / a
+        beyond = (right + np.sign(right) * stiffness / 2 * edge) / (a + stiffness / 2)
+        x = np.where(np.abs(within) <= edge, within, beyond)
+        spring = stiffness * (x - np.clip(x, -edge, edge))
+        if i >= 0:
+            twist[i] = x
+    return twist.T

@@ -1,0 +1,131 @@
+"""Which experiment would tell two effects apart? The rivals, as fitted, are simulated under a menu.
+
+The expected difference of their costs is the squared distance of their outputs in units of the noise, less
+what the free parameters of one could imitate of the other (after Atkinson and Fedorov's T-criterion; DIA-6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid.base.errors import GsidError
+from gsid.diagnosis.score_test import orthonormal, project_out
+from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant, input_period
+from gsid.spectrum.lines import lines_of
+from gsid.spectrum.spectra import Spectra
+
+ENOUGH = 10.0  # an expected difference in cost that tells two effects apart
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One entry of the menu.
+
+    Parameters
+    ----------
+    words : str
+    separation : float
+        Expected difference in cost between the rivals, with the periods and the noise of the record given.
+    peak, travel : float
+        Largest command, and travel from end to end of the first rival, in the unit of its angle.
+    """
+
+    words: str
+    separation: float
+    peak: float
+    travel: float
+
+
+def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
+    """Commands that could be tried next, as changes of the one that was.
+
+    Parameters
+    ----------
+    u : (N,) ndarray
+        One period of the command.
+    limit : float
+        Largest command allowed; larger ones are left out.
+
+    Returns
+    -------
+    list of (words, (N,) ndarray)
+    """
+    peak, spectrum = float(np.max(np.abs(u))), np.fft.rfft(u)
+    low = np.where(np.arange(len(spectrum)) <= len(spectrum) // 100, spectrum, 0)
+    slow = np.fft.irfft(low, len(u))
+    slow = slow * peak / max(float(np.max(np.abs(slow))), np.finfo(float).tiny)
+    commands = [
+        ("the same excitation once more", u),
+        ("the same excitation at a tenth of the amplitude", 0.1 * u),
+        ("the same excitation at a third of the amplitude", u / 3),
+        ("the same excitation at twice the amplitude", 2 * u),
+        ("the lowest lines only, at the same peak", slow),
+        ("the same excitation with a constant command of half its peak added", u + 0.5 * peak),
+        ("the lowest lines only, with a constant command of half its peak added", slow + 0.5 * peak),
+    ]
+    return [(words, command) for words, command in commands if np.max(np.abs(command)) <= limit]
+
+
+def next_experiment(
+    first: PlantModel, second: PlantModel, measured: Spectra, *, limit: float = np.inf
+) -> list[Experiment]:
+    """Rank the menu by how well it tells two fitted rivals apart.
+
+    Parameters
+    ----------
+    first, second : PlantModel
+    measured : Spectra
+        Gives the excitation to change, the number of periods, and the noise.
+    limit : float
+        Largest command allowed.
+
+    Returns
+    -------
+    list of Experiment
+        Best first; what cannot be simulated is left out.
+    """
+    u = input_period(measured, 1)
+    lines = np.flatnonzero(measured.excited)
+    use = np.arange(max(lines[0], 1), lines[-1] + 1)
+    weight = np.sqrt(2 * measured.n_periods / np.maximum(measured.var_y[use], np.finfo(float).tiny))
+    ranked = []
+    for words, command in menu(u, limit):
+        try:
+            one = PeriodicPlant(first, command, measured.fs_hz).run(sensitivities=True)
+            other = PeriodicPlant(second, command, measured.fs_hz).run()
+        except GsidError:
+            continue
+        difference = _whiten((lines_of(one.y) - lines_of(other.y))[use] * weight)
+        nuisance = orthonormal(_whiten(one.dY[:, use] * weight).T)
+        left = project_out(nuisance, difference[:, None])[:, 0]
+        peak, travel = float(np.max(np.abs(command))), float(np.ptp(one.angle))
+        ranked.append(Experiment(words, float(left @ left), peak, travel))
+    return sorted(ranked, key=lambda experiment: -experiment.separation)
+
+
+def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tuple[str, str]) -> str:
+    """The best of the menu in a sentence, and what it asks of the rig: whose limits are not known here.
+
+    Parameters
+    ----------
+    first, second, measured
+        As `next_experiment`.
+    names : (str, str)
+        Of the rivals.
+    """
+    ranked = next_experiment(first, second, measured)
+    if not ranked or ranked[0].separation < ENOUGH:
+        return f"No experiment of the menu tells {names[0]} from {names[1]} at this noise."
+    best = ranked[0]
+    return (
+        f"To tell {names[0]} from {names[1]}: {best.words} (command up to {best.peak:.3g}, travel of "
+        f"{best.travel:.3g} {first.angle_unit}; expected difference in cost {best.separation:.0f} over "
+        f"{measured.n_periods} periods)."
+    )
+
+
+def _whiten(lines: np.ndarray) -> np.ndarray:
+    return np.concatenate([lines.real, lines.imag], axis=-1)

@@ -1,0 +1,269 @@
+"""Search for the effects that a model lacks: one after the other, then each again beside the others."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.candidates import (
+    CONVERGED_BY,
+    STEPS_LOOK,
+    Candidate,
+    Given,
+    Group,
+    evidence,
+    ranked,
+    tried,
+)
+from gsid.diagnosis.scan import SAMPLER, Scored, scan, scan_rates
+from gsid.diagnosis.score_test import (
+    Score,
+    apart,
+    family_wise_p,
+    orthonormal,
+    random_periods,
+    random_phases,
+    score,
+)
+from gsid.effects.types import catalogue
+from gsid.greybox.fit import PlantFit, stacked
+from gsid.plant.model import PlantModel, with_effect, without_effect
+
+EFFECTS_MAX = 3  # effects looked for, one after the other
+SEARCHES = 2  # the second when leaving out or exchanging has changed the model
+SHARE_LEAST = 0.03  # of the misfit that the effects found before have left
+RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
+# What a law is at one end of its shapes: tried in its place though it did not stand out alone.
+SIMPLER = {effect.id: effect.simpler for effect in catalogue().values() if effect.simpler}
+DRAWS = 999  # of the bootstrap
+SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
+
+Ranking = list[Group]  # most probable first
+
+
+@dataclass(eq=False)
+class Step:
+    """One round of the search: the fit it started from, its tests, and how the candidates came out."""
+
+    fit: PlantFit
+    p_noise: float
+    p_score: float | None  # None: too few periods to draw what chance does
+    ranking: Ranking
+    taken: bool = False  # whether the search went on with the first of the ranking
+    too_small: float | None = (
+        None  # share of the misfit that it takes off, where that is why it was not taken
+    )
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together (Bonferroni)."""
+        if self.p_score is None:
+            return self.p_noise
+        return min(1.0, 2 * min(self.p_noise, self.p_score))
+
+
+@dataclass(eq=False)
+class Search:
+    """What a search looks at, and the rounds it has made; see `gsid.diagnose` for the arguments."""
+
+    given: Given
+    seed: int  # of the bootstrap
+    steps: list[Step] = field(default_factory=list)
+    _tested: dict[int, tuple[Step, Scored]] = field(default_factory=dict)
+    _smaller: dict[frozenset[str], PlantFit | None] = field(default_factory=dict)
+
+    def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Rankings of the effects found, and the fit with the first of each; the last step tests that fit."""
+        rankings: list[Ranking] = []
+        for _ in range(SEARCHES):
+            grown, fit = self._forward(rankings, fit)
+            if len(grown) == len(rankings):
+                return rankings, fit
+            rankings, tidied = self._exchanged(*self._without_the_needless(grown, fit))
+            if tidied is fit:
+                return rankings, fit
+            fit = tidied
+        self._round(fit, explore=False)
+        return rankings, fit
+
+    def _forward(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """The best effect added, round after round, until what is left is noise or none earns its place."""
+        grown = list(rankings)
+        while self._round(fit, explore=len(grown) < EFFECTS_MAX):
+            grown.append(self.steps[-1].ranking)
+            fit = grown[-1][0].candidates[0].fit
+        return grown, fit
+
+    def _round(self, fit: PlantFit, *, explore: bool) -> bool:
+        """Test a fit, score the catalogue, fit the best few; whether the best earns its place."""
+        step, scored = self._test(fit)
+        self.steps.append(step)
+        if not explore or step.p_value >= self.given.alpha:
+            return False
+        step.ranking = ranked(fit, self.candidates(fit, scored))
+        if step.ranking:
+            self._judge(step)
+        return step.taken
+
+    def scan(self, fit: PlantFit) -> Scored:
+        """Every effect that the model does not have, scored."""
+        return scan(fit, self.given.measured)
+
+    def candidates(self, fit: PlantFit, scored: Scored) -> list[Candidate]:
+        """The best of them, fitted; a sensor's refresh is scored over a grid of rates of its own."""
+        n_shapes = Counter(probe.effect for probe, _ in scored)
+        rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
+        scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
+        return tried(fit, scored, n_shapes, self.given)
+
+    def test(self, fit: PlantFit) -> Step:
+        """The tests of a fit, made once."""
+        return self._test(fit)[0]
+
+    def _test(self, fit: PlantFit) -> tuple[Step, Scored]:
+        if id(fit) not in self._tested:  # a step has its fit, so that no other gets its id
+            scored = self.scan(fit)
+            p_score = self._score_p_value(fit, [item for _, item in scored])
+            step = Step(fit, self.given.noise_p_value(fit), p_score, [])
+            self._tested[id(fit)] = step, scored
+        return self._tested[id(fit)]
+
+    def _judge(self, step: Step) -> None:
+        """By evidence; and beside others by what is taken off the misfit, for a law of another form than what
+        is missing always takes a little."""
+        best = step.ranking[0].candidates[0]
+        if evidence(step.fit, best) > 0:
+            return
+        drop = step.fit.cost - best.fit.cost
+        step.taken = len(self.steps) == 1 or drop > SHARE_LEAST * step.fit.misfit
+        step.too_small = None if step.taken else drop / step.fit.misfit
+
+    @property
+    def _few_periods(self) -> bool:
+        return sum(one.n_periods - 1 for one in self.given.measured) < SCATTER_LEAST
+
+    def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
+        """Of the best score, by the more cautious of two ways to draw what noise alone would do (DIA-2)."""
+        if self._few_periods:
+            return None
+        if not scores:
+            return 1.0
+        residual = stacked(fit, "residual")[:, 0]
+        drawn = random_phases(residual, DRAWS, self.seed), self._scatter(fit)
+        return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
+
+    def _scatter(self, fit: PlantFit) -> np.ndarray:
+        deviations = [
+            (one.Y - one.y)[:, record.line] * record.weight
+            for record, one in zip(fit.records, self.given.measured, strict=True)
+        ]
+        return random_periods(deviations, DRAWS, self.seed)
+
+    def p_constant(self, fit: PlantFit) -> float | None:
+        """That noise alone makes the records ask for other values than those that they share (DIA-9).
+
+        Parameters
+        ----------
+        fit : PlantFit
+
+        Returns
+        -------
+        float or None
+            None with one record, or too few periods to draw what chance does.
+        """
+        if len(self.given.measured) < 2 or self._few_periods:
+            return None
+        residual, jacobian = stacked(fit, "residual")[:, 0], stacked(fit, "jacobian")
+        own = apart(jacobian, [len(record.line) for record in fit.records])
+        item = score(residual, orthonormal(jacobian), own)
+        return float(family_wise_p(residual, self._scatter(fit), [item])[0])
+
+    def _without_the_needless(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Leave out again what later effects have made needless: a forward search can be led astray."""
+        for ranking in rankings[:-1]:
+            needless = ranking[0].candidates[0]
+            self.given.on_step(f"trying without {needless.effect}")
+            without = self._without_or_none(fit, needless.effect)
+            price = len(needless.params) * np.log(fit.n_dof)
+            if without is not None and without.cost - fit.cost < price:
+                rankings, fit = [r for r in rankings if r is not ranking], without
+        return rankings, fit
+
+    def _exchanged(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
+        """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
+        if not rankings or (len(rankings) == 1 and rankings[0][0].candidates[0].fit is fit):
+            return rankings, fit
+        again: list[Ranking] = []
+        for i, ranking in enumerate(rankings):
+            own = ranking[0].candidates[0]
+            now = [replace(own, fit=fit)]
+            others = {r[0].candidates[0].effect for r in [*again, *rankings[i:]]}
+            for rival in self._rivals(own, others):
+                self.given.on_step(f"trying {rival.effect} in place of {own.effect}")
+                exchanged = self.with_rival(fit.model, own.effect, rival)
+                if exchanged is not None:
+                    now.append(replace(rival, fit=exchanged))
+            now += self._simpler(fit.model, own, others | {candidate.effect for candidate in now})
+            # Without a fit that lacks this effect alone, the one that lacks them all stands in.
+            again.append(ranked(self._without_or_none(fit, own.effect) or self.steps[0].fit, now))
+            fit = again[-1][0].candidates[0].fit
+        for ranking in again:
+            best = ranking[0].candidates
+            best[0] = replace(best[0], fit=fit)
+        return again, fit
+
+    def _rivals(self, own: Candidate, taken: set[str]) -> list[Candidate]:
+        """The next best of the last round that tried an effect, if they helped there and were not found."""
+        rounds = [
+            [c for group in step.ranking for c in group.candidates if c.fit.cost < step.fit.cost]
+            for step in self.steps
+        ]
+        beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
+        return [c for c in beside if c.effect not in taken][:RIVALS]
+
+    def _simpler(self, model: PlantModel, own: Candidate, known: set[str]) -> list[Candidate]:
+        """The law that an effect contains, in its place, where it has not been looked at."""
+        effect = SIMPLER.get(own.effect)
+        if effect is None or effect in known:
+            return []
+        self.given.on_step(f"trying {effect} in place of {own.effect}")
+        start = {"level": sum(p.value for name, p in own.params.items() if name in ("level", "extra"))}
+        fit = self.fit_or_none(with_effect(without_effect(model, own.effect), effect, start))
+        return [Candidate(effect, fit, own.predicted_drop)] if fit else []
+
+    def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
+        """Fit with an effect left out, once for each set of effects."""
+        model = without_effect(fit.model, effect)
+        left = frozenset(each.id for each in model.effects)
+        if left not in self._smaller:
+            self._smaller[left] = self.fit_or_none(model, anew=effect == SAMPLER)
+        return self._smaller[left]
+
+    def with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
+        """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
+        model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
+        """
+        here, there = without_effect(model, effect), without_effect(rival.fit.model, effect)
+        here.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
+        as_fitted = {e.id: e for e in there.effects}
+        there.effects = [copy.deepcopy(as_fitted.get(e.id, e)) for e in here.effects]
+        looks = [
+            self.fit_or_none(here, STEPS_LOOK, anew=SAMPLER in (effect, rival.effect)),
+            self.fit_or_none(there, STEPS_LOOK),
+        ]
+        near = min((fit for fit in looks if fit), key=lambda fit: fit.cost, default=None)
+        return near and (near if near.converged else self.fit_or_none(near.model) or near)
+
+    def fit_or_none(
+        self, model: PlantModel, max_iter: int = CONVERGED_BY, *, anew: bool = False
+    ) -> PlantFit | None:
+        """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
+        which the values at hand lack without it."""
+        try:
+            return self.given.fit(self.given.started_anew(model) if anew else model, max_iter)
+        except (GsidError, InputError):
+            return None

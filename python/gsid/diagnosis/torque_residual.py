@@ -1,0 +1,236 @@
+"""The torque that is missing, against rate, angle, command and time: where to look, not a verdict.
+
+The output's mean error is taken back through the model's linear part, as far as noise allows (DIA-7; Wiener):
+tau = conj(G) E / (|G|^2 + s^2 / (P S)), G from torque to output, s^2 / P the variance of the mean, S the
+power of a line of the torque, from the error's excess over noise. In time, and averaged in bins of one
+coordinate of the model's own path after the other, it shows the law that is missing as a curve. Rate, angle
+and command go together, and the fit has already taken what its own parameters can imitate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.effects.custom import table
+from gsid.effects.table_file import TORQUE, short_name, write_table
+from gsid.effects.types import EffectType
+from gsid.greybox.weights import lines_used, pooled_variance
+from gsid.plant.linear_response import linear_view
+from gsid.plant.model import PlantModel, drive_command
+from gsid.plant.units import RADIANS
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
+from gsid.spectrum.spectra import Spectra
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+BINS = 30
+BINS_OF_TIME = 100
+OCCUPIED = 1e-3  # share of the samples that a bin has to hold
+
+
+@dataclass(eq=False)
+class Curve:
+    """Missing torque against one coordinate.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the coordinate.
+    at : (b,) ndarray
+        Middle of each bin.
+    torque, std : (b,) ndarrays
+        Mean over the bin, and what noise makes of it, in the unit of :class:`TorqueResidual`.
+    share : (b,) ndarray
+        Of the samples.
+    explained : float
+        Share of the mean square of the torque that the curve holds: of a law of this coordinate, most.
+    """
+
+    name: str
+    unit: str
+    at: np.ndarray
+    torque: np.ndarray
+    std: np.ndarray
+    share: np.ndarray
+    explained: float
+
+    def to_effect(self) -> EffectType:
+        """The law that the curve shows, as an effect to add: the missing torque turned round, since laws
+        count torque against the motion."""
+        return table((self.name, self.at, -self.torque), unit=self.unit)
+
+    def save(self, path: str | Path) -> None:
+        """Write that law as a CSV file, for `gsid.effects.table` and `gsid add --table`; a curve against
+        the time is none.
+
+        Parameters
+        ----------
+        path : path
+        """
+        columns = {short_name(self.name): self.at, TORQUE: -self.torque, "std": self.std, "share": self.share}
+        notes = {"unit": self.unit, "explained": f"{self.explained:.3g}"}
+        write_table(path, columns, notes)
+
+
+@dataclass(eq=False, repr=False)
+class TorqueResidual:
+    """What :func:`torque_residual` found.
+
+    Attributes
+    ----------
+    rate, angle, command, time : Curve
+        Over all records, but for the time: that of the first record's period.
+    rms : float
+        Of the torque / inertia, in `unit`.
+    unit : str
+        Angle / s^2.
+    """
+
+    rate: Curve
+    angle: Curve
+    command: Curve
+    time: Curve
+    rms: float
+    unit: str
+
+    @property
+    def curves(self) -> list[Curve]:
+        """All four."""
+        return [self.rate, self.angle, self.command, self.time]
+
+    @property
+    def best(self) -> Curve:
+        """The curve that holds most of the torque, of those that can be a law."""
+        return max((self.rate, self.angle, self.command), key=lambda curve: curve.explained)
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """The four curves with bars of two standard deviations."""
+        from gsid import plots
+
+        return plots.torque_residual(self)
+
+    @property
+    def sentence(self) -> str:
+        """What it depends on, for people."""
+        best = self.best
+        others = ", ".join(f"{c.name} {c.explained:.0%}" for c in self.curves[:3] if c is not best)
+        share = f"{best.explained:.0%} of it goes with the {best.name} ({others})"
+        return f"The torque that is missing has an rms of {self.rms:.3g} {self.unit}; {share}."
+
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{curve.name} {curve.explained:.0%}" for curve in self.curves)
+        return f"TorqueResidual(rms {self.rms:.3g} {self.unit}; explained by {shares})"
+
+
+@dataclass(eq=False)
+class _Path:
+    """One record: its torque's lines with their variance, and the model's path."""
+
+    n: int
+    line: np.ndarray
+    torque: np.ndarray
+    variance: np.ndarray
+    coordinates: dict[str, np.ndarray]
+
+
+def torque_residual(
+    model: PlantModel,
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    band: tuple[float, float] | None = None,
+) -> TorqueResidual:
+    """Torque that would close the gap between a plant and the measurement (DIA-7).
+
+    Parameters
+    ----------
+    model : PlantModel
+        Fitted to the records: what its free parameters can explain is not missing.
+    records : Record or Spectra, or a sequence of them
+    band : (lo, hi), optional
+        Hz; default as in `gsid.fit_plant`. The mean torque is left out.
+
+    Returns
+    -------
+    TorqueResidual
+
+    Raises
+    ------
+    ValueError, InputError, GsidError
+        As `gsid.fit_plant`.
+    """
+    measured = spectra_of(records)
+    variances = pooled_variance(measured)
+    paths = [_path(model, s, v, band) for s, (v, _) in zip(measured, variances, strict=True)]
+    total = sum(path.n * float(np.sum(np.abs(path.torque) ** 2)) / 2 for path in paths)
+    units = {"rate": f"{model.angle_unit}/s", "angle": model.angle_unit, "command": model.u_unit}
+    if not units["command"] and not model.has_controller:  # whose input is the reference
+        units["command"] = measured[0].u_unit
+    time = np.arange(paths[0].n) / measured[0].fs_hz
+    paths[0].coordinates["time"] = time
+    return TorqueResidual(
+        **{name: _curve(name, unit, paths, BINS) for name, unit in units.items()},
+        time=_curve("time", "s", paths[:1], BINS_OF_TIME),
+        rms=float(np.sqrt(total / sum(path.n for path in paths))),
+        unit=f"{model.angle_unit}/s²",
+    )
+
+
+def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float, float] | None) -> _Path:
+    use = lines_used(model, s, band) & (s.line > 0)
+    answer = model.predict(s)
+    error, noise = (s.y - answer.Y)[use], variance[use] / s.n_periods
+    g = linear_view(
+        model.stack(),
+        s.f_hz[use],
+        s.fs_hz,
+        output_angle=model.output == "angle",
+        radians_per_unit=RADIANS[model.angle_unit],
+        held=s.hold == "zoh" or model.has_controller,
+    ).torque
+    # At least as much torque as noise would make: where there is no excess the noise is halved, not blown up.
+    excess = max(float(np.sum(np.abs(error) ** 2 - noise)), float(np.sum(noise)))
+    back = np.conj(g) / (np.abs(g) ** 2 + noise * np.sum(np.abs(g) ** 2) / excess)
+    delay = model.stack().get("transport_delay", {}).get("delay_s", 0.0)
+    command = np.roll(drive_command(model, s, answer), round(delay * s.fs_hz))  # as it arrives
+    return _Path(
+        n=s.period_samples,
+        line=s.line[use],
+        torque=back * error,
+        variance=np.abs(back) ** 2 * noise,
+        coordinates={"rate": answer.rate, "angle": answer.angle, "command": command},
+    )
+
+
+def _curve(name: str, unit: str, paths: list[_Path], n_bins: int) -> Curve:
+    values = [path.coordinates[name] for path in paths]
+    low, high = min(v.min() for v in values), max(v.max() for v in values)
+    edges = np.linspace(low, high, n_bins + 1)
+    count, total, variance = np.zeros((3, n_bins))
+    for path, value in zip(paths, values, strict=True):
+        index = np.clip(np.digitize(value, edges) - 1, 0, n_bins - 1)
+        inside = index[None, :] == np.arange(n_bins)[:, None]
+        # Sum of the torque over the samples of a bin, line by line, so that its noise can be summed too.
+        sums = np.conj(np.fft.rfft(inside, axis=1)[:, path.line])
+        count += inside.sum(axis=1)
+        total += (sums @ path.torque).real
+        variance += np.abs(sums) ** 2 @ path.variance / 2
+    n = count.sum()
+    kept = count >= max(1.0, OCCUPIED * n)
+    count, total, variance = count[kept], total[kept], variance[kept]
+    power = sum(path.n * float(np.sum(np.abs(path.torque) ** 2)) / 2 for path in paths)
+    return Curve(
+        name=name,
+        unit=unit,
+        at=(edges[:-1] + np.diff(edges) / 2)[kept],
+        torque=total / count,
+        std=np.sqrt(variance) / count,
+        share=count / n,
+        explained=float(np.sum(total**2 / count)) / power if power > 0 else 0.0,
+    )

@@ -1,0 +1,1 @@
+"""Excitations: multisines, binary sequences, sines; within the limits of a rig."""

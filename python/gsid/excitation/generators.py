@@ -1,0 +1,394 @@
+"""Binary sequences, swept and stepped sines; the core makes their samples, as on the target."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from gsid._lib import check, ffi, lib
+from gsid.base.bands import ON_A_LINE
+from gsid.excitation.multisine import Multisine, lines_of_band, whole_lines
+from gsid.excitation.periodic import Periodic, require_one_of, require_rate, whole_period
+
+PRBS_KINDS = {
+    "quadratic-residue": lib.GSID_PRBS_QUADRATIC_RESIDUE,
+    "maximum-length": lib.GSID_PRBS_MAXIMUM_LENGTH,
+}
+SWEEP_KINDS = {"linear": lib.GSID_SWEEP_LINEAR, "log": lib.GSID_SWEEP_LOGARITHMIC}
+CLOCK_OVER_BAND = 2.5  # of a binary sequence: at 0.4 of its clock its power is half (source, section 3.6)
+
+
+def _samples(step: object, n: int) -> np.ndarray:
+    """n samples of a core object, one call each."""
+    u, sample = np.empty(n), ffi.new("double *")
+    for i in range(n):
+        check(step(sample), "computing the period")
+        u[i] = sample[0]
+    return u
+
+
+def _require_amplitude(amplitude: float) -> None:
+    if not (math.isfinite(amplitude) and amplitude > 0):
+        raise ValueError(f"the amplitude must be a positive number, not {amplitude}")
+
+
+def _lines_of_interest(fs_hz: float, period_samples: int, band_hz: tuple[float, float]) -> np.ndarray:
+    """All lines of a band, (F,) int; refused where there is none."""
+    first, last = whole_lines(*lines_of_band(fs_hz, period_samples, band_hz))
+    if first > last:
+        raise ValueError(f"no line in {band_hz[0]:g}:{band_hz[1]:g} Hz: a longer period has closer lines")
+    return np.arange(first, last + 1)
+
+
+@dataclass(repr=False)
+class Prbs(Periodic):
+    """Pseudorandom binary sequence, +-amplitude (EXC-4, EXC-5; source, section 3.6).
+
+    Attributes
+    ----------
+    fs_hz : float
+    n_chips : int
+        Of a period.
+    n_hold : int
+        Samples that a chip lasts: the clock is fs/n_hold.
+    line : (F,) int
+        Lines of interest.
+    amplitude : float
+        Unit of the command.
+    kind : {"quadratic-residue", "maximum-length"}
+    """
+
+    fs_hz: float
+    n_chips: int
+    n_hold: int
+    line: np.ndarray
+    amplitude: float = 1.0
+    kind: str = "quadratic-residue"
+
+    @classmethod
+    def design(
+        cls,
+        fs_hz: float,
+        period_samples: int,
+        band_hz: tuple[float, float],
+        *,
+        kind: str = "quadratic-residue",
+        amplitude: float = 1.0,
+    ) -> Prbs:
+        """Design a sequence whose clock suits a band, as the source does: 2.5 times its upper edge.
+
+        Parameters
+        ----------
+        fs_hz : float
+            Sample rate [Hz].
+        period_samples : int
+            Chips times samples of a chip; a length that there is.
+        band_hz : (lo, hi)
+            Hz; the lines of interest.
+        kind : {"quadratic-residue", "maximum-length"}
+            Lengths: odd primes, or 2^m - 1. The spectrum is exactly flat but for the hold, where a prime is
+            4 k - 1; nearly so for 4 k + 1.
+        amplitude : float
+            Unit of the command.
+
+        Returns
+        -------
+        Prbs
+
+        Raises
+        ------
+        ValueError
+            A request that cannot be met; the message names the nearest one that can.
+        """
+        require_one_of("kind", kind, PRBS_KINDS)
+        _require_amplitude(amplitude)
+        require_rate(fs_hz)
+        period_samples = whole_period(period_samples)
+        line = _lines_of_interest(fs_hz, period_samples, band_hz)
+        n_hold = max(1, math.floor(fs_hz / (CLOCK_OVER_BAND * band_hz[1]) + ON_A_LINE))
+        asked = round(period_samples / n_hold)
+        n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], asked))
+        if n_chips * n_hold != period_samples:
+            raise ValueError(
+                f"a period of {period_samples} samples is no {kind} sequence of {n_hold} samples a chip; "
+                f"the nearest valid request is {n_chips * n_hold} samples ({n_chips} chips)"
+            )
+        return cls(float(fs_hz), n_chips, n_hold, line, float(amplitude), kind)
+
+    @property
+    def period_samples(self) -> int:
+        """N."""
+        return self.n_chips * self.n_hold
+
+    def table(self) -> np.ndarray:
+        """One period, (N,) float64, unit of the command."""
+        prbs = ffi.new("gsid_prbs *")
+        cfg = ffi.new("gsid_prbs_cfg *", [PRBS_KINDS[self.kind], self.n_chips, self.n_hold, self.amplitude])
+        check(lib.gsid_prbs_init(prbs, cfg), "setting up the binary sequence")
+        return _samples(lambda u: lib.gsid_prbs_step(prbs, u), self.period_samples)
+
+    def scaled(self, factor: float) -> Prbs:
+        """The same sequence, times a factor."""
+        return replace(self, amplitude=self.amplitude * factor)
+
+    def _head(self) -> dict[str, object]:
+        return {"prbs": f"{self.kind}, {self.n_chips} chips of {self.n_hold} samples"}
+
+    def __repr__(self) -> str:
+        clock = self.fs_hz / self.n_hold
+        return f"Prbs({self.kind}, {self.n_chips} chips at {clock:g} Hz, +-{self.amplitude:g})"
+
+
+@dataclass(repr=False)
+class Sweep(Periodic):
+    """Swept sine, once through the band in each period (EXC-6, EXC-7; source, section 3.7).
+
+    Attributes
+    ----------
+    fs_hz : float
+    period_samples : int
+        N.
+    f_start_hz, f_stop_hz : float
+        Frequency at the start and at the end of a period.
+    line : (F,) int
+        Lines of interest.
+    amplitude : float
+        Unit of the command.
+    phase_rad : float
+        Of the sine at the start of a period.
+    kind : {"linear", "log"}
+    """
+
+    fs_hz: float
+    period_samples: int
+    f_start_hz: float
+    f_stop_hz: float
+    line: np.ndarray
+    amplitude: float = 1.0
+    phase_rad: float = 0.0
+    kind: str = "linear"
+
+    @classmethod
+    def design(
+        cls,
+        fs_hz: float,
+        period_samples: int,
+        band_hz: tuple[float, float],
+        *,
+        kind: str = "linear",
+        amplitude: float = 1.0,
+        phase_rad: float = 0.0,
+        continuous: bool = True,
+    ) -> Sweep:
+        """Design a sweep.
+
+        Parameters
+        ----------
+        fs_hz : float
+            Sample rate [Hz].
+        period_samples : int
+            N.
+        band_hz : (lo, hi)
+            Frequency at the start and at the end of a period [Hz].
+        kind : {"linear", "log"}
+            Frequency over time.
+        amplitude : float
+            Unit of the command.
+        phase_rad : float
+            Of the sine at the start of a period.
+        continuous : bool
+            Lower the upper frequency as little as makes the turns of a period a whole number, so that the
+            phase goes on over its end without a jump.
+
+        Returns
+        -------
+        Sweep
+
+        Raises
+        ------
+        ValueError
+            A request that cannot be met; the message names the nearest one that can.
+        """
+        require_one_of("kind", kind, SWEEP_KINDS)
+        _require_amplitude(amplitude)
+        require_rate(fs_hz)
+        period_samples = whole_period(period_samples)
+        line = _lines_of_interest(fs_hz, period_samples, band_hz)
+        start_hz, stop_hz = map(float, band_hz)
+        sweep = cls(float(fs_hz), period_samples, start_hz, stop_hz, line, amplitude, phase_rad, kind)
+        return sweep._whole() if continuous else sweep
+
+    def _cfg(self) -> object:
+        n, spacing = self.period_samples, self.fs_hz / self.period_samples
+        start, stop = self.f_start_hz / spacing, self.f_stop_hz / spacing
+        return ffi.new(
+            "gsid_sweep_cfg *", [SWEEP_KINDS[self.kind], n, start, stop, self.amplitude, self.phase_rad]
+        )
+
+    @property
+    def turns(self) -> float:
+        """Turns of the sine in a period; a whole number has no jump at its end."""
+        return float(lib.gsid_sweep_turns(self._cfg()))
+
+    def _whole(self) -> Sweep:
+        whole = math.floor(self.turns)
+        lowest = self.f_start_hz * (1 + 1e-9)
+        if whole == self.turns:
+            return self
+        if replace(self, f_stop_hz=lowest).turns > whole:
+            raise ValueError(
+                f"no whole number of turns fits between {self.f_start_hz:g} and {self.f_stop_hz:g} Hz; "
+                "lengthen the period, or allow a jump of the phase"
+            )
+        stop = brentq(lambda f: replace(self, f_stop_hz=f).turns - whole, lowest, self.f_stop_hz, xtol=1e-12)
+        return replace(self, f_stop_hz=float(stop))
+
+    def table(self) -> np.ndarray:
+        """One period, (N,) float64, unit of the command."""
+        sweep = ffi.new("gsid_sweep *")
+        check(lib.gsid_sweep_init(sweep, self._cfg()), "setting up the sweep")
+        return _samples(lambda u: lib.gsid_sweep_step(sweep, u), self.period_samples)
+
+    def scaled(self, factor: float) -> Sweep:
+        """The same sweep, times a factor."""
+        return replace(self, amplitude=self.amplitude * factor)
+
+    def _head(self) -> dict[str, object]:
+        band = f"{self.f_start_hz:.10g} to {self.f_stop_hz:.10g} Hz"
+        return {"sweep": f"{self.kind}, {band}, {self.turns:.6g} turns"}
+
+    def __repr__(self) -> str:
+        band = f"{self.f_start_hz:g} to {self.f_stop_hz:g} Hz"
+        return f"Sweep({self.kind}, {band} in {self.period_samples} samples, +-{self.amplitude:g})"
+
+
+@dataclass(repr=False)
+class SteppedSine(Periodic):
+    """One sine after the other: each settles, then lasts for whole periods (source, figure 3.2).
+
+    Attributes
+    ----------
+    fs_hz : float
+    n_base : int
+        Samples of the period that all sines share; their lines are at k fs/n_base.
+    line : (F,) int
+        One after the other.
+    amplitude : (F,) float
+        Unit of the command.
+    settle_samples, n_periods : int
+        Of each sine, before its estimation and in it.
+    """
+
+    fs_hz: float
+    n_base: int
+    line: np.ndarray
+    amplitude: np.ndarray
+    settle_samples: int
+    n_periods: int
+
+    @classmethod
+    def design(
+        cls,
+        fs_hz: float,
+        period_samples: int,
+        band_hz: tuple[float, float],
+        *,
+        grid: str = "quasi-log",
+        settle_samples: int | None = None,
+        n_periods: int = 2,
+        amplitude: float = 1.0,
+    ) -> SteppedSine:
+        """Design a stepped sine.
+
+        Parameters
+        ----------
+        fs_hz : float
+            Sample rate [Hz].
+        period_samples : int
+            Samples of the period that all sines share.
+        band_hz : (lo, hi)
+            Hz.
+        grid : str
+            As of `Multisine.design`.
+        settle_samples : int, optional
+            Before each estimation; default: one period.
+        n_periods : int
+            Of each estimation, >= 1; two show the noise.
+        amplitude : float
+            Of each sine, unit of the command.
+
+        Returns
+        -------
+        SteppedSine
+
+        Raises
+        ------
+        ValueError
+            A request that cannot be met; the message names the nearest one that can.
+        """
+        _require_amplitude(amplitude)
+        if n_periods < 1:
+            raise ValueError(f"a sine must last for 1 period at least, not {n_periods}")
+        line = Multisine.design(fs_hz, period_samples, band_hz, grid=grid).line
+        settle = period_samples if settle_samples is None else settle_samples
+        if settle < 0:
+            raise ValueError(f"the samples to settle must be 0 or more, not {settle}")
+        sizes = np.full(len(line), float(amplitude))
+        return cls(float(fs_hz), int(period_samples), line, sizes, int(settle), int(n_periods))
+
+    @property
+    def period_samples(self) -> int:
+        """Samples of the whole sequence."""
+        return len(self.line) * (self.settle_samples + self.n_periods * self.n_base)
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the sines, (F,) [Hz]."""
+        return self.line * (self.fs_hz / self.n_base)
+
+    def table(self) -> np.ndarray:
+        """The whole sequence, (period_samples,) float64, unit of the command."""
+        twiddle = np.empty(self.n_base, complex)
+        check(lib.gsid_twiddle_fill(self.n_base, ffi.from_buffer("gsid_cplx[]", twiddle)), "making the table")
+        line = np.ascontiguousarray(self.line, np.uint32)
+        amplitude = np.ascontiguousarray(self.amplitude, float)
+        cfg = ffi.new("gsid_stepped_cfg *")
+        cfg.n_period, cfg.n_lines = self.n_base, len(line)
+        cfg.n_settle, cfg.n_periods = self.settle_samples, self.n_periods
+        cfg.line = ffi.from_buffer("uint32_t[]", line)
+        cfg.amplitude = ffi.from_buffer("double[]", amplitude)
+        cfg.twiddle = ffi.from_buffer("gsid_cplx[]", twiddle)
+        stepped = ffi.new("gsid_stepped *")
+        check(lib.gsid_stepped_init(stepped, cfg), "setting up the stepped sine")
+        return _samples(lambda u: lib.gsid_stepped_step(stepped, u), self.period_samples)
+
+    @property
+    def crest_factor(self) -> float:
+        """Of each sine on the samples, the largest: sqrt(2) at most."""
+        return self.peak / (float(np.max(np.abs(self.amplitude))) / math.sqrt(2))
+
+    @property
+    def crest_factor_fine(self) -> float:
+        """Of a sine: sqrt(2)."""
+        return math.sqrt(2)
+
+    @property
+    def p_int_over_p_tot(self) -> float:
+        """All of a sine's power is of interest."""
+        return 1.0
+
+    def scaled(self, factor: float) -> SteppedSine:
+        """The same sequence, times a factor."""
+        return replace(self, amplitude=np.asarray(self.amplitude) * factor)
+
+    def _head(self) -> dict[str, object]:
+        each = f"{self.settle_samples} samples to settle, {self.n_periods} periods of {self.n_base}"
+        return {"stepped_sine": f"{len(self.line)} sines, each {each}"}
+
+    def __repr__(self) -> str:
+        f_hz = self.f_hz
+        band = f"{f_hz[0]:g} .. {f_hz[-1]:g} Hz"
+        return f"SteppedSine({len(f_hz)} sines {band}, {self.period_samples} samples in all)"

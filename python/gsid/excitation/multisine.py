@@ -1,0 +1,303 @@
+"""Periodic excitation: multisines on a grid of lines k fs/N; a request is met as asked, or refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from numbers import Integral
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.base.bands import ON_A_LINE, two_frequencies
+from gsid.excitation.periodic import Periodic, require_one_of, require_rate, whole_period
+
+GRIDS = ("full", "odd", "odd-random", "quasi-log")
+GROUP = 4  # odd lines of which one is left out on the grid odd-random, at random
+LINES_PER_DECADE = 20  # of the grid quasi-log
+PHASES = ("schroeder", "random")
+
+
+@dataclass(repr=False)
+class Multisine(Periodic):
+    """u[n] = sum over lines of amplitude cos(2 pi line n / N + phase)  (EXC-1; source, eqs. 3.4 and 3.8).
+
+    Attributes
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    period_samples : int
+        N.
+    line : (F,) int
+        Excited lines, ascending, 1 <= line < N/2; line k is at k fs/N [Hz].
+    amplitude : (F,) float
+        Amplitude of each sine, unit of the command.
+    phase_rad : (F,) float
+    grid : {"full", "odd", "odd-random", "quasi-log"}
+    shape_db_per_decade : float
+        Slope of the amplitude over frequency.
+    seed : int or None
+        Seed of random phases; None: Schroeder phases.
+    optimised : bool
+        The phases were searched from there (`gsid.excitation.limits.optimise`).
+    """
+
+    fs_hz: float
+    period_samples: int
+    line: np.ndarray
+    amplitude: np.ndarray
+    phase_rad: np.ndarray
+    grid: str = "full"
+    shape_db_per_decade: float = 0.0
+    seed: int | None = None
+    optimised: bool = False
+
+    @classmethod
+    def design(
+        cls,
+        fs_hz: float,
+        period_samples: float,
+        band_hz: tuple[float, float],
+        *,
+        grid: str = "full",
+        phases: str = "schroeder",
+        seed: int = 0,
+        shape_db_per_decade: float = 0.0,
+        amplitude: float | None = None,
+        rms: float | None = None,
+        peak: float | None = None,
+    ) -> Multisine:
+        """Design a multisine.
+
+        Parameters
+        ----------
+        fs_hz : float
+            Sample rate [Hz], > 0.
+        period_samples : int
+            N; a float is taken when it is a whole number.
+        band_hz : (lo, hi)
+            First and last frequency allowed [Hz], 0 < lo < hi < fs/2.
+        grid : {"full", "odd", "odd-random", "quasi-log"}
+            Every line of the band; those of odd number only, so that the even ones show even distortion; odd
+            ones without one of every four, drawn by the seed, so that those show odd distortion (EXC-8); or
+            odd ones spread evenly over log f.
+        phases : {"schroeder", "random"}
+            Low crest factor (EXC-2; source, definition 3.5.1), or independent and uniform on [0, 2 pi)
+            (EXC-3; source, definition 5.3.1).
+        seed : int
+            Of random phases, 0 .. 2^64 - 1.
+        shape_db_per_decade : float
+            Slope of the amplitude over frequency; 0 flat; -10 falls as 1/sqrt(f).
+        amplitude, rms, peak : float, optional
+            Size, unit of the command, at most one of: amplitude of the first line, rms of the signal, largest
+            magnitude of its samples. Default: amplitude 1.
+
+        Returns
+        -------
+        Multisine
+
+        Raises
+        ------
+        ValueError
+            A request that cannot be met; the message names the nearest one that can.
+        """
+        require_rate(fs_hz)
+        require_one_of("grid", grid, GRIDS)
+        require_one_of("phases", phases, PHASES)
+        if not (isinstance(seed, Integral) and 0 <= seed < 2**64):
+            raise ValueError(f"the seed must be a whole number within 0 .. 2^64 - 1, not {seed}")
+        if not math.isfinite(shape_db_per_decade):
+            raise ValueError(f"the slope must be a finite number of dB per decade, not {shape_db_per_decade}")
+        n_period = whole_period(period_samples)
+        line = _lines_in_band(fs_hz, n_period, band_hz, grid, seed)
+        shape = np.empty(len(line))
+        check(
+            lib.gsid_amplitude_shape(len(line), _u32(line), shape_db_per_decade, _real(shape)),
+            "shaping the amplitudes",
+        )
+        phase_rad = np.empty(len(line))
+        if phases == "random":
+            check(lib.gsid_phase_random(len(line), seed, _real(phase_rad)), "drawing random phases")
+        else:
+            check(lib.gsid_phase_schroeder(len(line), _real(shape), _real(phase_rad)), "Schroeder phases")
+        unit = cls(
+            float(fs_hz),
+            n_period,
+            line,
+            shape,
+            phase_rad,
+            grid,
+            float(shape_db_per_decade),
+            seed if phases == "random" else None,
+        )
+        unit.amplitude = shape * _size(unit, amplitude, rms, peak)
+        return unit
+
+    def table(self) -> np.ndarray:
+        """One period of the signal.
+
+        Returns
+        -------
+        (N,) float64, unit of the command
+
+        Raises
+        ------
+        GsidError
+            The attributes were changed to something that is no multisine.
+        """
+        line, amplitude, phase_rad = self._arrays()
+        twiddle = np.empty(self.period_samples, complex)
+        check(lib.gsid_twiddle_fill(self.period_samples, _cplx(twiddle)), "making the twiddle table")
+        cfg = ffi.new("gsid_multisine_cfg *")
+        cfg.n_period, cfg.n_lines = self.period_samples, len(line)
+        cfg.line, cfg.amplitude, cfg.phase_rad = _u32(line), _real(amplitude), _real(phase_rad)
+        cfg.twiddle = _cplx(twiddle)
+        multisine = ffi.new("gsid_multisine *")
+        check(lib.gsid_multisine_init(multisine, cfg), "setting up the multisine")
+        u = np.empty(self.period_samples)
+        check(lib.gsid_multisine_table(multisine, _real(u)), "computing the period")
+        return u
+
+    def spectrum(self) -> np.ndarray:
+        """Complex amplitudes amplitude exp(j phase) of the lines, (F,) complex, unit of the command."""
+        return np.asarray(self.amplitude) * np.exp(1j * np.asarray(self.phase_rad))
+
+    def scaled(self, factor: float) -> Multisine:
+        """The same multisine, times a factor."""
+        return replace(self, amplitude=np.asarray(self.amplitude) * factor)
+
+    def _head(self) -> dict[str, object]:
+        phases = "schroeder" if self.seed is None else f"random, seed {self.seed}"
+        return {
+            "lines": f"{self.grid}, {self.line[0]} to {self.line[-1]}",
+            "shape_db_per_decade": f"{self.shape_db_per_decade:g}",
+            "phases": "optimised" if self.optimised else phases,
+        }
+
+    def __repr__(self) -> str:
+        f_hz = self.f_hz
+        phases = "Schroeder phases" if self.seed is None else f"random phases, seed {self.seed}"
+        phases = f"optimised from {phases}" if self.optimised else phases
+        return (
+            f"Multisine({len(f_hz)} {self.grid} lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz, period "
+            f"{self.period_samples} at {self.fs_hz:g} Hz, {self.shape_db_per_decade:g} dB/decade, {phases}, "
+            f"rms {self.rms:.4g}, crest factor {self.crest_factor_fine:.3f})"
+        )
+
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return (
+            np.ascontiguousarray(self.line, np.uint32),
+            np.ascontiguousarray(self.amplitude, float),
+            np.ascontiguousarray(self.phase_rad, float),
+        )
+
+
+def _lines_in_band(
+    fs_hz: float, n_period: int, band_hz: tuple[float, float], grid: str, seed: int
+) -> np.ndarray:
+    """Line numbers of the grid within the band, (F,) uint32."""
+    step = 1 if grid == "full" else 2
+    lo, hi = lines_of_band(fs_hz, n_period, band_hz, step)
+    first, last = whole_lines(lo, hi)
+
+    def fill(capacity: int, line: object) -> int:
+        if grid == "odd-random":
+            return lib.gsid_lines_odd_random(first, last, GROUP, seed, capacity, line, n_lines)
+        if grid == "quasi-log":
+            return lib.gsid_lines_quasi_log(first, last, LINES_PER_DECADE, capacity, line, n_lines)
+        kind = lib.GSID_GRID_FULL if grid == "full" else lib.GSID_GRID_ODD
+        return lib.gsid_lines_fill(kind, first, last, capacity, line, n_lines)
+
+    n_lines = ffi.new("uint32_t *")
+    status = fill(0, ffi.NULL) if first <= last else lib.GSID_E_CONFIG
+    if status == lib.GSID_E_CONFIG:
+        kind = "" if grid == "full" else "odd "
+        raise ValueError(
+            f"no {kind}line in {band_hz[0]:g}:{band_hz[1]:g} Hz, lines being {fs_hz / n_period:g} Hz apart; "
+            f"{_nearest_band(fs_hz, n_period, lo, hi, step)}"
+        )
+    check(status, "counting the lines")
+    line = np.empty(n_lines[0], np.uint32)
+    check(fill(len(line), _u32(line)), "listing the lines")
+    return line
+
+
+def lines_of_band(
+    fs_hz: float, n_period: int, band_hz: tuple[float, float], step: int = 1
+) -> tuple[float, float]:
+    """Edges of a band as (fractions of) lines; refused where there can be no excitation.
+
+    Parameters
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    n_period : int
+        N.
+    band_hz : (lo, hi)
+        Hz.
+    step : int
+        Between the lines that may be excited, from line 1 on.
+
+    Raises
+    ------
+    ValueError
+        Not finite, at or below 0, without width, or reaching fs/2; the message names the nearest valid band.
+    """
+    lo_hz, hi_hz = two_frequencies(band_hz)
+    spacing = fs_hz / n_period
+    top = (n_period - 1) // 2
+    if not (math.isfinite(lo_hz) and math.isfinite(hi_hz)):
+        nearest = _nearest_band(fs_hz, n_period, 1, top, step)
+        raise ValueError(f"the band {lo_hz}:{hi_hz} Hz is not finite; {nearest}")
+    lo, hi = lo_hz / spacing, hi_hz / spacing
+    if lo_hz <= 0:
+        nearest = _nearest_band(fs_hz, n_period, 1, hi, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz starts at or below 0; {nearest}")
+    if lo_hz >= hi_hz:
+        nearest = _nearest_band(fs_hz, n_period, lo, lo, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz has no width; {nearest}")
+    if hi_hz >= fs_hz / 2:
+        nearest = _nearest_band(fs_hz, n_period, lo, hi, step)
+        raise ValueError(f"the band {lo_hz:g}:{hi_hz:g} Hz reaches fs/2, {fs_hz / 2:g} Hz; {nearest}")
+    return lo, hi
+
+
+def whole_lines(lo: float, hi: float) -> tuple[int, int]:
+    """First and last whole line between edges given as (fractions of) lines; none where first > last."""
+    return max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
+
+
+def _nearest_band(fs_hz: float, n_period: int, lo: float, hi: float, step: int) -> str:
+    top = (n_period - 1) // 2  # last line below fs/2
+    top -= (top - 1) % step
+    first = 1 + step * round((min(max(lo, 1), top) - 1) / step)
+    last = 1 + step * round((min(max(hi, 1), top) - 1) / step)
+    last = max(last, min(first + step, top))
+    spacing = fs_hz / n_period
+    return f"the nearest valid request is {first * spacing:.10g}:{last * spacing:.10g} Hz"
+
+
+def _size(unit: Multisine, amplitude: float | None, rms: float | None, peak: float | None) -> float:
+    """Amplitude of the first line that gives the asked size; `unit` has amplitude 1 there."""
+    asked = {"amplitude": amplitude, "rms": rms, "peak": peak}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    if len(asked) > 1:
+        raise ValueError(f"give one of amplitude, rms and peak, not {' and '.join(asked)}")
+    if not asked:
+        return 1.0
+    name, value = asked.popitem()
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a positive number, not {value}")
+    return value / (1.0 if name == "amplitude" else getattr(unit, name))
+
+
+def _u32(array: np.ndarray):
+    return ffi.from_buffer("uint32_t[]", array)
+
+
+def _real(array: np.ndarray):
+    return ffi.from_buffer("double[]", array)
+
+
+def _cplx(array: np.ndarray):
+    return ffi.from_buffer("gsid_cplx[]", array)

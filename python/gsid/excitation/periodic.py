@@ -1,0 +1,231 @@
+"""One period of an excitation: its samples, and what is checked of every kind."""
+
+from __future__ import annotations
+
+import math
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.base.arguments import real_number
+from gsid.base.files import write_atomically
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+
+FINE = 8  # points per sample on which the crest factor between the samples is looked for
+
+
+class Periodic(ABC):
+    """A periodic excitation: what all of them tell about themselves.
+
+    Attributes
+    ----------
+    fs_hz : float
+        Sample rate [Hz].
+    period_samples : int
+        N.
+    line : (F,) int
+        Lines of interest.
+    """
+
+    fs_hz: float
+    period_samples: int
+    line: np.ndarray
+
+    @abstractmethod
+    def table(self) -> np.ndarray:
+        """One period of the signal, (N,) float64, unit of the command."""
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Periodic:
+        """The same signal, times a factor."""
+
+    @abstractmethod
+    def _head(self) -> dict[str, object]:
+        """How it was made: keys and values for the head of its file."""
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines of interest, (F,) [Hz]."""
+        return self.line * (self.fs_hz / self.period_samples)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the samples, unit of the command."""
+        return float(np.sqrt(np.mean(self.table() ** 2)))
+
+    @property
+    def peak(self) -> float:
+        """Largest magnitude of the samples, unit of the command."""
+        return float(np.abs(self.table()).max())
+
+    @property
+    def slew(self) -> float:
+        """Largest change from one sample to the next, unit of the command per second."""
+        u = self.table()
+        return float(np.abs(np.diff(u, append=u[0])).max() * self.fs_hz)
+
+    @property
+    def crest_factor(self) -> float:
+        """Crest factor on the samples (source, definition 3.2.1)."""
+        return crest_factor(self.table(), self.line)
+
+    @property
+    def crest_factor_fine(self) -> float:
+        """Crest factor on an 8 times finer grid: what the signal does between its samples counts too."""
+        return crest_factor(between_samples(self.table()), self.line)
+
+    @property
+    def p_int_over_p_tot(self) -> float:
+        """Share of the power in the lines of interest (source, definition 3.2.1)."""
+        return power_share(self.table(), self.line)
+
+    def plot(
+        self,
+        u_unit: str = "",
+        *,
+        model: RationalModel | PlantModel | None = None,
+        limits: Limits | None = None,
+    ) -> matplotlib.figure.Figure:
+        """One period and its lines, with the crest factors; with a model the travel that it predicts.
+
+        Parameters
+        ----------
+        u_unit : str
+            Unit of the input, for the axes.
+        model : RationalModel or PlantModel, optional
+            Predicts the travel.
+        limits : Limits, optional
+            Of command and travel, to draw beside them.
+        """
+        from gsid import plots
+
+        return plots.excitation(self, u_unit, model=model, limits=limits)
+
+    def write_table(self, path: str | os.PathLike) -> None:
+        """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        """
+        head = {
+            "fs_hz": repr(self.fs_hz),
+            "period_samples": self.period_samples,
+            "hold": "zoh",
+        } | self._head()
+        rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
+        text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
+        write_atomically(path, lambda part: part.write_text("\n".join(text) + "\n", encoding="utf-8"))
+
+
+def power_share(u: np.ndarray, line: np.ndarray) -> float:
+    """Share P_int/P_tot of a period's power that lies in the given lines (source, definition 3.2.1).
+
+    Parameters
+    ----------
+    u : (N,) array_like
+    line : (F,) int, 0 .. N/2
+
+    Returns
+    -------
+    float, 0 .. 1
+    """
+    power = np.abs(np.fft.rfft(u)) ** 2
+    power[1 : (len(u) + 1) // 2] *= 2  # the negative frequencies
+    return float(power[np.asarray(line)].sum() / power.sum())
+
+
+def between_samples(u: np.ndarray) -> np.ndarray:
+    """One period (N,) on an 8 times finer grid, (8 N,): without lines above half the sample rate."""
+    return FINE * np.fft.irfft(np.fft.rfft(u), FINE * len(u))
+
+
+def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
+    """Peak of a period over its rms in the band of interest (source, definition 3.2.1).
+
+    Parameters
+    ----------
+    u : (N,) array_like
+        One period.
+    line : (F,) int, optional
+        Lines of interest; default: all, so that P_int/P_tot is 1.
+
+    Returns
+    -------
+    float, >= 1 when all the power is of interest
+
+    Raises
+    ------
+    ValueError
+        No power in the lines.
+    """
+    u = np.asarray(u, float)
+    share = 1.0 if line is None else power_share(u, line)
+    rms_of_interest = np.sqrt(np.mean(u**2) * share)
+    if not rms_of_interest > 0:
+        raise ValueError("the signal has no power in the lines of interest: it has no crest factor")
+    return float(np.abs(u).max() / rms_of_interest)
+
+
+def require_rate(fs_hz: float) -> None:
+    """Refuse (ValueError) what is no sample rate."""
+    fs_hz = real_number("the sample rate", fs_hz, "Hz")
+    if not (math.isfinite(fs_hz) and fs_hz > 0):
+        raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
+
+
+def require_one_of(name: str, value: str, known: Iterable[str]) -> None:
+    """Refuse (ValueError) a choice that there is not."""
+    if value not in known:
+        raise ValueError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+
+
+def whole_period(period_samples: float) -> int:
+    """The period as a whole number of samples; refused (ValueError) where it is none."""
+    number = real_number("the period", period_samples, "samples")
+    nearest = max(round(number), 3) if math.isfinite(number) else 3
+    if nearest != number:
+        raise ValueError(
+            f"a period of {period_samples} samples is not a whole number of at least 3; the nearest valid "
+            f"request is {nearest} samples"
+        )
+    return nearest
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rig allows; None: no limit.
+
+    Attributes
+    ----------
+    command : float, optional
+        Of |u|, unit of the command.
+    travel : float, optional
+        Of the angle to each side of the middle of its travel, degree (the plant's unit where that is none).
+    slew : float, optional
+        Of the command's change, unit of the command per second.
+    """
+
+    command: float | None = None
+    travel: float | None = None
+    slew: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("command", "travel", "slew"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"the limit of {name} must be a positive number, not {value}")

@@ -1,0 +1,1 @@
+"""Fits of rational models to measured responses."""

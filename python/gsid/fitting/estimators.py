@@ -1,0 +1,276 @@
+"""Every estimator on the same response, side by side (source, section 7.10)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.base.bands import in_band
+from gsid.base.errors import GsidError
+from gsid.fitting.rational import METHODS, fit, initial_delay
+from gsid.fitting.validation import HELD_OUT, Validation, held_out_text, validate, without_empty
+from gsid.response.frf import Frf
+
+if TYPE_CHECKING:
+    from gsid.models.rational import RationalModel
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one estimator made of the response.
+
+    Attributes
+    ----------
+    method : str
+    model : RationalModel or None
+        None where there is no answer at all; `note` says why.
+    amplitude_db, phase_deg, error_db : float
+        Root mean squares over the lines of the errors of amplitude [dB] and phase [deg] and of the complex
+        error over the response [dB] (-26 dB are 5 %).
+    cost : float
+        V of eq. 7.28, whatever the method minimised (of eq. 7.26 for "ml-io"); expected of noise alone:
+        `cost_expected` of the table.
+    seconds : float
+    note : str
+        "" where the estimator converged to a stable model.
+    held_out : Validation or None
+        On the response kept out of the fit, where one was given.
+    """
+
+    method: str
+    model: RationalModel | None
+    amplitude_db: float
+    phase_deg: float
+    error_db: float
+    cost: float
+    seconds: float
+    note: str
+    held_out: Validation | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Estimators:
+    """The table of section 7.10 of the source.
+
+    Attributes
+    ----------
+    rows : tuple of Estimate
+    order : str
+    initial_delay_s : float
+        By the slope of the phase (eq. 7.8) [s].
+    n_lines : int
+    cost_expected : float or None
+        What noise alone leaves of the cost of "ml".
+    """
+
+    rows: tuple[Estimate, ...]
+    order: str
+    initial_delay_s: float
+    n_lines: int
+    cost_expected: float | None
+
+    def __getitem__(self, method: str) -> Estimate:
+        for row in self.rows:
+            if row.method == method:
+                return row
+        raise KeyError(method)
+
+    def best(self) -> Estimate:
+        """Return the stable, converged estimate of least cost, "ml-io" aside, whose cost is another one.
+
+        Where noise biases that estimate it is the one of the method that is right instead.
+
+        Raises
+        ------
+        ValueError
+            No estimator converged to a stable model.
+        """
+        good = [row for row in self.rows if not row.note and row.method != "ml-io"]
+        if not good:
+            raise ValueError("no estimator converged to a stable model")
+        least = min(good, key=lambda row: row.cost)
+        right = [warning.use for warning in least.model.warnings]
+        return next((row for row in self.rows if row.method in right and not row.note), least)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Return the head and the rows as text."""
+        head = [
+            "method",
+            "amplitude [dB]",
+            "phase [deg]",
+            "error [dB]",
+            "cost",
+            "time [ms]",
+            "delay [ms]",
+            *HELD_OUT,
+            "",
+        ]
+        return without_empty(head, [_text(row) for row in self.rows], HELD_OUT)
+
+    def __repr__(self) -> str:
+        head, rows = self.table()
+        widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+        lines = [
+            "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in [head, *rows]
+        ]
+        return "\n".join([f"Estimators of order {self.order}, {self.n_lines} lines", *lines])
+
+
+def fit_all(
+    frf: Frf,
+    order: str | tuple[int, int] = "4/3",
+    *,
+    methods: Sequence[str] = tuple(METHODS),
+    reference: np.ndarray | None = None,
+    band: tuple[float, float] | None = None,
+    held_out: Frf | None = None,
+    **options: object,
+) -> Estimators:
+    """Fit by every estimator and compare what they made (source, section 7.10).
+
+    Parameters
+    ----------
+    frf : Frf
+    order : "POLES/ZEROS" or (poles, zeros)
+    methods : sequence of str
+        Of `gsid.fitting.rational.METHODS`.
+    reference : (F,) complex array_like, optional
+        Response at the lines of the band that the errors are taken from, where the truth is known; default:
+        the measured one.
+    band : (lo, hi), optional
+        Lines to use [Hz].
+    held_out : Frf, optional
+        Response of realisations kept out: every model is judged on it, too (`gsid.fitting.validation`).
+    **options
+        Passed to `fit`.
+
+    Returns
+    -------
+    Estimators
+        A method whose best model is unstable is shown with it, and noted.
+
+    Raises
+    ------
+    ValueError
+        Wrong arguments.
+    """
+    use = in_band(frf.f_hz, band)
+    measured = frf.g[use] if reference is None else np.asarray(reference, complex)
+    if measured.shape != (np.count_nonzero(use),):
+        raise ValueError(
+            f"reference has shape {measured.shape}; the band holds {np.count_nonzero(use)} lines"
+        )
+    rows = tuple(_estimate(frf, order, method, band, frf.f_hz[use], measured, options) for method in methods)
+    if held_out is not None:
+        rows = tuple(
+            row if row.model is None else replace(row, held_out=validate(row.model, held_out)) for row in rows
+        )
+    by_ml = [row.model for row in rows if row.method == "ml" and row.model is not None]
+    return Estimators(
+        rows=rows,
+        order=order if isinstance(order, str) else f"{order[0]}/{order[1]}",
+        initial_delay_s=initial_delay(frf, band),
+        n_lines=len(measured),
+        cost_expected=by_ml[0].cost_expected if by_ml else None,
+    )
+
+
+def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict) -> Estimate:
+    began = time.perf_counter()
+    model, note = None, ""
+    try:
+        model = fit(frf, order, method=method, band=band, quiet=True, **options)
+        note = "" if model.converged else "not converged"
+    except GsidError as error:
+        note = str(error)
+        try:  # to show what it found
+            unstable = {**options, "allow_unstable": True, "quiet": True}
+            model = fit(frf, order, method=method, band=band, **unstable)
+            note = "UNSTABLE"
+        except GsidError:
+            pass
+    seconds = time.perf_counter() - began
+    if model is None:
+        return Estimate(method, None, np.nan, np.nan, np.nan, np.nan, seconds, note)
+    ratio = model.response(f_hz) / reference
+    return Estimate(
+        method=method,
+        model=model,
+        amplitude_db=_rms(20 * np.log10(np.abs(ratio))),
+        phase_deg=_rms(np.degrees(np.angle(ratio))),
+        error_db=float(20 * np.log10(_rms(np.abs(ratio - 1)))),
+        cost=float(model.cost),
+        seconds=seconds,
+        note=note,
+    )
+
+
+def bootstrap(model: RationalModel, frf: Frf, *, n: int = 200, seed: int = 0) -> np.ndarray:
+    """Standard deviations of the parameters by fits to redrawn responses: a check of the covariance.
+
+    Parameters
+    ----------
+    model : RationalModel
+        Fitted to `frf`.
+    frf : Frf
+        Its lines and variances are used; noise is drawn around the model's response.
+    n : int
+        Responses to draw.
+    seed : int
+
+    Returns
+    -------
+    (p,) ndarray
+        Of (den[1:], num, delay if free), beside the roots of the diagonal of `model.cov`.
+
+    Raises
+    ------
+    ValueError
+        The model was not fitted, or fewer than two responses are asked for.
+    """
+    if model.method is None or model.cov is None or n < 2:
+        raise ValueError("a bootstrap needs a fitted model and at least two responses")
+    rng = np.random.default_rng(seed)
+    use = in_band(frf.f_hz, model.band_hz)
+    g = model.response(frf.f_hz[use])
+    nothing = np.zeros(len(g))
+    parameters = []
+    for _ in range(n):
+        noise = (rng.standard_normal(len(g)) + 1j * rng.standard_normal(len(g))) / np.sqrt(2)
+        drawn = replace(
+            Frf.from_arrays(
+                frf.f_hz[use], g + np.sqrt(frf.var_g[use]) * noise, frf.var_g[use], fs_hz=frf.fs_hz
+            ),
+            u=np.abs(frf.u[use]) + 0j,
+            var_u=nothing,
+            hold=frf.hold,
+        )
+        one = fit(
+            drawn,
+            (model.n_poles, model.n_zeros),
+            method=model.method,
+            delay="free" if model.free_delay else model.delay_s,
+            domain=model.domain,
+            hold=model.hold,
+            start=None if model.method in ("ls", "iwls", "ga") else model,
+            allow_unstable=True,
+            quiet=True,
+        )
+        parameters.append([*one.den[1:], *one.num, *([one.delay_s] if model.free_delay else [])])
+    return np.std(parameters, axis=0, ddof=1)
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def _text(row: Estimate) -> list[str]:
+    numbers = [f"{row.amplitude_db:.3g}", f"{row.phase_deg:.3g}", f"{row.error_db:.1f}", f"{row.cost:.5g}"]
+    delay = "-" if row.model is None else f"{1e3 * row.model.delay_s:.4g}"
+    warnings = () if row.model is None else row.model.warnings
+    remarks = "; ".join(filter(None, [row.note, *(warning.short for warning in warnings)]))
+    return [row.method, *numbers, f"{1e3 * row.seconds:.0f}", delay, *held_out_text(row.held_out), remarks]

@@ -1,0 +1,433 @@
+"""Parametric model of a measured frequency response (source, chapter 7)."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.base.bands import in_band
+from gsid.base.errors import GsidError
+from gsid.fitting.excess import excess_cost
+from gsid.fitting.warnings import chosen_lines, equation_error, noisy_input
+from gsid.models.confidence import unwrapped_phase_deg
+from gsid.models.fit_warning import FitWarning
+from gsid.models.hold import fit_both
+from gsid.models.rational import RationalModel
+from gsid.response.frf import check_response
+
+if TYPE_CHECKING:
+    from gsid.response.frf import Frf
+
+_log = logging.getLogger(__name__)
+
+METHODS = {
+    "ls": lib.GSID_METHOD_LS,
+    "iwls": lib.GSID_METHOD_IWLS,
+    "ga": lib.GSID_METHOD_GA,
+    "nls-output": lib.GSID_METHOD_NLS_OUTPUT,
+    "nls": lib.GSID_METHOD_NLS,
+    "log": lib.GSID_METHOD_LOG,
+    "ml-io": lib.GSID_METHOD_ML_INPUT_OUTPUT,
+    "ml": lib.GSID_METHOD_ML,
+}
+SOLVERS = {"gauss-newton": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVER_NLOPT}
+
+# Sample variances with fewer degrees of freedom than this are averaged over neighbouring lines before they
+# weigh.
+DOF_WANTED = 8
+ROUNDING = 1e-3
+"""Of the product of two variances, which may have been measured in single precision."""
+
+
+def fit(
+    frf: Frf,
+    order: str | tuple[int, int] = "4/3",
+    *,
+    delay: str | float = "free",
+    method: str = "ml",
+    band: tuple[float, float] | None = None,
+    domain: str = "s",
+    hold: str | None = None,
+    allow_unstable: bool = False,
+    min_delay_s: float | None = None,
+    exponent: float = 1.0,
+    solver: str = "gauss-newton",
+    start: RationalModel | None = None,
+    seed: int = 0,
+    quiet: bool = False,
+) -> RationalModel:
+    """Fit a rational transfer function with delay to a measured frequency response.
+
+    Parameters
+    ----------
+    frf : Frf
+        Measured response and its variance, from at least two periods.
+    order : "POLES/ZEROS" or (poles, zeros)
+        Degrees of denominator and numerator.
+    delay : "free", "none" or float
+        Estimated from 0 to 12 ms without a starting value, absent, or given [s].
+    method : str
+        "ls": linear least squares (eq. 7.9); "iwls": iteratively reweighted (eqs. 7.14 to 7.16); "ga": an
+        evolutionary search for the start, then "nls" (eq. 7.18); "nls-output" and "nls": nonlinear least
+        squares on the output and on the response (eqs. 7.20, 7.21); "log": logarithmic least squares
+        (eq. 7.23); "ml": maximum likelihood, weighted with the variance measured (eq. 7.28); "ml-io": the
+        same with errors in input and output, weighted with their covariance (eqs. 7.24, 7.26).
+    band : (lo, hi), optional
+        Lines to use [Hz]; default all.
+    domain : "s" or "z"
+    hold : "zoh" or "none", optional
+        Whether the input was held over each sample; default what the record states. With "zoh" the model is
+        of what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
+        Where nothing states it, both are fitted, and the likelier is taken ("none" within 2 in -2 log
+        likelihood): see `RationalModel.hold_assumed`.
+    allow_unstable : bool
+        Take the model of least cost even when it is unstable.
+    min_delay_s : float, optional
+        Least free delay allowed [s]; default: any, a small delay may come out negative.
+    exponent : float
+        r of eq. 7.16, for "iwls": below 1 relaxes the reweighting, above 1 sharpens it.
+    solver : "gauss-newton" or "nlopt"
+        Of the nonlinear methods; both find the same minimum.
+    start : RationalModel, optional
+        Nonlinear methods: search from this model only; default: from the best of a scan of delays.
+    seed : int
+        Of the evolutionary search.
+    quiet : bool
+        Do not log the warnings that the model carries: for one of many fits.
+
+    Returns
+    -------
+    RationalModel
+        With covariance. The covariance accounts for weights that are estimates themselves (EST-5). Where
+        noise biases the method its `warnings` say so, and name the method that is right; where the errors are
+        larger than noise explains they say so, too, and name what to try.
+
+    Raises
+    ------
+    ValueError
+        Wrong arguments, too few lines or periods, (co)variances of input and output that contradict each
+        other.
+    TypeError
+        No response, as a record.
+    GsidError
+        No stable model, or singular equations.
+    """
+    check_response(frf)
+    n_poles, n_zeros = parse_order(order)
+    _check_choices(method, domain, solver)
+    if hold is None and domain == "s" and frf.hold is None:
+
+        def under(reading: str) -> RationalModel:
+            return fit(
+                frf, order, delay=delay, method=method, band=band, domain=domain, hold=reading,
+                allow_unstable=allow_unstable, min_delay_s=min_delay_s, exponent=exponent, solver=solver,
+                start=start, seed=seed, quiet=True,
+            )  # fmt: skip
+
+        return _report(fit_both(under, weights(frf, in_band(frf.f_hz, band))[1]), quiet)
+    hold = (frf.hold if domain == "s" else "none") if hold is None else hold
+    if hold not in ("zoh", "none"):
+        raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
+    use = in_band(frf.f_hz, band)
+    sigma, dof = weights(frf, use)
+    n_lines, n_parameters = np.count_nonzero(use), n_poles + n_zeros + 1 + (delay == "free")
+    if 2 * n_lines < n_parameters:
+        raise ValueError(
+            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {n_lines}"
+        )
+
+    _check_rate(frf.fs_hz, frf.f_hz[use], domain, hold)
+    cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
+    if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
+        _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
+    cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
+    cfg.sigma_dof = 0.0 if np.isinf(dof) else dof
+    if min_delay_s is not None:
+        cfg.bound_delay, cfg.delay_min_s = True, min_delay_s
+    if start is not None:
+        if (start.n_poles, start.n_zeros, start.domain) != (n_poles, n_zeros, domain):
+            raise ValueError(f"start has order {start.n_poles}/{start.n_zeros} in {start.domain}")
+        cfg.start = c_start = start._to_c()  # noqa: F841  (keeps it alive)
+    if method == "ml-io":
+        _check_covariances(frf, use)
+    amplitude = np.ascontiguousarray(np.abs(frf.u[use]))
+    cfg.input = ffi.from_buffer("double[]", amplitude)
+    data, _keep_alive = _c_lines(frf, use, sigma)
+    result = ffi.new("gsid_fit_result *")
+    _run(data, cfg, result, f"fit of order {n_poles}/{n_zeros}", method)
+    facts = {"method": method, "domain": domain, "hold": hold, "free_delay": delay == "free"}
+    model, bias = _answer(result, frf, use, dof, **facts)
+    model.warnings = _warnings(model, bias, frf, use, sigma)
+    return _report(model, quiet)
+
+
+def _run(data: Any, cfg: Any, result: Any, doing: str, method: str) -> None:
+    try:
+        check(lib.gsid_fit_run(data, cfg, result), doing)
+    except GsidError as error:
+        if error.code == lib.GSID_E_UNSTABLE and method in ("ls", "iwls"):
+            hint = f"{method} cannot be kept to stable models, and noise makes it unstable: method ml can"
+            raise GsidError(error.code, error.message, hint) from error
+        raise
+
+
+def _report(model: RationalModel, quiet: bool) -> RationalModel:
+    """The model, its warnings logged."""
+    for warning in () if quiet else model.warnings:
+        _log.warning("%s", warning.text)
+    return model
+
+
+def _warnings(
+    model: RationalModel, bias: np.ndarray, frf: Frf, use: np.ndarray, sigma: np.ndarray
+) -> tuple[FitWarning, ...]:
+    """What the intervals do not contain: what noise does to the method, and errors beyond the noise."""
+    f_hz, fitted, found = frf.f_hz[use], frf.at(use), None
+    if model.method in ("ls", "iwls"):
+        found = equation_error(model, bias, f_hz)
+    elif model.method in ("ml", "nls-output"):
+        var_u, cov_yu = _input_errors(frf, use, sigma)
+        common = cov_yu - var_u * frf.g[use]  # of the error of the response with the input's, over |U|^2
+        if model.method == "ml":
+            found = noisy_input(model, f_hz, 2 * common, 1 / sigma)
+        else:
+            found = noisy_input(model, f_hz, common / _own_share(frf, use), np.abs(frf.u[use]))
+    biases = [warning for warning in (found, chosen_lines(model, fitted, sigma)) if warning is not None]
+    if biases:  # of which the excess is a part
+        return tuple(biases)
+    excess = excess_cost(model, fitted)
+    return () if excess is None else (excess,)
+
+
+def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
+    """Read "POLES/ZEROS".
+
+    Raises
+    ------
+    ValueError
+        Not two whole numbers from 0 to the highest order supported.
+    """
+    try:
+        poles, zeros = (int(part) for part in (order.split("/") if isinstance(order, str) else order))
+    except (ValueError, TypeError) as error:
+        other = "; select_order tries several" if order == "auto" else ""
+        raise ValueError(f"order must be POLES/ZEROS such as 4/3, got {order!r}{other}") from error
+    for name, value in (("poles", poles), ("zeros", zeros)):
+        if not 0 <= value <= lib.GSID_ORDER_MAX:
+            raise ValueError(f"{name} must be 0 to {lib.GSID_ORDER_MAX}, got {value}")
+    return poles, zeros
+
+
+def _check_choices(method: str, domain: str, solver: str) -> None:
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if domain not in ("s", "z"):
+        raise ValueError(f"domain must be 's' or 'z', got {domain!r}")
+    if solver not in SOLVERS:
+        raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+
+
+def _check_rate(fs_hz: float, f_hz: np.ndarray, domain: str, hold: str) -> None:
+    if hold == "none" and domain == "s":
+        return
+    kind = "a model in z" if domain == "z" else "a held input"
+    if not math.isfinite(fs_hz):
+        raise ValueError(f"{kind} has a sample rate, and the response none: Frf.from_arrays(..., fs_hz=...)")
+    if f_hz.max() >= fs_hz / 2:
+        raise ValueError(
+            f"{kind} of {fs_hz:g} Hz ends below {fs_hz / 2:g} Hz, the lines at {f_hz.max():g} Hz"
+        )
+
+
+def _configuration(
+    n_poles: int,
+    n_zeros: int,
+    method: str,
+    domain: str,
+    hold: str,
+    delay: str | float,
+    fs_hz: float,
+    allow_unstable: bool,
+) -> Any:
+    cfg = ffi.new("gsid_fit_cfg *")
+    cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
+    cfg.method = METHODS[method]
+    cfg.n_poles, cfg.n_zeros = n_poles, n_zeros
+    cfg.sample_s = 1.0 / fs_hz
+    cfg.hold = hold == "zoh"
+    cfg.allow_unstable = allow_unstable
+    if delay == "free":
+        cfg.delay = lib.GSID_DELAY_FREE
+    elif delay == "none":
+        cfg.delay = lib.GSID_DELAY_NONE
+    else:
+        try:
+            delay_s = math.nan if isinstance(delay, bool) else float(delay)
+        except (TypeError, ValueError):
+            delay_s = math.nan
+        if not math.isfinite(delay_s):
+            raise ValueError(f"delay must be 'free', 'none' or a number of seconds, got {delay!r}")
+        cfg.delay, cfg.delay_s = lib.GSID_DELAY_FIXED, delay_s
+    if hold == "zoh" and n_zeros > n_poles:
+        raise ValueError(f"a held input needs no more zeros than poles, got {n_poles}/{n_zeros}")
+    return cfg
+
+
+def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
+    """Standard deviation of the lines in use, and the degrees of freedom of its square."""
+    dof = float(frf.n_dof)
+    if np.isinf(dof) and not np.all(np.isfinite(frf.var_g[use])):
+        raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
+    if dof < 1:
+        raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
+    half = _neighbours(dof, np.count_nonzero(use))
+    var = _averaged(np.array(frf.var_g[use], dtype=float), half)
+    dof *= 2 * half + 1
+    if not np.all(var > 0):
+        # Exactly repeating data (a noise-free simulation): every line weighs the same relative to its size.
+        floor = np.finfo(float).eps * np.abs(frf.g[use])
+        var = np.maximum(var, np.maximum(floor, np.finfo(float).tiny ** 0.5) ** 2)
+    return np.ascontiguousarray(np.sqrt(var)), dof
+
+
+def _neighbours(dof: float, n_lines: int) -> int:
+    """How many lines on each side lend their sample variances to a line."""
+    return 0 if dof >= DOF_WANTED else min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (n_lines - 1) // 2)
+
+
+def _averaged(x: np.ndarray, half: int) -> np.ndarray:
+    """Each value averaged with those of so many lines on each side."""
+    if half == 0:
+        return x
+    window = np.ones(2 * half + 1)
+    return np.convolve(x, window, "same") / np.convolve(np.ones(len(x)), window, "same")
+
+
+def _own_share(frf: Frf, use: np.ndarray) -> np.ndarray:
+    """Part of a line in its own variance."""
+    n_lines = np.count_nonzero(use)
+    half = _neighbours(float(frf.n_dof), n_lines)
+    return 1 / np.convolve(np.ones(n_lines), np.ones(2 * half + 1), "same")
+
+
+def _check_covariances(frf: Frf, use: np.ndarray) -> None:
+    """Refuse (co)variances that would make the variance of Y - G U negative for some G."""
+    f_hz, var_u, var_y, cov_yu = frf.f_hz[use], frf.var_u[use], frf.var_y[use], frf.cov_yu[use]
+    product = var_u * var_y * (1 + ROUNDING)
+    bad = np.flatnonzero((np.abs(cov_yu) ** 2 > product) | (var_u < 0) | (var_y < 0))
+    if bad.size:
+        k = bad[0]
+        raise ValueError(
+            f"variances of input and output contradict their covariance at {f_hz[k]:g} Hz: "
+            f"var_u {var_u[k]:g}, var_y {var_y[k]:g}, |cov_yu|^2 {abs(cov_yu[k]) ** 2:g}; "
+            "method ml takes var_g alone"
+        )
+
+
+def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the input's error and covariance with the output's, over |U|^2, in scale with sigma.
+
+    The scale is that of the sum they are part of, the variance of g (source, eq. 7.29). Of a variance that is
+    averaged over neighbouring lines only the line's own part follows the model: the sum stays positive.
+    """
+    g, size = frf.g[use], np.abs(frf.u[use]) ** 2
+    whole = frf.var_y[use] + frf.var_u[use] * np.abs(g) ** 2 - 2 * (frf.cov_yu[use] * g.conj()).real
+    averaged = _averaged(np.maximum(whole, 0) / size, _neighbours(float(frf.n_dof), len(g)))
+    scale = np.divide(sigma**2, averaged, out=np.zeros(len(g)), where=averaged > 0) * _own_share(frf, use)
+    var_u, cov_yu = frf.var_u[use] / size * scale, frf.cov_yu[use] / size * scale
+    return np.ascontiguousarray(var_u), np.ascontiguousarray(cov_yu, dtype=complex)
+
+
+def _c_lines(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[Any, list[np.ndarray]]:
+    """The lines in use as a gsid_frd, and the arrays that it points to."""
+    f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
+    var_u, cov_yu = _input_errors(frf, use, sigma)
+    data = ffi.new("gsid_frd *")
+    data.n_lines = len(f)
+    data.f_hz, data.sigma = ffi.from_buffer("double[]", f), ffi.from_buffer("double[]", sigma)
+    data.g = ffi.cast("gsid_cplx *", ffi.from_buffer(g))
+    data.var_u = ffi.from_buffer("double[]", var_u)
+    data.cov_yu = ffi.cast("gsid_cplx *", ffi.from_buffer(cov_yu))
+    return data, [f, g, sigma, var_u, cov_yu]
+
+
+def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
+    """Delay by the mean slope of the unwrapped phase, the source's starting value (eq. 7.8; EST-7).
+
+    Parameters
+    ----------
+    frf : Frf
+    band : (lo, hi), optional
+        Passband to take the slope of [Hz].
+
+    Returns
+    -------
+    float
+        s. The plant's own lag is in it: a fit scans delays from 0 on instead of trusting it.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two lines in the band.
+    """
+    use = in_band(frf.f_hz, band)
+    if np.count_nonzero(use) < 2:
+        raise ValueError("the slope of the phase needs two lines")
+    phase = np.radians(unwrapped_phase_deg(frf.f_hz[use], frf.g[use], np.sqrt(frf.var_g[use])))
+    return float(-np.mean(np.diff(phase) / (2 * np.pi * np.diff(frf.f_hz[use]))))
+
+
+def inflation(dof: float) -> float:
+    """Mean of sigma^2 / s^2 when s^2 has so many degrees of freedom."""
+    return 1.0 if np.isinf(dof) else dof / (dof - 1)
+
+
+def _answer(
+    result: Any, frf: Frf, use: np.ndarray, dof: float, *, method: str, **facts: Any
+) -> tuple[RationalModel, np.ndarray]:
+    """The model found, `facts` being what it was asked to be, and the bias of its parameters."""
+    f = frf.f_hz[use]
+    num, den, cov, bias = _plain(result, facts["domain"])
+    is_ml = method in ("ml", "ml-io")
+    if is_ml and 2 < dof < np.inf:
+        cov = cov * dof / (dof - 2)
+    model = RationalModel(
+        num=num,
+        den=den,
+        delay_s=result.model.delay_s,
+        fs_hz=frf.fs_hz,
+        cov=cov,
+        method=method,
+        cost=result.cost if method == "ml-io" else result.cost_ml,
+        cost_expected=inflation(dof) * (len(f) - result.n_parameters / 2) if is_ml and dof > 1 else None,
+        n_lines=len(f),
+        converged=bool(result.converged),
+        band_hz=(float(f[0]), float(f[-1])),
+        u_unit=frf.u_unit,
+        y_unit=frf.y_unit,
+        **facts,
+    )
+    return model, bias
+
+
+def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """num, den, covariance and bias in plain s, highest power first; in domain z as they stand."""
+    model, p = result.model, result.n_parameters
+    n, m = model.n_poles, model.n_zeros
+    num = np.array([model.num[i] for i in range(m + 1)])
+    den = np.array([model.den[i] for i in range(n + 1)])
+    cov, bias = np.array(ffi.unpack(result.cov, p * p)).reshape(p, p), np.array(ffi.unpack(result.bias, p))
+    if domain == "z":
+        return num, den, cov, bias
+    scale_den = model.scale_rad_s ** (n - np.arange(n + 1.0))
+    scale_num = model.scale_rad_s ** (n - np.arange(m + 1.0))
+    scale = np.concatenate([scale_den[:-1], scale_num, np.ones(p - n - m - 1)])
+    order = np.concatenate([np.arange(n)[::-1], n + np.arange(m + 1)[::-1], np.arange(n + m + 1, p)]).astype(
+        int
+    )
+    cov = (cov * scale[:, None] * scale)[np.ix_(order, order)]
+    return (num * scale_num)[::-1], (den * scale_den)[::-1], cov, (bias * scale)[order]

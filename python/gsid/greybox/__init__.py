@@ -1,0 +1,1 @@
+"""Fits of a plant's parameters to records."""

@@ -1,0 +1,166 @@
+"""Better starting values for a plant's linear part, from the measured frequency response.
+
+A simulation's cost has many minima: a resonance a few per cent off its peak no longer feels it. The
+response of the linear part is a formula, so a dense scan over the resonance and a fit of the formula cost
+less than one simulation of the plant, and lead into the right basin. Friction and the like bend the
+measured response a little, which the fit by simulation that follows puts right.
+
+The scan holds the other parameters, and with a delay that is wrong by a third of a turn at the resonance
+another frequency, with the sign of the mode turned round, fits better. So a second scan begins where these
+are fitted: the rest of the band tells them, unless the resonance fills it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gsid.effects.types import catalogue
+from gsid.plant.linear_response import linear_view
+from gsid.plant.model import PlantModel
+from gsid.plant.units import RADIANS
+from gsid.spectrum.spectra import Spectra
+
+SPREAD = 0.15  # a resonance is looked for within this share of its value
+STEP = 0.1  # of its half-power width: finer than the peak
+RELATIVE_FLOOR = 1e-3  # of the response: friction bends it by more than noise, and no line may rule
+ENOUGH = 1e-5  # of the cost, or of the values: it is a start
+STEPS_MAX = 60
+# Parameters that the response of the linear part determines.
+LINEAR = frozenset(f"{e.id}.{p.name}" for e in catalogue().values() for p in e.parameters if p.in_response)
+
+
+def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
+    """Move the free parameters of the linear part to where its response fits the measured one.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : sequence of Spectra
+
+    Returns
+    -------
+    PlantModel
+        The model itself when it has no such parameter, or when the response fits no better than before.
+    """
+    names = [name for name in model.free_names if name in LINEAR]
+    if not names:
+        return model
+    problem = _Problem(model, measured, names)
+    everything = np.ones(len(names), bool)
+    starts = [problem.values]
+    if "flexible_mode.f_hz" in names:
+        rest = np.array([not name.startswith("flexible_mode.") for name in names])
+        starts = [_scanned(problem, at) for at in (problem.values, _fitted(problem, problem.values, rest))]
+    fitted = min((_fitted(problem, start, everything) for start in starts), key=problem.cost)
+    if not problem.cost(fitted) < problem.cost(problem.values):
+        return model
+    better = dict(zip(names, fitted, strict=True))
+    return model.with_values([better.get(name, model[name].value) for name in model.free_names])
+
+
+def _fitted(problem: _Problem, start: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Least squares over the values that are free."""
+    values = start.copy()
+    lower, upper = (bound[free] for bound in problem.bounds)
+    scale = np.where(start != 0, np.abs(start), 1.0)[free]
+
+    def error(z: np.ndarray) -> np.ndarray:
+        values[free] = z * scale
+        return problem.error(values)
+
+    if np.any(free):
+        first = np.clip(start[free], lower, upper) / scale
+        bounds = lower / scale, upper / scale
+        fitted = least_squares(
+            error, first, bounds=bounds, x_scale="jac", ftol=ENOUGH, xtol=ENOUGH, max_nfev=STEPS_MAX
+        )
+        values[free] = fitted.x * scale
+    return values
+
+
+def linear_error(model: PlantModel, measured: Sequence[Spectra]) -> float:
+    """Sum of squares of the linear part's error in the measured response, in units of noise where that rules.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : sequence of Spectra
+    """
+    return _Problem(model, measured, []).cost(np.empty(0))
+
+
+class _Problem:
+    def __init__(self, model: PlantModel, measured: Sequence[Spectra], names: list[str]) -> None:
+        self.model, self.measured, self.names = model, measured, names
+        self.values = np.array([model[name].value for name in names])
+        lower, upper = model.bounds()
+        chosen = [model.free_names.index(name) for name in names]
+        self.bounds = lower[chosen], upper[chosen]
+        self.g = [one.y[one.excited] / one.u[one.excited] for one in measured]
+        self.weight = [_weight(one, g) for one, g in zip(measured, self.g, strict=True)]
+        # Realisations share their lines, and one response answers for all of them.
+        kinds = [(one.fs_hz, one.hold, one.f_hz[one.excited].tobytes()) for one in measured]
+        distinct = list(dict.fromkeys(kinds))
+        self.distinct = [measured[kinds.index(kind)] for kind in distinct]
+        self.which = [distinct.index(kind) for kind in kinds]
+
+    def cost(self, values: np.ndarray) -> float:
+        return float(np.sum(self.error(values) ** 2))
+
+    def error(self, values: np.ndarray) -> np.ndarray:
+        """Weighted error of the response over all records, real parts and imaginary parts."""
+        stack = self.model.stack()
+        for name, value in zip(self.names, values, strict=True):
+            effect, _, parameter = name.rpartition(".")
+            stack[effect][parameter] = float(value)
+        answers = [
+            linear_view(
+                stack,
+                one.f_hz[one.excited],
+                one.fs_hz,
+                output_angle=self.model.output == "angle",
+                radians_per_unit=RADIANS[self.model.angle_unit],
+                held=one.hold == "zoh" or self.model.has_controller,
+            ).command
+            for one in self.distinct
+        ]
+        together = np.concatenate(
+            [(g - answers[i]) * w for g, i, w in zip(self.g, self.which, self.weight, strict=True)]
+        )
+        return np.concatenate([together.real, together.imag])
+
+
+def _weight(one: Spectra, g: np.ndarray) -> np.ndarray:
+    noise = np.sqrt(one.var_y[one.excited] / one.n_periods) / np.abs(one.u[one.excited])
+    return 1 / np.hypot(noise, RELATIVE_FLOOR * np.abs(g))
+
+
+def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
+    """Resonance scanned, the size of the mode refitted at each point: the error is linear in it."""
+    index = {name: i for i, name in enumerate(problem.names)}
+    mode = problem.names.index("flexible_mode.f_hz")
+    zeta = problem.model["flexible_mode.zeta"].value
+    n = int(np.ceil(np.log((1 + SPREAD) / (1 - SPREAD)) / max(STEP * 2 * zeta, 1e-3)))
+    best, least = values, np.inf
+    for f_hz in values[mode] * np.geomspace(1 - SPREAD, 1 + SPREAD, min(n, 400)):
+        trial = values.copy()
+        trial[mode] = f_hz
+        if "flexible_mode.residue" in index:
+            trial[index["flexible_mode.residue"]] = _best_size(problem, trial, index["flexible_mode.residue"])
+        cost = problem.cost(trial)
+        if cost < least:
+            best, least = trial, cost
+    return best
+
+
+def _best_size(problem: _Problem, values: np.ndarray, which: int) -> float:
+    """Least-squares value of a parameter in which the error is linear, within its bounds."""
+    without, with_one = values.copy(), values.copy()
+    without[which], with_one[which] = 0.0, 1.0
+    rest = problem.error(without)
+    column = rest - problem.error(with_one)
+    size = float(column @ rest) / max(float(column @ column), np.finfo(float).tiny)
+    return float(np.clip(size, problem.bounds[0][which], problem.bounds[1][which]))

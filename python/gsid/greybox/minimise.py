@@ -1,0 +1,159 @@
+"""The search of a grey-box fit: Levenberg-Marquardt, or NLopt.
+
+Levenberg-Marquardt in parameters scaled by the length of their columns; the step is found from the triangle
+of a QR factorisation (GBX-2), its singular values say what the data do not determine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.base.errors import GsidError, InputError
+from gsid.greybox.problem import Point, Problem
+
+DECREASE = 0.01  # stop when a step promises less, in units of the cost
+SINGULAR = 1e-6  # directions with a singular value this far below the largest are pinned
+DAMPING_START, DAMPING_MOST = 1e-3, 1e10
+
+
+@dataclass
+class Minimum:
+    """Where a search ended."""
+
+    point: Point
+    converged: bool
+    n_iterations: int
+
+
+def minimise(problem: Problem, solver: str, max_iter: int) -> Minimum:
+    """Search from where the model starts.
+
+    Raises
+    ------
+    InputError
+        The model cannot be simulated as it starts.
+    GsidError
+        NLopt was left out of the build.
+    """
+    try:
+        start = problem.at(problem.start())
+    except GsidError as error:
+        raise InputError(
+            "the model cannot be simulated as it starts",
+            problem.parts[0].name,
+            error.message,
+            error.hint or "start from other values, nearer to those of a working axis",
+        ) from error
+    return (
+        _levenberg_marquardt(problem, start, max_iter) if solver == "lm" else _nlopt(problem, start, max_iter)
+    )
+
+
+class Steps:
+    """Steps from one point, for any damping: singular values of the scaled triangle, pinned directions left
+    out."""
+
+    def __init__(self, point: Point, scale: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> None:
+        self.point, self.lower, self.upper, self.scale = point, *bounds, scale
+        downhill = point.r.T @ point.q
+        self.blocked = ((point.x <= self.lower) & (downhill < 0)) | ((point.x >= self.upper) & (downhill > 0))
+        u, s, vt = np.linalg.svd(point.r[:, ~self.blocked] / scale[~self.blocked], full_matrices=False)
+        good = s > SINGULAR * (s[0] if len(s) else 0)
+        self.s, self.vt, self.along = s[good], vt[good], u[:, good].T @ point.q
+
+    @property
+    def decrease(self) -> float:
+        """Of the cost that a full step promises. (Cut off at the bounds, a long one may promise nothing.)"""
+        return float(self.along @ self.along)
+
+    def step(self, damping: float) -> tuple[np.ndarray, float]:
+        """Unknowns after a step within the bounds, and the decrease of the cost that it promises."""
+        x = self.point.x.copy()
+        x[~self.blocked] += (
+            self.vt.T @ (self.s / (self.s**2 + damping) * self.along) / self.scale[~self.blocked]
+        )
+        x = np.clip(x, self.lower, self.upper)
+        left = self.point.q - self.point.r @ (x - self.point.x)
+        return x, float(self.point.q @ self.point.q - left @ left)
+
+
+def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minimum:
+    """Marquardt's scaling, Nielsen's rule for the damping; a step that cannot be simulated has failed."""
+    bounds, scale, damping, growth = problem.bounds(), lengths(point.r), DAMPING_START, 2.0
+    problem.keep()
+    for i in range(max_iter):
+        scale = np.maximum(scale, lengths(point.r))
+        steps = Steps(point, scale, bounds)
+        if steps.decrease < DECREASE:
+            return Minimum(point, True, i)
+        while True:
+            x, promised = steps.step(damping)
+            trial = _try(problem, point, x) if promised > 0 else None
+            if trial is not None and trial.cost < point.cost:
+                break
+            damping, growth = damping * growth, growth * 2
+            if damping > DAMPING_MOST:
+                # Where rounding and events rule, no step helps: that is the minimum as far as it can be
+                # found.
+                return Minimum(point, steps.decrease < 1e-6 * point.cost, i)
+        gain = (point.cost - trial.cost) / promised
+        damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
+        point = trial
+        problem.keep()
+    return Minimum(point, Steps(point, scale, bounds).decrease < DECREASE, max_iter)
+
+
+def _try(problem: Problem, point: Point, x: np.ndarray) -> Point | None:
+    """A point to go on to from the one at hand, if it is one."""
+    try:
+        trial = problem.at(x)
+        return trial if problem.may_follow(point, trial) else None
+    except GsidError as error:
+        if error.code == lib.GSID_E_NO_MEMORY:
+            raise
+        return None
+
+
+def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
+    """NLopt in scaled unknowns; what cannot be simulated is a high plateau."""
+    scale, (lower, upper) = lengths(start.r), problem.bounds()
+    best, n_calls, failure = start, 0, []
+
+    def objective(n: int, z: Any, gradient: Any, _: Any) -> float:
+        nonlocal best, n_calls
+        n_calls += 1
+        try:
+            x = np.frombuffer(ffi.buffer(z, 8 * n)).copy() / scale
+            point = _try(problem, best, np.clip(x, lower, upper))
+        except BaseException as error:  # it must not cross the C library
+            failure.append(error)
+            point = None
+        slope = np.zeros(n) if point is None else -2 * (point.r.T @ point.q) / scale
+        if gradient != ffi.NULL:
+            ffi.memmove(gradient, slope, 8 * n)
+        if point is None:
+            return 10 * start.cost
+        best = point if point.cost < best.cost else best
+        return point.cost
+
+    callback = ffi.callback("double(unsigned, const double *, double *, void *)", objective)
+    x, least = start.x * scale, ffi.new("double *")
+    pointers = [ffi.from_buffer("double[]", row) for row in (lower * scale, upper * scale, x)]
+    status = lib.gsid_minimise(
+        problem.n, callback, ffi.NULL, *pointers[:2], DECREASE, max_iter, pointers[2], least
+    )
+    if failure:
+        raise failure[0]
+    check(status, "minimising by NLopt")
+    left = Steps(best, lengths(best.r), (lower, upper)).decrease
+    return Minimum(best, left < DECREASE, n_calls)
+
+
+def lengths(r: np.ndarray) -> np.ndarray:
+    """Lengths of the Jacobian's columns; 1 for a column of zeros."""
+    lengths = np.linalg.norm(r, axis=0)
+    return np.where(lengths > 0, lengths, 1.0)

@@ -1,0 +1,405 @@
+"""A model as C for firmware: a step of its state per sample, and the feed-forward of a plant's friction."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsid._lib import version
+from gsid.base.c_text import comment, literal, refused_name
+from gsid.base.errors import InputError
+from gsid.effects.types import EffectType, catalogue
+from gsid.models.piecewise import PiecewiseModel
+from gsid.models.rational import RationalModel
+from gsid.plant.effect import Effect
+from gsid.plant.model import PlantModel
+from gsid.plant.units import RADIANS
+
+#: Longest delay [samples]: each takes four bytes of the target's memory.
+DELAY_MAX = 1_000_000
+#: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
+ROUNDING_RAD_S = 1e-6
+
+# Linear parts that the step has. The descriptors write the other laws in C (`EffectType.as_c`): maps of the
+# command u, which go into the step, and torques / inertia by `rate` and `angle`, for the feed-forward.
+LINEAR_PARTS = ("gain", "damping", "spring", "delay", "lag", "mode")
+
+
+class _NoLiteral(ValueError):
+    """A number that single precision does not hold."""
+
+
+@dataclass
+class CSource:
+    """A model as C99: a header and a source, which need math.h at most.
+
+    Attributes
+    ----------
+    name : str
+        What its functions begin with.
+    header, source : str
+    fs_hz : float
+        Rate at which the step is to be called [Hz].
+    n_states : int
+    delay_samples : float
+    feedforward : list of str
+        Effects that the step leaves out and the feed-forward takes away.
+    """
+
+    name: str
+    header: str
+    source: str
+    fs_hz: float
+    n_states: int
+    delay_samples: float
+    feedforward: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Step:
+    """x[n+1] = a x + early u[n-d-1] + late u[n-d], y[n] = c x + direct u[n-d-passed]."""
+
+    a: np.ndarray
+    early: np.ndarray
+    late: np.ndarray
+    c: np.ndarray
+    direct: float
+    n_delay: int
+    passed: int
+    delay_samples: float
+
+
+def export_c(
+    model: RationalModel | PlantModel, name: str = "model", *, fs_hz: float | None = None, where: str = ""
+) -> CSource:
+    """Write a model as C, in single precision.
+
+    The command is held over each sample. A model that was fitted to an input that was not held (hold "none")
+    has the hold's half sample, at the rate it was measured at, in its delay: that is taken off.
+
+    Parameters
+    ----------
+    model : RationalModel or PlantModel
+    name : str
+        What the C functions begin with: a C identifier.
+    fs_hz : float, optional
+        Rate of the loop [Hz]; default the model's.
+    where : str
+        File of the model, for messages.
+
+    Returns
+    -------
+    CSource
+
+    Raises
+    ------
+    ValueError
+        `name` is not a C identifier, or one that C or C++ use; `fs_hz` is not a positive number.
+    InputError
+        The model is not stable, answers before it is asked, has no rate, is in z and has another, or an
+        effect that is not exported; a number of it is beyond single precision, its delay beyond `DELAY_MAX`.
+    """
+    if reason := refused_name(name):
+        raise ValueError(f"{name!r} cannot be a name in C: {reason}; name the source otherwise, as rig.c")
+    if fs_hz is not None and not (math.isfinite(fs_hz) and fs_hz > 0):
+        raise ValueError(f"fs_hz must be a positive number, not {fs_hz}")
+    fs_hz = fs_hz or model.fs_hz
+    if not fs_hz:
+        raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
+    if isinstance(model, PiecewiseModel):
+        hint = "export one of its pieces: PiecewiseModel.pieces[0].save(...)"
+        raise InputError("a set of models answers at a frequency, not in time", where, None, hint)
+    try:
+        if isinstance(model, PlantModel):
+            return _export_plant(model, name, fs_hz, where)
+        return _write(model, name, fs_hz, _rational_step(model, fs_hz, where), "", [], [])
+    except _NoLiteral as error:
+        hint = "the code is in single precision: use units in which the numbers are of ordinary size"
+        raise InputError("the model has a number that cannot be exported", where, error, hint) from error
+
+
+# ---- the linear part ---------------------------------------------------------------------------------------
+
+
+def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
+    from scipy import signal
+
+    if model.domain == "z":
+        if abs(fs_hz / model.fs_hz - 1) > 1e-6:
+            hint = "leave --fs out, or fit with --domain s"
+            raise InputError("a model in z has one rate", where, f"{fs_hz:g} and {model.fs_hz:g} Hz", hint)
+        delay = model.delay_s * fs_hz
+        if delay < 0 or abs(delay - round(delay)) > 1e-6:
+            hint = "fit with --domain s, or with --delay of whole samples"
+            raise InputError("a model in z is exported with whole samples of delay", where, delay, hint)
+        _refuse_long(delay, where)
+        n = max(len(model.num), len(model.den))
+        padded = [np.pad(row, (0, n - len(row))) for row in (model.num, model.den)]
+        a, b, c, d = _schur(signal.tf2ss(*padded))
+        _refuse_unstable(np.abs(np.linalg.eigvals(a)) > 1 + 1e-9, model.poles, where)
+        return _Step(a, np.zeros(len(a)), b, c, d, round(delay), 0, round(delay))
+    if model.n_zeros > model.n_poles:
+        hint = "lower the number of zeros"
+        raise InputError("more zeros than poles: a derivative of the command", where, model.n_zeros, hint)
+    delay_s = model.delay_s - (0.5 / (model.fs_hz or fs_hz) if model.hold == "none" else 0.0)
+    return _held(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
+
+
+def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
+    """The linear effects in series, as states: command, actuator, axis beside flexible mode, sensor."""
+    import control
+
+    body = _all(model, "gain")[0][0]
+
+    def filter_of(num: list[float], den: list[float]) -> control.StateSpace:
+        return control.tf2ss(control.tf(num, den))
+
+    rate, spring = (sum(value for (value,) in _all(model, part)) for part in ("damping", "spring"))
+    if model.output == "angle":
+        axis = filter_of([body], [1, rate, spring])
+    else:
+        axis = filter_of([body, 0], [1, rate, spring]) if spring else filter_of([body], [1, rate])
+    for f_hz, zeta, residue in _all(model, "mode"):
+        w, bend = 2 * math.pi * f_hz, residue * body
+        num = [bend] if model.output == "angle" else [bend, 0]
+        axis = axis + filter_of(num, [1, 2 * zeta * w, w**2])
+    for (lag_s,) in (*_all(model, "lag", "actuator"), *_all(model, "lag", "sensor")):
+        if lag_s > 0:
+            axis = axis * filter_of([1], [lag_s, 1])
+    system = _schur((axis.A, axis.B, axis.C, axis.D))
+    return _held(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
+
+
+def _all(model: PlantModel, part: str, stage: str | None = None) -> list[list[float]]:
+    """Values of the parameters of every effect with this linear part: there may be none, one or more."""
+    having = [e for e in model.effects if e.type.linear_part == part and stage in (None, e.type.stage)]
+    return [[effect.params[name].value for name in effect.type.names] for effect in having]
+
+
+def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The same system in balanced real Schur form: rotations only, so that single precision does for it."""
+    from scipy import linalg
+
+    a, b, c, d = (np.asarray(part, dtype=float) for part in system)
+    if not all(np.isfinite(part).all() for part in (a, b, c, d)):
+        raise _NoLiteral("a state of the model is beyond the range of numbers")
+    if not len(a):
+        return a.reshape(0, 0), np.zeros(0), np.zeros(0), float(d.ravel()[0])
+    a, scale = linalg.matrix_balance(a)
+    b, c = np.linalg.solve(scale, b), c @ scale
+    a, turn = linalg.schur(a, output="real")
+    return a, (turn.T @ b)[:, 0], (c @ turn)[0], float(d.ravel()[0])
+
+
+def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
+    """The command held over each sample and then delayed: it switches inside the sample (MOD-2)."""
+    from scipy import linalg
+
+    a, b, c, d = system
+    poles = np.linalg.eigvals(a)
+    _refuse_unstable(poles.real > ROUNDING_RAD_S, poles, where)
+    if delay_s < -1e-9 / fs_hz:
+        hint = "such a model predicts its input; fit with a delay >= 0 (half a sample without hold)"
+        raise InputError("the delay behind the hold is negative", where, f"{delay_s:.3g} s", hint)
+    n_delay, part = divmod(max(delay_s, 0.0) * fs_hz, 1.0)
+    _refuse_long(n_delay, where)
+    if part < 1e-9:
+        part = 0.0
+
+    def over(samples: float) -> tuple[np.ndarray, np.ndarray]:
+        joint = np.zeros((len(a) + 1, len(a) + 1))
+        joint[:-1, :-1], joint[:-1, -1] = a, b
+        moved = linalg.expm(joint * samples / fs_hz)
+        return moved[:-1, :-1], moved[:-1, -1]
+
+    (_, early), (rest, late) = over(part), over(1 - part)
+    return _Step(over(1.0)[0], rest @ early, late, c, d, int(n_delay), 1, n_delay + part)
+
+
+def _refuse_long(delay: float, where: str) -> None:
+    if delay > DELAY_MAX:
+        hint = "lower the rate with --fs"
+        raise InputError(f"a delay of more than {DELAY_MAX} samples", where, f"{delay:.6g} samples", hint)
+
+
+def _refuse_unstable(outside: np.ndarray, poles: np.ndarray, where: str) -> None:
+    if outside.any():
+        worst = poles[np.argmax(outside)]
+        hint = "fit a stable model (the default of `gsid fit`), or lower the order"
+        raise InputError("the model is not stable: its step would run away", where, f"pole {worst:.4g}", hint)
+
+
+# ---- a plant's other effects -------------------------------------------------------------------------------
+
+
+def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSource:
+    for effect in model.effects:
+        if not _is_exported(effect.type):
+            known = ", ".join(sorted(one.id for one in catalogue().values() if _is_exported(one)))
+            raise InputError("this effect is not exported as C", where, effect.id, f"exported are {known}")
+    gain = next(effect for effect in model.effects if effect.id == "rigid_body").params["gain"].value
+    written = [effect for effect in model.effects if effect.type.as_c]
+    # No map changes the command where its parameters are zero.
+    changed = [e for e in written if e.type.stage == "actuator" and any(p.value for p in e.params.values())]
+    maps = [_fill(effect, model) for effect in changed]
+    laws = [(effect.id, _fill(effect, model)) for effect in written if effect.type.stage == "torque"]
+    if laws and not gain:
+        hint = "remove the effects that are not linear, or give the gain"
+        raise InputError(
+            "without a gain no command takes the friction away", where, "rigid_body.gain 0", hint
+        )
+    per_torque = _number(1 / gain) if laws else ""
+    return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), per_torque, maps, laws)
+
+
+def _is_exported(effect: EffectType) -> bool:
+    return effect.as_c is not None or effect.linear_part in LINEAR_PARTS
+
+
+def _fill(effect: Effect, model: PlantModel) -> str:
+    values = {name: _number(param.value) for name, param in effect.params.items()}
+    return effect.type.as_c.format(**values, unit_rad=_number(RADIANS[model.angle_unit]))
+
+
+# ---- C ---------------------------------------------------------------------------------------------------
+
+
+def _number(value: float) -> str:
+    try:
+        text = literal(value)
+    except ValueError as error:
+        raise _NoLiteral(error) from error
+    return text if value >= 0 else f"({text})"
+
+
+def _rounded(value: float) -> bool:
+    """Whether anything is left of a factor in single precision."""
+    with np.errstate(over="ignore"):
+        return np.float32(value) != 0
+
+
+def _sum(terms: list[tuple[float, str]]) -> str:
+    """sum factor * variable, without the terms that are zero."""
+    said = [f"{_number(factor)} * {variable}" for factor, variable in terms if _rounded(factor)]
+    return " + ".join(said) or "0.0f"
+
+
+def _write(
+    model: RationalModel | PlantModel,
+    name: str,
+    fs_hz: float,
+    step: _Step,
+    per_torque: str,
+    maps: list[str],
+    laws: list[tuple[str, str]],
+) -> CSource:
+    units = f"{comment(model.u_unit or 'command')} to {comment(model.y_unit or 'output')}"
+    made = f"Made by gsid {version()} export-c: {units}, {fs_hz:g} calls a second."
+    angle_unit = model.angle_unit if isinstance(model, PlantModel) and laws else None
+    header = _header(made, name, len(step.c), step.n_delay, angle_unit)
+    source = _source(made, name, step, per_torque, maps, laws)
+    return CSource(name, header, source, fs_hz, len(step.c), step.delay_samples, [law[0] for law in laws])
+
+
+def _header(made: str, name: str, n_states: int, n_delay: int, angle_unit: str | None) -> str:
+    """The header; angle_unit: that of the motion of the feed-forward, None where there is none."""
+    guard = f"{name.upper()}_H"
+    states = f"    float x[{n_states}];\n" if n_states else ""
+    feedforward = (
+        f"""
+/* Command that takes away the friction and other torques that the step leaves out: with it added the axis
+ * follows the step. Give the wanted motion [{angle_unit}/s, {angle_unit}], not the measured one, or noise
+ * makes it chatter. */
+float {name}_feedforward(float rate, float angle);
+"""
+        if angle_unit is not None
+        else ""
+    )
+    return f"""/* {made} */
+#ifndef {guard}
+#define {guard}
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+typedef struct {{
+{states}    float u[{n_delay + 2}]; /* the last commands */
+    unsigned at;
+}} {name};
+
+/* At rest. */
+void {name}_reset({name} *m);
+
+/* One sample: gives the output at the instant from which the command u is applied. Give finite commands only:
+ * a NaN stays in the state until the reset. Always the same work, about {n_states * (n_states + 3) + 1}
+ * multiplications. */
+float {name}_step({name} *m, float u);
+{feedforward}
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _source(
+    made: str, name: str, step: _Step, per_torque: str, maps: list[str], laws: list[tuple[str, str]]
+) -> str:
+    n, ring = len(step.c), step.n_delay + 2
+    state = [f"x[{i}]" for i in range(n)]
+    inputs = [(step.early, "early"), (step.late, "late")]
+    lines = [f"    u = {one};" for one in maps]
+    lines.append("    m->u[m->at] = u;")
+    if step.late.any() or not step.passed:
+        lines.append(f"    const float late = m->u[(m->at + {ring - step.n_delay}u) % {ring}u];")
+    if step.early.any() or (step.passed and step.direct):
+        lines.append(f"    const float early = m->u[(m->at + 1u) % {ring}u];")
+    through = [(step.direct, "early" if step.passed else "late")]
+    if n:
+        lines.append("    const float *x = m->x;")
+    lines.append(f"    const float y = {_sum([*zip(step.c, state, strict=True), *through])};")
+    if n:
+        rows = [
+            _sum([*zip(step.a[i], state, strict=True), *((part[i], word) for part, word in inputs)])
+            for i in range(n)
+        ]
+        lines.append("    const float next[] = {\n        " + ",\n        ".join(rows) + "};")
+        lines += [f"    for (int i = 0; i < {n}; i++)", "        m->x[i] = next[i];"]
+    lines += [f"    m->at = (m->at + 1u) % {ring}u;", "    return y;"]
+    body = "\n".join(lines)
+    text = f"""/* {made} */
+#include "{name}.h"
+
+#include <math.h>
+#include <string.h>
+
+void {name}_reset({name} *m) {{
+    memset(m, 0, sizeof *m);
+}}
+
+float {name}_step({name} *m, float u) {{
+{body}
+}}
+"""
+    return text + _feedforward(name, per_torque, laws) if laws else text
+
+
+def _feedforward(name: str, per_torque: str, laws: list[tuple[str, str]]) -> str:
+    rad = "#define RAD_PER_DEG 0.0174532925f\n\n" if any("RAD_PER_DEG" in law for _, law in laws) else ""
+    lines = "\n".join(f"    torque += {law}; /* {effect} */" for effect, law in laws)
+    unused = [
+        word for word in ("rate", "angle") if not any(re.search(rf"\b{word}\b", law) for _, law in laws)
+    ]
+    ignore = "".join(f"    (void){word};\n" for word in unused)
+    return f"""
+{rad}float {name}_feedforward(float rate, float angle) {{
+{ignore}    float torque = 0.0f; /* over the inertia */
+{lines}
+    return torque * {per_torque};
+}}
+"""

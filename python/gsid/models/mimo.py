@@ -1,0 +1,520 @@
+"""Models of several inputs and outputs that share their poles, and their uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid._lib import lib, version
+from gsid.base.errors import InputError
+from gsid.base.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
+from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.models.confidence import NORMAL_95, root_quantities
+from gsid.models.rational import RationalModel
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from gsid.response.mimo import MimoFrf
+
+
+@dataclass(eq=False, repr=False)
+class MimoModel:
+    """A matrix of transfer functions with one denominator, as a sum over its sections (MIM-1).
+
+        G_ij = exp(-j w delay_ij) (sum of N_ijk(v) / S_k(v) + d_ij),   v = s, or z in domain "z"
+
+    Parameters
+    ----------
+    sections : (n,) array_like
+        q0 and q1 of each S_k = v^2 + q1 v + q0; the last one is v + q0 when n is odd. Together they are the
+        denominator, of n poles.
+    num : (n_y, n_u, n) or (n_y, n_u, n + 1) array_like
+        b0 and b1 of each N_k = b1 v + b0, in the order of `sections`; then d, when there are as many zeros as
+        poles.
+    delay_s : (n_y, n_u) array_like
+        Delays [s].
+    domain : "s" or "z"
+    hold : "zoh" or "none"
+        "zoh": the inputs are held over each sample, and :meth:`response` is that of hold and model together.
+    hold_assumed : bool
+        The records of the fit do not state `hold`: it is the likelier of the two.
+    other_delay_s : (n_y, n_u) array_like or None
+        Delays [s] of the same fit with the other hold; None: `hold` is stated, or the other has no fit.
+    fs_hz : float or None
+        Sampling frequency [Hz]; needed in domain "z" and with a hold.
+    cov : (p, p) array_like or None
+        Covariance of (num, row by row of the matrix, sections, free delays).
+    delay_of : (n_y, n_u) int array_like or None
+        Which free delay each channel has; None: the delays were given.
+    delay_range_s : (n_y, n_u, 2) array_like or None
+        Least and largest delay [s] of the minima that the data do not refuse (MIM-5); None: `delay_s` only.
+    method, cost, cost_expected, n_lines, converged, band_hz
+        How the model was fitted, as in `RationalModel`; costs are sums over all channels.
+    inputs, outputs, u_units, y_units : list of str
+        Names and units of the channels.
+    """
+
+    sections: np.ndarray
+    num: np.ndarray
+    delay_s: np.ndarray
+    domain: str = "s"
+    hold: str = "none"
+    hold_assumed: bool = False
+    other_delay_s: np.ndarray | None = None
+    fs_hz: float | None = None
+    cov: np.ndarray | None = None
+    delay_of: np.ndarray | None = None
+    delay_range_s: np.ndarray | None = None
+    method: str | None = None
+    cost: float | None = None
+    cost_expected: float | None = None
+    n_lines: int | None = None
+    converged: bool | None = None
+    band_hz: tuple[float, float] | None = None
+    inputs: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    u_units: list[str] = field(default_factory=list)
+    y_units: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for name in ("sections", "num", "delay_s"):
+            values = np.asarray(getattr(self, name), dtype=float)
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"{name} must be finite")
+            setattr(self, name, values)
+        if self.num.ndim != 3 or self.num.shape[2] - self.n_poles not in (0, 1) or self.n_poles == 0:
+            raise ValueError(f"num has shape {self.num.shape}, sections {self.sections.shape}")
+        if self.n_poles > lib.GSID_MIMO_POLES_MAX:
+            raise ValueError(f"{self.n_poles} poles, at most {lib.GSID_MIMO_POLES_MAX}")
+        if self.delay_s.shape != self.num.shape[:2]:
+            raise ValueError(f"delay_s has shape {self.delay_s.shape}, not {self.num.shape[:2]}")
+        if self.domain not in ("s", "z"):
+            raise ValueError(f"domain must be 's' or 'z', got {self.domain!r}")
+        if self.hold not in ("none", "zoh") or (
+            self.hold == "zoh" and (self.domain == "z" or self.n_zeros >= self.n_poles)
+        ):
+            raise ValueError(f"hold {self.hold!r} goes with domain 's' and one zero fewer than poles")
+        if (self.domain == "z" or self.hold == "zoh") and not (self.fs_hz and self.fs_hz > 0):
+            raise ValueError("fs_hz is needed in domain 'z' and with a hold")
+        if self.delay_of is not None:
+            self.delay_of = np.asarray(self.delay_of, dtype=int)
+            n_delays = self.delay_s.size
+            if self.delay_of.shape != self.delay_s.shape or not np.all(
+                (self.delay_of >= 0) & (self.delay_of < n_delays)
+            ):
+                raise ValueError(f"delay_of must count the delays of {self.delay_s.shape} channels from 0")
+        if self.delay_range_s is None:
+            self.delay_range_s = np.stack([self.delay_s, self.delay_s], axis=-1)
+        self.delay_range_s = np.asarray(self.delay_range_s, dtype=float)
+        if self.delay_range_s.shape != (*self.delay_s.shape, 2):
+            raise ValueError(f"delay_range_s has shape {self.delay_range_s.shape}")
+        if self.cov is not None:
+            self.cov = np.asarray(self.cov, dtype=float)
+            if self.cov.shape != (self.n_parameters, self.n_parameters):
+                raise ValueError(f"cov must have shape {(self.n_parameters,) * 2}, got {self.cov.shape}")
+        self.inputs = list(self.inputs) or [f"u{j + 1}" for j in range(self.n_u)]
+        self.outputs = list(self.outputs) or [f"y{i + 1}" for i in range(self.n_y)]
+        self.u_units = list(self.u_units) or [""] * self.n_u
+        self.y_units = list(self.y_units) or [""] * self.n_y
+        names = (self.inputs, self.u_units, self.outputs, self.y_units)
+        if [len(each) for each in names] != [self.n_u, self.n_u, self.n_y, self.n_y]:
+            raise ValueError(f"names and units {names} are not those of {self.n_y} x {self.n_u} responses")
+
+    # ---- what it is --------------------------------------------------------------------------------------
+
+    @property
+    def n_poles(self) -> int:
+        """Number of poles."""
+        return len(self.sections)
+
+    @property
+    def n_zeros(self) -> int:
+        """Degree of the numerators."""
+        return self.num.shape[2] - 1
+
+    @property
+    def n_y(self) -> int:
+        """Number of outputs."""
+        return self.num.shape[0]
+
+    @property
+    def n_u(self) -> int:
+        """Number of inputs."""
+        return self.num.shape[1]
+
+    @property
+    def n_parameters(self) -> int:
+        """Free parameters: numerators, sections, and the delays that were estimated."""
+        return self.num.size + self.n_poles + self._n_delays
+
+    @property
+    def _n_delays(self) -> int:
+        return 0 if self.delay_of is None else int(self.delay_of.max()) + 1
+
+    @property
+    def poles(self) -> np.ndarray:
+        """(n,) complex: rad/s in domain "s", z in domain "z"; two per section, in its order."""
+        roots = []
+        for first in range(0, self.n_poles, 2):
+            q0, q1 = self.sections[first], self.sections[first + 1 : first + 2]
+            if len(q1) == 0:
+                roots.append(-q0)
+                continue
+            half, rest = -q1[0] / 2, q1[0] ** 2 / 4 - q0
+            if rest < 0:
+                roots += [half + 1j * np.sqrt(-rest), half - 1j * np.sqrt(-rest)]
+            else:  # the smaller one without cancellation
+                far = half + np.copysign(np.sqrt(rest), half)
+                roots += [far, q0 / far if far != 0 else 0.0]
+        return np.array(roots, dtype=complex)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles are stable."""
+        return bool(np.all(self.poles.real < 0 if self.domain == "s" else np.abs(self.poles) < 1))
+
+    def _variable(self, f_hz: np.ndarray) -> np.ndarray:
+        w = 2j * np.pi * f_hz
+        return w if self.domain == "s" else np.exp(w / self.fs_hz)
+
+    def _section_values(self, v: np.ndarray) -> np.ndarray:
+        """S_k at each v, (F, sections)."""
+        q0, q1 = self.sections[0::2], self.sections[1::2]
+        pairs = v[:, None] ** 2 + q1 * v[:, None] + q0[: len(q1)]
+        return pairs if len(q0) == len(q1) else np.column_stack([pairs, v + q0[-1]])
+
+    def _basis(self, v: np.ndarray) -> np.ndarray:
+        """What the numerators multiply, (F, n or n + 1)."""
+        inverse = np.repeat(1 / self._section_values(v), 2, axis=1)[:, : self.n_poles]
+        inverse[:, 1::2] *= v[:, None]
+        return inverse if self.n_zeros < self.n_poles else np.column_stack([inverse, np.ones(len(v))])
+
+    def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Matrix of frequency responses, with the hold when `hold` is "zoh" (MIM-1, MOD-2).
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Frequencies [Hz]; below fs/2 with a hold.
+
+        Returns
+        -------
+        (F, n_y, n_u) complex ndarray, output unit per input unit.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        return self._held_response(f) if self.hold == "zoh" else self.behind_hold(f)
+
+    def _held_response(self, f: np.ndarray) -> np.ndarray:
+        """Sampled response to held inputs, exactly: the state of each section, the delay inside a sample."""
+        from scipy.linalg import expm
+
+        total = np.zeros((len(f), self.n_y, self.n_u), dtype=complex)
+        z = np.exp(2j * np.pi * f / self.fs_hz)
+        for delay_s in np.unique(self.delay_s):
+            late = delay_s * self.fs_hz
+            whole = np.floor(late)
+            where = self.delay_s == delay_s
+            for first in range(0, self.n_poles, 2):
+                q = self.sections[first : first + 2]
+                n = len(q)
+                flow = np.zeros((n + 1, n + 1))  # of state and held input
+                flow[: n - 1, 1:n] = np.eye(n - 1)
+                flow[n - 1, :n], flow[n - 1, n] = -q, 1
+                new, old = (expm(flow * share / self.fs_hz) for share in (1 - late + whole, late - whole))
+                drive = new[:n, n] * z[:, None] ** -whole + (new[:n, :n] @ old[:n, n]) * z[:, None] ** -(
+                    whole + 1
+                )
+                matrix = z[:, None, None] * np.eye(n) - new[:n, :n] @ old[:n, :n]
+                state = np.linalg.solve(matrix, drive[..., None])[..., 0]
+                total[:, where] += state @ self.num[where][:, first : first + n].T
+        return total
+
+    def behind_hold(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Matrix of frequency responses of what follows the hold (MIM-1); as :meth:`response` without one.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz.
+
+        Returns
+        -------
+        (F, n_y, n_u) complex ndarray
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        rational = np.einsum("kl,ijl->kij", self._basis(self._variable(f)), self.num)
+        return rational * np.exp(-2j * np.pi * f[:, None, None] * self.delay_s)
+
+    def channel(self, i: int, j: int) -> RationalModel:
+        """Response from input j to output i as a transfer function of its own, without covariance.
+
+        Raises
+        ------
+        ValueError
+            More poles than a `RationalModel` has.
+        """
+        if self.n_poles > lib.GSID_ORDER_MAX:
+            raise ValueError(f"{self.n_poles} poles: a RationalModel has at most {lib.GSID_ORDER_MAX}")
+        factors = [
+            np.concatenate([[1.0], self.sections[first : first + 2][::-1]])
+            for first in range(0, self.n_poles, 2)
+        ]
+        den = _product(factors)
+        num = np.zeros(len(den))
+        for k in range(len(factors)):
+            others = _product(factors[:k] + factors[k + 1 :])
+            part = np.polymul(self.num[i, j, 2 * k : min(2 * k + 2, self.n_poles)][::-1], others)
+            num[len(num) - len(part) :] += part
+        if self.n_zeros == self.n_poles:
+            num += self.num[i, j, -1] * den
+        units = {"u_unit": self.u_units[j], "y_unit": self.y_units[i], "fs_hz": self.fs_hz}
+        if self.domain == "s" and self.n_zeros < self.n_poles:
+            num = num[1:]
+        return RationalModel(num, den, self.delay_s[i, j], self.domain, hold=self.hold, **units)
+
+    # ---- uncertainty -------------------------------------------------------------------------------------
+
+    def _where(self, i: int, j: int) -> np.ndarray:
+        """Places in `cov` of what the response from input j to output i depends on."""
+        n_num, channel = self.num.shape[2], i * self.n_u + j
+        places = [np.arange(channel * n_num, (channel + 1) * n_num), self.num.size + np.arange(self.n_poles)]
+        if self.delay_of is not None:
+            places.append([self.num.size + self.n_poles + self.delay_of[i, j]])
+        return np.concatenate(places).astype(int)
+
+    def gradient(self, f_hz: np.ndarray, i: int, j: int) -> np.ndarray:
+        """Derivatives of one response, without hold, by its numerator, the sections, and a free delay.
+
+        Parameters
+        ----------
+        f_hz : (F,) ndarray
+            Hz.
+        i, j : int
+            Output and input.
+
+        Returns
+        -------
+        (F, m) complex ndarray
+        """
+        f = np.asarray(f_hz, dtype=float)
+        v, num = self._variable(f), self.num[i, j]
+        basis = self._basis(v) * np.exp(-2j * np.pi * f * self.delay_s[i, j])[:, None]
+        terms = basis[:, : self.n_poles] * num[: self.n_poles]
+        parts = np.add.reduceat(terms, np.arange(0, self.n_poles, 2), axis=1)  # N_k / S_k
+        by_section = np.repeat(-parts / self._section_values(v), 2, axis=1)[:, : self.n_poles]
+        by_section[:, 1::2] *= v[:, None]
+        columns = [basis, by_section]
+        if self.delay_of is not None:
+            columns.append((-2j * np.pi * f * (basis @ num))[:, None])
+        return np.hstack(columns)
+
+    def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Standard deviation of each complex response by the parameters' covariance: sqrt(E|dG|^2).
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz.
+
+        Returns
+        -------
+        (F, n_y, n_u) ndarray, unit of the response. Zero for a model without covariance.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        std = np.zeros((len(f), self.n_y, self.n_u))
+        for i, j in np.ndindex(self.n_y, self.n_u) if self.cov is not None else ():
+            x, where = self.gradient(f, i, j), self._where(i, j)
+            variance = np.einsum("ka,ab,kb->k", x, self.cov[np.ix_(where, where)], x.conj(), optimize=True)
+            std[:, i, j] = np.sqrt(np.maximum(variance.real, 0))
+        return std * np.abs(hold_response(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
+
+    @property
+    def std_delay_s(self) -> np.ndarray:
+        """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov.
+
+        It is that of one minimum: see :attr:`ill_determined_delays`.
+        """
+        if self.delay_of is None:
+            return np.zeros(self.delay_s.shape)
+        return self._std()[self.num.size + self.n_poles + self.delay_of]
+
+    @property
+    def ill_determined_delays(self) -> np.ndarray:
+        """(n_y, n_u) bool: several minima over the delay, and the data do not refuse all but one (MIM-5)."""
+        return self.delay_range_s[..., 1] > self.delay_range_s[..., 0]
+
+    @property
+    def delay_interval_s(self) -> np.ndarray:
+        """(n_y, n_u, 2) 95 % intervals of the delays [s], over all minima where they are ill-determined."""
+        return self.delay_range_s + NORMAL_95 * self.std_delay_s[..., None] * [-1, 1]
+
+    def _std(self) -> np.ndarray:
+        if self.cov is None:
+            return np.full(self.n_parameters, np.nan)
+        return np.sqrt(np.maximum(np.diag(self.cov), 0))
+
+    @property
+    def std_num(self) -> np.ndarray:
+        """Standard deviation of num, in its shape; nan without covariance."""
+        return self._std()[: self.num.size].reshape(self.num.shape)
+
+    @property
+    def std_sections(self) -> np.ndarray:
+        """(n,) standard deviation of the sections; nan without covariance."""
+        return self._std()[self.num.size :][: self.n_poles]
+
+    @property
+    def modes(self) -> list[tuple[float, float, float, float]]:
+        """Frequency [Hz], damping and the standard deviations of both, of each real pole or pair of poles."""
+        found = [
+            root_quantities(pole, cov, domain=self.domain, fs_hz=self.fs_hz)
+            for pole, cov in zip(self.poles, self.pole_cov, strict=True)
+            if pole.imag >= 0
+        ]
+        return sorted(found)
+
+    @property
+    def pole_cov(self) -> np.ndarray:
+        """(n, 2, 2) covariance of each pole's (real, imaginary) part; nan without covariance."""
+        if self.cov is None:
+            return np.full((self.n_poles, 2, 2), np.nan)
+        first = self.num.size + 2 * (np.arange(self.n_poles) // 2)
+        covariances = []
+        for k, pole in enumerate(self.poles):
+            is_pair = 2 * (k // 2) + 1 < self.n_poles
+            q1 = self.sections[2 * (k // 2) + 1] if is_pair else np.nan
+            by = -np.array([1, pole]) / (2 * pole + q1) if is_pair else np.array([-1.0 + 0j])
+            parts = np.stack([by.real, by.imag])
+            where = slice(first[k], first[k] + len(by))
+            covariances.append(parts @ self.cov[where, where] @ parts.T)
+        return np.array(covariances)
+
+    @property
+    def delay_hold_uncertainty_s(self) -> np.ndarray | None:
+        """By how much each delay depends on the assumed hold [s], (n_y, n_u); None where it was stated."""
+        return None if self.other_delay_s is None else np.abs(self.delay_s - np.asarray(self.other_delay_s))
+
+    # ---- files and pictures ------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model as the JSON of a model file."""
+        common = {
+            "domain": self.domain,
+            "hold": self.hold,
+            "hold_assumed": self.hold_assumed,
+            "other_delay_s": None if self.other_delay_s is None else np.asarray(self.other_delay_s).tolist(),
+            "sections": self.sections.tolist(),
+            "num": self.num.tolist(),
+            "delay_s": self.delay_s.tolist(),
+            "delay_range_s": self.delay_range_s.tolist(),
+            "delay_of": None if self.delay_of is None else self.delay_of.tolist(),
+            "covariance": None if self.cov is None else self.cov.tolist(),
+        }
+        fit = {name: getattr(self, name) for name in _FIT_KEYS}
+        return {
+            "gsid_model": FORMAT,
+            "made_by": f"gsid {version()}",
+            "fs_hz": self.fs_hz,
+            "inputs": self.inputs,
+            "outputs": self.outputs,
+            "u_units": self.u_units,
+            "y_units": self.y_units,
+            "common_denominator": common,
+            "fit": fit | {"band_hz": None if self.band_hz is None else list(self.band_hz)},
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], where: str = "") -> MimoModel:
+        """Make a model from the JSON of a model file.
+
+        Raises
+        ------
+        InputError
+            Something is missing or has the wrong form.
+        """
+        hint = "write it again by `gsid fit -o` with several inputs"
+        if not isinstance(data, dict) or "common_denominator" not in data:
+            raise InputError("not a model of several inputs and outputs", where, None, hint)
+        common = data["common_denominator"]
+        try:
+            return cls(
+                **{name: moderate(common[name], name) for name in ("sections", "num", "delay_s")},
+                domain=text(common, "domain", "s"),
+                hold=text(common, "hold", "none"),
+                hold_assumed=flag(common, "hold_assumed"),
+                other_delay_s=common.get("other_delay_s"),
+                fs_hz=number(data, "fs_hz"),
+                cov=moderate(common.get("covariance"), "covariance", LARGEST**2),
+                delay_of=common.get("delay_of"),
+                delay_range_s=moderate(common.get("delay_range_s"), "delay_range_s"),
+                **{name: texts(data, name) for name in ("inputs", "outputs", "u_units", "y_units")},
+                **how_fitted(data),
+            )
+        except KeyError as error:
+            raise InputError("a key is missing in the model file", where, error.args[0], hint) from error
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
+            raise InputError(f"the model file is not usable: {error}", where, None, hint) from error
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        write_model_file(path, self.to_dict())
+
+    @classmethod
+    def load(cls, path: str | Path) -> MimoModel:
+        """Read a model file.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, is not JSON, or is not such a model.
+        """
+        return cls.from_dict(read_model_file(path), str(path))
+
+    def plot(self, frf: MimoFrf | None = None) -> matplotlib.figure.Figure:
+        """A Bode diagram for each response with 95 % bands, over the measured ones when they are given."""
+        from gsid import plots
+
+        return plots.bode_matrix(self, frf)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"MimoModel {self.n_y} x {self.n_u}, {self.n_poles} common poles, {self.n_zeros} zeros, "
+            f"in {self.domain}{'' if self.stable else ', UNSTABLE'}",
+            f"  inputs   {', '.join(self.inputs)}",
+            f"  outputs  {', '.join(self.outputs)}",
+            f"  delays   {1e3 * self.delay_s.min():.4g} .. {1e3 * self.delay_s.max():.4g} ms",
+        ]
+        if self.cost is not None:
+            lines.append(f"  {self.method}: cost {self.cost:.5g} over {self.n_lines} lines")
+        return "\n".join(lines)
+
+
+_FIT_KEYS = ("method", "cost", "cost_expected", "n_lines", "converged")
+
+
+def hold_response(f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
+    """Response of a zero-order hold.
+
+    Parameters
+    ----------
+    f_hz : (F,) ndarray
+        Hz.
+    fs_hz : float
+        Sample rate [Hz].
+
+    Returns
+    -------
+    (F,) complex ndarray
+    """
+    return np.sinc(f_hz / fs_hz) * np.exp(-1j * np.pi * f_hz / fs_hz)
+
+
+def _product(factors: list[np.ndarray]) -> np.ndarray:
+    product = np.ones(1)
+    for factor in factors:
+        product = np.polymul(product, factor)
+    return product

@@ -1,0 +1,295 @@
+"""Sets of low-order models, each for a band of its own, with the breaks between them (source, section 8.3).
+
+A response that one model could only follow with a very high order, such as that of an axis with friction, is
+cut into adjoining bands with a model of low order in each. Breaks are chosen together: for each number of
+pieces, the least sum of the costs of eq. 7.28 over all ways to cut at a grid of candidates (dynamic
+programming), then line by line around the breaks. The number of pieces is that of least MDL,
+
+    sum of V + (N p + N - 1)/2 ln(2 F)  (ORD-3)
+
+A set is not a system: it answers at a frequency, not in time, and is not continuous at its breaks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid._lib import version
+from gsid.base.errors import InputError
+from gsid.base.files import write_atomically
+from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.models.rational import RationalModel
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from gsid.response.frf import Frf
+
+PIECES_MAX = 6
+
+
+@dataclass(frozen=True)
+class Jump:
+    """What the response does at a break, from the piece below to the piece above.
+
+    Attributes
+    ----------
+    f_hz : float
+    gain_db, phase_deg : float
+    sigmas : float
+        Size of the jump over its standard deviation by the pieces' covariances.
+    """
+
+    f_hz: float
+    gain_db: float
+    phase_deg: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The best set of one number of pieces.
+
+    Attributes
+    ----------
+    n_pieces : int
+    cost, cost_expected : float
+        Sums of V and of what noise alone leaves of it.
+    mdl : float
+        ORD-3.
+    """
+
+    n_pieces: int
+    cost: float
+    cost_expected: float
+    mdl: float
+
+
+@dataclass(frozen=True, repr=False)
+class PiecewiseModel:
+    """Models of low order in adjoining bands.
+
+    Attributes
+    ----------
+    pieces : tuple of RationalModel
+        In order of frequency; `band_hz` of each is the band it was fitted in.
+    breaks_hz : tuple of float
+        Between the pieces [Hz]: below one the lower piece counts, from it on the upper.
+    tried : tuple of Cut
+        Numbers of pieces that were looked at; empty for a set read from a file.
+
+    Raises
+    ------
+    ValueError
+        Breaks that do not rise, or of which there is not one less than pieces; a piece that was not fitted.
+    """
+
+    pieces: tuple[RationalModel, ...]
+    breaks_hz: tuple[float, ...]
+    tried: tuple[Cut, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.breaks_hz) != len(self.pieces) - 1 or np.any(np.diff(self.breaks_hz) <= 0):
+            raise ValueError(f"{len(self.pieces)} pieces need as many rising breaks less one")
+        if not self.pieces or any(piece.band_hz is None for piece in self.pieces):
+            raise ValueError("every piece needs the band it was fitted in")
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest line fitted [Hz]."""
+        return (self.pieces[0].band_hz[0], self.pieces[-1].band_hz[1])
+
+    @property
+    def fs_hz(self) -> float | None:
+        return self.pieces[0].fs_hz
+
+    @property
+    def n_parameters(self) -> int:
+        """Of all pieces; the breaks come on top."""
+        return sum(piece.n_parameters for piece in self.pieces)
+
+    @property
+    def n_lines(self) -> int:
+        return sum(piece.n_lines or 0 for piece in self.pieces)
+
+    @property
+    def cost(self) -> float:
+        """Sum of V of eq. 7.28 over the pieces."""
+        return float(sum(piece.cost or 0 for piece in self.pieces))
+
+    @property
+    def cost_expected(self) -> float:
+        """What noise alone leaves of the cost."""
+        return float(sum(piece.cost_expected or 0 for piece in self.pieces))
+
+    @property
+    def stable(self) -> bool:
+        return all(piece.stable for piece in self.pieces)
+
+    @property
+    def converged(self) -> bool:
+        return all(bool(piece.converged) for piece in self.pieces)
+
+    @property
+    def u_unit(self) -> str:
+        return self.pieces[0].u_unit
+
+    @property
+    def y_unit(self) -> str:
+        return self.pieces[0].y_unit
+
+    def piece_at(self, f_hz: np.ndarray | float) -> np.ndarray:
+        """Number of the piece that counts at each frequency [Hz], from 0."""
+        return np.searchsorted(self.breaks_hz, f_hz, side="right")
+
+    def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Response at each frequency, of the piece whose band it is in; outside all bands of the nearest.
+
+        Parameters
+        ----------
+        f_hz : (k,) array_like
+            Hz.
+
+        Returns
+        -------
+        (k,) complex ndarray
+        """
+        return self._by_piece(f_hz, RationalModel.response, complex)
+
+    def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Standard deviation of the complex response by the piece's covariance, (k,)."""
+        return self._by_piece(f_hz, RationalModel.response_std, float)
+
+    def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """As `RationalModel.deviations`: (k, r) complex, the directions of each piece in turn."""
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        number = self.piece_at(f)
+        each = [piece.deviations(f) * (number == i)[:, None] for i, piece in enumerate(self.pieces)]
+        return np.hstack(each)
+
+    def _by_piece(self, f_hz, of, kind: type) -> np.ndarray:
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        out, number = np.empty(len(f), kind), self.piece_at(f)
+        for i, piece in enumerate(self.pieces):
+            if np.any(number == i):
+                out[number == i] = of(piece, f[number == i])
+        return out
+
+    def jumps(self) -> list[Jump]:
+        """What the response does at each break."""
+        found = []
+        for f, below, above in zip(self.breaks_hz, self.pieces, self.pieces[1:], strict=False):
+            a, b = below.response([f])[0], above.response([f])[0]
+            std = np.hypot(below.response_std([f])[0], above.response_std([f])[0])
+            ratio = b / a
+            found.append(
+                Jump(
+                    f_hz=f,
+                    gain_db=float(20 * np.log10(abs(ratio))),
+                    phase_deg=float(np.degrees(np.angle(ratio))),
+                    sigmas=float(abs(b - a) / std) if std > 0 else float("nan"),
+                )
+            )
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """The set as the JSON of a model file."""
+        return {
+            "gsid_model": FORMAT,
+            "made_by": f"gsid {version()}",
+            "pieces": [piece.to_dict() for piece in self.pieces],
+            "breaks_hz": list(self.breaks_hz),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], where: str = "") -> PiecewiseModel:
+        """Make a set from the JSON of a model file.
+
+        Raises
+        ------
+        InputError
+            Something is missing or has the wrong form.
+        """
+        hint = "write it again by `gsid fit --piecewise`"
+        entries = data["pieces"]
+        if not isinstance(entries, list) or len(entries) > PIECES_MAX:
+            found = f"{len(entries)}, at most {PIECES_MAX}" if isinstance(entries, list) else "no list"
+            raise InputError("the set of models is not usable: pieces", where, found, hint)
+        pieces = tuple(RationalModel.from_dict(piece, where) for piece in entries)
+        try:
+            return cls(pieces, tuple(float(f) for f in data["breaks_hz"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the set of models is not usable: {error}", where, None, hint) from error
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file (.json), or a MATLAB file (.mat): arrays of structs and `breaks_hz`."""
+        if str(path).lower().endswith(".mat"):
+            from scipy import io
+
+            from gsid.models.convert import mat_values
+
+            values = {"pieces": [mat_values(piece) for piece in self.pieces], "breaks_hz": self.breaks_hz}
+            write_atomically(path, lambda part: io.savemat(part, values, appendmat=False))
+        else:
+            write_model_file(path, self.to_dict())
+
+    @classmethod
+    def load(cls, path: str | Path) -> PiecewiseModel:
+        """Read a model file.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, is not JSON, or is not a set of models.
+        """
+        data = read_model_file(path)
+        if not isinstance(data, dict) or "pieces" not in data:
+            raise InputError("the model file has no pieces", str(path), None, "load_model reads other models")
+        return cls.from_dict(data, str(path))
+
+    def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
+        """Bode diagram with the breaks, over the measured response when one is given."""
+        from gsid import plots
+
+        return plots.piecewise(self, frf)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Return the head and a row for each piece as text."""
+        head = [
+            "from [Hz]",
+            "to [Hz]",
+            "order",
+            "lines",
+            "cost",
+            "noise alone",
+            "delay [ms]",
+            "sigma",
+            "jump",
+        ]
+        rows = []
+        jumps = ["", *(f"{j.gain_db:+.2g} dB, {j.phase_deg:+.2g} deg" for j in self.jumps())]
+        for piece, jump in zip(self.pieces, jumps, strict=True):
+            rows.append(
+                [
+                    *(f"{edge:.4g}" for edge in piece.band_hz),
+                    f"{piece.n_poles}/{piece.n_zeros}",
+                    *(
+                        "-" if x is None else f"{x:.5g}"
+                        for x in (piece.n_lines, piece.cost, piece.cost_expected)
+                    ),
+                    f"{1e3 * piece.delay_s:.4g}",
+                    f"{1e3 * piece.std_delay_s:.2g}" if piece.free_delay else "given",
+                    jump,
+                ]
+            )
+        return head, rows
+
+    def __repr__(self) -> str:
+        head, rows = self.table()
+        lines = ["  ".join(f"{text:>11}" for text in row) for row in [head, *rows]]
+        cost = f"cost {self.cost:.5g} over {self.n_lines} lines, {self.cost_expected:.5g} expected"
+        return "\n".join([f"PiecewiseModel of {len(self.pieces)} pieces, {cost}", *lines])

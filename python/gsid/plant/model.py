@@ -1,0 +1,557 @@
+"""A plant as a stack of physical effects: values, files, and what it answers."""
+
+from __future__ import annotations
+
+import copy
+import html
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsid._lib import ffi, version
+from gsid.base.arguments import printable_text
+from gsid.base.errors import InputError, close
+from gsid.base.json_files import listed, number, text
+from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.effects.custom import entry_keys, of_entry
+from gsid.effects.types import EffectParameter, EffectType, find
+from gsid.plant.effect import Effect, Param
+from gsid.plant.periodic import PeriodicPlant, Prediction, input_period
+from gsid.plant.units import RADIANS
+from gsid.spectrum.spectra import Spectra
+
+OUTPUTS = ("rate", "angle")
+
+
+@dataclass(eq=False, repr=False)
+class PlantModel:
+    """A stack of effects.
+
+    Parameters
+    ----------
+    fs_hz : float
+        Rate at which commands are held and a controller runs [Hz]. Records bring their own.
+    effects : list of Effect
+        With exactly one rigid_body. Effects act by their stages, and within a stage in this order.
+    output : {"rate", "angle"}
+        What y is.
+    angle_unit : {"deg", "rad", "m"}
+        Unit of angle: the catalogue's units with degrees replaced by it.
+    u_unit, y_unit : str
+    cov : (n_free, n_free) ndarray or None
+        Covariance of the free parameters, in the order of `free_names`.
+    fit : dict or None
+        How it was fitted; see `gsid.PlantFit.summary`.
+    history : list of dict
+        Steps by which the stack came to be, oldest first.
+
+    Raises
+    ------
+    InputError
+        An unknown effect, an unknown, missing or impossible value, none or two rigid bodies.
+    """
+
+    fs_hz: float
+    effects: list[Effect]
+    output: str = "rate"
+    angle_unit: str = "deg"
+    u_unit: str = ""
+    y_unit: str = ""
+    cov: np.ndarray | None = None
+    fit: dict[str, Any] | None = None
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._check("")
+
+    def _check(self, where: str) -> None:
+        if not _is_number(self.fs_hz) or not self.fs_hz > 0:
+            raise InputError(
+                "fs_hz is not a positive number", where, self.fs_hz, "give the rate of the loop [Hz]"
+            )
+        for name, value, known in (
+            ("output", self.output, OUTPUTS),
+            ("angle_unit", self.angle_unit, tuple(RADIANS)),
+        ):
+            if value not in known:
+                raise InputError(f"{name} must be one of {', '.join(known)}", where, value)
+        for name, value in (("u_unit", self.u_unit), ("y_unit", self.y_unit)):
+            printable_text(name, value, where)
+        for effect in self.effects:
+            _check_params(effect, where)
+        n_bodies = sum(effect.id == "rigid_body" for effect in self.effects)
+        if n_bodies != 1:
+            raise InputError(
+                "a plant has exactly one rigid_body",
+                where,
+                f"{n_bodies} of them",
+                "its gain is what moves the axis",
+            )
+
+    # ---- parameters ----------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> list[str]:
+        """All parameters: "effect.parameter"; the second effect of an id is "effect#2"."""
+        return [f"{label}.{name}" for label, effect in self.labels() for name in effect.params]
+
+    def labels(self) -> list[tuple[str, Effect]]:
+        """The effects with the names that stand before the point of their parameters'."""
+        seen: dict[str, int] = {}
+        labels = []
+        for effect in self.effects:
+            seen[effect.id] = seen.get(effect.id, 0) + 1
+            labels.append((effect.id if seen[effect.id] == 1 else f"{effect.id}#{seen[effect.id]}", effect))
+        return labels
+
+    @property
+    def free_names(self) -> list[str]:
+        """Parameters that a fit may move."""
+        return [name for name in self.names if self[name].free]
+
+    def __getitem__(self, name: str) -> Param:
+        """A parameter by "effect.parameter"."""
+        effect, parameter = self._find(name)
+        return effect.params[parameter]
+
+    def parameter(self, name: str) -> EffectParameter:
+        """What the catalogue says of a parameter."""
+        effect, parameter = self._find(name)
+        return effect.type[parameter]
+
+    def _find(self, name: str) -> tuple[Effect, str]:
+        label, _, parameter = name.rpartition(".")
+        for other, effect in self.labels():
+            if other == label and parameter in effect.params:
+                return effect, parameter
+        hint = close(name, self.names) or f"there are {', '.join(self.names)}"
+        raise InputError("the model has no such parameter", "", name, hint)
+
+    @property
+    def free_values(self) -> np.ndarray:
+        """(n_free,) values of the free parameters."""
+        return np.array([self[name].value for name in self.free_names])
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n_free,) least and largest values of the free parameters, their null values included."""
+        lower, upper = [], []
+        for effect in self.effects:
+            for name, param in effect.params.items():
+                if param.free:
+                    known = effect.type[name]
+                    null = [known.null_value] if known.null_value is not None else []
+                    least, most = min([known.lower, *null]), max([known.upper, *null])
+                    lo, hi = param.limits or (least, most)
+                    lower.append(max(lo, least))
+                    upper.append(min(hi, most))
+        return np.array(lower), np.array(upper)
+
+    def with_values(self, values: Sequence[float]) -> PlantModel:
+        """A copy with other values of the free parameters, and without the marks of a fit.
+
+        Parameters
+        ----------
+        values : (n_free,) array_like
+        """
+        model = copy.deepcopy(self)
+        model.cov, model.fit = None, None
+        for name, value in zip(self.free_names, values, strict=True):
+            model[name].value, model[name].std = float(value), None
+        return model
+
+    def stack(self) -> dict[str, dict[str, float]]:
+        """{effect: {parameter: value}}."""
+        return {
+            label: {name: p.value for name, p in effect.params.items()} for label, effect in self.labels()
+        }
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether the loop is simulated closed: the record's input is then the reference."""
+        return any(effect.type.stage == "controller" for effect in self.effects)
+
+    @property
+    def looks_at_angle(self) -> bool:
+        """Whether anything depends on where the axis stands. If not, the mean angle is arbitrary."""
+        return any(effect.type.c.looks_at_angle for effect in self.effects)
+
+    # ---- prediction ----------------------------------------------------------------------------------
+
+    def simulate(self, u: np.ndarray) -> Prediction:
+        """Periodic answer to a command that is held over each sample.
+
+        Parameters
+        ----------
+        u : (N,) array_like
+            One period of the command, or of the reference when the stack has a controller.
+
+        Raises
+        ------
+        GsidError
+            The values cannot be simulated.
+        """
+        return PeriodicPlant(self, u, self.fs_hz).run()
+
+    def predict(self, measured: Spectra, *, sensitivities: bool = False) -> Prediction:
+        """Periodic answer to a record's mean input.
+
+        Parameters
+        ----------
+        measured : Spectra
+            Hold "zoh": its input is the command that was held over each sample. Hold "none": it is a signal
+            without lines above half the sample rate.
+        sensitivities : bool
+            Whether to give dY.
+
+        Raises
+        ------
+        GsidError
+            The values cannot be simulated.
+        InputError
+            The loop's rate is not the record's.
+        """
+        return PeriodicPlant.of(self, measured).run(sensitivities=sensitivities)
+
+    # ---- files ---------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model as the JSON of a model file."""
+
+        def plain(param: Param) -> dict[str, Any]:
+            std = {} if param.std is None else {"std": param.std if math.isfinite(param.std) else None}
+            ends = [end if math.isfinite(end) else None for end in param.limits or ()]
+            return {"value": param.value, "free": param.free} | std | ({"limits": ends} if ends else {})
+
+        data: dict[str, Any] = {
+            "gsid_model": FORMAT,
+            "made_by": f"gsid {version()}",
+            "fs_hz": self.fs_hz,
+            "output": self.output,
+            "angle_unit": self.angle_unit,
+            "u_unit": self.u_unit,
+            "y_unit": self.y_unit,
+            "effects": [
+                {"effect": effect.id, **effect.type.definition}
+                | {"params": {name: plain(param) for name, param in effect.params.items()}}
+                for effect in self.effects
+            ],
+        }
+        if self.cov is not None:
+            data["covariance"] = {"names": self.free_names, "matrix": self.cov.tolist()}
+        if self.fit is not None:
+            data["fit"] = self.fit
+        if self.history:
+            data["history"] = self.history
+        return data
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], where: str = "") -> PlantModel:
+        """Make a model from the JSON of a model file.
+
+        Parameters
+        ----------
+        data : dict
+            As :meth:`to_dict` gives it. A parameter may be a plain number: free, but for a controller's,
+            which is known. `limits` of a parameter are [least, greatest], between which a fit keeps it; null
+            where that end is open.
+        where : str
+            File name, for messages.
+
+        Raises
+        ------
+        InputError
+            Something is missing or has the wrong form.
+        """
+        if not isinstance(data, dict) or data.get("gsid_model") != FORMAT:
+            raise InputError(
+                "not a model file", where, None, f'a model file is JSON with "gsid_model": {FORMAT}'
+            )
+        entries = data.get("effects")
+        if not isinstance(entries, list):
+            raise InputError("the model file has no list of effects", where, ", ".join(data), EXAMPLE)
+        _check_keys(data, KEYS, where)
+        if len(entries) > EFFECTS_MOST:
+            most = f"{len(entries)}, at most {EFFECTS_MOST}"
+            raise InputError("the model file has too many effects", where, most, "join those of one kind")
+        model = cls.__new__(cls)
+        model.fs_hz, model.effects = (
+            data.get("fs_hz"),
+            [_read_effect(entry, i, where) for i, entry in enumerate(entries)],
+        )
+        model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
+        model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
+        model.fit, model.history = _read_story(data, where)
+        model.cov = None
+        model._check(where)
+        if "covariance" in data:
+            model.cov = _read_covariance(data["covariance"], model.free_names, where)
+        return model
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        write_model_file(path, self.to_dict())
+
+    @classmethod
+    def load(cls, path: str | Path) -> PlantModel:
+        """Read a model file.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, is not JSON, or is not a stack of effects.
+        """
+        return cls.from_dict(read_model_file(path), str(path))
+
+    # ---- print ---------------------------------------------------------------------------------------
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        rows = []
+        for effect in self.effects:
+            for i, (name, param) in enumerate(effect.params.items()):
+                rows.append((effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name)))
+        return rows
+
+    def unit_of(self, effect: Effect, name: str) -> str:
+        """Unit of a parameter in this model's unit of angle."""
+        unit = effect.type[name].unit
+        return unit if " (" in unit else unit.replace("deg", self.angle_unit)  # "deg (whatever ...)" is one
+
+    def __repr__(self) -> str:
+        lines = [f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"]
+        lines += [
+            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in self._rows()
+        ]
+        if self.fit is not None:
+            lines.append(f"  cost per degree of freedom {self.fit.get('cost_per_dof', math.nan):.4g}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{title}</th>" for title in ("effect", "parameter", "value", "unit"))
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+            for row in self._rows()
+        )
+        caption = html.escape(repr(self).splitlines()[0])
+        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+
+
+def check_plant(model: object) -> None:
+    """Refuse what is no stack of effects (TypeError)."""
+    if not isinstance(model, PlantModel):
+        raise TypeError(f"a stack of effects is needed, a PlantModel, got {type(model).__name__}")
+
+
+def transport_delay_s(model: PlantModel) -> float | None:
+    """Transport delay of a stack of effects [s]; None where it has none."""
+    delays = [effect.params["delay_s"].value for effect in model.effects if effect.id == "transport_delay"]
+    return sum(delays) if delays else None
+
+
+# A model file has no other keys: what is mistyped would count as left out.
+KEYS = (
+    *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),
+    *("effects", "covariance", "fit", "history"),
+)
+EFFECTS_MOST = 100  # the whole catalogue four times over
+PARAM_KEYS = ("value", "free", "std", "limits")
+
+EXAMPLE = 'write "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}, ...]'
+
+
+def _is_number(value: object) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= sys.float_info.max  # whole numbers may be larger than any double
+
+
+def _check_keys(entry: Mapping[str, Any], known: Sequence[str], where: str) -> None:
+    for key in entry:
+        if key not in known:
+            hint = close(key, known) or f"there are {', '.join(known)}"
+            raise InputError("unknown key in a model file", where, key, hint)
+
+
+def _read_effect(entry: Any, index: int, where: str) -> Effect:
+    where = f"{where} effects[{index}]".strip()
+    if not isinstance(entry, dict) or not isinstance(entry.get("effect"), str):
+        raise InputError("an effect is not an object with its id", where, entry, EXAMPLE)
+    _check_keys(entry, entry_keys(entry["effect"]), where)
+    params = entry.get("params", {})
+    if not isinstance(params, dict):
+        raise InputError("params is not an object of numbers", f"{where} {entry['effect']}", params, EXAMPLE)
+    own = of_entry(entry, where)
+    known = own or find(entry["effect"], where)
+    free = known.stage != "controller"
+    return Effect(
+        entry["effect"],
+        {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
+        own,
+    )
+
+
+def _read_story(data: dict[str, Any], where: str) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """How the model was fitted, and the steps by which it came to be."""
+    fit, history = data.get("fit"), data.get("history", [])
+    if not (fit is None or isinstance(fit, dict)):
+        raise InputError("fit is not an object", where, fit, "leave it out")
+    try:
+        for key in ("cost", "cost_per_dof", "n_dof", "variance_dof"):
+            number(fit or {}, key)
+        text(fit or {}, "method")
+        per_record = listed(fit or {}, "per_record")
+        if not all(isinstance(record, dict) for record in per_record):
+            raise ValueError("per_record is not a list of objects")
+    except ValueError as error:
+        raise InputError("fit is not usable", where, error, "leave it out") from error
+    if not isinstance(history, list) or not all(isinstance(step, dict) for step in history):
+        raise InputError("history is not a list of steps", where, history, "leave it out")
+    return fit, history
+
+
+def _read_covariance(covariance: Any, free_names: list[str], where: str) -> np.ndarray:
+    try:
+        matrix = np.array(covariance["matrix"], dtype=float)
+        if covariance["names"] == free_names and matrix.shape == (len(free_names),) * 2:
+            return matrix
+    except (KeyError, TypeError, ValueError):
+        pass
+    hint = "leave the covariance out when parameters are added, made free or fixed by hand"
+    raise InputError("the covariance is not that of the free parameters", where, ", ".join(free_names), hint)
+
+
+def _read_param(value: Any, free: bool, where: str) -> Param:
+    std = limits = None
+    if isinstance(value, Mapping):
+        _check_keys(value, PARAM_KEYS, where)
+        if "std" in value:
+            std = math.nan if value["std"] is None else value["std"]
+        limits = _read_limits(value.get("limits"), where)
+        value, free = value.get("value"), value.get("free", free)
+    if (
+        not _is_number(value)
+        or not isinstance(free, bool)
+        or not (std is None or isinstance(std, int | float))
+    ):
+        raise InputError(
+            "a parameter is not a number", where, value, 'write 7.4 or {"value": 7.4, "free": true}'
+        )
+    if limits and free and not limits[0] <= value <= limits[1]:
+        raise InputError("a value is outside its own limits", where, f"{value:g}", f"they are {limits}")
+    return Param(float(value), free, std, limits)
+
+
+def _read_limits(limits: Any, where: str) -> tuple[float, float] | None:
+    if limits is None:
+        return None
+    if (
+        isinstance(limits, list)
+        and len(limits) == 2
+        and all(end is None or _is_number(end) for end in limits)
+    ):
+        lo, hi = (
+            float(open_end if end is None else end)
+            for end, open_end in zip(limits, (-math.inf, math.inf), strict=True)
+        )
+        if lo < hi:
+            return lo, hi
+    hint = 'write "limits": [least, greatest]; null leaves an end to the catalogue'
+    raise InputError("the limits of a parameter are not two rising numbers", where, limits, hint)
+
+
+def _check_params(effect: Effect, where: str) -> None:
+    known = effect.own or find(effect.id, where)
+    where = f"{where} {effect.id}".strip()
+    for name in effect.params:
+        if name not in known.names:
+            hint = close(name, known.names) or f"it has {', '.join(known.names) or 'none'}"
+            raise InputError("unknown parameter", f"{where}.{name}", None, hint)
+    for parameter in known.parameters:
+        if known.stage == "controller" and parameter.null_value is not None:  # a loop is one without it too
+            effect.params.setdefault(parameter.name, Param(parameter.null_value, free=False))
+        if parameter.name not in effect.params:
+            hint = f"a gimbal has {parameter.typical:g} {parameter.unit}".rstrip()
+            raise InputError("a parameter is missing", f"{where}.{parameter.name}", None, hint)
+        value = effect.params[parameter.name].value
+        if value != parameter.null_value and not parameter.lower <= value <= parameter.upper:
+            hint = f"it lies in {parameter.lower:g} .. {parameter.upper:g} {parameter.unit}".rstrip()
+            raise InputError("a value is out of its bounds", f"{where}.{parameter.name}", f"{value:g}", hint)
+    effect.params = {name: effect.params[name] for name in known.names}
+
+
+def drive_command(model: PlantModel, measured: Spectra, answer: Prediction) -> np.ndarray:
+    """Command on its way to the drive at each sample of a period: in closed loop what the controller gives.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : Spectra
+        The record: its mean input is the command, or the loop's reference.
+    answer : Prediction
+        The model's answer to it.
+
+    Returns
+    -------
+    (N,) float64
+    """
+    command = input_period(measured, 1)
+    for effect in model.effects:
+        if effect.type.c.control != ffi.NULL:
+            command = _controlled(effect, command, answer, measured.fs_hz)
+    return command
+
+
+def _controlled(effect: Effect, reference: np.ndarray, answer: Prediction, fs_hz: float) -> np.ndarray:
+    item = ffi.new("gsid_plant_item *", {"effect": effect.type.c, "data": effect.type.data})
+    for i, param in enumerate(effect.params.values()):
+        item.value[i] = param.value
+    law, samples = effect.type.c.control, effect.type.c.rate_samples
+    n = samples(item) if samples != ffi.NULL else 0
+    rate = (answer.angle - np.roll(answer.angle, n)) * fs_hz / n if n else answer.rate
+    slopes = ffi.new("gsid_real[]", 3), ffi.new("gsid_real[]", len(item.value))
+    signals = np.column_stack([reference, answer.angle, rate]).tolist()
+    return np.array([law(item, signal, *slopes) for signal in signals])
+
+
+def with_effect(
+    model: PlantModel,
+    effect: str | EffectType,
+    params: dict[str, float],
+    limits: dict[str, tuple[float, float]] | None = None,
+    fixed: Sequence[str] = (),
+) -> PlantModel:
+    """A copy of a model with one more effect, its values moved into the catalogue's bounds.
+
+    Parameters
+    ----------
+    model : PlantModel
+    effect : str or EffectType
+        Id of the catalogue, or an effect of one's own.
+    params : dict of float
+        Values; those not given are typical ones.
+    limits : dict of (lo, hi), optional
+        Limits of a fit that are narrower than the catalogue's bounds.
+    fixed : sequence of str
+        Parameters that a fit leaves as they are.
+    """
+    larger = copy.deepcopy(model)
+    larger.cov, larger.fit = None, None
+    added = {}
+    own = effect if isinstance(effect, EffectType) else None
+    for known in (own or find(effect)).parameters:
+        limit = (limits or {}).get(known.name)
+        lower, upper = limit or (known.lower, known.upper)
+        value = float(np.clip(params.get(known.name, known.typical), lower, upper))
+        added[known.name] = Param(value, known.name not in fixed, limits=limit)
+    larger.effects.append(Effect(own.id if own else effect, added, own))
+    return larger
+
+
+def without_effect(model: PlantModel, effect: str) -> PlantModel:
+    smaller = copy.deepcopy(model)
+    smaller.cov, smaller.fit = None, None
+    smaller.effects = [e for e in smaller.effects if e.id != effect]
+    return smaller

@@ -1,0 +1,234 @@
+"""The periodic answer of a plant with its sensitivities, to one period of its input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid._lib import check, ffi, lib
+from gsid.base.errors import InputError, SimulationError
+from gsid.plant.units import RADIANS, check_plant_units
+from gsid.spectrum.lines import lines_of, period_of
+from gsid.spectrum.spectra import Spectra
+
+if TYPE_CHECKING:
+    from gsid.plant.model import PlantModel
+
+# An input that is not held is simulated at this many times the sample rate (docs/explanation/decisions.md).
+OVERSAMPLING = 4
+
+SETTLE_PERIODS = 2  # before the first Newton step
+SETTLE_LONGER = 10  # where that did not lead to the steady state
+NEWTON_STEPS = 8
+SETTLED = 1e-7  # share of the output's rms that may still change in a period
+
+
+@dataclass(eq=False)
+class Prediction:
+    """A plant's periodic answer.
+
+    Attributes
+    ----------
+    y, angle, rate : (N,) float64
+        Output, angle and rate of the axis at each sample of one period.
+    Y : (K,) complex
+        Lines 0 .. N/2 of y, as in Spectra.
+    dY : (n_free, K) complex or None
+        Sensitivities of Y to the free parameters.
+    residual : float
+        Bound on how much y changes in one more period, unit of y: 0 in the steady state.
+    settled : bool
+        Whether that is below 1e-7 of the output's rms, or below what was asked for.
+    """
+
+    y: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    Y: np.ndarray
+    dY: np.ndarray | None
+    residual: float
+    settled: bool
+
+
+def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
+    """One period of a record's mean input, held over each 1/oversampling of a sample (PLT-3).
+
+    With oversampling 1 these are the samples as they are. Else the input has no lines above half the sample
+    rate, and the held one is given the same lines: 1/oversampling of a sample's hold is taken out of each.
+
+    Parameters
+    ----------
+    measured : Spectra
+    oversampling : int
+
+    Returns
+    -------
+    (N oversampling,) float64
+    """
+    n = measured.period_samples
+    if oversampling == 1:
+        return period_of(measured.u, n)
+    below = measured.u[: (n + 1) // 2]  # without the line at half the rate, which has no phase
+    half = np.pi * np.arange(len(below)) / (n * oversampling)
+    fine = np.zeros(n * oversampling // 2 + 1, complex)
+    fine[: len(below)] = below * np.exp(1j * half) / np.sinc(half / np.pi)
+    return period_of(fine, n * oversampling)
+
+
+def _check(status: int) -> None:
+    """Raise for a plant that cannot be simulated."""
+    if status == lib.GSID_E_NONFINITE:
+        what = "the plant cannot be simulated: it runs away, or a law has no value, as 1/0 and sqrt(-1)"
+        hint = "look for friction or springs of the wrong sign, unstable gains of a loop, laws without bound"
+        raise SimulationError(status, what, hint)
+    if status == lib.GSID_E_CONFIG:
+        what = "the plant cannot be simulated: a delay is too long, or a lag or law too fast for the rate"
+        hint = f"a delay is shorter than {lib.GSID_PLANT_DELAY_MAX} samples: look at the units of the values"
+        raise SimulationError(status, what, hint)
+    if status == lib.GSID_E_NO_MEMORY:
+        check(status, "simulating the plant")
+    if status < 0:
+        meaning, hint = (ffi.string(f(status)).decode() for f in (lib.gsid_status_str, lib.gsid_status_hint))
+        raise SimulationError(status, f"the plant cannot be simulated: {meaning}", hint)
+
+
+class PeriodicPlant:
+    """A plant bound to one period of its input: laid out once, then simulated with any values.
+
+    One thread at a time; different ones run beside each other.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Gives the effects, the free parameters and the values of the others.
+    u : (N oversampling,) array_like
+        One period of the input, held over each step.
+    fs_hz : float
+        Output samples per second [Hz].
+    oversampling : int
+        Steps of the input in one sample of the output.
+
+    Attributes
+    ----------
+    tolerance : float
+        By how much y may change in a period when it counts as settled, if that is more than 1e-7 of its rms.
+    """
+
+    def __init__(self, model: PlantModel, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
+        self._u = np.ascontiguousarray(u, dtype=np.float64)
+        self._m = oversampling
+        self.tolerance = 0.0
+        self._values = model.free_values
+        self._items = ffi.new("gsid_plant_item[]", len(model.effects))
+        self._free = []
+        self._types = [effect.type for effect in model.effects]  # whose memory the items point to
+        for i, effect in enumerate(model.effects):
+            self._items[i].effect, self._items[i].data = effect.type.c, effect.type.data
+            for j, param in enumerate(effect.params.values()):
+                self._items[i].value[j] = param.value
+                if param.free:
+                    self._free.append((i, j))
+        self._free_c = ffi.new("gsid_plant_free[]", self._free or 1)
+        self._cfg = ffi.new("gsid_plant_cfg *")
+        self._cfg.fs_hz, self._cfg.output_angle = fs_hz * oversampling, model.output == "angle"
+        self._cfg.n_items, self._cfg.item = len(model.effects), self._items
+        self._cfg.n_free, self._cfg.free_parameter = len(self._free), self._free_c
+        self._cfg.unit_rad = RADIANS[model.angle_unit]
+        self._kept: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, model: PlantModel, measured: Spectra) -> PeriodicPlant:
+        """Bind a model to a record's mean input.
+
+        Raises
+        ------
+        InputError
+            The loop's rate or the output's unit is not the record's.
+        """
+        if model.has_controller and abs(model.fs_hz / measured.fs_hz - 1) > 1e-6:
+            raise InputError(
+                "the controller does not run at the record's rate",
+                measured.name,
+                f"{model.fs_hz:g} and {measured.fs_hz:g} Hz",
+                "give the model the fs_hz of the record",
+            )
+        check_plant_units(model, measured)
+        oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
+        return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
+
+    def run(
+        self, values: Sequence[float] | None = None, *, sensitivities: bool = False, patient: bool = True
+    ) -> Prediction:
+        """Find the periodic answer (PLT-2) from the one kept last, the first from that of the linear part.
+
+        A plant with stops or play can have several periodic answers; this finds the one near the start.
+
+        Parameters
+        ----------
+        values : (n_free,) array_like, optional
+            Of the free parameters; default the model's.
+        sensitivities : bool
+            Whether to give dY.
+        patient : bool
+            Whether to let the plant settle by itself for a while when Newton's method does not get there.
+
+        Raises
+        ------
+        GsidError
+            The values are refused, or the plant leaves the range of numbers.
+        """
+        for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
+            self._items[i].value[j] = value
+        if self._kept is None:
+            self._lay_out()
+        else:
+            self._memory[:] = self._kept
+            _check(lib.gsid_plant_update(self._plant))
+        answer = self._run(SETTLE_PERIODS if self._kept is None else 0, sensitivities)
+        return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
+
+    def keep(self) -> None:
+        """Start the next searches from the answer found last: steps that are taken back leave no trace."""
+        self._kept = self._memory.copy()
+
+    def _lay_out(self) -> None:
+        size = lib.gsid_plant_mem_size(self._cfg)
+        self._memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
+        plant = ffi.new("gsid_plant *")
+        memory = ffi.from_buffer(self._memory)
+        _check(lib.gsid_plant_init(plant, self._cfg, memory, size))
+        self._plant = plant
+        start = lib.gsid_plant_start_linear(plant, len(self._u), ffi.from_buffer("double[]", self._u))
+        if start != lib.GSID_E_NONFINITE:  # then it starts at rest
+            _check(start)
+
+    def _run(self, settle: int, sensitivities: bool) -> Prediction:
+        n = len(self._u)
+        out = np.empty((3, n))
+        dy = np.empty((len(self._free), n)) if sensitivities and self._free else None
+        residual = ffi.new("gsid_real *")
+        pointers = [ffi.from_buffer("double[]", row) for row in (self._u, *out)]
+        dy_c = ffi.NULL if dy is None else ffi.cast("double *", ffi.from_buffer(dy))
+        u, y, angle, rate = pointers
+        status = lib.gsid_plant_periodic(
+            self._plant, n, u, settle, NEWTON_STEPS, y, dy_c, angle, rate, residual
+        )
+        _check(status)
+        sampled = out[:, :: self._m]
+        if dy is None:
+            dY = np.empty((0, sampled.shape[1] // 2 + 1), complex) if sensitivities else None
+        else:
+            dY = lines_of(dy[:, :: self._m])
+        rms = float(np.sqrt(np.mean(sampled[0] ** 2)))
+        return Prediction(
+            y=sampled[0],
+            angle=sampled[1],
+            rate=sampled[2],
+            Y=lines_of(sampled[0]),
+            dY=dY,
+            residual=residual[0],
+            settled=status == lib.GSID_OK or residual[0] <= max(SETTLED * rms, self.tolerance),
+        )

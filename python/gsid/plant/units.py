@@ -1,0 +1,65 @@
+"""Units of models beside those of records: what names none is believed, what names another is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from gsid.base.errors import InputError
+
+if TYPE_CHECKING:
+    from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
+    from gsid.spectrum.spectra import Spectra
+
+RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
+# Of outputs that a plant can have: a record with another (counts, V) is believed.
+OUTPUTS = {unit + per for unit in RADIANS for per in ("", "/s")}
+
+
+def check_units(model: PlantModel | RationalModel, measured: Spectra) -> None:
+    """Refuse a record in other units than those that the model names. What names none is believed.
+
+    Parameters
+    ----------
+    model : PlantModel or RationalModel
+    measured : Spectra
+
+    Raises
+    ------
+    InputError
+    """
+    for what in ("u_unit", "y_unit"):
+        own, other = getattr(model, what), getattr(measured, what)
+        if own and other and own != other:
+            hint = f'measure or convert to the model\'s unit, or correct "{what}" of the model'
+            raise InputError(
+                f"{what} of the record is not the model's", measured.name, f"{other} and {own}", hint
+            )
+
+
+def check_plant_units(model: PlantModel, measured: Spectra) -> None:
+    """As :func:`check_units`, and that the output and the tables are in the plant's unit of angle.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : Spectra
+
+    Raises
+    ------
+    InputError
+    """
+    check_units(model, measured)
+    unit = model.angle_unit + ("/s" if model.output == "rate" else "")
+    if measured.y_unit in OUTPUTS and measured.y_unit != unit:
+        hint = 'set "output" and "angle_unit" of the model to what was measured'
+        both = f"{measured.y_unit} and {unit}"
+        raise InputError("the record's unit is not the model's", measured.name, both, hint)
+    units = {"w": f"{model.angle_unit}/s", "theta": model.angle_unit, "u": model.u_unit or measured.u_unit}
+    for label, effect in model.labels():
+        own, wanted = (effect.type.definition.get(key) for key in ("unit", "variable"))
+        wanted = units.get(wanted)
+        if own and wanted and own != wanted:
+            hint = "convert its columns, or correct the unit that it names"
+            raise InputError("the unit of the table is not the model's", label, f"{own} and {wanted}", hint)

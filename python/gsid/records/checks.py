@@ -1,0 +1,242 @@
+"""From what a file holds to a record: the same checks for every format."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gsid.base.arguments import real_number
+from gsid.base.errors import InputError, choose
+from gsid.base.json_files import read_json
+from gsid.records.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Raw
+from gsid.records.record import LARGEST, Record
+
+_log = logging.getLogger(__name__)
+LEAST = {"period_samples": 1, "settle_samples": 0}
+SAMPLES_MOST = 2**53  # beyond it a double does not count
+
+
+def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Record:
+    """Check what a file holds, and make the record."""
+    time_name = next((name for name in TIME_NAMES if name in raw.columns), None)
+    length_of = {name: _vector(path, raw, name, option) for name, option in ((u, "--u"), (y, "--y"))}
+    n = len(length_of[u])
+    if len(length_of[y]) != n:
+        raise InputError(
+            f"{u} and {y} are of unequal lengths",
+            str(path),
+            f"{n} and {len(length_of[y])} samples",
+            "export them from the same time span",
+        )
+    if n == 0:
+        raise InputError("there are no samples", str(path), None, "measure again, or check the export")
+    for name in (time_name, "valid"):
+        if name not in raw.columns:
+            continue
+        _check_real(path, name, np.asarray(raw.columns[name]), "save it as an array of numbers")
+        if np.size(raw.columns[name]) != n:
+            raise InputError(
+                f"{u} and {name} are of unequal lengths",
+                str(path),
+                f"{n} and {np.size(raw.columns[name])} samples",
+                "export them together",
+            )
+    same_length = {
+        name: np.ravel(c) for name, c in raw.columns.items() if np.size(c) == n and np.ndim(c) <= 2
+    }
+    for name in {time_name, "valid"} & same_length.keys():
+        _check_finite(raw, name, same_length[name])
+    t = same_length.pop(time_name, None)
+    valid = same_length.pop("valid", np.ones(n)).astype(bool)
+    for name in {u, y}:
+        _check_finite(raw, name, np.where(valid, same_length[name], 0))
+    text = {"u_unit": _unit_in(u), "y_unit": _unit_in(y)}
+    text |= {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
+    return Record(
+        u=same_length[u],
+        y=same_length[y],
+        fs_hz=_sample_rate(path, raw, t, fs_hz),
+        period_samples=_key_number(path, raw, "period_samples", int),
+        settle_samples=_key_number(path, raw, "settle_samples", int),
+        valid=valid,
+        name=path.name,
+        columns={
+            name: c.astype(np.float64)
+            for name, c in same_length.items()
+            if name not in (u, y) and c.dtype.kind in "fiub"
+        },
+        meta={key: str(value) for key, value in raw.keys.items() if key not in KEYS},
+        **text,
+    )
+
+
+def _unit_in(name: str) -> str:
+    """The unit that a column's name ends with, as in "gyro [deg/s]"; "" where it has none."""
+    found = re.search(r"\[([^][]+)\]$", name)
+    return found[1].strip() if found else ""
+
+
+def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
+    if name not in raw.columns:
+        raise InputError(
+            f"no {raw.what} named {name}",
+            str(path),
+            None,
+            f"{choose(name, raw.listed or raw.columns)}; name it with {option}",
+        )
+    values = np.asarray(raw.columns[name])
+    _check_real(path, name, values, f"pick with {option}")
+    if values.size != max(values.shape, default=1):
+        raise InputError(
+            f"{raw.what} {name} is not one row of samples",
+            str(path),
+            f"shape {values.shape}",
+            "pick one channel and one realisation, and save them as a vector",
+        )
+    return values.ravel()
+
+
+def _check_real(path: Path, name: str, values: np.ndarray, hint: str) -> None:
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"{name} does not hold real numbers", str(path), f"type {values.dtype}", hint)
+
+
+def _check_finite(raw: Raw, name: str, column: np.ndarray) -> None:
+    if column.dtype.kind != "f":
+        return
+    bad = np.flatnonzero(~np.isfinite(column))
+    if bad.size:
+        raise InputError(
+            "a number is not finite",
+            raw.where(name, int(bad[0])),
+            column[bad[0]],
+            "repair it, or mark the sample as lost: valid = 0",
+        )
+
+
+def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None) -> float:
+    stated = fs_hz if fs_hz is not None else _key_number(path, raw, "fs_hz", float)
+    stated = None if stated is None else real_number("fs_hz", stated, "Hz")
+    if stated is not None and not (np.isfinite(stated) and stated > 0):
+        raise InputError(
+            "the sample rate is not a positive number", str(path), stated, "give it with --fs [Hz]"
+        )
+    if t is None or len(t) < 2:
+        if stated is None:
+            raise InputError(
+                "the sample rate is not known",
+                str(path),
+                None,
+                "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`",
+            )
+        return float(stated)
+    measured = _rate_of_times(raw, np.asarray(t, np.float64), fs_hz is not None)
+    if stated is not None and abs(measured - stated) > 1e-3 * stated:
+        raise InputError(
+            "the sample rate given is not that of the times",
+            str(path),
+            f"{stated:g} Hz given, {measured:g} Hz in the file",
+            "correct --fs or the times",
+        )
+    return float(measured if stated is None else stated)
+
+
+def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
+    """Rate of equally spaced times; rounded to a whole number where the times' resolution allows that.
+
+    Where the user states the rate, their jitter is believed to be that of a clock beside the samples'; a gap
+    is one all the same.
+    """
+    with np.errstate(over="ignore"):  # differences of huge times are checked below
+        step = float(np.median(np.diff(t)))
+    if step <= 0:
+        back = int(np.flatnonzero(np.diff(t) <= 0)[0]) + 1
+        raise InputError(
+            "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
+        )
+    if not 1 / LARGEST < step < LARGEST:
+        hint = "write the times in seconds, or give the rate with --fs and leave them out"
+        raise InputError("the time step is out of range", raw.where("t_s", 1), f"{step:.3g} s", hint)
+    resolution = _resolution(t)
+    tolerance = JITTER_STATED if is_stated else STEP_TOLERANCE
+    off = np.abs(np.diff(t) - step) > min(tolerance * step + resolution, 0.5 * step)
+    if off.any():
+        at = int(np.flatnonzero(off)[0]) + 1
+        raise InputError(
+            "unequal time steps",
+            raw.where("t_s", at),
+            f"{t[at] - t[at - 1]:.6g} s after {step:.6g} s",
+            "put lost samples in as rows with valid = 0, or resample to one rate"
+            + ("" if is_stated else "; where only the stamps jitter, give the rate with --fs"),
+        )
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    slack = rate * 2 * resolution / (t[-1] - t[0])
+    return float(round(rate)) if abs(rate - round(rate)) <= slack else float(rate)
+
+
+def _resolution(t: np.ndarray) -> float:
+    """Step of the last decimal that the times use, or the rounding of their floating point."""
+    rounding = (
+        4 * float(np.abs(t).max()) * np.finfo(np.float32 if np.all(t == t.astype(np.float32)) else float).eps
+    )
+    some = t[:: max(1, len(t) // 1000)]
+    for decimals in range(1, 10):
+        if np.all(np.abs(some - np.round(some, decimals)) <= rounding):
+            return 10.0**-decimals
+    return rounding
+
+
+def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | None:
+    if key not in raw.keys:
+        return None
+    try:
+        value = float(raw.keys[key])
+        if kind is float:
+            return value
+        if value != int(value) or not LEAST[key] <= value <= SAMPLES_MOST:
+            raise ValueError
+        return int(value)
+    except (TypeError, ValueError, OverflowError):
+        expected = "a number" if kind is float else f"a whole number of samples, {LEAST[key]} or more"
+        raise InputError(
+            f"{key} is not {expected}", str(path), raw.keys[key], f"write `# {key}: ...` anew"
+        ) from None
+
+
+def add_keys_from_beside(
+    path: Path, raw: Raw, u: str, y: str, fs_hz: float | None, period: int | None
+) -> None:
+    """Take rate, period and units from a meta.json in the same folder where it names this file."""
+    place = path.parent / "meta.json"
+    try:
+        beside = read_json(place)
+        if path.name not in beside["files"]:
+            return
+    except (OSError, ValueError, KeyError, TypeError):
+        return  # there is none, or it is somebody else's
+    has_time = any(name in raw.columns for name in TIME_NAMES)
+    for key, given in (("fs_hz", fs_hz is not None or has_time), ("period_samples", period is not None)):
+        if key in beside and key not in raw.keys and not given:
+            raw.keys[key] = beside[key]
+            _log.info("%s: %s = %s from meta.json beside it", path.name, key, beside[key])
+    units = _units_of(beside.get("channels", []), str(place))
+    for key, name in (("u_unit", u), ("y_unit", y)):
+        if name in units:
+            raw.keys.setdefault(key, units[name])
+
+
+def _units_of(channels: object, place: str) -> dict[str, str]:
+    """Units of the channels by their names."""
+    units = {}
+    for channel in channels if isinstance(channels, list) else [channels]:
+        name, unit = (
+            (channel.get("name"), channel.get("unit", "")) if isinstance(channel, dict) else (None, "")
+        )
+        if not isinstance(name, str) or not isinstance(unit, str):
+            hint = 'write "channels": [{"name": "u", "unit": "A"}, ...], or leave it out'
+            raise InputError("channels is not a list of names and units", place, repr(channel)[:60], hint)
+        units[name] = unit
+    return units

@@ -1,0 +1,172 @@
+"""Records as CSV: `# key: value` lines, a header row, rows of numbers."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from gsid.base.errors import InputError, choose
+from gsid.records.raw import TIME_NAMES, Raw, keys_of
+from gsid.records.record import Record
+
+_log = logging.getLogger(__name__)
+
+
+def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
+    def where(column: str, sample: int) -> str:
+        return f"{path} line {_line_of_sample(path, sample)}, column {column}"
+
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            keys, names = _read_head(path, file)
+            missing = [name for name in (u, y) if name not in names]
+            if missing:
+                raise InputError(
+                    f"no column named {missing[0]}", str(path), None, _columns_hint(missing[0], y, names)
+                )
+            table, kept = _read_rows(path, file, names, {u, y, *TIME_NAMES, "valid"})
+    except UnicodeDecodeError as error:
+        raise InputError("the file is not text", str(path), None, "is it really CSV?") from error
+    return Raw(dict(zip(kept, table.T, strict=True)), keys, where, "column")
+
+
+def _columns_hint(missing: str, y: str, names: list[str]) -> str:
+    if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
+        return "separate the columns with commas"
+    return f"{choose(missing, names)}; name it with {'--y' if missing == y else '--u'}"
+
+
+def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str]]:
+    """`# key: value` lines, then the names of the columns."""
+    keys: dict[str, object] = {}
+    for line in file:
+        if line.startswith("#"):
+            key, colon, value = line[1:].partition(":")
+            if colon:
+                keys[key.strip()] = value.strip()
+        elif line.strip():
+            names = [name.strip().strip('"') for name in line.split(",")]
+            if _is_number(names[0]):
+                raise InputError(
+                    "no header row", str(path), line.strip()[:60], "name the columns first: t_s,u,y"
+                )
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise InputError("two columns have the same name", str(path), twice, "rename one of them")
+            return keys, names
+    raise InputError("there are no samples", str(path), None, "measure again, or check the export")
+
+
+def _read_rows(
+    path: Path, file: Iterable[str], names: list[str], needed: set[str]
+) -> tuple[np.ndarray, list[str]]:
+    first = next((line for line in file if line.strip()), None)
+    if first is None:
+        raise InputError("there are no samples", str(path), None, "measure again, or check the export")
+    fields = [field.strip() for field in first.split(",")]
+    texts = {
+        i
+        for i, field in enumerate(fields[: len(names)])
+        if names[i] not in needed and field and not _is_number(field)
+    }
+    if texts:
+        _log.info("%s: left out, not numbers: %s", path.name, ", ".join(names[i] for i in sorted(texts)))
+    columns = [i for i in range(len(names)) if i not in texts]
+    try:
+        table = np.loadtxt(
+            itertools.chain([first], file),
+            delimiter=",",
+            comments=None,
+            ndmin=2,
+            usecols=columns if texts else None,
+        )
+        if table.shape[1] != len(columns):
+            raise ValueError
+    except UnicodeDecodeError:
+        raise
+    except ValueError as error:
+        fault = _fault_in_rows(path, names, columns)
+        if fault is not None:
+            raise fault from error
+        table = _read_blanks(path, columns)
+    return table, [names[i] for i in columns]
+
+
+def _read_blanks(path: Path, columns: list[int]) -> np.ndarray:
+    """The slow way: a blank, as in the row of a lost sample, is not a number."""
+    rows = (line.split(",") for _, line in _data_lines(path))
+    return np.array([[float(row[i].strip() or "nan") for i in columns] for row in rows])
+
+
+def _data_lines(path: Path) -> Iterable[tuple[int, str]]:
+    """Line number and text of the rows, as the fast reader counts them: without blank lines."""
+    with open(path, encoding="utf-8-sig") as file:
+        lines = ((number, line) for number, line in enumerate(file, 1) if line.strip())
+        rows = itertools.dropwhile(lambda item: item[1].startswith("#"), lines)
+        next(rows)
+        yield from rows
+
+
+def _line_of_sample(path: Path, sample: int) -> int:
+    return next(itertools.islice(_data_lines(path), sample, None))[0]
+
+
+def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputError | None:
+    """Find what the fast reader stumbled over; a blank is no fault where lost samples are marked."""
+    for number, line in _data_lines(path):
+        place, fields = f"{path} line {number}", line.rstrip("\r\n").split(",")
+        if len(fields) != len(names):
+            hint = "repair the row" if line.endswith("\n") else "the file was cut short: delete its last row"
+            return InputError(
+                f"the row has {len(fields)} columns, the header {len(names)}", place, line.strip(), hint
+            )
+        for i in columns:
+            if not _is_number(fields[i].strip() or ("nan" if "valid" in names else "")):
+                return InputError(
+                    "not a number",
+                    f"{place}, column {names[i]}",
+                    fields[i].strip() or "nothing",
+                    "write numbers with a point; mark a lost sample with valid = 0",
+                )
+    return None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _check_writable(record: Record, keys: dict[str, object]) -> None:
+    """Refuse texts that would be read as other lines, columns or keys."""
+    hint = "rename it, or write .npz, .mat or .h5"
+    for name in record.columns:
+        if not name.isprintable() or name != name.strip().strip('"') or set(name) & set(',"') or not name:
+            raise InputError("CSV cannot hold the name of a column", record.name, repr(name), hint)
+    for key, value in keys.items():
+        if not str(value).isprintable():
+            raise InputError(f"CSV cannot hold the value of {key}", record.name, repr(value)[:60], hint)
+        if not key.isprintable() or ":" in key or not key.strip():
+            raise InputError("CSV cannot hold the name of a key", record.name, repr(key), hint)
+
+
+def write_csv(path: Path, record: Record) -> None:
+    columns = {"t_s": record.t_s, "u": record.u, "y": record.y, **record.columns}
+    keys = keys_of(record) | record.meta
+    _check_writable(record, keys)
+    # repr of a Python float is the shortest text that reads back as the same number
+    texts = [map(repr, np.asarray(c, np.float64).tolist()) for c in columns.values()]
+    names = list(columns)
+    if not record.valid.all():
+        names.append("valid")
+        texts.append(map(str, record.valid.astype(int).tolist()))
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"# {key}: {value}\n" for key, value in keys.items())
+        file.write(",".join(names) + "\n")
+        file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))

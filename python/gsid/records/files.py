@@ -1,0 +1,141 @@
+"""Read and write records: CSV, .npz, .mat (v5 and v7.3), .h5, PX4 ULog.
+
+Every reader gives a `Raw`; `to_record` checks it and makes the `Record`, the same way for all formats. What
+is wrong with a file is an `InputError` that names the line or the sample, the column and the value.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from gsid.base.errors import InputError
+from gsid.base.files import kind_of, write_atomically
+from gsid.records.arrays import read_h5, read_mat, read_npz, write_h5, write_mat, write_npz
+from gsid.records.checks import add_keys_from_beside, to_record
+from gsid.records.csv import read_csv, write_csv
+from gsid.records.raw import DAMAGED_HINT
+from gsid.records.record import Record
+from gsid.records.ulog import read_ulog
+
+_READERS = {
+    ".csv": read_csv,
+    ".npz": read_npz,
+    ".mat": read_mat,
+    ".h5": read_h5,
+    ".hdf5": read_h5,
+    ".ulg": read_ulog,
+}
+_WRITERS = {".csv": write_csv, ".npz": write_npz, ".mat": write_mat, ".h5": write_h5}
+
+
+def read_record(
+    path: str | os.PathLike,
+    *,
+    u: str | None = None,
+    y: str | None = None,
+    fs_hz: float | None = None,
+    period: int | None = None,
+    settle: int | None = None,
+    hold: str | None = None,
+    zero_input: bool = False,
+) -> Record:
+    """Read one realisation from a file.
+
+    Binary files are read in a separate process (docs/reference/conventions.md, "Input files").
+    Arrays as long as u become columns of the record.
+
+    Parameters
+    ----------
+    path : path_like
+        .csv, .npz, .mat, .h5 or .ulg.
+    u, y : str, optional
+        Names of the input's and the output's column or array; default "u" and "y". In .h5 a path inside the
+        file, in ULog `topic.field`, both in one topic.
+    fs_hz : float, optional
+        Sample rate [Hz], where the file has neither times nor the rate, or its times jitter by less than half
+        of a step.
+    period, settle : int, optional
+        Samples; take the place of what the file states.
+    hold : {"zoh", "none"}, optional
+        Whether the input was held over each sample; takes the place of what the file states. Where neither
+        states it, it is not known (None).
+    zero_input : bool
+        A file without an input has one of zero; else the input must be there.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is not a sound record.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(
+            "unknown kind of file",
+            str(path),
+            path.suffix or "no extension",
+            f"records are {', '.join(_READERS)}",
+        )
+    _check_readable(path)
+    is_optional, u, y = zero_input and u is None, u or "u", y or "y"
+    raw = reader(path, y if is_optional else u, y, fs_hz)
+    if is_optional and u not in raw.columns and u in raw.listed:  # there, but not as y is: the error says why
+        raw = reader(path, u, y, fs_hz)
+    if is_optional and u not in raw.columns and y in raw.columns:
+        raw.columns[u] = np.zeros(np.size(raw.columns[y]))
+    add_keys_from_beside(path, raw, u, y, fs_hz, period)
+    if hold is not None:
+        raw.keys["hold"] = hold
+    record = to_record(path, raw, u, y, fs_hz)
+    record.period_samples = record.period_samples if period is None else period
+    record.settle_samples = record.settle_samples if settle is None else settle
+    return record
+
+
+def write_record(path: str | os.PathLike, record: Record) -> None:
+    """Write a record, the numbers exactly; the extension decides the format: .csv, .npz, .mat (v5) or .h5.
+
+    Parameters
+    ----------
+    path : path_like
+        "-" is the standard output, as CSV.
+    record : Record
+
+    Raises
+    ------
+    InputError
+        Another extension, or no regular file.
+    OSError
+        The file cannot be written; an older one is left as it was.
+    """
+    path = Path(path)
+    writer = _WRITERS.get(kind_of(path, stream=".csv"))
+    if writer is None:
+        raise InputError(
+            "cannot write this kind of file",
+            str(path),
+            path.suffix or "no extension",
+            f"records are written as {', '.join(_WRITERS)}",
+        )
+    write_atomically(path, lambda part: writer(part, record))
+
+
+def _check_readable(path: Path) -> None:
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError(0, "it is no regular file")
+        with open(path, "rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise InputError(
+            "cannot read the file", str(path), error.strerror, "check the name and the rights"
+        ) from error
+    if empty:
+        raise InputError("the file is empty", str(path), "0 bytes", DAMAGED_HINT)

@@ -1,0 +1,222 @@
+"""Foreign binary files are read in a process of their own, under limits of memory and time.
+
+One worker (`child.py`) serves all files of a command. When a file ends it, the error names that file, and the
+next file has a new worker.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import logging
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsid.base.errors import InputError, choose
+from gsid.records.raw import DAMAGED, DAMAGED_HINT, KEYS, TIME_NAMES
+
+_log = logging.getLogger(__name__)
+
+MEMORY_BYTES = 10**9  # address space of the worker, its own start included ...
+MEMORY_PER_BYTE = 4  # ... and this for each byte of the file
+SECONDS = 60.0  # time to read a file ...
+BYTES_PER_SECOND = 20e6  # ... and a second for each of these
+HEADER_MOST = 2**24  # bytes: a longer answer is none of ours
+_KEYS = (*KEYS, "meta")
+
+
+def read_foreign(kind: str, path: Path, u: str, y: str) -> tuple[dict[str, Any], list[str]]:
+    """Read the arrays and keys of a record out of a binary file, in the worker process.
+
+    Parameters
+    ----------
+    kind : {"npz", "mat", "h5", "ulg"}
+    path : Path
+    u, y : str
+        Names of the arrays. Times, `valid`, the keys of a record and other arrays of u's length are read too.
+
+    Returns
+    -------
+    entries : dict of ndarrays and str
+    names : list of str
+        Arrays in the file, as far as they were listed.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, refused, or its reader crashed, took too long or needed too much memory.
+    """
+    size = os.stat(path).st_size
+    request = {
+        "kind": kind,
+        "path": os.path.abspath(path),
+        "arrays": list(dict.fromkeys([u, y, *TIME_NAMES, "valid"])),
+        "keys": [key for key in _KEYS if key not in (u, y)],
+        "memory": MEMORY_BYTES + MEMORY_PER_BYTE * size,
+        "seconds": SECONDS + size / BYTES_PER_SECOND,
+    }
+    with _lock:
+        header, arrays = _ask(path, request)
+    return _sorted_answer(path, u, header, arrays)
+
+
+def _sorted_answer(path: Path, u: str, header: dict, arrays: list) -> tuple[dict[str, Any], list[str]]:
+    if "damaged" in header:
+        raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from ValueError(header["damaged"])
+    if "refused" in header:
+        what, value, hint = header["refused"]
+        raise InputError(what, str(path), value, hint)
+    if "missing" in header:
+        topic = u.partition(".")[0]
+        raise InputError(f"no topic named {topic}", str(path), None, choose(topic, header["missing"]))
+    if "import" in header:
+        raise ImportError(header["import"])
+    if header["notes"].strip():
+        _log.warning("%s: %s", path.name, " ".join(header["notes"].split()))
+    filled = iter(arrays)
+    entries = {e["name"]: e["text"] if "text" in e else next(filled) for e in header["entries"]}
+    return entries, header["names"]
+
+
+# ---------------------------------------------------------------- the worker
+
+_lock = threading.Lock()
+_worker: subprocess.Popen | None = None
+
+
+def _ask(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
+    """Header and arrays that the worker answers; it is ended where it does not answer whole."""
+    worker = _running()
+    late = threading.Event()
+    timer = threading.Timer(request["seconds"], lambda: (late.set(), worker.kill()))
+    timer.daemon = True
+    timer.start()
+    answered = False
+    try:
+        _write(worker.stdin, json.dumps(request).encode() + b"\n")
+        header, arrays = _receive(worker.stdout, request["memory"])
+        answered = True
+    except (EOFError, OSError, ValueError, KeyError, TypeError) as error:
+        _stop()
+        raise _died(path, worker.returncode, late.is_set(), request) from error
+    finally:
+        timer.cancel()
+        if not answered or late.is_set():  # what it may still send would be taken for the next answer
+            _stop()
+    if "memory" in header:
+        _stop()  # what it holds is not known
+        raise _too_large(path, request)
+    return header, arrays
+
+
+def _write(stream: Any, data: bytes) -> None:
+    view = memoryview(data)
+    while len(view):
+        view = view[stream.write(view) :]
+
+
+def _receive(stream: Any, most: int) -> tuple[dict, list[np.ndarray]]:
+    (length,) = struct.unpack("<Q", _exactly(stream, bytearray(8)))
+    if length > HEADER_MOST:
+        raise ValueError("length of the header")
+    header = json.loads(_exactly(stream, bytearray(length)))
+    arrays = []
+    for entry in header.get("entries", []):
+        if "text" in entry:
+            continue
+        dtype = np.dtype(entry["dtype"])
+        n_bytes = dtype.itemsize * int(np.prod(entry["shape"], dtype=object))
+        if dtype.kind not in "fiubcUS" or not 0 <= n_bytes <= most:
+            raise ValueError("type or size of an array")
+        array = np.empty(entry["shape"], dtype)
+        if n_bytes:
+            _exactly(stream, memoryview(array.reshape(-1).view("u1")))
+        arrays.append(array)
+    return header, arrays
+
+
+def _exactly(stream: Any, into: Any) -> Any:
+    view = memoryview(into)
+    while len(view):
+        n = stream.readinto(view)
+        if not n:
+            raise EOFError
+        view = view[n:]
+    return into
+
+
+def _died(path: Path, code: int | None, is_late: bool, request: dict) -> InputError:
+    if is_late:
+        what, value = "reading the file takes too long", f"stopped after {request['seconds']:.0f} s"
+    elif code is not None and code < 0:
+        what, value = "the file crashed its reader", _signal_name(-code)
+    else:
+        what, value = "the reader of the file ended without an answer", f"exit code {code}"
+    return InputError(what, str(path), value, f"it is damaged: {DAMAGED_HINT}, or export the record as CSV")
+
+
+def _too_large(path: Path, request: dict) -> InputError:
+    most = f"more than {request['memory'] / 1e9:.2g} GB of memory needed"
+    hint = "write the file again, or export a shorter record"
+    return InputError("the file is too large to be read, or damaged", str(path), most, hint)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return f"signal {signal.Signals(number).name}"
+    except ValueError:
+        return f"signal {number}"
+
+
+def _running() -> subprocess.Popen:
+    global _worker
+    if _worker is None or _worker.poll() is not None:
+        _stop()
+        _worker = subprocess.Popen(
+            # -P: this folder has a csv.py, which must not stand before the standard library's
+            [sys.executable, "-P", str(Path(__file__).with_name("child.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,  # buffered pipes have locks, which a fork may leave locked
+            # idle threads of BLAS would take address space; the group keeps Ctrl-C of the terminal away
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            process_group=0 if os.name == "posix" else None,
+        )
+    return _worker
+
+
+def _stop() -> None:
+    global _worker
+    worker, _worker = _worker, None
+    if worker is not None:
+        worker.kill()
+        worker.wait()
+        _close(worker)
+
+
+def _close(worker: subprocess.Popen) -> None:
+    worker.stdin.close()
+    worker.stdout.close()
+
+
+def _forget_after_fork() -> None:
+    """The worker belongs to the process that started it; its lock may be held by a thread that is gone."""
+    global _worker, _lock
+    worker, _worker, _lock = _worker, None, threading.Lock()
+    if worker is not None:
+        _close(worker)
+        worker.returncode = 0  # its exit is for the other process to wait for
+
+
+atexit.register(_stop)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_after_fork)

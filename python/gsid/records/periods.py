@@ -1,0 +1,401 @@
+"""The periods of a record: their length, where the plant has settled, and which are good."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.base.arguments import whole_samples
+from gsid.base.errors import InputError, NotPeriodicError
+from gsid.records.record import check_range
+
+if TYPE_CHECKING:
+    from gsid.records.record import Record
+
+_log = logging.getLogger(__name__)
+MIN_PERIOD = 4  # samples: the shortest period with an excited line below N/2 and one beside it
+SHARE_FOUND = 0.75  # share of u's power that must repeat before a period is believed
+SHARE_GIVEN = 0.5  # the same for a period that the user states: unrelated data have a share near 0
+N_CANDIDATES = 12  # deepest minima of the lag difference that are looked at closely
+ALPHA = 1e-4  # false-alarm rate of one F test below
+RATIO_CONTENT = (
+    4.0  # a bench's scatter comes in bursts: lines this little above it are not proof of a longer period
+)
+
+
+@dataclass(frozen=True, repr=False)
+class Periods:
+    """A record cut into its whole, undamaged periods after settling.
+
+    Attributes
+    ----------
+    u, y : (P, N) float64
+    number : (P,) int
+        Which period after settling each row is.
+    n_spoiled : int
+        Periods left out because samples of them were lost.
+    period_samples, settle_samples : int
+    u_repeats : bool
+        To the bit: the input is known exactly, without noise.
+    """
+
+    u: np.ndarray
+    y: np.ndarray
+    number: np.ndarray
+    n_spoiled: int
+    period_samples: int
+    settle_samples: int
+    u_repeats: bool
+
+    def __repr__(self) -> str:
+        return (
+            f"Periods({len(self.u)} of {self.period_samples} samples, {self.n_spoiled} spoiled, "
+            f"after settling {self.settle_samples})"
+        )
+
+
+def split_periods(record: Record, *, period: int | None = None, settle: int | None = None) -> Periods:
+    """Cut a record into periods.
+
+    Parameters
+    ----------
+    record : Record
+    period, settle : int, optional
+        Samples. Default: what the record states, else what the data show (`find_period`, `find_settling`).
+
+    Returns
+    -------
+    Periods
+        Samples after the last whole period are not used. A lost sample spoils its own period only.
+
+    Raises
+    ------
+    InputError
+        u does not repeat, or fewer than two good periods are left after settling.
+    TypeError, ValueError
+        A period or settling that is no whole number.
+    """
+    period = record.period_samples if period is None else whole_samples("period", period)
+    settle = record.settle_samples if settle is None else whole_samples("settle", settle)
+    label = record.name or "record"
+    check_range(record)
+    if period is None:
+        period = find_period(record.u, valid=record.valid, name=record.name)
+        _log.info("%s: period of %d samples found from u", label, period)
+    if period < MIN_PERIOD or (settle is not None and settle < 0):
+        raise InputError(
+            "period or settling is out of range",
+            record.name,
+            f"period {period}, settle {settle}",
+            f"the period is at least {MIN_PERIOD} samples, the settling at least 0",
+        )
+    if period > len(record):
+        raise _too_few_periods(record, period, settle or 0, 0)
+    if settle is None:
+        settle = find_settling(record, period)
+        if len(record) < 3 * period:
+            _log.info("%s: fewer than three periods do not show whether it has settled: all is used", label)
+        else:
+            _log.info("%s: settling of %d samples found from the data", label, settle)
+    u, y, good = _rows(record, period, settle)
+    n_good = int(np.count_nonzero(good))
+    if n_good < 2:
+        raise _too_few_periods(record, period, settle, len(good) - n_good)
+    n_spoiled = len(good) - n_good
+    kept = np.flatnonzero(good)
+    if n_spoiled:  # only then: choosing rows copies the record
+        u, y = u[good], y[good]
+    u_repeats = np.array_equal(u[1:], u[:-1])
+    share = float(np.ptp(u[0]) > 0) if u_repeats else _share_that_repeats(u)
+    if share < SHARE_GIVEN:
+        raise InputError(
+            f"u does not repeat every {period} samples",
+            record.name,
+            f"{max(share, 0):.0%} of its power does",
+            _other_period(record),
+        )
+    if not np.any(y - y[0, 0]):
+        _log.warning("%s: y is constant: nothing was measured", label)
+    return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
+
+
+def _too_few_periods(record: Record, period: int, settle: int, n_spoiled: int) -> InputError:
+    return InputError(
+        "less than two good periods after settling",
+        record.name,
+        f"{len(record)} samples, period {period}, settle {settle}, {n_spoiled} spoiled",
+        "measure longer, or give a shorter --settle or the right --period",
+    )
+
+
+def _other_period(record: Record) -> str:
+    """Hint for a period that is not that of u."""
+    try:
+        found = find_period(record.u, valid=record.valid)
+    except InputError:
+        return "excite with a periodic signal (gsid design), or name the command itself with --u"
+    return f"u repeats every {found} samples: leave --period out, or give that"
+
+
+def _rows(record: Record, period: int, settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """u and y as (P, N) rows, and which rows hold no lost sample."""
+    n_periods = max(0, len(record) - settle) // period
+    part = slice(settle, settle + n_periods * period)
+    shape = (n_periods, period)
+    return (
+        record.u[part].reshape(shape),
+        record.y[part].reshape(shape),
+        record.valid[part].reshape(shape).all(axis=1),
+    )
+
+
+def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "") -> int:
+    """Find the smallest period of u.
+
+    Candidates are the deepest minima of the power of u[n+N] - u[n] over the lag N. Each is judged on the
+    second half of the record (two periods at least), so that a transient or a rest at the start does no harm:
+    the share of u's power that repeats decides. A candidate is a multiple of the true period, and is divided
+    by a prime p, when the lines that are not multiples of p carry no more than the scatter between periods
+    explains (F test, and a ratio below 4). Where a neighbouring lag explains u as well, the period is not
+    guessed but asked for.
+
+    Parameters
+    ----------
+    u : (n,) array_like
+    valid : (n,) array_like of bool, optional
+        False where a sample was lost.
+    name : str
+        Of the record, for the error's text.
+
+    Returns
+    -------
+    int
+        Period in samples.
+
+    Raises
+    ------
+    InputError
+        u is constant, does not repeat, repeats too vaguely to tell N from N + 1, or the record holds less
+        than two periods.
+    """
+    u = np.asarray(u, dtype=np.float64)
+    valid = np.ones(len(u), bool) if valid is None else np.asarray(valid, bool)
+    n = len(u)
+    if n < 2 * MIN_PERIOD:
+        raise InputError(
+            "less than two periods: the record is too short", name, f"{n} samples", "measure longer"
+        )
+    if np.ptp(u[n // 2 :]) == 0:
+        raise InputError(
+            "u is constant in the second half of the record: no period to find",
+            name,
+            float(u[-1]),
+            "name the excitation with --u",
+        )
+    difference = _lag_difference(np.where(valid, u - u[valid].mean(), 0.0))
+    minima = _local_minima(difference)
+    lags = minima[minima <= n // 2][:N_CANDIDATES]
+    near = np.unique((lags[:, None] + np.arange(-2, 3)).ravel())
+    near = near[(near >= MIN_PERIOD) & (near <= n // 2)]
+    scores = {int(lag): _share_at(u, valid, int(lag)) for lag in near}
+    if not scores or max(scores.values()) < SHARE_FOUND:
+        raise _no_period(n, minima, difference, scores, name)
+    period = _smallest_divisor(u, valid, _near_multiple_to_base(scores, n))
+    neighbours = {lag: _share_at(u, valid, lag) for lag in (period - 1, period, period + 1) if lag <= n // 2}
+    if _tied(neighbours, period, n):
+        raise InputError(
+            "u is too noisy to tell its period",
+            name,
+            f"{period} samples or one beside it",
+            "give the period with --period, or name the command itself with --u",
+        )
+    return period
+
+
+def _lag_difference(x: np.ndarray) -> np.ndarray:
+    """Power of x[n+N] - x[n] over that of both stretches, for each lag N < 0.9 n; 1 when unrelated."""
+    from scipy import fft
+
+    n = len(x)
+    size = fft.next_fast_len(2 * n, real=True)
+    correlation = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[:n]
+    energy = np.concatenate(([0.0], np.cumsum(x**2)))
+    lag = np.arange(int(0.9 * n))
+    both = energy[n - lag] + energy[n] - energy[lag]
+    return 1 - 2 * correlation[lag] / np.maximum(both, np.finfo(float).tiny)
+
+
+def _local_minima(difference: np.ndarray) -> np.ndarray:
+    """Lags of the minima, deepest first."""
+    middle = difference[1:-1]
+    lag = 1 + np.flatnonzero((middle <= difference[:-2]) & (middle <= difference[2:]))
+    lag = lag[lag >= MIN_PERIOD]
+    return lag[np.argsort(difference[lag], kind="stable")]
+
+
+def _good_rows(u: np.ndarray, valid: np.ndarray, period: int) -> np.ndarray:
+    """Undamaged periods of the second half, counted from the end; all when fewer than two are good."""
+    n_periods = len(u) // period
+    rows = u[len(u) - n_periods * period :].reshape(n_periods, period)
+    good = valid[len(u) - n_periods * period :].reshape(n_periods, period).all(axis=1)
+    rows = rows[good] if np.count_nonzero(good) >= 2 else rows
+    return rows[-max(2, len(rows) // 2) :]
+
+
+def _share_at(u: np.ndarray, valid: np.ndarray, period: int) -> float:
+    return _share_that_repeats(_good_rows(u, valid, period))
+
+
+def _share_that_repeats(rows: np.ndarray) -> float:
+    """Share of the power of (P, N) rows that is the same in every row; unbiased, so near 0 when unrelated."""
+    away = rows - rows.mean()
+    total = float(np.einsum("pn,pn->", away, away))
+    mean = away.mean(axis=0)
+    scatter = max(total - len(rows) * float(np.sum(mean**2)), 0.0)
+    return 1 - scatter / (rows.size - rows.shape[1]) * rows.size / total if total > 0 else 0.0
+
+
+def _near_multiple_to_base(scores: dict[int, float], n: int) -> int:
+    """Best candidate; where it is nearly, not exactly, k times a shorter one that is as good, the shorter
+    one.
+
+    The neighbour of a long multiple can win by chance when u is smooth; the shorter candidate has more
+    periods to judge by.
+    """
+    best = max(scores, key=scores.get)
+    tolerance = _share_tolerance(scores[best], n)
+    for lag in sorted(scores):
+        k = round(best / lag)
+        if k >= 2 and scores[lag] >= scores[best] - tolerance and 0 < abs(best - k * lag) <= 2 * k:
+            return max((other for other in scores if abs(other - lag) <= 2), key=scores.get)
+    return best
+
+
+def _share_tolerance(share: float, n: int) -> float:
+    """By how much two shares estimated from n samples, half of them used, may differ by chance (3 sigma)."""
+    return 3 * (1 - share) * np.sqrt(8 / n) + 1e-12
+
+
+def _tied(scores: dict[int, float], period: int, n: int) -> bool:
+    others = [score for lag, score in scores.items() if lag != period]
+    return max(others) > scores[period] - _share_tolerance(scores[period], n)
+
+
+def _smallest_divisor(u: np.ndarray, valid: np.ndarray, period: int) -> int:
+    for p in _prime_factors(period):
+        if period // p >= MIN_PERIOD and _repeats_within(_good_rows(u, valid, period), p):
+            period //= p
+    return period
+
+
+def _prime_factors(n: int) -> list[int]:
+    factors, p = [], 2
+    while p * p <= n:
+        while n % p == 0:
+            factors.append(p)
+            n //= p
+        p += 1
+    return factors + ([n] if n > 1 else [])
+
+
+def _repeats_within(rows: np.ndarray, p: int) -> bool:
+    """Whether each row is p equal parts, but for the scatter between rows."""
+    spectra = np.fft.rfft(rows, axis=1)
+    line = np.arange(spectra.shape[1])
+    ratio, limit = _excess(spectra.mean(axis=0), spectra, line % p != 0, 1 / len(rows), np.abs(rows).max())
+    return ratio <= max(limit, RATIO_CONTENT)
+
+
+def _excess(
+    deviation: np.ndarray, spectra: np.ndarray, lines: np.ndarray, share: float, peak: float
+) -> tuple[float, float]:
+    """F ratio: power of `deviation` [K] over what the scatter of `spectra` [P][K] explains on the chosen
+    lines; its limit.
+
+    A deviation that is only noise has `share` times the variance of one period. The number of independent
+    lines is taken from how evenly the variance is spread (Satterthwaite), so that a few noisy lines are not
+    taken for many.
+    """
+    from scipy.special import fdtri
+
+    n_periods, n_samples = len(spectra), 2 * spectra.shape[1]
+    variance = np.sum(np.abs(spectra - spectra.mean(axis=0)) ** 2, axis=0)[lines] / (n_periods - 1)
+    variance = variance + n_samples * (1e-12 * peak) ** 2  # rounding of the numbers and of the transform
+    evenness = variance.sum() ** 2 / np.sum(variance**2) * n_periods / (n_periods - 1)
+    n_lines = min(max(evenness, 1.0), len(variance))
+    ratio = np.sum(np.abs(deviation[lines]) ** 2) / (share * variance.sum())
+    return float(ratio), float(fdtri(2 * n_lines, 2 * n_lines * (n_periods - 1), 1 - ALPHA))
+
+
+def _no_period(
+    n: int, minima: np.ndarray, difference: np.ndarray, scores: dict[int, float], name: str
+) -> InputError:
+    late = minima[:1][(minima[:1] > n // 2) & (difference[minima[:1]] < 1 - SHARE_FOUND)]
+    if late.size:
+        return InputError(
+            "less than two periods in the record",
+            name,
+            f"u repeats after {late[0]} of {n} samples",
+            f"measure at least {2 * late[0]} samples, and more for the settling",
+        )
+    best = max(scores, key=scores.get, default=None)
+    value = (
+        "no lag comes near"
+        if best is None
+        else f"best lag {best}: {max(scores[best], 0):.0%} of the power repeats"
+    )
+    return NotPeriodicError(
+        "u is not periodic",
+        name,
+        value,
+        "excite with a periodic signal (gsid design), or give --period where the noise hides it",
+    )
+
+
+def find_settling(record: Record, period: int) -> int:
+    """Find how many samples at the start have not settled, in whole periods.
+
+    The second half of the good periods (two at least) is taken as settled. From the first period on, the
+    spectra of u and y are compared with the mean of those, in units of their scatter, in each octave of lines
+    and in each stretch of octaves from line 1 up, where a decay has most of its power (F test, false alarm
+    1e-4 per band). A period that stands out in any band is settling; the first that does not ends it. With
+    fewer than three good periods nothing can be told, and nothing is thrown away.
+
+    Parameters
+    ----------
+    record : Record
+    period : int
+        Samples.
+
+    Returns
+    -------
+    int
+        Samples to throw away: a multiple of the period, at most half of the record.
+    """
+    u, y, good = _rows(record, period, 0)
+    candidates = np.flatnonzero(good)
+    n_settled = max(2, len(candidates) // 2)
+    settled = candidates[len(candidates) - n_settled :] if len(candidates) > 2 else candidates
+    last_bad = -1
+    references = [(x, np.fft.rfft(x[settled], axis=1)) for x in (u, y)]
+    for row in candidates[: len(candidates) - len(settled)]:
+        if not any(_stands_out(x[row], spectra) for x, spectra in references):
+            break
+        last_bad = row
+    return int(last_bad + 1) * period
+
+
+def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
+    """Whether period x differs from the settled spectra in a band of lines; `find_settling` has the rule."""
+    deviation = np.fft.rfft(x) - settled.mean(axis=0)
+    if not np.any(deviation):  # as of a channel at rest, which has no scatter to compare with
+        return False
+    line = np.arange(len(deviation))
+    tops = 2 ** np.arange(1, int(np.log2(len(line))) + 2)
+    bands = [(line >= lo) & (line < top) for top in tops for lo in {1, top // 2}]
+    share, peak = 1 + 1 / len(settled), np.abs(x).max()
+    tests = (_excess(deviation, settled, band, share, peak) for band in bands if band.any())
+    return any(ratio > limit for ratio, limit in tests)

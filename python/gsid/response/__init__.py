@@ -1,0 +1,1 @@
+"""Frequency responses measured: of one input and output, of several, with noise and distortion."""

@@ -1,0 +1,391 @@
+"""Noise split from nonlinear distortion, and both from the response.
+
+The robust method (DIS-1, DIS-2; source, eqs. 5.12 to 5.16) measures M realisations of a random-phase
+multisine over P periods each: the scatter over periods is noise, the scatter over realisations noise and
+distortion. The fast method (DIS-3) needs one realisation: lines left free of excitation show what the axis
+adds, odd and even orders apart where the excited lines are odd. Both come out of one measurement here, and
+the core does the sums (`gsid_distortion`), on the target as on the desk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, combine_pvalues
+from scipy.stats import f as f_distribution
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+SAME_LEVEL = 0.1  # realisations whose amplitudes differ by more, as a share, are of different levels
+NEIGHBOURS = 4  # free odd lines that tell the distortion at an excited one
+N_HARMONICS = 20  # looked at when a single line is excited
+
+ALARM_RATE = 0.01  # of all bands together, when there is only noise
+BAND_RATIO = 2 ** (1 / 3)
+LINES_PER_BAND = 4  # at least
+ALIKE_DB = 10.0  # odd and even distortion nearer than this are both named
+LEAST_RATIO = 1e-3  # of powers, distortion over noise: what is below is not told
+AVERAGING_HELPS_DB = 0.0  # below this the noise is the larger part
+
+
+@dataclass(repr=False)
+class Distortion:
+    """Best linear approximation, with noise and nonlinear distortion apart.
+
+    Attributes
+    ----------
+    line : (F,) int
+        Lines that every realisation excites.
+    f_hz : (F,) [Hz]
+    bla : (F,) complex
+        Mean of the realisations' responses, unit y over u (source, eq. 5.14).
+    var_noise, var_total : (F,)
+        Variance of `bla` by noise, and by noise and distortion together (source, eq. 5.14); the latter NaN
+        with one realisation.
+    std_nonlinear : (F,)
+        Standard deviation of one realisation's response by distortion (source, eq. 5.16). With one
+        realisation from the odd free lines beside each (DIS-3), NaN where the excited lines leave none.
+    responses : (M, F) complex
+        Of each realisation (source, eq. 5.13).
+    u : (F,)
+        Amplitude of the input, rms over realisations.
+    free_line : (D,) int
+        Lines that no realisation excites.
+    free_f_hz : (D,) [Hz]
+    free_order : (D,) int
+        Order in units of the excited lines' greatest common divisor; 0 where the axis can have no line.
+    level, level_noise : (D,)
+        Rms amplitude of the output at the free lines, and what noise alone would leave of it, unit of y.
+    n_periods, n_realisations, n_spoiled, settle_samples, period_samples : int
+    fs_hz : float
+    u_unit, y_unit, name : str
+    """
+
+    line: np.ndarray
+    f_hz: np.ndarray
+    bla: np.ndarray
+    var_noise: np.ndarray
+    var_total: np.ndarray
+    std_nonlinear: np.ndarray
+    responses: np.ndarray
+    u: np.ndarray
+    free_line: np.ndarray
+    free_f_hz: np.ndarray
+    free_order: np.ndarray
+    level: np.ndarray
+    level_noise: np.ndarray
+    n_periods: int
+    n_realisations: int
+    n_spoiled: int
+    settle_samples: int
+    period_samples: int
+    fs_hz: float
+    u_unit: str = ""
+    y_unit: str = ""
+    name: str = ""
+
+    @property
+    def odd(self) -> np.ndarray:
+        """Free lines of odd order, (D,) bool."""
+        return self.free_order % 2 == 1
+
+    @property
+    def even(self) -> np.ndarray:
+        """Free lines of even order, (D,) bool."""
+        return (self.free_order % 2 == 0) & (self.free_order > 0)
+
+    @property
+    def orders_apart(self) -> bool:
+        """Whether odd and even distortion fall on lines of their own: all excited lines are of odd order."""
+        return bool(np.all(self.line // np.gcd.reduce(self.line) % 2 == 1))
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Coherence of input and output over all periods, (F,), 0 .. 1 (source, eq. 5.3).
+
+        Periods repeat the distortion: over the periods of one realisation only noise lowers it.
+        """
+        m, p = self.n_realisations, self.n_periods / self.n_realisations
+        scatter = (p - 1) * m * self.var_noise
+        if m > 1:
+            scatter = scatter + (m - 1) * self.var_total
+        gain = np.abs(self.bla) ** 2
+        return gain / (gain + scatter)
+
+    @property
+    def noncausal_power_ratio(self) -> float:
+        """Share of the power of the response's inverse transform before t = 0 (source, eqs. 5.4 to 5.6).
+
+        Transformed over the excited lines alone: the edges of the band put some of a linear axis there too,
+        so that only the same band at another level is a fair comparison.
+
+        Raises
+        ------
+        ValueError
+            Responses measured elsewhere: the grid of their lines is not known.
+        """
+        if not self.period_samples:
+            raise ValueError("the inverse transform needs a period, which responses measured elsewhere lack")
+        n, line = self.period_samples, self.line
+        spectrum = np.zeros(n // 2 + 1, complex)
+        spectrum[line] = self.bla
+        g = np.fft.irfft(spectrum, n)
+        # lines k0 + i d repeat, but for their phase, every N/d samples: half of that is before t = 0
+        half = n // (2 * int(np.gcd.reduce(np.diff(line)))) if len(line) > 1 else n // 2
+        before, after = np.sum(g[n - half :] ** 2), np.sum(g[:half] ** 2)
+        return float(before / (before + after))
+
+    @property
+    def bands(self) -> list[DistortedBand]:
+        """Bands in which noise or distortion leads; see `gsid.response.distortion`."""
+
+        return distorted_bands(self)
+
+    @property
+    def verdict(self) -> str:
+        """What limits the measurement, in words."""
+
+        return verdict(self)
+
+    def intervals(self, level: float = 0.95) -> dict[str, np.ndarray]:
+        """Intervals of the standard deviations, line by line.
+
+        Parameters
+        ----------
+        level : float
+            Probability, 0 .. 1.
+
+        Returns
+        -------
+        dict of (2, F) arrays, lower and upper
+            `std_noise` of `bla` by noise: exact, chi-square with 2 M (P - 1) degrees of freedom.
+            `std_nonlinear` of one realisation by distortion: that of Williams and Tukey for a component of
+            variance (DIS-4), from 0 where noise alone explains the scatter, with fewer degrees of freedom
+            where the scatter has longer tails than a normal one (DIS-5); NaN with one realisation.
+
+        Raises
+        ------
+        ValueError
+            A level that is no probability.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"the level must be between 0 and 1, not {level}")
+        m = self.n_realisations
+        nu_noise = 2 * (self.n_periods - m)
+        tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
+        noise = self.var_noise * nu_noise / chi2.ppf(tails, nu_noise)
+        if m < 2:
+            return {"std_noise": np.sqrt(noise), "std_nonlinear": np.full((2, len(self.line)), np.nan)}
+        nu_total = 2 / (1 / (m - 1) + excess_kurtosis(self.responses) / m)
+        ratio = f_distribution.ppf(tails, nu_total, nu_noise)
+        above = self.var_total - ratio * self.var_noise
+        nonlinear = m * np.maximum(above, 0) * nu_total / chi2.ppf(tails, nu_total)
+        return {"std_noise": np.sqrt(noise), "std_nonlinear": np.sqrt(nonlinear)}
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Response, noise and distortion in one dB axis, and the output's lines by kind."""
+        from gsid import plots
+
+        return plots.distortion(self)
+
+    def __repr__(self) -> str:
+        lines = f"{len(self.line)} lines {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz"
+        measured = f"{self.n_realisations} realisations, {self.n_periods} periods"
+        return (
+            f"Distortion({self.name or 'unnamed'}: {lines}, {len(self.free_line)} free, {measured}; "
+            f"{self.verdict})"
+        )
+
+
+def excess_kurtosis(responses: np.ndarray) -> float:
+    """How much longer than a normal variable's the tails of the scatter over realisations are (DIS-5).
+
+    Distortion is a sum of products of lines: of few lines, it is not normal, and its sample variance scatters
+    more. One number for all lines, since M values of one line cannot tell.
+
+    Parameters
+    ----------
+    responses : (M, F) complex array_like
+
+    Returns
+    -------
+    float
+        E|d|^4 / (E|d|^2)^2 - 2, 0 at least; 0 with fewer than 4 realisations, which say next to nothing.
+    """
+    m = len(responses)
+    power = np.abs(responses - np.mean(responses, axis=0)) ** 2
+    total = power.sum(axis=0)
+    if m < 4 or not (total > 0).any():
+        return 0.0
+    b = float(np.mean(np.sum(power**2, axis=0)[total > 0] / total[total > 0] ** 2))
+    normal = 2 * (m - 1) / m**2
+    slope = ((m - 1) ** 4 + m - 1) / (2 * m**2 * (m - 1) ** 2) - (m - 1) / m**2
+    return max((b / normal - 1) / slope, 0.0)
+
+
+@dataclass(frozen=True)
+class DistortedBand:
+    """A band in which one thing limits the measurement.
+
+    Attributes
+    ----------
+    f_lo_hz, f_hi_hz : float
+        First and last line.
+    kind : {"noise", "odd", "even", "odd and even", "nonlinear"}
+        Of the distortion that leads; "nonlinear" where no free lines tell orders apart.
+    low_db, high_db : float
+        Distortion over the noise left by averaging over the periods, least and largest of the bands joined;
+        NaN for noise.
+    """
+
+    f_lo_hz: float
+    f_hi_hz: float
+    kind: str
+    low_db: float
+    high_db: float
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One sort of evidence: power measured and what noise alone leaves of it, line by line."""
+
+    f_hz: np.ndarray
+    power: np.ndarray
+    noise: np.ndarray
+    nu: tuple[int, int]  # degrees of freedom of the ratio at one line
+
+    def level_db(self, lo: float, hi: float, alarm: float) -> float:
+        """Distortion over noise within a band [dB]; minus infinity where noise explains it."""
+        within = (self.f_hz >= lo) & (self.f_hz <= hi) & (self.noise > 0)
+        if not within.any():
+            return -np.inf
+        power, noise = self.power[within], self.noise[within]
+        if combine_pvalues(f_distribution.sf(power / noise, *self.nu), "fisher").pvalue > alarm:
+            return -np.inf
+        return float(10 * np.log10(max(power.sum() / noise.sum() - 1, LEAST_RATIO)))
+
+
+def distorted_bands(d: Distortion) -> list[DistortedBand]:
+    """Find the bands in which noise or distortion leads.
+
+    Parameters
+    ----------
+    d : Distortion
+
+    Returns
+    -------
+    list of DistortedBand
+        In order of frequency; empty where nothing was measured that could tell.
+    """
+    kinds = _evidence(d)
+    if not kinds:
+        return []
+    edges = _edges(d.f_hz)
+    alarm = ALARM_RATE / (len(edges) * len(kinds))
+    found = []
+    for lo, hi in edges:
+        level = {name: kind.level_db(lo, hi, alarm) for name, kind in kinds.items()}
+        found.append(DistortedBand(lo, hi, *_leading(level)))
+    return _joined(found)
+
+
+def verdict(d: Distortion) -> str:
+    """Say what limits the measurement.
+
+    Parameters
+    ----------
+    d : Distortion
+
+    Returns
+    -------
+    str
+        One sentence for each band.
+    """
+    bands = distorted_bands(d)
+    if not bands:
+        return (
+            "Distortion cannot be told from the response: measure other realisations, or leave lines free "
+            "(odd lines of a multisine)."
+        )
+    if all(band.kind == "noise" for band in bands):
+        return "No distortion above the noise: averaging longer helps everywhere."
+    sentences = [_sentence(d, band) for band in bands if band.kind != "noise"]
+    quiet = [_span(band) for band in bands if band.kind == "noise"]
+    if quiet:
+        sentences.append(f"{', '.join(quiet)}: noise leads; averaging longer helps")
+    return ". ".join(sentences) + "."
+
+
+def _evidence(d: Distortion) -> dict[str, _Kind]:
+    """Ratios of what is measured to noise, by kind of line."""
+    m, p = d.n_realisations, d.n_periods
+    kinds = {}
+    if m > 1:  # on excited lines of odd order only odd distortion falls
+        kinds["odd" if d.orders_apart else "nonlinear"] = _Kind(
+            d.f_hz, d.var_total, d.var_noise, (2 * (m - 1), 2 * (p - m))
+        )
+    power, noise = d.level**2, d.level_noise**2
+    names = {"odd": d.odd, "even": d.even} if d.orders_apart else {"nonlinear": d.free_order > 0}
+    for name, chosen in names.items():
+        within = chosen & ((d.free_f_hz >= d.f_hz[0]) & (d.free_f_hz <= d.f_hz[-1]) | (len(d.line) == 1))
+        if name not in kinds and within.any():
+            kinds[name] = _Kind(d.free_f_hz[within], power[within], noise[within], (2 * m, 2 * (p - m)))
+    return kinds
+
+
+def _edges(f_hz: np.ndarray) -> list[tuple[float, float]]:
+    """Bands of a third of an octave at least, and of LINES_PER_BAND excited lines at least."""
+    edges, start = [], 0
+    for i in range(1, len(f_hz) + 1):
+        is_wide = i == len(f_hz) or f_hz[i] >= BAND_RATIO * f_hz[start]
+        if is_wide and (i - start >= LINES_PER_BAND or i == len(f_hz)):
+            edges.append((float(f_hz[start]), float(f_hz[i - 1])))
+            start = i
+    if len(edges) > 1 and np.count_nonzero(f_hz >= edges[-1][0]) < LINES_PER_BAND:  # too few lines were left
+        edges[-2:] = [(edges[-2][0], edges[-1][1])]
+    return edges
+
+
+def _leading(level: dict[str, float]) -> tuple[str, float, float]:
+    """Kind and level of a band from the levels of all kinds of evidence."""
+    named = {name: db for name, db in level.items() if name != "nonlinear" and np.isfinite(db)}
+    whole = level.get("nonlinear", -np.inf)
+    if not named:
+        return ("nonlinear", whole, whole) if np.isfinite(whole) else ("noise", np.nan, np.nan)
+    top = max(named.values())
+    alike = [name for name in ("odd", "even") if named.get(name, -np.inf) > top - ALIKE_DB]
+    return " and ".join(alike), top, top
+
+
+def _joined(bands: list[DistortedBand]) -> list[DistortedBand]:
+    joined = bands[:1]
+    for band in bands[1:]:
+        last = joined[-1]
+        if band.kind == last.kind:
+            low, high = min(last.low_db, band.low_db), max(last.high_db, band.high_db)
+            joined[-1] = DistortedBand(last.f_lo_hz, band.f_hi_hz, band.kind, low, high)
+        else:
+            joined.append(band)
+    return joined
+
+
+def _span(band: DistortedBand) -> str:
+    low, high = f"{band.f_lo_hz:.3g}", f"{band.f_hi_hz:.3g}"
+    return f"{low} Hz" if low == high else f"{low} to {high} Hz"
+
+
+def _sentence(d: Distortion, band: DistortedBand) -> str:
+    low, high = f"{band.low_db:.0f}", f"{band.high_db:.0f}"
+    size = f"{low} dB" if low == high else f"{low} to {high} dB"
+    if band.kind == "even":  # does not fall on the excited lines, which are odd
+        advice = "the response at the excited lines is free of it"
+    elif band.high_db > AVERAGING_HELPS_DB:
+        advice = "averaging longer will not help"
+        if d.n_realisations < 2:
+            advice += ", other realisations will"
+    else:
+        advice = "averaging longer helps still"
+    return f"{_span(band)}: {band.kind} distortion {size} above noise; {advice}"

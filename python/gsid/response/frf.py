@@ -1,0 +1,348 @@
+"""Frequency response and its uncertainty from periodic records.
+
+The mean over periods estimates the lines of input and output, their scatter the noise (source, eqs. 4.10 and
+4.11):
+
+    G = mean(Y) / mean(U)
+    var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (source, eq. 7.29)
+
+With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum of theirs (source, eq. 5.14).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.base.errors import InputError
+from gsid.spectrum.realisation import require_same
+
+if TYPE_CHECKING:
+    import control
+    import matplotlib.figure
+    import pandas
+
+    from gsid.spectrum.tones import Tone
+
+SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a share
+
+
+@dataclass(repr=False)
+class Frf:
+    """Frequency response at the excited lines, with the variance of its mean.
+
+    Attributes
+    ----------
+    line : (F,) int
+    f_hz : (F,) [Hz]
+    g : (F,) complex
+        mean(Y)/mean(U), unit y over u (source, eq. 4.10); the mean over realisations (eq. 5.14).
+    var_g : (F,)
+        Variance E|error|^2 of g (source, eqs. 7.29, 5.14).
+    u, y : (F,) complex
+        Means over periods; with several realisations averaged after turning each by the phase of its u, so
+        that u is a mean amplitude.
+    var_u, var_y, cov_yu : (F,)
+        Sample (co)variances of one period (source, eq. 4.11), averaged over realisations.
+    n_periods : int
+        Good periods of all realisations.
+    n_realisations, n_spoiled, settle_samples, period_samples : int
+    fs_hz : float
+    hold : {"zoh", "none"} or None
+        As in `gsid.Record`.
+    u_unit, y_unit, name : str
+    removed : tuple of Tone
+        Periodic disturbances that were taken off the output first.
+    n_dof : float
+        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`;
+        infinite: they are known.
+    rejected_hz : (R,) [Hz]
+        Lines with an input that were left out: too weak, lost in its noise, or not in every record.
+    method : {"periods", "lpm", "windows"}
+        From what the variances come: the scatter over periods, the local polynomial method, or windows over a
+        record that is not periodic.
+    """
+
+    line: np.ndarray
+    f_hz: np.ndarray
+    g: np.ndarray
+    var_g: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+    var_u: np.ndarray
+    var_y: np.ndarray
+    cov_yu: np.ndarray
+    n_periods: int
+    n_realisations: int
+    n_spoiled: int
+    settle_samples: int
+    period_samples: int
+    fs_hz: float
+    hold: str | None = "none"
+    u_unit: str = ""
+    y_unit: str = ""
+    name: str = ""
+    removed: tuple[Tone, ...] = ()
+    n_dof: float | None = None
+    rejected_hz: np.ndarray = field(default_factory=lambda: np.empty(0))
+    method: str = "periods"
+
+    def __post_init__(self) -> None:
+        if self.n_dof is None:
+            self.n_dof = self.n_periods - self.n_realisations
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (source, eq. 5.3).
+
+        Distortion repeats with the period, and so lowers it only where the excitation does not repeat.
+        """
+        rest = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
+        gain = np.abs(self.g * self.u) ** 2
+        share = 1 - 1 / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
+        return gain / (gain + share * np.maximum(rest, 0))
+
+    def at(self, use: np.ndarray) -> Frf:
+        """The response at some of its lines only: use, (F,) bool."""
+        per_line = {
+            name: value[use]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray) and name != "rejected_hz"
+        }
+        return replace(self, **per_line)
+
+    def to_control(self) -> control.FRD:
+        """Return the response as `control.FRD`, frequencies in rad/s."""
+        import control
+
+        return control.FRD(self.g, 2 * np.pi * self.f_hz)
+
+    @classmethod
+    def from_arrays(
+        cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray | None = None, *, fs_hz: float = float("nan")
+    ) -> Frf:
+        """Take a response measured elsewhere.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz; need not be on a grid.
+        g : (F,) complex array_like
+        var_g : (F,) array_like, optional
+            Variance of g, taken as known exactly; default: not known, NaN.
+        fs_hz : float, optional
+            Sample rate [Hz], for models in z and held inputs.
+
+        Returns
+        -------
+        Frf
+            With unit input: u is 1 and y is g. Lines are numbered 1 .. F and `period_samples` is 0.
+
+        Raises
+        ------
+        ValueError
+            Unequal lengths, a frequency below 0 or a response that is no finite number.
+        """
+        f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
+        variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
+        if f_hz.shape != g.shape or variance.shape != g.shape or g.ndim != 1:
+            raise ValueError(f"f_hz, g and var_g have shapes {f_hz.shape}, {g.shape} and {variance.shape}")
+        sound = np.isfinite(g) & np.isfinite(f_hz) & (f_hz >= 0)
+        if not sound.all():
+            bad = int(np.flatnonzero(~sound)[0])
+            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: leave it out")
+        zero = np.zeros(len(g))
+        return cls(
+            line=np.arange(1, len(g) + 1),
+            f_hz=f_hz,
+            g=g,
+            var_g=variance,
+            u=np.ones(len(g), complex),
+            y=g.copy(),
+            var_u=zero,
+            var_y=variance.copy(),
+            cov_yu=zero.astype(complex),
+            n_periods=1,
+            n_realisations=1,
+            n_spoiled=0,
+            settle_samples=0,
+            period_samples=0,
+            fs_hz=fs_hz,
+            n_dof=np.inf,
+        )
+
+    @classmethod
+    def from_control(cls, frd: control.FRD, *, var_g: np.ndarray | None = None) -> Frf:
+        """Take a single-input single-output `control.FRD`.
+
+        Parameters
+        ----------
+        frd : control.FRD
+            Frequencies in rad/s.
+        var_g : (F,) array_like, optional
+            Variance of the response, which an FRD does not carry; default: not known, NaN.
+
+        Returns
+        -------
+        Frf
+            As `from_arrays`.
+
+        Raises
+        ------
+        ValueError
+            More than one input or output, or var_g of another length.
+        """
+        response = np.asarray(frd(1j * frd.omega, squeeze=False))
+        if response.shape[:2] != (1, 1):
+            raise ValueError(f"the FRD has (outputs, inputs) {response.shape[:2]}, not (1, 1)")
+        fs_hz = 1 / frd.dt if frd.dt not in (None, 0, True) else float("nan")
+        return cls.from_arrays(np.asarray(frd.omega) / (2 * np.pi), response[0, 0], var_g, fs_hz=fs_hz)
+
+    @classmethod
+    def from_pandas(cls, frame: pandas.DataFrame, *, fs_hz: float = float("nan")) -> Frf:
+        """Take a frame with columns f_hz, g_re, g_im and, where it is known, std_g.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+        fs_hz : float, optional
+            Sample rate [Hz].
+
+        Returns
+        -------
+        Frf
+            As `from_arrays`.
+        """
+        variance = frame["std_g"].to_numpy() ** 2 if "std_g" in frame.columns else None
+        g = frame["g_re"].to_numpy() + 1j * frame["g_im"].to_numpy()
+        return cls.from_arrays(frame["f_hz"].to_numpy(), g, variance, fs_hz=fs_hz)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return one row per line: line, f_hz, g_re, g_im, gain_db, phase_deg, std_g."""
+        import pandas
+
+        return pandas.DataFrame(
+            {
+                "line": self.line,
+                "f_hz": self.f_hz,
+                "g_re": self.g.real,
+                "g_im": self.g.imag,
+                "gain_db": 20 * np.log10(np.abs(self.g)),
+                "phase_deg": np.degrees(np.angle(self.g)),
+                "std_g": np.sqrt(self.var_g),
+            }
+        )
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Gain and phase over frequency, with the noise's standard deviation in the same dB axis."""
+        from gsid import plots
+
+        return plots.frf(self)
+
+    def _summary(self) -> dict[str, str]:
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a dead output
+            error = np.sqrt(self.var_g) / np.abs(self.g)
+        gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
+        peak = int(np.argmax(np.abs(self.g)))
+        piece = "window" if self.method == "windows" else "period"
+        return {
+            "lines": f"{len(self.line)}, {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz",
+            f"{piece}s": f"{self.n_periods} good, {self.n_spoiled} spoiled",
+            piece: f"{self.period_samples} samples at {self.fs_hz:g} Hz",
+            "realisations": f"{self.n_realisations}",
+            "settling": f"{self.settle_samples} samples",
+            "largest gain": f"{abs(self.g[peak]):.4g}{gain_unit} at {self.f_hz[peak]:g} Hz",
+            "std / gain": f"median {np.median(error):.2g}, largest {error.max():.2g}",
+        }
+
+    def __repr__(self) -> str:
+        rows = "\n".join(f"  {key:26}{value}" for key, value in self._summary().items())
+        return f"Frf {self.name or 'unnamed'}\n{rows}"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        summary = self._summary().items()
+        rows = "".join(f"<tr><th>{key}</th><td>{escape(value)}</td></tr>" for key, value in summary)
+        return f"<table><caption>Frf {escape(self.name or 'unnamed')}</caption>{rows}</table>"
+
+
+def response_of(
+    u: np.ndarray, y: np.ndarray, var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, n_periods: int
+) -> dict[str, np.ndarray]:
+    """Eq: FRF-2"""
+    g = y / u
+    # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
+    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
+    var_g = np.maximum(variance, 0) / n_periods
+    return {"g": g, "var_g": var_g, "u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+
+
+def merged(each: Sequence[Frf]) -> Frf:
+    """Put parts of one realisation together, as if they had been measured one after the other (FRF-4).
+
+    Parameters
+    ----------
+    each : sequence of Frf
+        By periods, at the same lines.
+
+    Returns
+    -------
+    Frf
+
+    Raises
+    ------
+    InputError
+        Their inputs differ by more than a tenth, or their periods, sample rates, holds or units differ.
+    ValueError
+        No part, other lines, or a response that was not estimated by periods.
+    """
+    if not each or any(
+        one.method != "periods" or one.n_realisations != 1 or np.isinf(one.n_dof) for one in each
+    ):
+        raise ValueError("only responses of one realisation each, by periods, are merged")
+    whole = each[0]
+    for part in each[1:]:
+        require_same(whole, part)
+        if not np.array_equal(part.line, whole.line):
+            raise ValueError("the parts have different lines")
+        whole = _merged_pair(whole, part)
+    return whole
+
+
+def _merged_pair(a: Frf, b: Frf) -> Frf:
+    if np.sum(np.abs(a.u - b.u) ** 2) > SAME_INPUT**2 * np.sum(np.abs(a.u) ** 2):
+        hint = (
+            "leave --merge out: realisations are averaged; parts of one begin at the same point of the period"
+        )
+        raise InputError("the inputs of the parts differ", b.name, None, hint)
+    n_a, n_b = a.n_periods, b.n_periods
+    n = n_a + n_b
+    du, dy, weight = b.u - a.u, b.y - a.y, n_a * n_b / n
+
+    def covariance_of(of_a: np.ndarray, of_b: np.ndarray, product: np.ndarray) -> np.ndarray:
+        return ((n_a - 1) * of_a + (n_b - 1) * of_b + weight * product) / (n - 1)
+
+    var_u = covariance_of(a.var_u, b.var_u, np.abs(du) ** 2)
+    var_y = covariance_of(a.var_y, b.var_y, np.abs(dy) ** 2)
+    cov_yu = covariance_of(a.cov_yu, b.cov_yu, dy * du.conj())
+    return replace(
+        a,
+        **response_of(a.u + du * (n_b / n), a.y + dy * (n_b / n), var_u, var_y, cov_yu, n),
+        n_periods=n,
+        n_spoiled=a.n_spoiled + b.n_spoiled,
+        n_dof=None,
+        removed=a.removed + b.removed,
+        rejected_hz=np.union1d(a.rejected_hz, b.rejected_hz),
+        name=", ".join(name for name in (a.name, b.name) if name),
+    )
+
+
+def check_response(frf: object) -> None:
+    """Refuse (TypeError) what is no measured response, as a record that still has to become one."""
+    if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
+        hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
+        raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")

@@ -1,0 +1,300 @@
+"""Records of several inputs and outputs, and the matrix of frequency responses that they measure.
+
+One experiment excites all inputs at once; n_u experiments or more, with other phases or signs in each, tell
+the inputs apart (orthogonal multisines do it best).  With the means over periods of all experiments beside
+each other, Y = G U + N at each line (MIM-4):
+
+    G = Y W U^H Q,    Q = (U W U^H)^-1,    W = diag(periods of each experiment)
+    cov(G_ij, G_i'j') = C_ii' conj(Q_jj')
+
+C is the covariance of one period's output error Y - G U, which contains the error of the inputs too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gsid.base.bands import in_band
+from gsid.base.errors import InputError
+from gsid.records.mimo import MimoRecord
+from gsid.records.periods import Periods, find_period, find_settling, split_periods
+from gsid.spectrum.excited import excited_lines
+from gsid.spectrum.lines import period_lines
+
+CONDITION_MAX = 100.0
+"""Of the inputs' lines over the experiments: beyond it they are not told apart."""
+
+
+@dataclass(repr=False)
+class MimoFrf:
+    """Matrix of frequency responses at the excited lines, with its covariance (MIM-4).
+
+    Attributes
+    ----------
+    line : (F,) int
+    f_hz : (F,) [Hz]
+    g : (F, n_y, n_u) complex
+    cov_y : (F, n_y, n_y) complex
+        Covariance of one period's output errors (variance: E|error|^2).
+    spread : (F, n_u, n_u) complex
+        Q, what the inputs' lines make of it.
+    dof : float
+        Degrees of freedom of `cov_y`; infinite when it is known.
+    source : {"periods", "experiments", "known"}
+        Where `cov_y` comes from: the scatter over periods is noise alone; the scatter over experiments, where
+        there are more of them than inputs, contains nonlinear distortion too.
+    n_experiments, n_periods : int
+        n_periods of all experiments together.
+    fs_hz : float
+    period_samples : int
+    inputs, outputs, u_units, y_units : list of str
+        Names and units of the channels.
+    hold : str
+    """
+
+    line: np.ndarray
+    f_hz: np.ndarray
+    g: np.ndarray
+    cov_y: np.ndarray
+    spread: np.ndarray
+    dof: float
+    source: str
+    n_experiments: int
+    n_periods: int
+    fs_hz: float
+    period_samples: int
+    inputs: list[str]
+    outputs: list[str]
+    u_units: list[str]
+    y_units: list[str]
+    hold: str | None = "none"
+
+    @property
+    def n_y(self) -> int:
+        """Number of outputs."""
+        return self.g.shape[1]
+
+    @property
+    def n_u(self) -> int:
+        """Number of inputs."""
+        return self.g.shape[2]
+
+    @property
+    def var_g(self) -> np.ndarray:
+        """(F, n_y, n_u) variance E|error|^2 of each response."""
+        return np.einsum("kii,kjj->kij", self.cov_y, self.spread).real
+
+    @classmethod
+    def from_arrays(
+        cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray, *, fs_hz: float = float("nan")
+    ) -> MimoFrf:
+        """Take a matrix of responses measured elsewhere, whose errors are independent from output to output.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz.
+        g : (F, n_y, n_u) complex array_like
+        var_g : (F, n_y) array_like
+            Variance of the responses of each output, known exactly and the same for all inputs.
+        fs_hz : float, optional
+            Sample rate [Hz], for models in z.
+
+        Returns
+        -------
+        MimoFrf
+
+        Raises
+        ------
+        ValueError
+            Unequal shapes.
+        """
+        f_hz, g, var_g = np.asarray(f_hz, float), np.asarray(g, complex), np.asarray(var_g, float)
+        if g.ndim != 3 or f_hz.shape != g.shape[:1] or var_g.shape != g.shape[:2]:
+            raise ValueError(f"f_hz, g and var_g have shapes {f_hz.shape}, {g.shape} and {var_g.shape}")
+        n_lines, n_y, n_u = g.shape
+        return cls(
+            line=np.arange(1, n_lines + 1),
+            f_hz=f_hz,
+            g=g,
+            cov_y=var_g[:, :, None] * np.eye(n_y),
+            spread=np.broadcast_to(np.eye(n_u), (n_lines, n_u, n_u)),
+            dof=np.inf,
+            source="known",
+            n_experiments=n_u,
+            n_periods=n_u,
+            fs_hz=fs_hz,
+            period_samples=0,
+            inputs=[f"u{i + 1}" for i in range(n_u)],
+            outputs=[f"y{i + 1}" for i in range(n_y)],
+            u_units=[""] * n_u,
+            y_units=[""] * n_y,
+        )
+
+    def in_band(self, band: tuple[float, float] | None) -> MimoFrf:
+        """The lines in a band (lo, hi) [Hz], ends included; all of them for None."""
+        use = in_band(self.f_hz, band)
+        names = ("line", "f_hz", "g", "cov_y", "spread")
+        return replace(self, **{name: getattr(self, name)[use] for name in names})
+
+    def __repr__(self) -> str:
+        error = np.sqrt(np.median(self.var_g / np.abs(self.g) ** 2))
+        lines = f"{len(self.line)} lines {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz"
+        return (
+            f"MimoFrf({self.n_y} x {self.n_u}: {lines}, "
+            f"{self.n_experiments} experiments, std / gain {error:.2g} in the median, from the scatter over "
+            f"{self.source})"
+        )
+
+
+def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None = None) -> MimoFrf:
+    """Matrix of frequency responses of as many experiments as there are inputs, or more.
+
+    Parameters
+    ----------
+    records : sequence of MimoRecord
+        One per experiment.
+    band : (lo, hi), optional
+        Only lines within [Hz].
+
+    Returns
+    -------
+    MimoFrf
+        MIM-4. With more experiments than inputs its covariance is the scatter over experiments, which
+        contains nonlinear distortion, else the scatter over periods.
+
+    Raises
+    ------
+    InputError
+        Too few experiments, experiments that differ in rate, period or channels, inputs that are not told
+        apart at a line of the band, or as `gsid.spectra`.
+    ValueError
+        No line in the band.
+    """
+    records = [records] if isinstance(records, MimoRecord) else list(records)
+    if not records:
+        raise ValueError("no record to estimate a matrix of responses from")
+    first = records[0]
+    n_u, n_e = len(first.inputs), len(records)
+    if n_e < n_u:
+        hint = "measure at least as many experiments as inputs, with other signs or phases in each"
+        raise InputError("fewer experiments than inputs", first.name, f"{n_e} for {n_u} inputs", hint)
+    parts = [channel_lines(record) for record in records]
+    _require_same(records, [n_period for _, _, n_period in parts])
+    n_period = parts[0][2]
+    f_hz = np.arange(n_period // 2 + 1) * (first.fs_hz / n_period)
+    chosen = _excited(parts, n_period)
+    if not chosen.any():
+        raise InputError(
+            "no line is excited at every input", first.name, None, "excite all inputs on one grid"
+        )
+    chosen[chosen] = in_band(f_hz[chosen], band)
+    us, ys = ([part[i][..., chosen] for part in parts] for i in (0, 1))  # each (P, channels, F)
+    mean_u, mean_y = (np.stack([x.mean(axis=0) for x in xs], axis=-1).swapaxes(0, 1) for xs in (us, ys))
+    weight = np.array([len(u) for u in us], dtype=float)
+    _require_told_apart(mean_u, f_hz[chosen], first.name)
+    spread = np.linalg.inv((mean_u * weight) @ _adjoint(mean_u))
+    g = (mean_y * weight) @ _adjoint(mean_u) @ spread
+    error_of_mean = mean_y - g @ mean_u
+    if n_e > n_u:
+        cov_y, dof = (error_of_mean * weight) @ _adjoint(error_of_mean) / (n_e - n_u), n_e - n_u
+    else:
+        cov_y, dof = _scatter_over_periods(us, ys, g)
+    return MimoFrf(
+        line=np.flatnonzero(chosen),
+        f_hz=f_hz[chosen],
+        g=g,
+        cov_y=cov_y,
+        spread=spread,
+        dof=float(dof),
+        source="experiments" if n_e > n_u else "periods",
+        n_experiments=n_e,
+        n_periods=int(weight.sum()),
+        fs_hz=first.fs_hz,
+        period_samples=n_period,
+        inputs=first.inputs,
+        outputs=first.outputs,
+        hold=first.hold,
+        u_units=first.u_units,
+        y_units=first.y_units,
+    )
+
+
+def channel_lines(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
+    """Lines of inputs and outputs, (P, channels, K) each, and the period."""
+    first = _periods(record)
+    line = np.arange(first.period_samples // 2 + 1, dtype=np.uint32)
+
+    def transform(columns: np.ndarray) -> np.ndarray:
+        n, settle = first.period_samples, first.settle_samples
+        rows = settle + n * first.number[:, None] + np.arange(n)
+        return np.stack([period_lines(x[rows], line, settle) for x in columns.T], axis=1)
+
+    return transform(record.u), transform(record.y), first.period_samples
+
+
+def _periods(record: MimoRecord) -> Periods:
+    """Cut where all channels have settled; the period is that of the busiest input: others may rest."""
+    busiest = record.pair(int(np.argmax(record.u.std(axis=0))), 0)
+    if record.settle_samples is not None:
+        return split_periods(busiest)
+    period = record.period_samples
+    if period is None:
+        period = find_period(busiest.u, valid=busiest.valid, name=busiest.name)
+    settle = max(find_settling(pair, period) for pair in record.pairs())
+    return split_periods(busiest, period=period, settle=settle)
+
+
+def _excited(parts: list, n_period: int) -> np.ndarray:
+    """Lines that each input excites in one experiment at least."""
+    n_u = parts[0][0].shape[1]
+    by_input = [[excited_lines(u[:, i], n_period) for u, _, _ in parts] for i in range(n_u)]
+    return np.logical_and.reduce([np.logical_or.reduce(each) for each in by_input])
+
+
+def any_excited(part: tuple, n_period: int) -> np.ndarray:
+    """Lines that one input at least excites in this experiment."""
+    u = part[0]
+    return np.logical_or.reduce([excited_lines(u[:, i], n_period) for i in range(u.shape[1])])
+
+
+def _require_same(records: list[MimoRecord], periods: list[int]) -> None:
+    for record, period in zip(records, periods, strict=True):
+        for what in ("fs_hz", "inputs", "outputs", "hold", "u_units", "y_units"):
+            ours, theirs = getattr(records[0], what), getattr(record, what)
+            if ours != theirs:
+                raise InputError(
+                    f"the experiments differ in {what}", record.name, f"{theirs!r}, not {ours!r}"
+                )
+        if period != periods[0]:
+            raise InputError("the experiments differ in their period", record.name, period)
+
+
+def _require_told_apart(u: np.ndarray, f_hz: np.ndarray, name: str) -> None:
+    size = np.linalg.norm(u, axis=-1, keepdims=True)
+    condition = np.linalg.cond(u / size)
+    worst = int(np.argmax(condition))
+    if not condition[worst] < CONDITION_MAX:
+        raise InputError(
+            f"the inputs are not told apart at {f_hz[worst]:g} Hz",
+            name,
+            f"condition {condition[worst]:.3g} of their lines over the experiments",
+            "give each experiment other phases or signs, for example orthogonal multisines",
+        )
+
+
+def _scatter_over_periods(us: list, ys: list, g: np.ndarray) -> tuple[np.ndarray, int]:
+    total, dof = 0, 0
+    for u, y in zip(us, ys, strict=True):
+        error = np.moveaxis(y, 0, -1).swapaxes(0, 1) - g @ np.moveaxis(u, 0, -1).swapaxes(0, 1)  # (F, n_y, P)
+        error = error - error.mean(axis=-1, keepdims=True)
+        total = total + error @ _adjoint(error)
+        dof += error.shape[-1] - 1
+    return total / dof, dof
+
+
+def _adjoint(matrix: np.ndarray) -> np.ndarray:
+    return matrix.conj().swapaxes(-1, -2)

@@ -1,0 +1,1 @@
+"""A rig at the end of a serial line, real or simulated."""

@@ -1,0 +1,1 @@
+"""Lines of records: spectra, variances, noise and tones."""

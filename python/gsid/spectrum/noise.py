@@ -1,0 +1,330 @@
+"""Noise of a record: its spectrum with an interval, its variance, and the periodic disturbances in it.
+
+Meant for a record with zero input (source, section 4.4.1), which shows the sensor's noise and what else turns
+in the room. An excited record can be looked at, too: what repeats with its period is then taken off first.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+
+from gsid.base.arguments import whole_samples
+from gsid.base.errors import InputError
+from gsid.records.periods import find_period, split_periods
+from gsid.records.record import Record
+from gsid.spectrum.tones import Tone, find_tones, n_taken_off
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+_log = logging.getLogger(__name__)
+
+SEGMENTS = 16  # of a record whose period is not known: the resolution is so many times coarser than 1/T
+FEWEST = 256  # samples
+SHORTEST = 8  # samples of a window: Hann's reaches two lines far, and one must be clear of 0 Hz and of fs/2
+CORRELATION = 1 / 36  # of the powers of Hann windows that overlap by half
+
+
+@dataclass(repr=False)
+class Noise:
+    """Noise of one record.
+
+    Attributes
+    ----------
+    f_hz : (K,) float
+        Above 0, up to half of the sample rate [Hz].
+    psd : (K,) float
+        One-sided power spectral density without the periodic disturbances, unit of y squared per Hz.
+    n_dof : float
+        Degrees of freedom of each value of `psd` (NOI-3).
+    tones : list of Tone
+        Periodic disturbances, the largest first.
+    variance, variance_rest : float
+        Of the samples of y about what is not noise (their trend, or their mean period), with and without the
+        disturbances; unit of y squared.
+    alpha : float
+        Rate at which noise without any disturbance would show one.
+    segment_samples : int
+        Length of the windows that `psd` is averaged over.
+    period_samples, settle_samples : int
+        Of the excitation that was taken off; 0: zero input.
+    n_samples, n_lost : int
+    fs_hz : float
+    y_unit, name : str
+    """
+
+    f_hz: np.ndarray
+    psd: np.ndarray
+    n_dof: float
+    tones: list[Tone]
+    variance: float
+    variance_rest: float
+    alpha: float
+    segment_samples: int
+    period_samples: int
+    settle_samples: int
+    n_samples: int
+    n_lost: int
+    fs_hz: float
+    y_unit: str = ""
+    name: str = ""
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Interval of the density, line by line.
+
+        Parameters
+        ----------
+        level : float
+            Probability, 0 .. 1.
+
+        Returns
+        -------
+        (2, K) float
+            Lower and upper bound: chi-square (NOI-3).
+
+        Raises
+        ------
+        ValueError
+            A level that is no probability.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"the level must be between 0 and 1, not {level}")
+        tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
+        return self.psd * self.n_dof / chi2.ppf(tails, self.n_dof)
+
+    def line_variance(self, period_samples: int) -> np.ndarray:
+        """Variance that a line of one period would have, to compare with `Frf.var_y` and to plan with.
+
+        Parameters
+        ----------
+        period_samples : int
+            N.
+
+        Returns
+        -------
+        (K,) float
+            At `f_hz`, unit of y squared: 2 fs/N times the density (FRF-1).
+        """
+        return 2 * self.fs_hz / period_samples * self.psd
+
+    def near_tone(self, f_hz: np.ndarray, width_hz: float) -> np.ndarray:
+        """Tell which frequencies lie within width_hz of a disturbance, to leave them out: (F,) bool."""
+        tones = np.array([tone.f_hz for tone in self.tones])
+        return (np.abs(np.asarray(f_hz)[:, None] - tones) <= width_hz).any(axis=1)
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Spectrum with its interval, and the disturbances by name."""
+        from gsid import plots
+
+        return plots.noise(self)
+
+    @property
+    def sentence(self) -> str:
+        """What is periodic in the noise, in words."""
+        unit = f" {self.y_unit}" if self.y_unit else ""
+        rms = f"rms {np.sqrt(self.variance):.4g}{unit}"
+        if not self.tones:
+            return f"No periodic disturbance (at a false-alarm rate of {self.alpha:g}); {rms}."
+        named = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in self.tones[:NAMED])
+        more = f" and {len(self.tones) - NAMED} more" if len(self.tones) > NAMED else ""
+        rest = f"{rms}, {np.sqrt(self.variance_rest):.4g}{unit} without"
+        return f"Periodic: {named}{more} (false-alarm rate {self.alpha:g}); {rest}."
+
+    def __repr__(self) -> str:
+        length = f"{self.n_samples} samples at {self.fs_hz:g} Hz"
+        return f"Noise({self.name or 'unnamed'}: {length}; {self.sentence})"
+
+
+NAMED = 8  # disturbances in a sentence
+
+
+def noise(
+    record: Record, *, alpha: float = 0.01, period: int | None = None, settle: int | None = None
+) -> Noise:
+    """Analyse the noise of the output.
+
+    Parameters
+    ----------
+    record : Record
+        With zero input, or with a periodic one, whose response is taken off.
+    alpha : float
+        Probability of finding a periodic disturbance in noise that has none.
+    period, settle : int, optional
+        Samples; default: what the record states, else what the data show. With zero input the period is the
+        length of the windows: the spectrum has the lines that a measurement of that period would have.
+
+    Returns
+    -------
+    Noise
+        NOI-1 to NOI-3.
+
+    Raises
+    ------
+    InputError
+        Fewer than 256 samples, or a period that u does not have.
+    ValueError
+        An alpha that is no probability.
+    TypeError
+        Not one record, as several, or bare samples.
+    """
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha must be between 0 and 1, not {alpha}")
+    if not isinstance(record, Record):
+        raise TypeError(f"noise is told of one Record at a time, got {type(record).__name__}")
+    part, period_samples, segment = _noise_alone(record, period, settle)
+    y, valid = record.y[part], record.valid[part]
+    if len(y) < FEWEST:
+        raise InputError(
+            "too few samples to tell noise by", record.name, f"{len(y)}", f"record {FEWEST} at least"
+        )
+    if segment < SHORTEST:
+        hint = f"give a period of {SHORTEST} samples at least; a multiple of it is one, too"
+        raise InputError("the period is too short for a spectrum", record.name, f"{segment} samples", hint)
+    tones, rest = find_tones(y, record.fs_hz, valid=valid, period=period_samples, alpha=alpha)
+    tones = [_from_first_sample(tone, part.start / record.fs_hz) for tone in tones]
+    f_hz, psd, n_dof = spectrum(rest, record.fs_hz, valid, segment)
+    n_valid = np.count_nonzero(valid)
+    share = _share_of_noise(valid, period_samples)
+    variance_rest = float(np.mean(rest[valid] ** 2)) / share
+    t_s = np.arange(part.start, part.stop)[valid] / record.fs_hz
+    periodic = sum((tone.at(t_s) for tone in tones), np.zeros(n_valid))
+    return Noise(
+        f_hz=f_hz,
+        psd=psd / (share if period_samples else 1),
+        n_dof=n_dof * (share if period_samples else 1),
+        tones=tones,
+        variance=variance_rest + float(np.mean(periodic**2)),
+        variance_rest=variance_rest,
+        alpha=alpha,
+        segment_samples=segment,
+        period_samples=period_samples,
+        settle_samples=part.start,
+        n_samples=len(y),
+        n_lost=len(y) - n_valid,
+        fs_hz=record.fs_hz,
+        y_unit=record.y_unit,
+        name=record.name,
+    )
+
+
+def without_tones(
+    record: Record, *, alpha: float = 0.01, period: int | None = None, settle: int | None = None
+) -> tuple[Record, list[Tone]]:
+    """Take the periodic disturbances off the output by a fit of sines.
+
+    Parameters
+    ----------
+    record, alpha, period, settle
+        As `noise`.
+
+    Returns
+    -------
+    record : Record
+        A copy, less the disturbances.
+    tones : list of Tone
+        What was taken off.
+
+    Raises
+    ------
+    InputError, ValueError
+        As `noise`.
+    """
+    tones = noise(record, alpha=alpha, period=period, settle=settle).tones
+    return replace(record, y=record.y - sum((tone.at(record.t_s) for tone in tones), 0.0)), tones
+
+
+def _noise_alone(record: Record, period: int | None, settle: int | None) -> tuple[slice, int, int]:
+    """Samples to look at, the period to take off (0: zero input), and the length of the windows."""
+    stated = record.period_samples if period is None else whole_samples("period", period)
+    start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
+    if np.ptp(record.u[record.valid]) == 0:
+        return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
+    try:
+        found = stated or find_period(record.u, valid=record.valid, name=record.name)
+    except InputError:
+        name = record.name or "record"
+        _log.warning("%s: u is neither zero nor periodic: taken as zero, with noise of its own", name)
+        return slice(start, len(record)), 0, max(1, (len(record) - start) // SEGMENTS)
+    periods = split_periods(record, period=found, settle=settle)
+    n_periods = (len(record) - periods.settle_samples) // found
+    stop = periods.settle_samples + n_periods * found
+    return slice(periods.settle_samples, stop), found, found
+
+
+def _share_of_noise(valid: np.ndarray, period_samples: int) -> float:
+    """Share of the noise's variance that is left when mean and trend, or the mean period, are taken off."""
+    return 1 - n_taken_off(valid, period_samples) / np.count_nonzero(valid)
+
+
+def _from_first_sample(tone: Tone, start_s: float) -> Tone:
+    phase = tone.phase_rad - 2 * np.pi * tone.f_hz * start_s
+    return replace(tone, phase_rad=float(np.angle(np.exp(1j * phase))))
+
+
+def spectrum(
+    x: np.ndarray, fs_hz: float, valid: np.ndarray, segment: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Power spectral density by Hann windows that overlap by half (NOI-3).
+
+    Parameters
+    ----------
+    x : (n,) float
+    fs_hz : float
+    valid : (n,) bool
+        A window with a lost sample is left out.
+    segment : int
+        Length of a window, samples.
+
+    Returns
+    -------
+    f_hz, psd : (K,) float
+        Without 0 Hz and half of the sample rate.
+    n_dof : float
+        Degrees of freedom of each value.
+
+    Raises
+    ------
+    InputError
+        No window without a lost sample.
+    """
+    rows = hann_windows(x, valid, segment)
+    n_rows = len(rows)
+    if n_rows == 0:
+        what = "no stretch without lost samples is as long as a window"
+        raise InputError(what, "", f"{segment} samples", "give a shorter --period, or measure again")
+    inner = slice(1, (segment + 1) // 2)
+    psd = np.mean(np.abs(rows[:, inner]) ** 2, axis=0) * segment / (2 * fs_hz)
+    f_hz = np.arange(rows.shape[1])[inner] * fs_hz / segment
+    return f_hz, psd, 2 * n_rows / (1 + 2 * CORRELATION * (n_rows - 1) / n_rows)
+
+
+def hann_windows(x: np.ndarray, valid: np.ndarray, length: int) -> np.ndarray:
+    """Transform Hann windows that overlap by half, each less its mean.
+
+    Parameters
+    ----------
+    x : (n,) float
+    valid : (n,) bool
+        A window with a lost sample is left out.
+    length : int
+        Of a window, samples.
+
+    Returns
+    -------
+    (M, length // 2 + 1) complex
+        Of noise, each line has the mean square that it has in FRF-1, where there is no window.
+    """
+    if len(x) < length:
+        return np.empty((0, length // 2 + 1), complex)
+    step = max(1, length // 2)
+    rows = np.lib.stride_tricks.sliding_window_view(x, length)[::step]
+    good = np.lib.stride_tricks.sliding_window_view(valid, length)[::step].all(axis=1)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    rows = rows[good]
+    rows = (rows - rows.mean(axis=1, keepdims=True)) * window
+    return np.fft.rfft(rows, axis=1) * (2 / np.sqrt(length * np.sum(window**2)))

@@ -1,0 +1,400 @@
+"""Sines in noise: found by a test with a stated false-alarm rate, fitted off the grid, taken off.
+
+The strongest peak of the periodogram is compared with the noise beside it (NOI-1), fitted by least squares
+where it is more than noise explains (NOI-2), and subtracted; then the next is looked for, until noise alone
+is left. In an excited record what repeats with the period is taken off first, from the record and from the
+sines alike: a disturbance at a line of the period cannot be told from the response, every other one can.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+from scipy.special import gammaln
+
+_log = logging.getLogger(__name__)
+
+MAX_TONES = 64
+NEVER = 4.0  # times the noise beside it: what is lower is noise
+GUARD = 2  # bins beside a peak that it leaks into
+BESIDE = 16  # bins on each side, behind the guard, that tell the noise
+FEWEST_BESIDE = 4  # nearer to 0 Hz there are too few, and nothing is looked for
+FINE = 4  # points of the periodogram per bin
+OFF_LINE = 0.5  # bins from a line of the period within which no sine is looked for
+CLOSEST = 0.2  # bins from such a line within which the fit cannot tell a sine from the response
+HARMONIC_STD = 3.0  # a multiple of another frequency, within so many standard deviations
+HARMONIC_BINS = 0.01  # or within so many bins: what is left of the error where there is no noise
+BY_CHANCE = 0.01  # no name where an unrelated frequency would be as near to a multiple more often than this
+MAX_STEPS = 20
+ROUNDING = 1e-12  # of the signal: what is smaller comes from rounding
+CONVERGED = 0.01  # last step, in standard deviations of the frequency
+NO_MORE = 0.1  # what sines do to each other's fits, in standard deviations of the amplitude
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A periodic disturbance: amplitude cos(2 pi f t + phase), t from the record's first sample.
+
+    Attributes
+    ----------
+    f_hz, std_f_hz : float
+        Frequency [Hz] and its standard deviation (the Cramer-Rao bound, NOI-2).
+    amplitude, std_amplitude : float
+        Unit of the signal.
+    phase_rad : float
+    p_value : float
+        Probability that noise alone shows such a peak anywhere in the record (NOI-1).
+    order, base_hz : int, float
+        The frequency is `order` times `base_hz`, that of another disturbance; order 1: it is its own.
+    """
+
+    f_hz: float
+    std_f_hz: float
+    amplitude: float
+    std_amplitude: float
+    phase_rad: float
+    p_value: float
+    order: int = 1
+    base_hz: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The frequency in words, for example "61.8 Hz (2 x 30.9 Hz)"."""
+        text = f"{_digits(self.f_hz, self.std_f_hz)} Hz"
+        return (
+            text if self.order == 1 else f"{text} ({self.order} x {_digits(self.base_hz, self.std_f_hz)} Hz)"
+        )
+
+    def at(self, t_s: np.ndarray) -> np.ndarray:
+        """Samples of the disturbance at the times t_s, (n,) [s]."""
+        return self.amplitude * np.cos(2 * np.pi * self.f_hz * t_s + self.phase_rad)
+
+
+def _digits(value: float, std: float) -> str:
+    """As many decimals as the standard deviation allows, two at least."""
+    decimals = int(np.clip(np.ceil(-np.log10(std)), 2, 6)) if std > 0 else 6
+    return f"{value:.{decimals}f}"
+
+
+def n_taken_off(valid: np.ndarray, period: int) -> int:
+    """Degrees of freedom of the mean period that `Rest` takes off; with period 0, of mean and trend."""
+    return np.count_nonzero(valid.reshape(-1, period).any(axis=0)) if period else 2
+
+
+class Rest:
+    """What is left of a signal when what is not noise is taken off: its mean and trend, or its mean period.
+
+    Parameters
+    ----------
+    valid : (n,) bool
+        False: the sample was lost, and is 0 in what is left.
+    period : int
+        N; 0: nothing is excited, mean and trend are taken off.
+    """
+
+    def __init__(self, valid: np.ndarray, period: int) -> None:
+        self._weight, self._period = valid.astype(float), period
+        self._spacing = len(valid) // period if period else 0
+        self._n_free = np.count_nonzero(valid) - n_taken_off(valid, period)
+        self._count = (
+            np.maximum(self._weight.reshape(-1, period).sum(axis=0), 1) if period else self._weight.sum()
+        )
+        if not period:
+            t = np.linspace(-1, 1, len(valid))
+            t = (t - self._weight @ t / self._count) * self._weight
+            self._trend = t / np.linalg.norm(t)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Take off what is not noise: x, (n,) -> (n,)."""
+        x = x * self._weight
+        if self._period:
+            rows = x.reshape(-1, self._period)
+            return ((rows - rows.sum(axis=0) / self._count).ravel()) * self._weight
+        x = x - (x.sum() / self._count) * self._weight
+        return x - (self._trend @ x) * self._trend
+
+    def variance(self, power: float) -> float:
+        """Variance of white noise of which the periodogram has this power, off the lines of the period."""
+        off_lines = 1 - (self._period or 2) / len(self._weight)  # what was taken off is missing there only
+        return power * off_lines / self._n_free
+
+    def off_lines(self, bins: float) -> float:
+        """The nearest place that is not too close to a line of the period."""
+        if not self._spacing:
+            return bins
+        line = self._spacing * round(bins / self._spacing)
+        return line + float(np.copysign(max(abs(bins - line), CLOSEST), bins - line))
+
+
+def find_tones(
+    x: np.ndarray, fs_hz: float, *, valid: np.ndarray | None = None, period: int = 0, alpha: float = 0.01
+) -> tuple[list[Tone], np.ndarray]:
+    """Find the sines in a signal, the strongest first.
+
+    Parameters
+    ----------
+    x : (n,) float
+        Signal; with `period` a whole number of periods.
+    fs_hz : float
+    valid : (n,) bool, optional
+        False: the sample was lost.
+    period : int
+        Samples of the excitation's period, whose lines are no disturbance; 0: nothing is excited.
+    alpha : float
+        Probability of finding any in noise that has none.
+
+    Returns
+    -------
+    tones : list of Tone
+        Phases count from x[0].
+    rest : (n,) float
+        What is left: noise, 0 where samples were lost.
+    """
+    n = len(x)
+    rest_of = Rest(np.ones(n, bool) if valid is None else np.asarray(valid, bool), period)
+    rest = rest_of(np.asarray(x, float))
+    beside = _Beside(n, n // period if period else 0)
+    found: list[_Sine] = []
+    power = rest @ rest
+    while len(found) < MAX_TONES:
+        peak = _strongest(rest, beside)
+        if peak is None or peak.p_value > alpha or rest @ rest < ROUNDING**2 * power:
+            break
+        found.append(_fitted(_Sine(peak.bins, 0.0, 0.0, peak.p_value), rest, rest_of))
+        rest = rest - rest_of(found[-1].samples(n))
+        rest = _fit_again(found, rest, rest_of, peak.std_amplitude)
+    else:
+        _log.warning("%d periodic disturbances found, and there are more", MAX_TONES)
+    floor = beside.mean(_periodogram(rest))
+    tones = [_tone(sine, rest_of, floor, beside.n_beside, fs_hz, n) for sine in found]
+    return _harmonics(sorted(tones, key=lambda tone: -tone.amplitude), fs_hz / n), rest
+
+
+# ---------------------------------------------------------------- the test
+
+
+@dataclass(frozen=True)
+class _Peak:
+    bins: float
+    p_value: float
+    std_amplitude: float  # of a sine in the noise beside it
+
+
+class _Beside:
+    """The noise beside each point of the periodogram, of a record of n samples.
+
+    Attributes
+    ----------
+    n_beside : (F,)
+        Of how many bins its mean is taken; 0: the point is not looked at.
+    leak : (F,)
+        Share of a sine's own power that leaks into that mean.
+    n_bins : float
+        Bins that are looked at.
+
+    Notes
+    -----
+    Points between the bins count, too: what the ends of the record leak is another there.
+    """
+
+    def __init__(self, n: int, spacing: int) -> None:
+        k = np.arange(FINE * n // 2 + 1)
+        self._usable = (k >= FINE) & (2 * k <= FINE * (n - 2))
+        if spacing:
+            off = np.abs(k - FINE * spacing * np.round(k / (FINE * spacing)))
+            self._usable &= off > FINE * OFF_LINE
+        last, guard = len(k) - 1, FINE * GUARD
+        # as many on both sides: noise has a slope
+        beside = np.clip(np.minimum(k, last - k) - guard - 1, 0, FINE * BESIDE)
+        self._outer = np.maximum(k - guard - beside, 0), np.minimum(k + guard + beside, last) + 1
+        self._inner = np.maximum(k - guard, 0), np.minimum(k + guard, last) + 1
+        self._n_points = self._around(self._usable)
+        fewest = FINE * FEWEST_BESIDE
+        looked_at = self._usable & (beside >= fewest) & (self._n_points >= fewest)
+        self.n_beside = np.where(looked_at, self._n_points / FINE, 0)
+        self.n_bins = np.count_nonzero(looked_at) / FINE
+        leakage = np.sinc(np.arange(guard + 1, guard + FINE * BESIDE + 1) / FINE) ** 2
+        self.leak = np.concatenate(([0.0], np.cumsum(leakage) / np.arange(1, len(leakage) + 1)))[beside]
+
+    def _around(self, values: np.ndarray) -> np.ndarray:
+        total = np.concatenate(([0], np.cumsum(values)))
+        low, high = self._outer
+        inner_low, inner_high = self._inner
+        return total[high] - total[low] - (total[inner_high] - total[inner_low])
+
+    def mean(self, power: np.ndarray) -> np.ndarray:
+        """Mean power beside each point, (F,)."""
+        mean = self._around(np.where(self._usable, power, 0)) / np.maximum(self._n_points, 1)
+        return np.maximum(mean, np.finfo(float).tiny)
+
+
+def _periodogram(rest: np.ndarray) -> np.ndarray:
+    """Powers at FINE points per bin, from 0 Hz on."""
+    return np.abs(fft.rfft(rest, FINE * len(rest))) ** 2
+
+
+def _strongest(rest: np.ndarray, beside: _Beside) -> _Peak | None:
+    """Peak of the periodogram that noise explains least, its place between the bins (NOI-1)."""
+    power = _periodogram(rest)
+    floor = beside.mean(power)
+    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (beside.n_beside[1:-1] > 0)
+    at = np.flatnonzero(is_peak & (power[1:-1] > NEVER * floor[1:-1])) + 1
+    if not len(at):
+        return None
+    place, height = _vertex(power, at)
+    noise = np.maximum(floor[at] - height * beside.leak[at], 0.01 * floor[at])  # its own leakage is no noise
+    p = false_alarm(height / noise, beside.n_beside[at], beside.n_bins)
+    best = int(np.argmin(p))
+    return _Peak(float(place[best] / FINE), float(p[best]), float(np.sqrt(2 * noise[best])) / len(rest))
+
+
+def _vertex(power: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place and height of the parabola through the logarithms of each maximum and its neighbours."""
+    tiny = np.finfo(float).tiny
+    left, middle, right = (np.log(np.maximum(power[at + i], tiny)) for i in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    shift = np.where(bend < 0, (left - right) / (2 * np.minimum(bend, -tiny)), 0)
+    return at + shift, np.exp(middle - (left - right) * shift / 4)
+
+
+def false_alarm(ratio: np.ndarray, n_beside: np.ndarray, n_bins: float) -> np.ndarray:
+    """Probability of a peak this high anywhere, in noise without sines (NOI-1).
+
+    Parameters
+    ----------
+    ratio : (F,) float
+        Height of the peak over the mean power of the bins beside it.
+    n_beside : (F,) float
+        Number of those bins.
+    n_bins : float
+        Bins looked at.
+
+    Returns
+    -------
+    (F,) float, at most 1
+    """
+    ratio, m = np.asarray(ratio, float), np.asarray(n_beside, float)
+    log_p = (
+        np.log(n_bins * np.sqrt(np.pi / 3))
+        + 0.5 * np.log(np.maximum(ratio, np.finfo(float).tiny) / m)
+        + gammaln(m + 0.5)
+        - gammaln(m)
+        - (m + 0.5) * np.log1p(ratio / m)
+    )
+    return np.minimum(np.exp(log_p), 1)
+
+
+# ---------------------------------------------------------------- the fit
+
+
+@dataclass(frozen=True)
+class _Sine:
+    """a cos + b sin of 2 pi bins (i - middle)/n: about its middle, frequency and phase err independently."""
+
+    bins: float
+    a: float
+    b: float
+    p_value: float
+    spread_bins: float = 0.0  # standard deviations in noise of unit variance
+    spread_amplitude: float = 0.0
+
+    @property
+    def amplitude(self) -> float:
+        return float(np.hypot(self.a, self.b))
+
+    def samples(self, n: int) -> np.ndarray:
+        angle = (2 * np.pi * self.bins / n) * _from_middle(n)
+        return self.a * np.cos(angle) + self.b * np.sin(angle)
+
+
+def _from_middle(n: int) -> np.ndarray:
+    return np.arange(n) - (n - 1) / 2
+
+
+def _fitted(sine: _Sine, rest: np.ndarray, rest_of: Rest) -> _Sine:
+    """Least squares over amplitude, phase and frequency, by Gauss and Newton's steps (NOI-2)."""
+    n = len(rest)
+    per_bin = (2 * np.pi / n) * _from_middle(n)
+    for _ in range(MAX_STEPS):
+        angle = sine.bins * per_bin
+        cos, sin = np.cos(angle), np.sin(angle)
+        basis = np.column_stack([rest_of(cos), rest_of(sin)])
+        normal, right = basis.T @ basis, basis.T @ rest
+        a, b = np.linalg.solve(normal, right)
+        slope = rest_of((b * cos - a * sin) * per_bin)
+        across = slope @ basis
+        curvature = slope @ slope - across @ np.linalg.solve(normal, across)
+        # half a bin at most: the next minimum is one bin away
+        step = float(np.clip((slope @ rest - across @ np.array([a, b])) / curvature, -0.5, 0.5))
+        bins, along = rest_of.off_lines(sine.bins + step), np.array([a, b]) / np.hypot(a, b)
+        # about its middle amplitude and frequency err apart, but not next to a line that is taken off
+        pull = along @ np.linalg.solve(normal, across)
+        spread = 1 / np.sqrt(curvature), np.sqrt(along @ np.linalg.solve(normal, along) + pull**2 / curvature)
+        moved = abs(bins - sine.bins)
+        sine = _Sine(bins, float(a), float(b), sine.p_value, *map(float, spread))
+        if moved < CONVERGED * spread[0] * np.sqrt(max(rest @ rest - right @ np.array([a, b]), 0) / n):
+            break
+    return sine
+
+
+def _fit_again(found: list[_Sine], rest: np.ndarray, rest_of: Rest, std_amplitude: float) -> np.ndarray:
+    """Fit those again that the newest leaks into, and the newest, until none moves by a tenth of its error.
+
+    Returns what is left then; `found` is brought up to date.
+    """
+    n, new = len(rest), found[-1]
+    near = [
+        i
+        for i, s in enumerate(found[:-1])
+        if new.amplitude > NO_MORE * std_amplitude * np.pi * abs(s.bins - new.bins)
+    ]
+    for _ in range(MAX_STEPS if near else 0):
+        moved = 0.0
+        for i in [*near, len(found) - 1]:
+            old = found[i]
+            rest = rest + rest_of(old.samples(n))
+            found[i] = _fitted(old, rest, rest_of)
+            rest = rest - rest_of(found[i].samples(n))
+            moved = max(moved, abs(complex(found[i].a - old.a, found[i].b - old.b)))
+        if moved < NO_MORE * std_amplitude:
+            break
+    return rest
+
+
+def _tone(sine: _Sine, rest_of: Rest, floor: np.ndarray, n_beside: np.ndarray, fs_hz: float, n: int) -> Tone:
+    nearest = min(round(FINE * sine.bins), len(floor) - 1)
+    while nearest + 1 < len(floor) and not n_beside[nearest]:  # beside a line of the excitation
+        nearest += 1
+    variance = rest_of.variance(floor[nearest])  # as if the noise beside the sine were white
+    middle_angle = 2 * np.pi * sine.bins / n * (n - 1) / 2
+    phase = np.arctan2(-sine.b, sine.a) - middle_angle
+    return Tone(
+        f_hz=sine.bins * fs_hz / n,
+        std_f_hz=float(np.sqrt(variance)) * sine.spread_bins * fs_hz / n,
+        amplitude=sine.amplitude,
+        std_amplitude=float(np.sqrt(variance)) * sine.spread_amplitude,
+        phase_rad=float(np.angle(np.exp(1j * phase))),
+        p_value=sine.p_value,
+    )
+
+
+def _is_multiple(tone: Tone, base: Tone, bin_hz: float) -> bool:
+    order = round(tone.f_hz / base.f_hz)
+    error_hz = max(HARMONIC_STD * np.hypot(tone.std_f_hz, order * base.std_f_hz), HARMONIC_BINS * bin_hz)
+    by_chance = 2 * error_hz / base.f_hz  # multiples lie base.f_hz apart
+    return order > 1 and by_chance < BY_CHANCE and abs(tone.f_hz - order * base.f_hz) < error_hz
+
+
+def _harmonics(tones: list[Tone], bin_hz: float) -> list[Tone]:
+    """Name those that are multiples of another's frequency, where that is not likely to be chance."""
+    named = []
+    for tone in tones:
+        near = [other for other in tones if _is_multiple(tone, other, bin_hz)]
+        if near:
+            base = max(near, key=lambda other: other.amplitude)
+            tone = replace(tone, order=round(tone.f_hz / base.f_hz), base_hz=base.f_hz)
+        named.append(tone)
+    return named
