@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
 
 from gsid.effects.types import EffectType, find
 
@@ -42,3 +45,25 @@ class Effect:
     def type(self) -> EffectType:
         """What it is: its entry in the catalogue, or one of your own."""
         return self.own or find(self.id)
+
+
+class Stack(Protocol):
+    """What a simulation needs of a `PlantModel`."""
+
+    fs_hz: float
+    effects: list[Effect]
+    output: str
+    angle_unit: str
+    u_unit: str
+    y_unit: str
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether the loop is simulated closed."""
+
+    @property
+    def free_values(self) -> np.ndarray:
+        """(n_free,) values of the free parameters."""
+
+    def labels(self) -> list[tuple[str, Effect]]:
+        """The effects with their names, which differ where two are of one id."""

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError, SimulationError
+from gsid.plant.effect import Stack
 from gsid.plant.units import RADIANS, check_plant_units
 from gsid.spectrum.lines import lines_of, period_of
 from gsid.spectrum.spectra import Spectra
-
-if TYPE_CHECKING:
-    from gsid.plant.model import PlantModel
 
 # An input that is not held is simulated at this many times the sample rate (docs/explanation/decisions.md).
 OVERSAMPLING = 4
@@ -117,7 +114,7 @@ class PeriodicPlant:
         By how much y may change in a period when it counts as settled, if that is more than 1e-7 of its rms.
     """
 
-    def __init__(self, model: PlantModel, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
+    def __init__(self, model: Stack, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
         self._u = np.ascontiguousarray(u, dtype=np.float64)
         self._m = oversampling
         self.tolerance = 0.0
@@ -140,7 +137,7 @@ class PeriodicPlant:
         self._kept: np.ndarray | None = None
 
     @classmethod
-    def of(cls, model: PlantModel, measured: Spectra) -> PeriodicPlant:
+    def of(cls, model: Stack, measured: Spectra) -> PeriodicPlant:
         """Bind a model to a record's mean input.
 
         Raises

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from gsid.base.errors import InputError
-
-if TYPE_CHECKING:
-    from gsid.models.rational import RationalModel
-    from gsid.plant.model import PlantModel
-    from gsid.spectrum.spectra import Spectra
+from gsid.plant.effect import Stack
+from gsid.spectrum.spectra import Spectra
 
 RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
 # Of outputs that a plant can have: a record with another (counts, V) is believed.
 OUTPUTS = {unit + per for unit in RADIANS for per in ("", "/s")}
 
 
-def check_units(model: PlantModel | RationalModel, measured: Spectra) -> None:
+class WithUnits(Protocol):
+    """A model that names the units of its input and output."""
+
+    u_unit: str
+    y_unit: str
+
+
+def check_units(model: WithUnits, measured: Spectra) -> None:
     """Refuse a record in other units than those that the model names. What names none is believed.
 
     Parameters
@@ -38,7 +42,7 @@ def check_units(model: PlantModel | RationalModel, measured: Spectra) -> None:
             )
 
 
-def check_plant_units(model: PlantModel, measured: Spectra) -> None:
+def check_plant_units(model: Stack, measured: Spectra) -> None:
     """As :func:`check_units`, and that the output and the tables are in the plant's unit of angle.
 
     Parameters

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from gsid.records.record import Record
 from gsid.spectrum.excited import above_noise, large_lines, say_slip
 from gsid.spectrum.lines import period_lines
 from gsid.spectrum.spectra import DIGEST_LENGTH, Spectra
-
-if TYPE_CHECKING:
-    from gsid.response.frf import Frf
 
 
 def spectra(record: Record, *, period: int | None = None, settle: int | None = None) -> Spectra:
@@ -279,7 +276,18 @@ def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, 
     return large, np.pad(above_noise(U, large[:n_kept]), (0, len(line) - n_kept)), U
 
 
-def require_same(first: Realisation | Spectra | Frf, other: Realisation | Spectra | Frf) -> None:
+class Measured(Protocol):
+    """What was measured with one excitation: a realisation, spectra or a frequency response."""
+
+    period_samples: int
+    fs_hz: float
+    hold: str | None
+    u_unit: str
+    y_unit: str
+    name: str
+
+
+def require_same(first: Measured, other: Measured) -> None:
     """Refuse to put together records of unequal period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)
