@@ -23,6 +23,7 @@ from scipy import stats
 
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
+from gsid.base.plottable import Plottable
 from gsid.greybox.problem import least_size
 from gsid.greybox.weights import UNSETTLED, lines_used
 from gsid.models.misfit import Errors, misfit
@@ -35,8 +36,6 @@ from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 
 if TYPE_CHECKING:
-    import matplotlib.figure
-
     from gsid.models.piecewise import PiecewiseModel
     from gsid.models.rational import RationalModel
     from gsid.records.record import Record
@@ -50,7 +49,7 @@ ALIKE = 10.0
 
 
 @dataclass(eq=False, repr=False)
-class Comparison:
+class Comparison(Plottable):
     """What :func:`compare` found.
 
     Parameters
@@ -174,12 +173,6 @@ class Comparison:
             "delay_hold_uncertainty_s",
         )
         return {key: getattr(self, key) for key in keys} | {"n_realisations": self.n_records}
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """Error at the output against noise, with the bands where the model fails."""
-        from gsid import plots
-
-        return plots.comparison(self)
 
     def __repr__(self) -> str:
         lines = [self.verdict]

@@ -19,11 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gsid.base.hold import fit_readings
+from gsid.base.plottable import Plottable
 from gsid.diagnosis.candidates import Given, Group
 from gsid.diagnosis.hold_cases import Case, settle
 from gsid.diagnosis.next_experiment import advice
@@ -34,9 +35,6 @@ from gsid.plant.model import PlantModel, check_plant, transport_delay_s
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 ALPHA = 0.05
 EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
@@ -57,7 +55,7 @@ class Round:
 
 
 @dataclass(eq=False, repr=False)
-class Diagnosis:
+class Diagnosis(Plottable):
     """What :func:`diagnose` found.
 
     Attributes
@@ -209,12 +207,6 @@ class Diagnosis:
             if step.too_small is not None
         ]
         return notes if self.converged else [*notes, "The last fit has NOT converged."]
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """How far each effect that was tried brings the cost down; needs one that was."""
-        from gsid import plots
-
-        return plots.diagnosis(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid diagnose --json`."""

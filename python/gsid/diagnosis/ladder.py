@@ -6,17 +6,15 @@ import contextlib
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gsid.base.errors import InputError
 from gsid.base.json_files import band_of, number, numbers, text, texts
+from gsid.base.plottable import Plottable
 from gsid.diagnosis.error_fall import FALL_ALARM
 from gsid.plant.model import PlantModel
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 SAME_FIT = 0.02  # relative, between the end of a rung and the begin of the next
 
@@ -143,16 +141,10 @@ class Rung:
 
 
 @dataclass(eq=False, repr=False)
-class Ladder:
+class Ladder(Plottable):
     """All steps by which a model came to be, first one first."""
 
     rungs: list[Rung]
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """The error after each step, on the data fitted and on those that judge, against the noise floor."""
-        from gsid import plots
-
-        return plots.ladder(self)
 
     @property
     def judged_on(self) -> str:

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.base.plottable import Plottable
 from gsid.effects.custom import table
 from gsid.effects.table_file import TORQUE, short_name, write_table
 from gsid.effects.types import EffectType
@@ -26,9 +26,6 @@ from gsid.plant.units import RADIANS
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 BINS = 30
 BINS_OF_TIME = 100
@@ -80,7 +77,7 @@ class Curve:
 
 
 @dataclass(eq=False, repr=False)
-class TorqueResidual:
+class TorqueResidual(Plottable):
     """What :func:`torque_residual` found.
 
     Attributes
@@ -109,12 +106,6 @@ class TorqueResidual:
     def best(self) -> Curve:
         """The curve that holds most of the torque, of those that can be a law."""
         return max((self.rate, self.angle, self.command), key=lambda curve: curve.explained)
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """The four curves with bars of two standard deviations."""
-        from gsid import plots
-
-        return plots.torque_residual(self)
 
     @property
     def sentence(self) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from gsid.base.arguments import real_number
 from gsid.base.files import write_atomically
+from gsid.base.plottable import Plottable
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 FINE = 8  # points per sample on which the crest factor between the samples is looked for
 
 
-class Periodic(ABC):
+class Periodic(Plottable, ABC):
     """A periodic excitation: what all of them tell about themselves.
 
     Attributes
@@ -106,9 +107,7 @@ class Periodic(ABC):
         limits : Limits, optional
             Of command and travel, to draw beside them.
         """
-        from gsid import plots
-
-        return plots.excitation(self, u_unit, model=model, limits=limits)
+        return self._figure(u_unit, model=model, limits=limits)
 
     def write_table(self, path: str | os.PathLike) -> None:
         """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.

@@ -12,6 +12,7 @@ from gsid._lib import lib, version
 from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.base.plottable import Plottable
 from gsid.models.confidence import NORMAL_95, root_quantities
 from gsid.models.rational import RationalModel
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(eq=False, repr=False)
-class MimoModel:
+class MimoModel(Plottable):
     """A matrix of transfer functions with one denominator, as a sum over its sections (MIM-1).
 
         G_ij = exp(-j w delay_ij) (sum of N_ijk(v) / S_k(v) + d_ij),   v = s, or z in domain "z"
@@ -476,9 +477,7 @@ class MimoModel:
 
     def plot(self, frf: MimoFrf | None = None) -> matplotlib.figure.Figure:
         """A Bode diagram for each response with 95 % bands, over the measured ones when they are given."""
-        from gsid import plots
-
-        return plots.bode_matrix(self, frf)
+        return self._figure(frf)
 
     def __repr__(self) -> str:
         lines = [

@@ -22,6 +22,7 @@ from gsid._lib import version
 from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.base.plottable import Plottable
 from gsid.models.rational import RationalModel
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Cut:
 
 
 @dataclass(frozen=True, repr=False)
-class PiecewiseModel:
+class PiecewiseModel(Plottable):
     """Models of low order in adjoining bands.
 
     Attributes
@@ -253,9 +254,7 @@ class PiecewiseModel:
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
         """Bode diagram with the breaks, over the measured response when one is given."""
-        from gsid import plots
-
-        return plots.piecewise(self, frf)
+        return self._figure(frf)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Return the head and a row for each piece as text."""

@@ -12,17 +12,17 @@ from gsid._lib import check, ffi, lib, version
 from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.base.plottable import Plottable
 from gsid.models.fit_warning import FitWarning
+from gsid.response.frf import Frf, check_response
 
 if TYPE_CHECKING:
     import control
     import matplotlib.figure
 
-    from gsid.response.frf import Frf
-
 
 @dataclass(eq=False, repr=False)
-class RationalModel:
+class RationalModel(Plottable):
     """A rational transfer function with delay: G = exp(-j w delay) num/den (source, eqs. 6.4 and 6.5; MOD-1).
 
     Parameters
@@ -515,12 +515,10 @@ class RationalModel:
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
         """Bode diagram with 95 % bands, over the measured response when one is given."""
-        from gsid import plots
-        from gsid.response.frf import check_response
 
         if frf is not None:
             check_response(frf)
-        return plots.bode(self, frf)
+        return self._figure(frf)
 
     # ---- print -------------------------------------------------------------------------------------------
 

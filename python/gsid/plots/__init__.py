@@ -1,8 +1,18 @@
 """Pictures: one function each, objects in, a matplotlib Figure out (no pyplot, no global state).
 
+Each result's `plot()` finds its function here, by its type (`gsid.base.plottable`).
 Confidence throughout is 95 %, point by point; the bands are those of gsid.models.confidence.
 """
 
+from gsid.base.plottable import figure_of
+from gsid.comparison import Comparison
+from gsid.diagnosis.diagnose import Diagnosis
+from gsid.diagnosis.ladder import Ladder
+from gsid.diagnosis.torque_residual import TorqueResidual
+from gsid.excitation.periodic import Periodic
+from gsid.models.mimo import MimoModel
+from gsid.models.piecewise import PiecewiseModel
+from gsid.models.rational import RationalModel
 from gsid.plots.candidates import diagnosis
 from gsid.plots.compare import comparison, ladder
 from gsid.plots.experiment import crest_factors, excitation, periods
@@ -14,6 +24,10 @@ from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, r
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
 from gsid.plots.torque import torque_residual
+from gsid.response.distortion import Distortion
+from gsid.response.frf import Frf
+from gsid.response.superposition import Superposition
+from gsid.spectrum.noise import Noise
 
 __all__ = [
     "STYLE",
@@ -42,3 +56,20 @@ __all__ = [
     "torque_residual",
     "with_interval",
 ]
+
+_DRAWINGS = {
+    Comparison: comparison,
+    Diagnosis: diagnosis,
+    Distortion: distortion,
+    Frf: frf,
+    Ladder: ladder,
+    MimoModel: bode_matrix,
+    Noise: noise,
+    Periodic: excitation,
+    PiecewiseModel: piecewise,
+    RationalModel: bode,
+    Superposition: superposition,
+    TorqueResidual: torque_residual,
+}
+for _type, _drawing in _DRAWINGS.items():
+    figure_of.register(_type, _drawing)

@@ -10,14 +10,12 @@ the core does the sums (`gsid_distortion`), on the target as on the desk.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2, combine_pvalues
 from scipy.stats import f as f_distribution
 
-if TYPE_CHECKING:
-    import matplotlib.figure
+from gsid.base.plottable import Plottable
 
 SAME_LEVEL = 0.1  # realisations whose amplitudes differ by more, as a share, are of different levels
 NEIGHBOURS = 4  # free odd lines that tell the distortion at an excited one
@@ -32,7 +30,7 @@ AVERAGING_HELPS_DB = 0.0  # below this the noise is the larger part
 
 
 @dataclass(repr=False)
-class Distortion:
+class Distortion(Plottable):
     """Best linear approximation, with noise and nonlinear distortion apart.
 
     Attributes
@@ -184,12 +182,6 @@ class Distortion:
         above = self.var_total - ratio * self.var_noise
         nonlinear = m * np.maximum(above, 0) * nu_total / chi2.ppf(tails, nu_total)
         return {"std_noise": np.sqrt(noise), "std_nonlinear": np.sqrt(nonlinear)}
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """Response, noise and distortion in one dB axis, and the output's lines by kind."""
-        from gsid import plots
-
-        return plots.distortion(self)
 
     def __repr__(self) -> str:
         lines = f"{len(self.line)} lines {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz"

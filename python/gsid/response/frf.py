@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.base.errors import InputError
+from gsid.base.plottable import Plottable
 from gsid.spectrum.realisation import require_same
 
 if TYPE_CHECKING:
     import control
-    import matplotlib.figure
     import pandas
 
     from gsid.spectrum.tones import Tone
@@ -31,7 +31,7 @@ SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a shar
 
 
 @dataclass(repr=False)
-class Frf:
+class Frf(Plottable):
     """Frequency response at the excited lines, with the variance of its mean.
 
     Attributes
@@ -235,12 +235,6 @@ class Frf:
                 "std_g": np.sqrt(self.var_g),
             }
         )
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """Gain and phase over frequency, with the noise's standard deviation in the same dB axis."""
-        from gsid import plots
-
-        return plots.frf(self)
 
     def _summary(self) -> dict[str, str]:
         with np.errstate(divide="ignore", invalid="ignore"):  # of a dead output

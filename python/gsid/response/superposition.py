@@ -21,10 +21,9 @@ from scipy.stats import beta, chi2, gamma, norm
 
 from gsid.base.cached import cached_property
 from gsid.base.errors import InputError
+from gsid.base.plottable import Plottable
 
 if TYPE_CHECKING:
-    import matplotlib.figure
-
     from gsid.response.distortion import Distortion
 
 SUPERPOSITION_ALARM = 0.01
@@ -36,7 +35,7 @@ ROUNDING = 1e-13  # of a response: records without noise have no smaller scatter
 
 
 @dataclass(repr=False)
-class Superposition:
+class Superposition(Plottable):
     """Responses at two input levels: on a linear axis they are one (source, eq. 5.2).
 
     Attributes
@@ -90,12 +89,6 @@ class Superposition:
             f"{ratio} the response changes ({p}): by {self.change_db[worst]:+.2f} dB and "
             f"{self.change_deg[worst]:+.1f} deg at {self.f_hz[worst]:.3g} Hz, where it is clearest."
         )
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """Both responses and their change beside its scatter."""
-        from gsid import plots
-
-        return plots.superposition(self)
 
     def __repr__(self) -> str:
         return f"Superposition({len(self.line)} lines; {self.sentence})"

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2
 
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
+from gsid.base.plottable import Plottable
 from gsid.records.periods import find_period, split_periods
 from gsid.records.record import Record
 from gsid.spectrum.tones import Tone, find_tones, n_taken_off
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +28,7 @@ CORRELATION = 1 / 36  # of the powers of Hann windows that overlap by half
 
 
 @dataclass(repr=False)
-class Noise:
+class Noise(Plottable):
     """Noise of one record.
 
     Attributes
@@ -116,12 +113,6 @@ class Noise:
         """Tell which frequencies lie within width_hz of a disturbance, to leave them out: (F,) bool."""
         tones = np.array([tone.f_hz for tone in self.tones])
         return (np.abs(np.asarray(f_hz)[:, None] - tones) <= width_hz).any(axis=1)
-
-    def plot(self) -> matplotlib.figure.Figure:
-        """Spectrum with its interval, and the disturbances by name."""
-        from gsid import plots
-
-        return plots.noise(self)
 
     @property
     def sentence(self) -> str:
