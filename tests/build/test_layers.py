@@ -1,5 +1,6 @@
 """tools/check_layers passes on the tree, and does fail on each kind of violation it is there for."""
 
+import shutil
 import sys
 
 import pytest
@@ -130,3 +131,68 @@ def test_a_header_that_does_not_stand_alone_is_found(check, tree):
     result = check(tree)
     assert result.returncode == 1
     assert "include/gsid/planted.h: does not compile alone" in result.stderr
+
+
+@pytest.fixture
+def package(root, tmp_path):
+    """Return a copy of the Python package to plant violations in."""
+    shutil.copytree(
+        root / "python", tmp_path / "python", ignore=shutil.ignore_patterns("*.so", "__pycache__")
+    )
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "code", "reported"),
+    [
+        ("base/planted.py", "from gsid.plots import style\n", "base imports gsid.plots.style of plots"),
+        (
+            "records/planted.py",
+            "import gsid.spectrum.spectra\n",
+            "records imports gsid.spectrum.spectra of spectrum",
+        ),
+        (
+            "plant/planted.py",
+            "def f():\n    from gsid.greybox import fit\n",
+            "plant imports gsid.greybox.fit of greybox",
+        ),
+        (
+            "fitting/planted.py",
+            "from gsid import comparison\n",
+            "fitting imports gsid.comparison of comparison",
+        ),
+        (
+            "models/planted.py",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from gsid.rig.link import Link\n",
+            "models imports gsid.rig.link of rig",
+        ),
+        ("report/planted.py", "from gsid import Record\n", "imports from gsid itself: name the module"),
+        ("planted.py", "import math\nfrom gsid.base import errors\n", "planted has no place in the order"),
+    ],
+)
+def test_a_python_import_against_the_order_is_found(check, package, file, code, reported):
+    (package / "python/gsid" / file).write_text(code)
+    result = check(package)
+    assert result.returncode == 1
+    assert f"error: python/gsid/{file}:{len(code.splitlines())}: " in result.stderr
+    assert reported in result.stderr
+
+
+def test_a_python_import_along_the_order_passes(check, package):
+    code = "from gsid import effects\nfrom gsid._lib import lib\nfrom gsid.records.record import Record\n"
+    (package / "python/gsid/rig/planted.py").write_text(code)
+    result = check(package)
+    assert result.returncode == 0, result.stderr
+
+
+def test_python_files_that_import_each_other_are_found(check, package):
+    for one, other in (("a", "b"), ("b", "c"), ("c", "a")):
+        (package / f"python/gsid/plots/planted_{one}.py").write_text(
+            f"def f():\n    from gsid.plots.planted_{other} import f\n"
+        )
+    result = check(package)
+    assert result.returncode == 1
+    reported = [line for line in result.stderr.splitlines() if "files import each other" in line]
+    assert len(reported) == 1
+    assert all(f"gsid.plots.planted_{one}" in reported[0] for one in "abc")
+    assert "planted_a -> gsid.plots.planted_b" in reported[0]

@@ -1,4 +1,4 @@
-"""How often `gsid.diagnosis.add` reports that the error falls though the model comes no nearer to the truth."""
+"""How often `gsid.add` reports that the error falls though the model comes no nearer to the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Level of `gsid.response.superposition.superposition`: a linear axis has one response at two input levels."""
+"""Level of the superposition test: a linear axis has one response at two input levels."""
 
 from __future__ import annotations
 

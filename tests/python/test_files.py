@@ -212,7 +212,7 @@ def test_stdout_takes_a_record_and_a_model(tmp_path):
     write_record(tmp_path / "rec.csv", record)
     RationalModel([1], [1, 2], 0.1).save(tmp_path / "m.json")
     code = (
-        "import sys; from gsid.records.files import read_record, write_record; from gsid.models.rational import RationalModel\n"
+        "import sys; from gsid import RationalModel, read_record, write_record\n"
         "print('before'); write_record('-', read_record('rec.csv'))\n"
         "RationalModel([1], [1, 2], 0.1).save('-')"
     )

@@ -1,8 +1,12 @@
-"""The package's own names: verbs that are functions and modules, loaded when they are first used."""
+"""The package's own names: plain functions and classes, loaded when they are first used."""
 
+import ast
+import importlib
 import inspect
+import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +15,7 @@ from plants import axis_record, plant
 import gsid
 
 SEED = 20260411
-VERBS = ("compare", "diagnose", "fit", "frf")
+VERBS = ("add", "compare", "diagnose", "distortion", "fit", "frf", "noise", "spectra", "torque_residual")
 
 
 @pytest.fixture(scope="module")
@@ -41,25 +45,38 @@ def test_the_verbs_of_the_package(model, record):
     assert gsid.torque_residual(model, record).plot().axes
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_is_its_module_too(verb):
-    module = __import__(f"gsid.{verb}", fromlist=[verb])
-    function = getattr(module, verb)
-    assert getattr(gsid, verb) is module
-    assert inspect.ismodule(module)
-    assert inspect.signature(getattr(gsid, verb)) == inspect.signature(function)
+def test_a_public_function_is_a_plain_function():
+    """A bug: gsid.frf, gsid.fit, ... were modules that could be called, and no editor saw their types."""
+    for verb in VERBS:
+        assert inspect.isfunction(getattr(gsid, verb))
+        assert getattr(gsid, verb).__name__ == verb
 
 
-def test_the_order_of_imports_does_not_matter():
-    """The trap: importing the submodule sets the package's attribute of that name."""
-    for lines in (
-        "import gsid; f = gsid.compare",
-        "import gsid; import gsid.compare; f = gsid.compare",
-        "import gsid.compare as f",
-        "import gsid.cli.main, gsid.report; f = gsid.compare",
-    ):
-        code = f"{lines}\ntry: f(None, [])\nexcept ValueError as e: assert 'no record' in str(e)\nelse: 1 / 0"
-        assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0, lines
+def test_no_module_bears_the_name_of_a_public_function():
+    names = {module.name for module in pkgutil.iter_modules(gsid.__path__)}
+    assert names & set(gsid.__all__) == {"effects"}
+
+
+def test_no_package_hands_on_a_function_under_the_name_of_its_module():
+    """The trap: importing the submodule would put it in the place of the function."""
+    for package in pkgutil.walk_packages(gsid.__path__, "gsid."):
+        if package.ispkg:
+            module = importlib.import_module(package.name)
+            names = {name for _, name, _ in pkgutil.iter_modules(module.__path__)}
+            assert not [name for name in names if inspect.isroutine(vars(module).get(name))], package.name
+
+
+def test_type_checkers_see_the_names_that_are_loaded():
+    """`__init__` lists the public names twice: for type checkers, and for loading when first used."""
+    tree = ast.parse(Path(gsid.__file__).read_text())
+    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    seen = {
+        alias.asname: node.module.removeprefix("gsid.")
+        for node in block.body
+        if isinstance(node, ast.ImportFrom) and node.module != "gsid"
+        for alias in node.names
+    }
+    assert seen == gsid._HOME
 
 
 def test_nothing_is_loaded_before_it_is_used():
@@ -70,7 +87,7 @@ def test_nothing_is_loaded_before_it_is_used():
 
 
 def test_effects_of_ones_own_need_no_import_of_their_own():
-    """A bug: gsid.effects.expression, as the documents have it, was there only once gsid.plant.model was loaded."""
+    """A bug: gsid.effects.expression, as documented, was there only once the plant's module was loaded."""
     code = "import gsid; gsid.effects.expression('c*w', {'c': 1.0})"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -279,12 +279,12 @@ def test_a_record_to_the_standard_output(folder):
 def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
     """The run is whole by then; the exit code tells of the signal all the same."""
     signalled = (
-        "import os, signal, sys, gsid.cli.run as run, gsid.records.files; write = gsid.records.files.write_record\n"
+        "import os, signal, sys; from gsid.records import files; write = files.write_record\n"
         "def slow(path, record):\n"
         "    os.kill(os.getpid(), signal.SIGTERM) if str(path) == 'a.csv' else None\n"
         "    os.kill(os.getpid(), signal.SIGINT) if str(path) == 'a.csv' else None\n"
         "    write(path, record)\n"
-        "gsid.records.files.write_record = slow\n"
+        "files.write_record = slow\n"
         "from gsid.cli.main import main; sys.exit(main())"
     )
     with simulator() as (_, port):
