@@ -31,8 +31,8 @@ from python_tests import TESTS, PythonTests
 ROOT = Path(__file__).parents[2]
 SEED, SAMPLE = 20260322, 200
 TARGETS = {
-    "comparison": ["python/gsid/compare.py"],
-    "greybox": ["python/gsid/greybox*.py", "python/gsid/weights.py", "python/gsid/linear_start.py"],
+    "comparison": ["python/gsid/comparison.py"],
+    "greybox": ["python/gsid/greybox/*.py"],
     "core": ["src/core/*.c"],
 }
 COUNTED = ("killed", "survived", "uncovered")  # not: "same" as the source, or "invalid"

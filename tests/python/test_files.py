@@ -262,15 +262,15 @@ def test_nothing_writes_but_through_this_function():
     found = []
     for path in package.rglob("*.py"):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(call, ast.Call) and _writes(call) and path != package / "files.py":
+            if isinstance(call, ast.Call) and _writes(call) and path != package / "base/files.py":
                 found.append((path.relative_to(package).as_posix(), ast.unparse(call)[:100]))
     outside = [one for one in found if "part" not in one[1]]
     # Writers of formats, called by `write_record` with the temporary name; and a figure drawn in memory.
     assert {(where, text.split("(")[0]) for where, text in outside} <= {
-        ("io/arrays.py", "np.savez"),
-        ("io/arrays.py", "savemat"),
-        ("io/arrays.py", "h5py.File"),
-        ("io/csv.py", "open"),
+        ("records/arrays.py", "np.savez"),
+        ("records/arrays.py", "savemat"),
+        ("records/arrays.py", "h5py.File"),
+        ("records/csv.py", "open"),
         ("cli/simulate.py", "path.open"),  # the log: called with the temporary name too
         ("report/pictures.py", "figure.savefig"),
     }, outside
