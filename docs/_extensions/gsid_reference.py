@@ -95,15 +95,7 @@ class CHeaders(Made):
 
 def public_names() -> dict[str, object]:
     """Public functions, classes and modules of the package by their full names, results included."""
-    found = {}
-    for name in sorted(gsid.__all__):
-        thing = getattr(gsid, name)
-        home = "gsid"
-        if isinstance(thing, types.ModuleType) and callable(thing):
-            thing = inspect.unwrap(thing)
-            home = thing.__module__
-        if not name.startswith("_"):
-            found[f"{home}.{name}"] = thing
+    found = {f"gsid.{name}": getattr(gsid, name) for name in sorted(gsid.__all__) if not name.startswith("_")}
     for function in [thing for thing in found.values() if inspect.isfunction(thing)]:
         for result in returned(function):
             if not any(result is thing for thing in found.values()):
