@@ -1,9 +1,12 @@
 """What `make docs` shows of the code is whole."""
 
+import inspect
 import re
 import sys
 
 import pytest
+
+import gsid
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +33,20 @@ def test_every_public_c_function_has_a_comment(headers):
     functions = [function for header in headers for function in header.functions]
     assert len(functions) > 100
     assert [function.name for function in functions if not function.text] == []
+
+
+def test_every_public_python_name_has_a_docstring():
+    """The site has these names and those of the classes that they return; make docs checks those too."""
+    things = {name: getattr(gsid, name) for name in gsid.__all__ if not name.startswith("_")}
+    assert len(things) > 20
+    assert [name for name, thing in things.items() if not inspect.getdoc(inspect.unwrap(thing))] == []
+
+
+def test_every_page_is_listed_in_its_index(root):
+    """A page that no index lists has no place in the site."""
+    for page in (root / "docs").glob("*/*.md"):
+        listed = (page.parent / "index.md").read_text().split("{toctree}")[1].split()
+        assert page.stem in {*listed, "index"}, f"add {page.stem} to {page.parent.name}/index.md"
 
 
 def test_every_page_is_of_one_kind(root):
