@@ -14,7 +14,7 @@ pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 HERE = Path(__file__).parent
 PACKAGE = Path(gsid.__file__).parent
 SEED = 14
-N_FORKS = 80  # a hang in 1 of 5 is missed with a probability of 2e-8, one in 1 of 20 with 2 %
+N_FORKS = 200  # a hang in 1 of 20 is missed with a probability of 4e-5
 NOT_CALLED = {
     "gsid_arrow_reduce_dense"
 }  # stands in for gsid_arrow_reduce in builds without SuiteSparse; no state
