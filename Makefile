@@ -223,7 +223,7 @@ include firmware_examples/firmware.mk
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.
 LINT_FLAGS := -O2 -Werror -fno-stack-protector -U_FORTIFY_SOURCE
 .PHONY: lint
-lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, wording, Python style
+lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers alone, wording, Python style and types
 	$(MAKE) BUILD=$(BUILD)/lint CFLAGS='$(LINT_FLAGS)' libs
 	CC="$(CC)" CXX="$(CXX)" $(PY) tools/check_layers $(CORE_LIBS:$(BUILD)/%=--core $(BUILD)/lint/%) \
 	    $(EFFECTS_LIBS:$(BUILD)/%=--effects $(BUILD)/lint/%) \
@@ -231,6 +231,7 @@ lint: $(VENV)/requirements.stamp ## warnings as errors, layers, symbols, headers
 	$(PY) tools/check_wording
 	$(VENV)/bin/ruff check -q .
 	$(VENV)/bin/ruff format -q --check .
+	$(VENV)/bin/mypy --no-error-summary
 	$(VENV)/bin/clang-format --dry-run -Werror $(C_FILES)
 
 .PHONY: format

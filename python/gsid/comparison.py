@@ -274,7 +274,7 @@ def compare(
     if isinstance(model, PlantModel) and not fitted:
         _say_what_is_open(model)
     if _depends_on_hold(model) and is_open(measured):
-        return _either(model, measured, lambda *case: _compared(*case, band, alpha, fitted=fitted))
+        return _either(model, measured, lambda one, read: _compared(one, read, band, alpha, fitted=fitted))
     return _compared(model, measured, band, alpha, fitted=fitted)
 
 

@@ -79,6 +79,14 @@ def test_type_checkers_see_the_names_that_are_loaded():
     assert seen == gsid._HOME
 
 
+def test_the_type_of_every_public_function_is_checked():
+    """`make lint` checks tests/build/typed_api.py with mypy."""
+    checked = (Path(__file__).parents[1] / "build/typed_api.py").read_text()
+    for name in gsid.__all__:
+        if inspect.isfunction(getattr(gsid, name)) and name != "write_record":  # it returns nothing
+            assert f"gsid.{name}(" in checked, name
+
+
 def test_nothing_is_loaded_before_it_is_used():
     code = (
         "import gsid, sys; assert not {'numpy', 'gsid._lib', 'gsid.comparison'} & set(sys.modules); dir(gsid)"

@@ -129,8 +129,9 @@ class _Problem:
         parts = [self._parts(values) for values in many]
         torque = np.array([self._torque(part, i) for part in parts for i in range(len(self.measured))])
         gear = np.repeat([[part.gear[name] for name in GEAR] for part in parts], len(self.measured), axis=0)
-        h = 1 / (self.fs_hz * OVERSAMPLING)
-        twist = lines_of(twist_of(torque, *gear.T, h))[:, : len(self.s)].reshape(len(parts), -1, len(self.s))
+        gap, stiffness, damping = gear.T
+        twist = twist_of(torque, gap, stiffness, damping, 1 / (self.fs_hz * OVERSAMPLING))
+        twist = lines_of(twist)[:, : len(self.s)].reshape(len(parts), -1, len(self.s))
         return np.array([self._error(part, x) for part, x in zip(parts, twist, strict=True)])
 
     def _parts(self, values: np.ndarray) -> _Parts:

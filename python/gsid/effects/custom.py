@@ -145,15 +145,15 @@ def table(source: Any, *, unit: str = "") -> EffectType:
     else:
         name, at, torque = source
         variable = short_name(name)
-    at, torque, slope = _points(at, torque, where)
-    struct = ffi.new("gsid_table *", {"variable": TABLE_KINDS[variable], "n_points": len(at)})
-    arrays = [ffi.from_buffer("double[]", x) for x in (at, torque, slope)]
+    x, law, slope = _points(at, torque, where)
+    struct = ffi.new("gsid_table *", {"variable": TABLE_KINDS[variable], "n_points": len(x)})
+    arrays = [ffi.from_buffer("double[]", each) for each in (x, law, slope)]
     struct.at, struct.torque, struct.slope = arrays
     parameters = (EffectParameter("scale", "", 1.0, -ANY, ANY, 0.0),)
-    sentence = f"Torque by a table of {len(at)} points over {variable}."
+    sentence = f"Torque by a table of {len(x)} points over {variable}."
     c, keep = _descriptor(TABLE, sentence, parameters)
     check(lib.gsid_table_effect(struct, c), "making an effect of a table")
-    definition = {"variable": variable, "at": at.tolist(), "torque": torque.tolist()}
+    definition = {"variable": variable, "at": x.tolist(), "torque": law.tolist()}
     definition |= {"unit": unit} if unit else {}
     return _own(TABLE, sentence, "smooth", parameters, definition, c, (struct, *arrays, *keep))
 

@@ -35,11 +35,14 @@ class Periodic(Plottable, ABC):
         N.
     line : (F,) int
         Lines of interest.
+    amplitude : float or (F,) float64
+        Of the signal, or of each line (unit of the command).
     """
 
     fs_hz: float
     period_samples: int
     line: np.ndarray
+    amplitude: float | np.ndarray
 
     @abstractmethod
     def table(self) -> np.ndarray:
