@@ -102,12 +102,21 @@ def test_what_is_no_record_or_no_response(record):
         (lambda: gsid.frf([record.u, record.y]), r"got ndarray; Record\(u, y, fs_hz\) makes one"),
         (lambda: gsid.compare(model, response), "got Frf"),
         (lambda: gsid.compare(record, model), "got RationalModel"),
-        (lambda: gsid.fit(record, "1/0"), r"an Frf, got Record; frf\(record\) measures it"),
+        (lambda: gsid.fit(record.y, "1/0"), r"an Frf, got ndarray; frf\(record\) measures it"),
         (lambda: gsid.fit(model, "1/0"), "an Frf, got RationalModel"),
         (lambda: gsid.noise([record]), "one Record at a time, got list"),
     ):
         with pytest.raises(TypeError, match=told):
             call()
+
+
+def test_a_record_is_fitted_with_the_defaults_of_frf(record):
+    for given in (record, [record], [record, record], gsid.spectra(record)):
+        model, expected = gsid.fit(given, "1/0"), gsid.fit(gsid.frf(given), "1/0")
+        np.testing.assert_array_equal(model.num, expected.num)
+        np.testing.assert_array_equal(model.cov, expected.cov)
+    with pytest.raises(TypeError, match="an Frf, got list"):
+        gsid.fit([record, "b.csv"], "1/0")
 
 
 def test_a_delay_is_seconds(record, caplog):

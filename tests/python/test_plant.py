@@ -36,6 +36,22 @@ def measured(u, y, hold, **more):
     return spectra(Record(np.tile(u, 3), np.tile(y, 3), FS_HZ, len(u), 0, hold=hold, **more))
 
 
+def test_a_record_is_predicted_like_its_spectra():
+    """A bug: predict(record) took the samples for lines, and gave another answer without a word."""
+    u = multisine().table()
+    record = Record(np.tile(u, 4), np.tile(axis_period(u), 4), FS_HZ, hold="zoh")
+    model = plant(LINEAR)
+    expected = model.predict(spectra(record))
+    np.testing.assert_array_equal(model.predict(record).Y, expected.Y)
+    np.testing.assert_array_equal(
+        model.predict(record, sensitivities=True).dY, model.predict(spectra(record), sensitivities=True).dY
+    )
+    with pytest.raises(ValueError, match="one record at a time is predicted, got 2"):
+        model.predict([record, record])
+    with pytest.raises(TypeError, match="a record must be a Record or Spectra, got str"):
+        model.predict("rec.csv")
+
+
 # ---- the catalogue ---------------------------------------------------------------------------------------
 
 

@@ -61,8 +61,8 @@ def test_children_forked_beside_threads_do_not_hang():
 
 FORKED_IN_A_PROPERTY = """
 import os, signal, threading
-from gsid.spectrum.spectra import Spectra; from gsid.spectrum.realisation import spectra
-import gsid.spectra as module
+from gsid.spectrum.realisation import spectra
+import gsid.spectrum.spectra as module
 from concurrent_jobs import record
 
 inside, measured = threading.Event(), [spectra(record(400, seed=seed)) for seed in (1, 2)]

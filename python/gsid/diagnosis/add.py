@@ -21,9 +21,7 @@ from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import other_reading
 from gsid.comparison import Comparison, compare
 from gsid.diagnosis.error_fall import fall_p_value
-from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder
-from gsid.diagnosis.ladder import undo_state as _previous
-from gsid.diagnosis.ladder import used_records as _used_records
+from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
 from gsid.diagnosis.probes import Probe
 from gsid.diagnosis.scan import SAMPLER, scan, scan_rates, with_probe
 from gsid.effects.types import EffectType, find
@@ -150,7 +148,7 @@ def add(
     for name, value in (params or {}).items():
         _check(known, name, value)
     kept = None if held_out is None else spectra_of(held_out)
-    split = _split(spectra_of(records), kept, _used_records(model))
+    split = _split(spectra_of(records), kept, used_records(model))
     fitted = silent = split.fitted
     on_step("fitting the model as it is")
     start = model if model.fit is not None else linear_start(model, fitted)
@@ -163,7 +161,7 @@ def add(
     _note_places_outside(after)
     on_step(f"judging on {split.words}")
     rung = _rung(-1, before, after, split, band)
-    step = _step(known.id, rung, _previous(model), fitted)
+    step = _step(known.id, rung, undo_state(model), fitted)
     if before.hold_assumed:
         other = read_as(silent, other_reading(before.hold))
         as_assumed(after, _fit_or_none(after.model, other, band))
@@ -237,13 +235,13 @@ def with_history(
         steps.sort(key=lambda place: order.index(found.effects[place].id))
     # What diagnose began with: the values found are bent by the effects that are not in it yet.
     told, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
-    told.history, previous = copy.deepcopy(given.history), _previous(given)
+    told.history, previous = copy.deepcopy(given.history), undo_state(given)
     for i, place in enumerate(steps):
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
         at = place - sum(later < place for later in steps[i + 1 :])
         rung = _rung(at, before, after, split, band)
         told.history.append(_step(found.effects[place].id, rung, previous, searched))
-        previous, before = _previous(after.model), after
+        previous, before = undo_state(after.model), after
     return told
 
 

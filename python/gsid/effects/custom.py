@@ -15,10 +15,16 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError
 from gsid.effects.table_file import read_table, short_name
-from gsid.effects.types import LOADED as _loaded
-from gsid.effects.types import NULL_KINDS, STAGES, EffectParameter, EffectType, catalogue
-from gsid.effects.types import read_text as _text
-from gsid.effects.types import read_type as _read
+from gsid.effects.types import (
+    LOADED,
+    NULL_KINDS,
+    STAGES,
+    EffectParameter,
+    EffectType,
+    catalogue,
+    read_text,
+    read_type,
+)
 
 
 def entry_keys(effect: str) -> tuple[str, ...]:
@@ -53,11 +59,11 @@ def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
         raise InputError(f"the description of the {effect} lacks {error}", where) from error
     except InputError as error:
         raise InputError(error.what, f"{where} {error.where}".strip(), error.value, error.hint) from error
-    if "library" in entry and effect not in _loaded:
+    if "library" in entry and effect not in LOADED:
         typed = shlex.join(["gsid", "--library", str(entry["library"])])
         hint = f"its code runs only when you say so: {typed} ..., or gsid.effects.load"
         raise InputError("the effect is of a library that was not loaded", where, effect, hint)
-    return _loaded.get(effect)
+    return LOADED.get(effect)
 
 
 # ---- effects of one's own ------------------------------------------------------------------------------
@@ -203,7 +209,7 @@ def load(library: str | Path, name: str) -> EffectType:
         raise InputError("the effect was compiled for another version of gsid", where, name, hint)
     effect = _checked(found.effect, where)
     known = dataclasses.replace(effect, definition={"library": f"{where}:{name}"}, keep=(shared,))
-    _loaded[known.id] = known
+    LOADED[known.id] = known
     return known
 
 
@@ -211,10 +217,10 @@ def _checked(c: Any, where: str) -> EffectType:
     """What a descriptor says, when it can be true."""
     functions = ("linear", "torque", "command", "control", "refresh_hz", "disturbance")
     wrong = ""
-    if ffi.NULL in (c.id, c.sentence) or not _text(c.id):
+    if ffi.NULL in (c.id, c.sentence) or not read_text(c.id):
         wrong = "it has no id or sentence"
-    elif _text(c.id) in catalogue() or _text(c.id) in (EXPRESSION, TABLE):
-        wrong = f"its id {_text(c.id)} is one of gsid's own"
+    elif read_text(c.id) in catalogue() or read_text(c.id) in (EXPRESSION, TABLE):
+        wrong = f"its id {read_text(c.id)} is one of gsid's own"
     elif c.n_parameters > lib.GSID_EFFECT_PARAMETERS_MAX:
         wrong = f"it has {c.n_parameters} parameters of at most {lib.GSID_EFFECT_PARAMETERS_MAX}"
     elif any(
@@ -229,7 +235,7 @@ def _checked(c: Any, where: str) -> EffectType:
         raise InputError(
             f"the effect's descriptor is wrong: {wrong}", where, None, "see include/gsid/effect.h"
         )
-    return _read(c)
+    return read_type(c)
 
 
 def _own_parameter(text: str, name: str, start: Any, limits: Sequence[float]) -> EffectParameter:

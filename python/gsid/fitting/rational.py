@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,10 @@ from gsid.models.confidence import unwrapped_phase_deg
 from gsid.models.fit_warning import FitWarning
 from gsid.models.hold import fit_both
 from gsid.models.rational import RationalModel
-from gsid.response.frf import check_response
-
-if TYPE_CHECKING:
-    from gsid.response.frf import Frf
+from gsid.records.record import Record
+from gsid.response.estimate import as_response
+from gsid.response.frf import Frf
+from gsid.spectrum.spectra import Spectra
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +45,7 @@ ROUNDING = 1e-3
 
 
 def fit(
-    frf: Frf,
+    frf: Frf | Record | Spectra | Sequence[Record | Spectra],
     order: str | tuple[int, int] = "4/3",
     *,
     delay: str | float = "free",
@@ -64,8 +65,9 @@ def fit(
 
     Parameters
     ----------
-    frf : Frf
-        Measured response and its variance, from at least two periods.
+    frf : Frf, Record or Spectra, or a sequence of records or spectra
+        Measured response and its variance, from at least two periods. That of records is measured with the
+        defaults of `gsid.frf`.
     order : "POLES/ZEROS" or (poles, zeros)
         Degrees of denominator and numerator.
     delay : "free", "none" or float
@@ -112,11 +114,13 @@ def fit(
         Wrong arguments, too few lines or periods, (co)variances of input and output that contradict each
         other.
     TypeError
-        No response, as a record.
+        Neither a response nor records.
+    InputError
+        Of records, as `gsid.frf`.
     GsidError
         No stable model, or singular equations.
     """
-    check_response(frf)
+    frf = as_response(frf)
     n_poles, n_zeros = parse_order(order)
     _check_choices(method, domain, solver)
     if hold is None and domain == "s" and frf.hold is None:

@@ -26,8 +26,7 @@ from gsid.models.misfit import Errors, misfit
 from gsid.models.sample_rate import at_rate_of
 from gsid.records.mimo import MimoRecord
 from gsid.response.frf import check_response
-from gsid.response.mimo import any_excited as _any_excited
-from gsid.response.mimo import channel_lines as _lines_of
+from gsid.response.mimo import any_excited, channel_lines
 from gsid.spectrum.lines import for_weights
 
 if TYPE_CHECKING:
@@ -221,8 +220,8 @@ def nrmse(
     for record in records:
         if (record.inputs, record.outputs) != (model.inputs, model.outputs):
             raise InputError("the channels are not the model's", record.name, record.inputs + record.outputs)
-        u, y, n_period = part = _lines_of(record)
-        chosen = _any_excited(part, n_period)
+        u, y, n_period = part = channel_lines(record)
+        chosen = any_excited(part, n_period)
         f_hz = np.arange(len(chosen)) * (record.fs_hz / n_period)
         left = y.copy()
         left[..., chosen] -= np.einsum("kij,pjk->pik", model.response(f_hz[chosen]), u[..., chosen])

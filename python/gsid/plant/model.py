@@ -23,6 +23,8 @@ from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
 from gsid.plant.periodic import PeriodicPlant, Prediction, input_period
 from gsid.plant.units import RADIANS
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra
 
 OUTPUTS = ("rate", "angle")
@@ -197,14 +199,15 @@ class PlantModel:
         """
         return PeriodicPlant(self, u, self.fs_hz).run()
 
-    def predict(self, measured: Spectra, *, sensitivities: bool = False) -> Prediction:
+    def predict(self, measured: Record | Spectra, *, sensitivities: bool = False) -> Prediction:
         """Periodic answer to a record's mean input.
 
         Parameters
         ----------
-        measured : Spectra
-            Hold "zoh": its input is the command that was held over each sample. Hold "none": it is a signal
-            without lines above half the sample rate.
+        measured : Record or Spectra
+            A record is cut into periods with the defaults of `gsid.frf`. Hold "zoh": its input is the command
+            that was held over each sample. Hold "none": it is a signal without lines above half the sample
+            rate.
         sensitivities : bool
             Whether to give dY.
 
@@ -213,9 +216,16 @@ class PlantModel:
         GsidError
             The values cannot be simulated.
         InputError
-            The loop's rate is not the record's.
+            The loop's rate is not the record's; a record that `gsid.spectra` refuses.
+        TypeError
+            Neither a record nor its spectra.
+        ValueError
+            Several records.
         """
-        return PeriodicPlant.of(self, measured).run(sensitivities=sensitivities)
+        several = spectra_of(measured)
+        if len(several) != 1:
+            raise ValueError(f"one record at a time is predicted, got {len(several)}")
+        return PeriodicPlant.of(self, several[0]).run(sensitivities=sensitivities)
 
     # ---- files ---------------------------------------------------------------------------------------
 

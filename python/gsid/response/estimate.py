@@ -11,8 +11,7 @@ import numpy as np
 
 from gsid.base.errors import InputError, NotPeriodicError
 from gsid.records.record import Record
-from gsid.response.frf import Frf, merged
-from gsid.response.frf import response_of as _response
+from gsid.response.frf import Frf, check_response, merged, response_of
 from gsid.spectrum.lines import covariance, sample_variance
 from gsid.spectrum.realisation import Realisation, common_lines, listed, realisations, rejected_lines
 from gsid.spectrum.spectra import Spectra
@@ -119,6 +118,31 @@ def frf(
     return replace(result, removed=tuple(removed))
 
 
+def as_response(measured: Frf | Record | Spectra | Sequence[Record | Spectra]) -> Frf:
+    """A response as it is, and that of records with the defaults of :func:`frf`.
+
+    Parameters
+    ----------
+    measured : Frf, Record or Spectra, or a sequence of records or spectra
+
+    Returns
+    -------
+    Frf
+
+    Raises
+    ------
+    TypeError
+        Something else.
+    InputError, ValueError
+        As :func:`frf`.
+    """
+    several = measured if isinstance(measured, list | tuple) else [measured]
+    if all(isinstance(one, Record | Spectra) for one in several):
+        return frf(measured)
+    check_response(measured)
+    return measured
+
+
 def _say_rejected(result: Frf) -> None:
     left_out = result.rejected_hz
     if len(left_out):
@@ -199,7 +223,7 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
     return Frf(
         line=line,
         f_hz=part.f_hz[line],
-        **_response(u, y, var_u, var_y, cov_yu, part.n_periods),
+        **response_of(u, y, var_u, var_y, cov_yu, part.n_periods),
         n_periods=part.n_periods,
         n_realisations=1,
         n_spoiled=part.n_spoiled,

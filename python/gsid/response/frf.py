@@ -336,7 +336,7 @@ def _merged_pair(a: Frf, b: Frf) -> Frf:
 
 
 def check_response(frf: object) -> None:
-    """Refuse (TypeError) what is no measured response, as a record that still has to become one."""
+    """Refuse (TypeError) what is no measured response."""
     if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
         hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
         raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")
