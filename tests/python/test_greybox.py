@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from gsid.base.errors import GsidError, InputError
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
+from gsid.greybox.linear_start import linear_start
 from gsid.greybox.minimise import minimise
 from gsid.greybox.problem import Point, Problem
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -294,6 +295,17 @@ def test_a_start_that_cannot_be_simulated_is_said():
     model["cable_spring.stiffness"].value = -1e7
     with pytest.raises(InputError, match="cannot be simulated as it starts"):
         fit_plant(model, records(1))
+
+
+@pytest.mark.parametrize("value", [0.0, 1e30])
+def test_a_constant_output_is_bad_input(value):
+    """A bug: "Residuals are not finite in the initial point", as if the command had been typed wrong."""
+    (still,) = records(1)
+    still.y = np.full_like(still.y, value)
+    for fit in (fit_plant, lambda model, record: linear_start(model, [spectra(record)])):
+        with pytest.raises(InputError, match="the output is constant") as refused:
+            fit(start(TRUTH), still)
+        assert refused.value.hint
 
 
 def test_misuse():

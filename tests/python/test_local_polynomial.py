@@ -108,6 +108,9 @@ def test_refusals():
     assert "sample 2500" in caught.value.where
     with pytest.raises(InputError, match="less than one period"):
         frf(from_rest(1, 1), lpm=True, settle=1)
+    # A bug: "a configuration value is out of its range", as a failure inside.
+    with pytest.raises(InputError, match="period or settling is out of range"):
+        frf(from_rest(1, 2), lpm=True, period=1)
     impulse = np.zeros(N)
     impulse[0] = 1.0  # all lines alike: response and transient are one
     with pytest.raises(InputError, match="too alike"):

@@ -234,6 +234,8 @@ def test_too_many_spoiled():
         ({"y": np.full(10, np.nan)}, "not finite"),
         ({"fs_hz": 0.0}, "sample rate"),
         ({"fs_hz": np.nan}, "sample rate"),
+        ({"fs_hz": 1e-320}, "sample rate is out of range"),
+        ({"fs_hz": 1e30}, "sample rate is out of range"),
         ({"hold": "foh"}, "hold"),
     ],
 )

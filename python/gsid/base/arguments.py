@@ -7,6 +7,8 @@ from typing import Any
 
 from gsid.base.errors import InputError
 
+SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e15  # sample rates: powers of frequencies stay doubles
+
 
 def whole_samples(name: str, value: Any) -> int | None:
     """A count of samples; a float is taken when it is a whole number, as one out of a file is.
@@ -49,6 +51,29 @@ def real_number(name: str, value: Any, unit: str) -> float:
         return float(value)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} must be a number [{unit}], got {value!r:.60}") from error
+
+
+def sample_rate(value: float, where: str) -> float:
+    """A sample rate that can be calculated with.
+
+    Parameters
+    ----------
+    value : float
+        Hz.
+    where : str
+        File or record.
+
+    Raises
+    ------
+    InputError
+        It is not positive, or no rate that anything is sampled with.
+    """
+    if not (math.isfinite(value) and value > 0):
+        raise InputError("the sample rate is not a positive number", where, value, "give it with --fs [Hz]")
+    if not SLOWEST_HZ <= value <= FASTEST_HZ:
+        hint = f"it lies in {SLOWEST_HZ:g} .. {FASTEST_HZ:g} Hz: look at its unit, or give it with --fs [Hz]"
+        raise InputError("the sample rate is out of range", where, f"{value:g} Hz", hint)
+    return value
 
 
 def printable_text(name: str, value: Any, where: str) -> str:

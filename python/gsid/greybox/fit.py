@@ -29,7 +29,7 @@ from gsid.plant.model import PlantModel, check_plant, transport_delay_s
 from gsid.plant.periodic import Prediction
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, is_open, read_as
+from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 
 _log = logging.getLogger(__name__)
 
@@ -232,7 +232,8 @@ def fit_plant(
     ValueError
         Wrong arguments, or no line in the band.
     InputError
-        The model cannot be simulated as it starts, or does not fit the records; fewer lines than unknowns;
+        The model cannot be simulated as it starts, or does not fit the records; an output is constant; fewer
+        lines than unknowns;
         records too short for a variance.
     GsidError
         NLopt was left out of the build.
@@ -244,6 +245,7 @@ def fit_plant(
     if max_iter < 1:
         raise ValueError(f"max_iter must be at least 1, got {max_iter}")
     measured = spectra_of(records)
+    require_motion_of_output(measured)
     check_plant(model)
     if is_open(measured) and not model.has_controller:
 

@@ -21,7 +21,7 @@ from gsid.effects.types import catalogue
 from gsid.plant.linear_response import linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
-from gsid.spectrum.spectra import Spectra
+from gsid.spectrum.spectra import Spectra, require_motion_of_output
 
 SPREAD = 0.15  # a resonance is looked for within this share of its value
 STEP = 0.1  # of its half-power width: finer than the peak
@@ -44,7 +44,13 @@ def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
     -------
     PlantModel
         The model itself when it has no such parameter, or when the response fits no better than before.
+
+    Raises
+    ------
+    InputError
+        An output is constant.
     """
+    require_motion_of_output(measured)
     names = [name for name in model.free_names if name in LINEAR]
     if not names:
         return model

@@ -85,13 +85,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     if period is None:
         period = find_period(record.u, valid=record.valid, name=record.name)
         _log.info("%s: period of %d samples found from u", label, period)
-    if period < MIN_PERIOD or (settle is not None and settle < 0):
-        raise InputError(
-            "period or settling is out of range",
-            record.name,
-            f"period {period}, settle {settle}",
-            f"the period is at least {MIN_PERIOD} samples, the settling at least 0",
-        )
+    require_period(period, settle, record.name)
     if period > len(record):
         raise _too_few_periods(record, period, settle or 0, 0)
     if settle is None:
@@ -120,6 +114,30 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     if not np.any(y - y[0, 0]):
         _log.warning("%s: y is constant: nothing was measured", label)
     return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
+
+
+def require_period(period: int, settle: int | None, name: str) -> None:
+    """Refuse a period that is too short, or a negative settling.
+
+    Parameters
+    ----------
+    period, settle : int
+        Samples; the settling may be None.
+    name : str
+        Of the record.
+
+    Raises
+    ------
+    InputError
+        It is out of range.
+    """
+    if period < MIN_PERIOD or (settle is not None and settle < 0):
+        raise InputError(
+            "period or settling is out of range",
+            name,
+            f"period {period}, settle {settle}",
+            f"the period is at least {MIN_PERIOD} samples, the settling at least 0",
+        )
 
 
 def _too_few_periods(record: Record, period: int, settle: int, n_spoiled: int) -> InputError:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gsid.base.arguments import printable_text, real_number, whole_samples
+from gsid.base.arguments import printable_text, real_number, sample_rate, whole_samples
 from gsid.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,11 +80,7 @@ class Record:
                     f"{len(self.u)} and {np.size(array)} samples",
                     "export them from the same time span",
                 )
-        self.fs_hz = real_number("fs_hz", self.fs_hz, "Hz")
-        if not (np.isfinite(self.fs_hz) and self.fs_hz > 0):
-            raise InputError(
-                "the sample rate is not a positive number", self.name, self.fs_hz, "give it with --fs [Hz]"
-            )
+        self.fs_hz = sample_rate(real_number("fs_hz", self.fs_hz, "Hz"), self.name)
         if self.hold not in ("zoh", "none", None):
             raise InputError("unknown hold", self.name, self.hold, "write zoh (a held command) or none")
         for name in ("u_unit", "y_unit"):

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
-from gsid.records.periods import find_period
+from gsid.records.periods import find_period, require_period
 from gsid.records.record import Record
 from gsid.response.frf import Frf
 from gsid.spectrum.excited import excited_lines, large_lines, say_slip
@@ -144,6 +144,7 @@ def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsett
     period = record.period_samples if period is None else whole_samples("period", period)
     if period is None:
         period = find_period(record.u, valid=record.valid, name=record.name)
+    require_period(period, settle, record.name)
     n_periods = (len(record) - settle) // period
     size = f"{len(record)} samples, period {period}, settle {settle}"
     if n_periods < 1:

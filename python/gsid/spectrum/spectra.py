@@ -6,14 +6,16 @@ The phases of the lines count from the record's first sample on, whatever was th
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gsid.base.cached import cached_property
+from gsid.base.errors import InputError
 from gsid.spectrum.lines import covariance, sample_variance, variance_between_lines
 
+CONSTANT = 1e-13  # largest line of an output over its mean, by rounding
 DIGEST_LENGTH = 16  # hexadecimal digits
 
 
@@ -110,6 +112,25 @@ class Spectra:
             f"{self.fs_hz:g} Hz, {self.n_spoiled} spoiled, settling {self.settle_samples}; "
             f"{len(f_hz)} excited lines {f_hz[0]:g} .. {f_hz[-1]:g} Hz)"
         )
+
+
+def require_motion_of_output(measured: Iterable[Spectra]) -> None:
+    """Refuse records to fit whose output is constant.
+
+    Parameters
+    ----------
+    measured : iterable of Spectra
+
+    Raises
+    ------
+    InputError
+        An output has no lines but its mean, to rounding.
+    """
+    for one in measured:
+        size = np.abs(one.Y)
+        if not np.max(size[:, 1:]) > CONSTANT * np.max(size[:, 0]):
+            hint = "look at the sensor, and at the column that --y names"
+            raise InputError("the output is constant: there is nothing to fit", one.name, None, hint)
 
 
 def is_open(measured: Sequence[Spectra]) -> bool:
