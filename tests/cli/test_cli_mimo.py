@@ -104,7 +104,7 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     samples = np.fft.irfft(second, N, axis=1).reshape(-1, 4)
     header = f"# fs_hz: {FS_HZ}\n# period_samples: {N}\n# settle_samples: 0\nu1,u2,y1,y2"
     np.savetxt(tmp_path / "c.csv", samples, delimiter=",", header=header, comments="")
-    fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", "c.csv")
+    fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", experiments[1])
     whole = gsid(*fit)
     assert whole.code == 3
     assert "not told apart at" in whole.err

@@ -370,3 +370,8 @@ def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
     orders = json.loads(gsid("fit", rec_csv, "--order", "auto", "--held-out", "new.csv", "--json").out)
     assert all(row["held_out"]["n_lines"] == len(LINES) for row in orders["orders"])
     assert gsid("fit", rec_csv, "--order", "2/0", "--piecewise", "2", "--held-out", "new.csv").code == 2
+    # A bug: "on data kept out" of a record that was fitted.
+    Path("copy.csv").write_bytes(Path(rec_csv).read_bytes())
+    refused = gsid("fit", rec_csv, "--order", "2/0", "--held-out", "copy.csv")
+    assert (refused.code, refused.out) == (3, "")
+    assert "a record is fitted and kept out\n  where: copy.csv\n" in refused.err

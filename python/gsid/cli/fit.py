@@ -181,6 +181,7 @@ def fit(
     from gsid.fitting.validation import validate
     from gsid.records.record import Record
     from gsid.response.estimate import frf
+    from gsid.spectrum.spectra import require_not_fitted
 
     fitted = read(records, matrix=True)
     options: dict[str, Any] = {"delay": delay, "band": band, "domain": domain}
@@ -188,12 +189,15 @@ def fit(
         if reference is not None or piecewise is not None:
             raise click.UsageError("--r and --piecewise are for one input and one output", ctx)
         new = read(held_out, matrix=True)
+        require_not_fitted(fitted, new)
         fit_matrix(fitted, new, output, picture, as_json, order=order, method=method, **options)
         return
     if delay == "common":
         raise click.UsageError("--delay common is for several inputs or outputs", ctx)
     if picture and (piecewise is not None or method == "all"):
         raise click.UsageError("--plot draws one model", ctx)
+    kept_out = read(held_out)
+    require_not_fitted(fitted, kept_out)
     measured, name = frf(fitted, reference=reference), describe(fitted)
     if piecewise is not None:
         if order == "auto" or method != "ml" or held_out:
@@ -201,7 +205,7 @@ def fit(
         n = None if piecewise == "auto" else piecewise
         _fit_pieces(measured, name, output, as_json, order, n, **options)
         return
-    new = frf(read(held_out), reference=reference) if held_out else None
+    new = frf(kept_out, reference=reference) if kept_out else None
     choice = None
     if order == "auto":
         choice = choose_order(measured, name, held_out=new, **options)

@@ -33,7 +33,7 @@ from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel, check_plant, with_effect
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, read_as
+from gsid.spectrum.spectra import Spectra, read_as, require_not_fitted
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -287,10 +287,7 @@ def _split(
 ) -> _Split:
     """What is fitted, and what judges; `used` are digests of the records of earlier steps."""
     if held_out is not None:
-        both = next((k.name for k in held_out for m in measured if np.array_equal(k.Y, m.Y)), None)
-        if both is not None:
-            hint = "leave it out of the records to fit, or judge on another"
-            raise InputError("a record is fitted and kept out", both, None, hint)
+        require_not_fitted(measured, held_out)
         return _split_of_records(measured, held_out, "kept_out", used)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:

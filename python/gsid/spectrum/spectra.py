@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -131,6 +132,35 @@ def require_motion_of_output(measured: Iterable[Spectra]) -> None:
         if not np.max(size[:, 1:]) > CONSTANT * np.max(size[:, 0]):
             hint = "look at the sensor, and at the column that --y names"
             raise InputError("the output is constant: there is nothing to fit", one.name, None, hint)
+
+
+class HasOutput(Protocol):
+    """A record of one output or several, or its spectra."""
+
+    name: str
+
+    @property
+    def y(self) -> np.ndarray:
+        """Output."""
+        ...
+
+
+def require_not_fitted(fitted: Sequence[HasOutput], held_out: Sequence[HasOutput]) -> None:
+    """Refuse to judge on a record that is fitted.
+
+    Parameters
+    ----------
+    fitted, held_out : sequence of Record, MimoRecord or Spectra
+
+    Raises
+    ------
+    InputError
+        A record kept out is one of those fitted, whatever its name.
+    """
+    for one in held_out:
+        if any(np.array_equal(one.y, other.y) for other in fitted):
+            hint = "leave it out of the records to fit, or judge on another"
+            raise InputError("a record is fitted and kept out", one.name, None, hint)
 
 
 def is_open(measured: Sequence[Spectra]) -> bool:
