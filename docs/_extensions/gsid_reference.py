@@ -7,7 +7,6 @@ warning, which `make docs` treats as an error.
 import importlib
 import inspect
 import re
-import types
 from pathlib import Path
 
 import c_headers
@@ -93,28 +92,11 @@ class CHeaders(Made):
 # ---- Python --------------------------------------------------------------------------------------------
 
 
-def public_names() -> dict[str, object]:
-    """Public functions, classes and modules of the package by their full names, results included."""
-    found = {f"gsid.{name}": getattr(gsid, name) for name in sorted(gsid.__all__) if not name.startswith("_")}
-    for function in [thing for thing in found.values() if inspect.isfunction(thing)]:
-        for result in returned(function):
-            if not any(result is thing for thing in found.values()):
-                found[f"{result.__module__}.{result.__name__}"] = result
-    return found
-
-
-def returned(function: types.FunctionType) -> list[type]:
-    """Classes of the package in a function's return annotation."""
-    words = re.findall(r"\w+", str(function.__annotations__.get("return", "")))
-    things = [function.__globals__.get(word) for word in words]
-    return [thing for thing in things if inspect.isclass(thing) and thing.__module__.startswith("gsid")]
-
-
 class PythonNames(Made):
     """Every public name with its docstring: functions, then classes, then modules."""
 
     def lines(self) -> list[str]:
-        found = public_names()
+        found = {name: getattr(gsid, name) for name in sorted(gsid.__all__) if not name.startswith("_")}
         lines = []
         for heading, is_kind, directive in (
             ("Functions", inspect.isfunction, "autofunction"),
@@ -124,7 +106,7 @@ class PythonNames(Made):
             lines += title(heading, "-")
             for name, thing in found.items():
                 if is_kind(thing):
-                    lines += ["", f".. {directive}:: {name}"]
+                    lines += ["", f".. {directive}:: gsid.{name}"]
                     lines += [] if directive == "autofunction" else ["   :members:"]
                     lines += ["   :undoc-members:"] if directive == "autoclass" else []
         return [*lines, ""]

@@ -106,6 +106,7 @@ class PiecewiseModel(Plottable):
 
     @property
     def fs_hz(self) -> float | None:
+        """Sample rate of a held input [Hz]; None for a model of an input that is not held."""
         return self.pieces[0].fs_hz
 
     @property
@@ -115,6 +116,7 @@ class PiecewiseModel(Plottable):
 
     @property
     def n_lines(self) -> int:
+        """Number of lines of all pieces."""
         return sum(piece.n_lines or 0 for piece in self.pieces)
 
     @property
@@ -129,18 +131,22 @@ class PiecewiseModel(Plottable):
 
     @property
     def stable(self) -> bool:
+        """Whether all pieces are stable."""
         return all(piece.stable for piece in self.pieces)
 
     @property
     def converged(self) -> bool:
+        """Whether the fits of all pieces have converged."""
         return all(bool(piece.converged) for piece in self.pieces)
 
     @property
     def u_unit(self) -> str:
+        """Unit of the input."""
         return self.pieces[0].u_unit
 
     @property
     def y_unit(self) -> str:
+        """Unit of the output."""
         return self.pieces[0].y_unit
 
     def piece_at(self, f_hz: np.ndarray | float) -> np.ndarray:
