@@ -31,7 +31,7 @@ from gsid.models.rational import half_of
 from gsid.models.sample_rate import at_rate_of
 from gsid.plant.model import PlantModel, transport_delay_s
 from gsid.plant.units import check_units
-from gsid.spectrum.lines import for_weights
+from gsid.spectrum.pooling import for_weights
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 

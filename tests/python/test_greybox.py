@@ -18,7 +18,7 @@ from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
-from gsid.spectrum.lines import DOF_WANTED, smoothed
+from gsid.spectrum.pooling import DOF_WANTED, smoothed
 from gsid.spectrum.realisation import spectra
 
 N, P = 1500, 4

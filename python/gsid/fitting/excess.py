@@ -15,7 +15,7 @@ from scipy import stats
 
 from gsid.models.fit_warning import FitWarning
 from gsid.models.misfit import Errors, misfit
-from gsid.spectrum.lines import for_weights
+from gsid.spectrum.pooling import for_weights
 
 if TYPE_CHECKING:
     from gsid.models.rational import RationalModel

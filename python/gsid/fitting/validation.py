@@ -27,7 +27,7 @@ from gsid.models.sample_rate import at_rate_of
 from gsid.records.mimo import MimoRecord
 from gsid.response.frf import check_response
 from gsid.response.mimo import any_excited, channel_lines
-from gsid.spectrum.lines import for_weights
+from gsid.spectrum.pooling import for_weights
 
 if TYPE_CHECKING:
     from gsid.models.mimo import MimoModel

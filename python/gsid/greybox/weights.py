@@ -9,7 +9,7 @@ import numpy as np
 from gsid.base.bands import in_band
 from gsid.base.errors import InputError
 from gsid.plant.model import PlantModel
-from gsid.spectrum.lines import smoothed
+from gsid.spectrum.pooling import smoothed
 from gsid.spectrum.spectra import Spectra
 
 UNSETTLED = 0.1  # what may change in a period, over the mean's noise, before it is reported

@@ -40,7 +40,7 @@ class Errors:
         Its degrees of freedom, inf where the variance is known.
     var_weight : (k,) ndarray
         The same variance, less scattered: 1 over it is the weight of the line
-        (`gsid.spectrum.lines.for_weights`).
+        (`gsid.spectrum.pooling.for_weights`).
     real : (k,) bool ndarray
         Lines without imaginary part.
     by_model : (k, p) complex ndarray
