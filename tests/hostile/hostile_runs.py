@@ -12,6 +12,7 @@ import collections
 import importlib
 import json
 import os
+import pkgutil
 import resource
 import shutil
 import signal
@@ -98,21 +99,10 @@ def run_corpus(entries, n_verbs, own_process, ended=()):
         import scipy.signal
         import scipy.stats  # noqa: F401
 
-        from gsid.cli.main import VERBS
+        import gsid
 
-        for verb in VERBS:
-            importlib.import_module(f"gsid.cli.{verb.replace('-', '_')}")
-        for module in (
-            "diagnose",
-            "export_c",
-            "greybox",
-            "io",
-            "ladder",
-            "mimo_model",
-            "piecewise",
-            "report",
-        ):
-            importlib.import_module(f"gsid.{module}")
+        for module in pkgutil.walk_packages(gsid.__path__, "gsid."):
+            importlib.import_module(module.name)
     with tempfile.TemporaryDirectory() as place:
         for n, entry in enumerate(entries, 1):
             if n % 50 == 0:
