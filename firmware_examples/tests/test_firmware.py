@@ -11,7 +11,7 @@ from emulator import ROOT, image
 
 import gsid
 from gsid.records.record import Record
-from gsid.rig.link import SAMPLE, Receiver
+from gsid.rig.frames import SAMPLE, Receiver
 
 N_PERIOD, N_LINES, N_GOOD = 6000, 500, 10
 

@@ -12,7 +12,8 @@ import pytest
 from conftest import Run, connect, emulated, measure, three_pole_axis
 from emulator import Axis, serve
 
-from gsid.rig.link import COMMAND, HELLO, STOP, Receiver, SerialTransport
+from gsid.rig.frames import COMMAND, HELLO, STOP, Receiver
+from gsid.rig.link import SerialTransport
 
 IMAGE = "m7-short"
 MIDDLE = 900  # a tick in the middle of the run

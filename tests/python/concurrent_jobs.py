@@ -50,7 +50,7 @@ from gsid.response.estimate_distortion import StreamingDistortion, distortion
 from gsid.response.mimo import frf_mimo
 from gsid.response.streaming import StreamingFrf
 from gsid.rig.axis import SimulatedAxis
-from gsid.rig.link import Receiver, encode, frames
+from gsid.rig.frames import Receiver, encode, frames
 
 FS_HZ, N_THREADS, N_ROUNDS = 1000.0, 4, 2
 AXIS = RationalModel([7.4, 200], [1, 30, 4e4], 0.002, fs_hz=FS_HZ, hold="zoh")

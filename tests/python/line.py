@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from gsid.rig.axis import SimulatedAxis
-from gsid.rig.link import COMMAND, FRAME_BYTES, SAMPLE, Receiver, encode
+from gsid.rig.frames import COMMAND, FRAME_BYTES, SAMPLE, Receiver, encode
 from gsid.rig.server import Server
 
 SESSION = 7  # of tests that speak the protocol by hand

@@ -14,8 +14,10 @@ import pytest
 from line import Altered, Loopback, multisine, quiet_axis
 
 from gsid.base.errors import InputError
+from gsid.rig.frames import SAMPLE
 from gsid.rig.journal import Journal, JournalError, RunDescription, recover
-from gsid.rig.link import SAMPLE, LinkError, run
+from gsid.rig.link import LinkError
+from gsid.rig.run import run
 from gsid.rig.server import Server
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md

@@ -12,23 +12,22 @@ from line import SESSION, Altered, Loopback, frames_in, multisine, quiet_axis
 from gsid.base.errors import InputError
 from gsid.response.streaming import StreamingFrf
 from gsid.rig import link
-from gsid.rig.link import (
+from gsid.rig import run as rig_run
+from gsid.rig.frames import (
     COMMAND,
+    FRAME_BYTES,
     HELLO,
     SAMPLE,
     SESSION_MAX,
     STOP,
     VERSION,
-    Link,
-    LinkError,
     Receiver,
-    Stopped,
     encode,
     frames,
     hello_frame,
-    new_session,
-    run,
 )
+from gsid.rig.link import Link, LinkError, Stopped, new_session
+from gsid.rig.run import WINDOW, run
 from gsid.rig.server import Server
 
 N = 600
@@ -152,9 +151,9 @@ def test_a_sample_that_is_no_number_is_lost():
 
 def test_what_is_under_way_is_sent_again(monkeypatch):
     """All that is under way once is lost, commands or samples: the run goes on after a pause."""
-    monkeypatch.setattr(link, "QUIET_S", 0.05)
+    monkeypatch.setattr(rig_run, "QUIET_S", 0.05)
     for kind_lost in (COMMAND, SAMPLE):
-        burst = set(range(SETTLE + 100, SETTLE + 100 + 2 * link.WINDOW))
+        burst = set(range(SETTLE + 100, SETTLE + 100 + 2 * WINDOW))
 
         def lose(kind, tick, kind_lost=kind_lost, burst=burst):
             if kind == kind_lost and tick in burst:
@@ -169,8 +168,8 @@ def test_what_is_under_way_is_sent_again(monkeypatch):
 
 
 def test_a_dead_axis_is_given_up(monkeypatch):
-    monkeypatch.setattr(link, "QUIET_S", 0.05)
-    monkeypatch.setattr(link, "SILENT_S", 0.2)
+    monkeypatch.setattr(rig_run, "QUIET_S", 0.05)
+    monkeypatch.setattr(rig_run, "SILENT_S", 0.2)
     line = Loopback(Server(quiet_axis()), lambda kind, tick: tick >= SETTLE + 1000)
     with pytest.raises(LinkError, match="no sample from the axis") as caught:
         run(line, multisine(N), periods=3)
@@ -309,7 +308,7 @@ def test_link_by_hand():
     with Link(line, "here") as host:
         fs_hz, n_queue = host.hello()
         assert fs_hz == 3000.0
-        assert n_queue >= link.WINDOW
+        assert n_queue >= WINDOW
         host.send(frames(COMMAND, [0, 1], 1.0, 1.0))
         assert host.receive()["tick"].tolist() == [0, 1]
         assert host.stop()
@@ -323,7 +322,7 @@ def test_a_frame_of_an_earlier_run_in_a_good_period_is_not_believed():
 
     class Buffered(Loopback):
         def read(self):
-            whole = self.waiting[: 4086 // link.FRAME_BYTES * link.FRAME_BYTES]
+            whole = self.waiting[: 4086 // FRAME_BYTES * FRAME_BYTES]
             self.waiting = self.waiting[len(whole) :]
             return whole[: len(whole) // 2 // 18 * 18] + stale + whole[len(whole) // 2 // 18 * 18 :]
 

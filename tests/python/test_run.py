@@ -18,7 +18,8 @@ from line import GSID, multisine, quiet_axis, simulator
 
 from gsid.records.files import read_record
 from gsid.response.estimate import frf
-from gsid.rig.link import Link, LinkError, run
+from gsid.rig.link import Link, LinkError
+from gsid.rig.run import run
 from gsid.rig.server import Damage, Server, pseudo_terminal, serve_line
 from gsid.spectrum.realisation import spectra
 

@@ -12,7 +12,7 @@ from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.rig.axis import HIDDEN, SimulatedAxis, hidden_parameters, parameter_types
-from gsid.rig.link import (
+from gsid.rig.frames import (
     COMMAND,
     COMMAND_LOST,
     FRAME_BYTES,

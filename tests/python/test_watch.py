@@ -5,7 +5,8 @@ import pytest
 from line import Loopback, multisine, quiet_axis
 
 from gsid.rig.axis import SimulatedAxis
-from gsid.rig.link import LimitError, Stopped, run
+from gsid.rig.link import LimitError, Stopped
+from gsid.rig.run import run
 from gsid.rig.server import Server
 from gsid.rig.watch import RunLimits, Watch
 

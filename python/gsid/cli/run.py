@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gsid.excitation.multisine import Multisine
     from gsid.records.record import Record
     from gsid.response.frf import Frf
-    from gsid.rig.link import Progress
+    from gsid.rig.run import Progress
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
 JOURNAL = ".journal"  # behind the record's name
@@ -133,7 +133,7 @@ def run(
     """
     from gsid.excitation.multisine import Multisine
     from gsid.response.streaming import StreamingFrf
-    from gsid.rig.link import run as drive
+    from gsid.rig.run import run as drive
     from gsid.rig.watch import RunLimits
 
     if journal_file is not None:

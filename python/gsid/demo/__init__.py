@@ -14,7 +14,7 @@ from gsid.demo.linear import Experiment
 from gsid.demo.missing import Search
 from gsid.excitation.multisine import Multisine
 from gsid.report import Report
-from gsid.rig.link import Progress
+from gsid.rig.run import Progress
 
 
 @dataclass

@@ -12,7 +12,7 @@ from pathlib import Path
 from gsid.excitation.multisine import Multisine
 from gsid.records.files import write_record
 from gsid.records.record import Record
-from gsid.rig.link import Progress, run
+from gsid.rig.run import Progress, run
 
 FS_HZ = 3000.0
 PERIOD = 6000

@@ -14,6 +14,7 @@ from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, nu
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
 from gsid.models.fit_warning import FitWarning
+from gsid.models.polynomial import roots_of
 from gsid.response.frf import Frf, check_response
 
 if TYPE_CHECKING:
@@ -123,12 +124,12 @@ class RationalModel(Plottable):
     @property
     def poles(self) -> np.ndarray:
         """(n,) complex: rad/s in domain "s", z in domain "z"."""
-        return _roots(self.den)
+        return roots_of(self.den)
 
     @property
     def zeros(self) -> np.ndarray:
         """(<= m,) complex: rad/s in domain "s", z in domain "z"."""
-        return _roots(self.num)
+        return roots_of(self.num)
 
     @property
     def stable(self) -> bool:
@@ -576,31 +577,6 @@ def half_of(cov: np.ndarray) -> np.ndarray:
     squares, directions = np.linalg.eigh(cov / np.outer(scale, scale))
     there = squares > np.finfo(float).eps * max(len(cov), 1)
     return scale[:, None] * directions[:, there] * np.sqrt(squares[there])
-
-
-def _roots(coef: np.ndarray) -> np.ndarray:
-    """Roots by gsid's own finder, which keeps conjugate pairs exact; [] for a constant."""
-    ascending = np.ascontiguousarray(coef[::-1])
-    roots = np.empty(max(len(coef) - 1, 1), dtype=complex)
-    n_roots = ffi.new("uint32_t *")
-    # Scaling to roots near 1 keeps the powers in range; the geometric mean of the roots is known without
-    # them.
-    nonzero = np.flatnonzero(ascending)
-    if len(nonzero) == 0:
-        return np.empty(0, dtype=complex)
-    low, high = nonzero[0], nonzero[-1]
-    scale = abs(ascending[low] / ascending[high]) ** (1 / (high - low)) if high > low else 1.0
-    scaled = ascending * scale ** (np.arange(len(coef)) - float(high)) / ascending[high]
-    check(
-        lib.gsid_poly_roots(
-            len(coef) - 1,
-            ffi.from_buffer("double[]", scaled),
-            ffi.cast("gsid_cplx *", ffi.from_buffer(roots)),
-            n_roots,
-        ),
-        "roots",
-    )
-    return roots[: n_roots[0]] * scale
 
 
 def _with_std(values: Any, stds: Any) -> str:

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsid.base.errors import InputError
-from gsid.rig.link import (
+from gsid.rig.frames import (
     COMMAND,
     COMMAND_LOST,
     FRAME_BYTES,
     HELLO,
     SAMPLE,
     SESSION_MAX,
-    SILENCE_STOP_S,
     STOP,
     VERSION,
     Receiver,
@@ -29,6 +28,7 @@ from gsid.rig.link import (
     frames,
     hello_frame,
 )
+from gsid.rig.link import SILENCE_STOP_S
 
 if TYPE_CHECKING:
     from gsid.rig.axis import SimulatedAxis

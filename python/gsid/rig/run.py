@@ -1,0 +1,371 @@
+"""One run: a periodic command sent over the line, and the record of what the axis measured."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsid.records.record import Record
+from gsid.rig.frames import COMMAND, frames
+from gsid.rig.journal import Journal, JournalError, RunDescription
+from gsid.rig.link import QUIET_S, SILENT_S, LimitError, Link, LinkError, Stopped
+from gsid.rig.samples import Samples
+from gsid.rig.watch import ROUNDING, RunLimits, Watch
+
+if TYPE_CHECKING:
+    from gsid.excitation.multisine import Multisine
+    from gsid.response.streaming import StreamingFrf
+    from gsid.rig.link import Transport
+
+WINDOW = 512  # commands under way: 170 ms at 3 kHz, more than an operating system sleeps
+KEEP_ALIVE_S = 0.05  # the host sends something at least so often
+REST_S = 0.5  # of command zero before a run with a limit on travel: what the gyro shows then is its offset
+
+
+@dataclass
+class Progress:
+    """How far a run is: ticks measured, good and lost periods, good periods asked for."""
+
+    ticks: int
+    good: int
+    lost: int
+    asked: int
+
+
+def run(
+    port: str | Transport,
+    excitation: Multisine | np.ndarray,
+    *,
+    periods: int,
+    settle: int | None = None,
+    fs_hz: float = 3000.0,
+    u_unit: str = "command",
+    y_unit: str = "deg/s",
+    meta: dict[str, str] | None = None,
+    frf: StreamingFrf | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    journal: str | os.PathLike | None = None,
+    should_stop: Callable[[], bool] | None = None,
+    limits: RunLimits | None = None,
+) -> Record:
+    """Drive an axis with a periodic excitation until so many good periods are measured.
+
+    A lost or damaged sample spoils its period only; so does one whose echo of the command differs from that
+    of other periods. A lost command (the axis holds the one before, and reports it) disturbs the axis: the
+    `settle` samples that follow it are left out too, as at the start. The command is set to zero at the end,
+    whatever happens.
+
+    Parameters
+    ----------
+    port : str or Transport
+        Serial port, or path of a pseudo-terminal.
+    excitation : Multisine or (N,) array_like
+        One period of the command, unit `u_unit`.
+    periods : int
+        Good periods to measure, >= 1.
+    settle : int, optional
+        Samples at the start that are recorded but not counted as periods. Default: two periods.
+    fs_hz : float
+        Sample rate [Hz]; a Multisine brings its own.
+    u_unit, y_unit : str
+    meta : dict of str, optional
+        Put into the record's meta, beside the statistics of the line.
+    frf : StreamingFrf, optional
+        Given every sample as it comes, so that the response is measured while the axis runs.
+    on_progress : callable, optional
+        Given a `Progress` whenever samples have come.
+    journal : path_like, optional
+        New file for the samples as they come; `gsid.rig.journal.recover` makes a record of it. It is left for
+        the caller to remove once the record is written, and removed here when it holds no sample.
+    should_stop : callable, optional
+        Called many times a second: True ends the run with `Stopped`. For handlers of signals that set a flag.
+    limits : RunLimits, optional
+        Of the planned command, checked before the start, and of the command in force, rate and travel as the
+        samples come. The travel is the integral of the rate less its mean during half a second of command
+        zero before the start, in which the axis has to stand still; the rate is taken to be in deg/s. With a
+        limit on rate or travel, samples without a rate, lost or not numbers, end the run after 1 s.
+
+    Returns
+    -------
+    Record
+        u is the command as the axis reports it applied; hold "zoh"; lost samples are not valid.
+
+    Raises
+    ------
+    ValueError
+        `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
+    LinkError
+        The port cannot be opened, the axis does not answer, runs at another rate, uses another version of the
+        protocol or reports another command than the one sent, the port disappears, or too many periods are
+        lost (8 in a row, or the asked number is not reached in 4 times as many). Its `record` is what was
+        measured until then.
+    LimitError
+        The planned command or the axis passes a limit. Its `record` is what was measured until then.
+    JournalError
+        The journal cannot be written; its `record` is what was measured until then.
+    Stopped
+        Ctrl-C, or `should_stop`; its `record` is what was measured until then.
+    """
+    table, fs_hz = _one_period(excitation, fs_hz)
+    settle = 2 * len(table) if settle is None else int(settle)
+    if periods < 1 or settle < 0:
+        raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
+    name = port if isinstance(port, str) else ""
+    _check_plan(table, limits, name)
+    samples = Samples(table, settle, periods)
+    description = RunDescription(
+        fs_hz,
+        len(table),
+        settle,
+        len(samples.u),
+        u_unit,
+        y_unit,
+        name,
+        (meta or {}) | {"date": _now(), "port": name},
+    )
+    kept = Journal(journal, description) if journal is not None else None
+    consumers = _Consumers(name, kept, frf, on_progress)
+    failure, statistics = _drive(port, samples, table, fs_hz, limits, should_stop, consumers)
+    failure = _close(kept, samples) or failure
+    n = samples.end
+    record = description.record(samples.u[:n], samples.y[:n], samples.valid[:n], statistics) if n else None
+    if failure is not None:
+        failure.record = record  # type: ignore[attr-defined]
+        raise failure
+    assert record is not None
+    return record
+
+
+def _check_plan(table: np.ndarray, limits: RunLimits | None, name: str) -> None:
+    """LimitError when the planned command passes its limit."""
+    peak = np.abs(table).max()
+    if limits and limits.command is not None and peak > limits.command * ROUNDING:
+        raise LimitError(
+            "the planned command passes its limit",
+            name,
+            f"peak {peak:.4g}, limit {limits.command:g}",
+            "lower --amplitude, or `gsid design --limit-command` makes a command that stays within it",
+        )
+
+
+def _drive(
+    port: str | Transport,
+    samples: Samples,
+    table: np.ndarray,
+    fs_hz: float,
+    limits: RunLimits | None,
+    should_stop: Callable[[], bool] | None,
+    consumers: _Consumers,
+) -> tuple[BaseException | None, dict[str, str]]:
+    """Fill `samples`, and set the command to zero: what went wrong, and how the line behaved."""
+    n_ahead = int(SILENT_S * fs_hz)
+    statistics: dict[str, str] = {}
+    try:
+        with Link.open(port, should_stop) if isinstance(port, str) else Link(port, "", should_stop) as link:
+            try:
+                consumers.watch = _watch(link, limits, fs_hz) if limits else None
+                _exchange(link, samples, table, _start(link, fs_hz), n_ahead, consumers.take)
+            except BaseException:
+                statistics = _statistics(samples, link, _stop(link, samples, n_ahead))
+                raise
+            statistics = _statistics(samples, link, _stop(link))
+    except KeyboardInterrupt as error:
+        return error if isinstance(error, Stopped) else Stopped("stopped"), statistics
+    except BaseException as error:
+        return error, statistics
+    return None, statistics
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _close(journal: Journal | None, samples: Samples) -> BaseException | None:
+    """Finish the journal; why it is not whole."""
+    if journal is None:
+        return None
+    try:
+        try:
+            _keep(journal, samples)
+        finally:
+            journal.close()
+    except JournalError as error:
+        return error
+    finally:
+        if not samples.end:
+            journal.path.unlink(missing_ok=True)
+    return None
+
+
+def _keep(journal: Journal, samples: Samples) -> None:
+    """Append what the journal does not have yet."""
+    new = slice(samples.kept, samples.end)
+    if new.start < new.stop:
+        journal.append(new.start, samples.u[new], samples.y[new], samples.valid[new])
+        samples.kept = samples.end
+
+
+@dataclass
+class _Consumers:
+    """Who takes the samples as they come."""
+
+    name: str
+    journal: Journal | None
+    frf: StreamingFrf | None
+    on_progress: Callable[[Progress], None] | None
+    watch: Watch | None = None
+    n_watched: int = 0
+    n_fed: int = 0
+
+    def take(self, samples: Samples) -> None:
+        """Pass on what is new; LimitError when a limit is passed."""
+        if self.journal is not None:
+            _keep(self.journal, samples)
+        if self.watch is not None:
+            self._check_limits(self.watch, samples)
+        if self.frf is not None and samples.echo.is_judged:
+            new = slice(self.n_fed, samples.end)
+            self.frf.step(samples.u[new], samples.y[new], samples.valid[new])
+            self.n_fed = samples.end
+        if self.on_progress:
+            self.on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.asked))
+
+    def _check_limits(self, watch: Watch, samples: Samples) -> None:
+        first, new = self.n_watched, slice(self.n_watched, samples.end)
+        found = watch.check(samples.u[new], samples.y[new], samples.came[new])
+        self.n_watched = samples.end
+        if found is not None:
+            raise LimitError(
+                "the axis passes a limit: stopped",
+                self.name,
+                f"{found[1]}, at sample {first + found[0]}",
+                "lower the amplitude, or raise the limit where the rig stands it",
+            )
+
+
+def _watch(link: Link, limits: RunLimits, fs_hz: float) -> Watch:
+    """Limits, and for the travel the rate that the gyro shows at rest."""
+    if limits.travel_deg is None:
+        return Watch(limits, fs_hz)
+    n_queue = _start(link, fs_hz)
+    table = np.zeros(max(2, round(REST_S * fs_hz)))
+    rest = Samples(table, 0, 1)
+    _exchange(link, rest, table, n_queue, int(SILENT_S * fs_hz), lambda samples: None)
+    return Watch(limits, fs_hz, float(rest.y[rest.valid].mean()))
+
+
+def _one_period(excitation: Multisine | np.ndarray, fs_hz: float) -> tuple[np.ndarray, float]:
+    if hasattr(excitation, "table"):
+        excitation, fs_hz = excitation.table(), excitation.fs_hz
+    table = np.asarray(excitation, dtype=np.float64)
+    if table.ndim != 1 or len(table) < 2 or not np.isfinite(table).all():
+        raise ValueError(f"the excitation is not a row of at least 2 finite numbers: shape {table.shape}")
+    return table, float(fs_hz)
+
+
+def _start(link: Link, fs_hz: float) -> int:
+    axis_hz, n_queue = link.hello()
+    if not abs(axis_hz - fs_hz) <= 1e-6 * fs_hz:  # the line carries single precision
+        raise LinkError(
+            "the axis runs at another rate",
+            link.name,
+            f"{axis_hz:g} Hz, not {fs_hz:g} Hz",
+            f"excite with --fs {axis_hz:g}",
+        )
+    return n_queue
+
+
+def _stop(link: Link, samples: Samples | None = None, n_ahead: int = 0) -> bool:
+    """Set the command to zero, and take the samples under way; True when the axis has confirmed it."""
+
+    def take(got: np.ndarray) -> None:
+        if samples is not None and samples.end:  # else they are those of the rest before the run
+            with contextlib.suppress(LinkError):  # the run ends already
+                samples.take(got, samples.end + n_ahead)
+
+    try:
+        return link.stop(take)
+    except LinkError:
+        return False
+
+
+def _exchange(
+    link: Link,
+    samples: Samples,
+    table: np.ndarray,
+    n_queue: int,
+    n_ahead: int,
+    take: Callable[[Samples], None],
+) -> None:
+    """Keep a window of commands under way, and `take` what comes back, until there are enough good periods.
+
+    A paced axis may have gone on beyond the last command sent while the host was stalled: samples up to
+    `n_ahead` ticks further are believed.
+    """
+    window = max(1, min(WINDOW, n_queue // 2))
+    sent, heard = 0, time.monotonic()
+    sent_at, resend = heard, heard + QUIET_S
+    while samples.n_good < samples.asked:
+        link.check_stop()
+        if samples.hopeless():
+            raise _too_many_lost(link, samples)
+        room = samples.end + window - sent
+        now = time.monotonic()
+        if room > window // 4 or (room > 0 and now > sent_at + KEEP_ALIVE_S):  # not frame by frame
+            sent = _send_commands(link, table, max(sent, samples.end), samples.end + window)
+            link.longest_silence_s = max(link.longest_silence_s, now - sent_at)
+            sent_at = now
+        if samples.take(link.receive(), sent + n_ahead):
+            heard = time.monotonic()
+            resend = heard + QUIET_S
+            take(samples)
+        elif time.monotonic() > heard + SILENT_S:
+            raise LinkError(
+                f"no sample from the axis for {SILENT_S:g} s",
+                link.name,
+                f"after {samples.end} samples",
+                "check the line and the axis, and start again",
+            )
+        elif time.monotonic() > resend:
+            # Commands may be lost, or their samples: then the axis waits for commands that were never sent.
+            sent = _send_commands(link, table, samples.end, min(sent + window, samples.end + n_queue))
+            sent_at = time.monotonic()
+            resend += QUIET_S
+
+
+def _send_commands(link: Link, table: np.ndarray, first: int, end: int) -> int:
+    tick = np.arange(first, end)
+    link.send(frames(COMMAND, tick, table[tick % len(table)], table[(tick + 1) % len(table)]))
+    return end
+
+
+def _too_many_lost(link: Link, samples: Samples) -> LinkError:
+    return LinkError(
+        "too many periods are lost on the line",
+        link.name,
+        f"{samples.n_good} good of {len(samples.good)}, {samples.asked} asked for; "
+        f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost, "
+        f"{samples.echo.n_wrong} wrong echoes",
+        "mend the line (cable, grounding, baud rate), or shorten the period: one lost sample spoils it",
+    )
+
+
+def _statistics(samples: Samples, link: Link, confirmed: bool) -> dict[str, str]:
+    """How the line behaved."""
+    values = {
+        "lost_commands": samples.n_held,
+        "wrong_echoes": samples.echo.n_wrong,
+        "longest_host_silence_s": f"{link.longest_silence_s:.3f}",
+        "link_frames": link.receiver.n_frames,
+        "link_damaged": link.receiver.n_damaged,
+        "link_garbage_bytes": link.receiver.n_garbage,
+        "command_zero_confirmed": "yes" if confirmed else "no",
+    }
+    return {key: str(value) for key, value in values.items()}

@@ -1,0 +1,157 @@
+"""Samples of a run as they come: what was lost, and whether the command was the one sent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsid.rig.frames import LOST_COUNT, SAMPLE
+from gsid.rig.link import LinkError
+
+GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
+BAD_IN_A_ROW = 8  # periods
+BAD_FACTOR = 4  # periods measured over periods asked for
+
+
+class Echo:
+    """The command as the axis reports it: the one sent, clipped and rounded, the same in every period."""
+
+    def __init__(self, table: np.ndarray) -> None:
+        self.sent = table.astype(np.float32)
+        self.known = np.full(len(table), np.nan, np.float32)  # echo of each sample of the period
+        self.other = np.full(len(table), np.nan, np.float32)  # another one, seen last: twice, and it is right
+        self.n_wrong = 0
+        self.is_judged = False  # whether a whole period was compared with what was sent
+
+    def check(self, tick: np.ndarray, echo: np.ndarray) -> np.ndarray:
+        """Whether each of these samples, of rising ticks, has the echo of its sample in other periods."""
+        good = np.empty(len(tick), bool)
+        first = 0
+        while first < len(tick):
+            end = int(np.searchsorted(tick, tick[first] + len(self.sent)))
+            good[first:end] = self._check_period(tick[first:end] % len(self.sent), echo[first:end])
+            first = end
+        self.n_wrong += int(np.count_nonzero(~good))
+        return good
+
+    def _check_period(self, phase: np.ndarray, echo: np.ndarray) -> np.ndarray:
+        known = self.known[phase]
+        good = np.isnan(known) | (echo == known) | (echo == self.other[phase])
+        self.known[phase[good]] = echo[good]
+        self.other[phase] = np.where(good, np.nan, echo)
+        return good
+
+    def judge(self) -> np.ndarray:
+        """Compare a whole period with what was sent; LinkError when they differ by more than single samples.
+
+        Returns
+        -------
+        (m,) ndarray of int
+            Samples of the period that cannot be right.
+        """
+        lo, hi = np.quantile(self.known, [0.005, 0.995])  # where it clips
+        step = _step_of(self.known)
+        error = np.abs(np.clip(self.known, lo, hi) - np.clip(self.sent, lo, hi))
+        wrong = np.flatnonzero(error > 0.999 * step + 1e-6 * np.abs(self.sent).max())
+        if np.ptp(self.known) == 0 and np.ptp(self.sent) > 0:
+            wrong = np.arange(len(self.sent))
+        self.n_wrong += len(wrong)
+        if len(wrong) > max(1, 0.01 * len(self.sent)):
+            worst = wrong[np.argmax(np.abs(self.known - self.sent)[wrong])]
+            example = f"{self.known[worst]:g} at tick {worst} for {self.sent[worst]:g}"
+            raise LinkError(
+                "the axis reports another command than the one sent",
+                "",
+                f"{len(wrong)} samples of a period, {example}",
+                "is the drive enabled? SAMPLE carries the command in force at its tick, in the unit in which "
+                "it was sent, clipped and rounded at most: docs/reference/protocol.md",
+            )
+        self.known[wrong] = np.nan
+        self.is_judged = True
+        return wrong
+
+
+def _step_of(values: np.ndarray) -> float:
+    """The step to which values are rounded, with a few wrong ones among them; near 0 when they are not."""
+    levels, n = np.unique(values, return_counts=True)
+    if n[n > 1].sum() > len(values) / 2:
+        levels = levels[n > 1]
+        n_wrong = 0
+    else:
+        n_wrong = 1 + len(levels) // 100  # each makes two small differences
+    steps = np.sort(np.diff(levels))
+    return float(steps[min(2 * n_wrong, len(steps) - 1)]) if len(steps) else 0.0
+
+
+class Samples:
+    """What has come back, by tick, and which periods of it are good."""
+
+    def __init__(self, table: np.ndarray, settle: int, asked: int) -> None:
+        capacity = settle + (BAD_FACTOR * asked + 1) * len(table)
+        self.period, self.settle, self.asked = len(table), settle, asked
+        self.u = np.zeros(capacity)
+        self.y = np.zeros(capacity)
+        self.valid = np.zeros(capacity, bool)
+        self.came = np.zeros(capacity, bool)  # with numbers, valid or not
+        self.echo = Echo(table)
+        self.end = 0
+        self.kept = 0  # samples below are in the journal
+        self.good: list[bool] = []
+        self.n_held = 0
+        self._lost_count = 0
+        self._last_held = -capacity - 1
+
+    def take(self, got: np.ndarray, limit: int) -> bool:
+        """Enter frames as they came, of ticks below `limit`; True when there was a new sample among them."""
+        limit = min(limit, len(self.u))
+        got = got[(got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < limit)]
+        got = got[np.diff(np.maximum.accumulate(got["tick"].astype(np.int64)), prepend=self.end - 1) > 0]
+        if not len(got):
+            return False
+        tick = got["tick"].astype(np.int64)
+        held_before = self._held_before(tick, got["flags"])
+        finite = np.isfinite(got["a"]) & np.isfinite(got["b"])
+        self.u[tick[finite]], self.y[tick[finite]] = got["a"][finite], got["b"][finite]
+        self.came[tick] = finite
+        good = finite & (tick - held_before > self.settle)
+        good[good] = self.echo.check(tick[good], got["a"][good])
+        self.valid[tick] = good
+        self.end = int(tick[-1]) + 1
+        self._judge_echo()
+        while self.settle + (len(self.good) + 1) * self.period <= self.end:
+            first = self.settle + len(self.good) * self.period
+            self.good.append(bool(self.valid[first : first + self.period].all()))
+        return True
+
+    def _judge_echo(self) -> None:
+        if not self.echo.is_judged and not np.isnan(self.echo.known).any():
+            try:
+                wrong = self.echo.judge()
+            except LinkError:  # nobody knows the input of what was measured
+                self.valid[: self.end] = False
+                raise
+            for sample in wrong:
+                self.valid[sample : self.end : self.period] = False
+                self.kept = 0
+
+    def _held_before(self, tick: np.ndarray, flags: np.ndarray) -> np.ndarray:
+        """The last tick, up to each sample, at which a lost command is known to have disturbed the axis."""
+        count = ((flags & LOST_COUNT) >> 1).astype(np.int64)
+        lost = np.diff(count, prepend=self._lost_count) % 128
+        gap = np.diff(tick, prepend=self.end - 1) > GAP_HELD
+        held = np.maximum.accumulate(np.where((lost > 0) | gap, tick, self._last_held))
+        self.n_held += int(lost.sum())
+        self._lost_count, self._last_held = int(count[-1]), int(held[-1])
+        return held
+
+    @property
+    def n_good(self) -> int:
+        return sum(self.good)
+
+    @property
+    def n_lost(self) -> int:
+        return len(self.good) - self.n_good
+
+    def hopeless(self) -> bool:
+        """Whether too many periods are lost to go on."""
+        in_a_row = len(self.good) >= BAD_IN_A_ROW and not any(self.good[-BAD_IN_A_ROW:])
+        return in_a_row or len(self.good) >= BAD_FACTOR * self.asked
