@@ -21,7 +21,9 @@ enum { HELD = 1, LOOSE = 2, REGIMES = 4 };
 typedef struct {
     gsid_plant_item *item; /* [n_items] copies, made when the values were last found good */
     uint32_t *column;      /* [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
-    int has_controller, looks_at_angle, looks_at_command; /* of the motor: a law does */
+    int has_controller;
+    int looks_at_angle;   /* something depends on the angle */
+    int looks_at_command; /* a law depends on the motor's command */
 } plant_stack;
 
 /* Shape of z: [n_rows][n_columns]. */
@@ -38,8 +40,8 @@ typedef struct {
     gsid_linear a, draft; /* draft: the next values', until they are found good */
     gsid_real fastest;    /* bound on the rates of A [1/s] */
     uint32_t n_slope_columns, *slope_column; /* columns with a derivative of A */
-    gsid_real *square;    /* work: [2][1 + n_free][width][width] */
-    gsid_real *term[3];   /* work: as z */
+    gsid_real *square;  /* work: [2][1 + n_free][width][width] */
+    gsid_real *term[3]; /* work: as z */
 } plant_linear;
 
 /* A torque that is not linear. */
@@ -54,18 +56,20 @@ typedef struct {
 /* All torques that are not linear. */
 typedef struct {
     uint32_t n, n_channels, n_memories;
-    plant_law *law;               /* [n] */
-    int can_hold, have_side;      /* one can hold the axis at rest; depends on the direction of motion */
-    int are_constant;             /* every one, between events */
-    int may_be_steep;             /* one */
-    gsid_real unit_rad;
-    gsid_real *torque[3];         /* work: [CHANNELS_MAX][n_columns] */
+    plant_law *law;       /* [n] */
+    int can_hold;         /* a law can hold the axis at rest */
+    int have_side;        /* a law depends on the direction of motion */
+    int are_constant;     /* every law is constant between events */
+    int may_be_steep;     /* a law may be steep */
+    gsid_real unit_rad;   /* radians in a unit of angle */
+    gsid_real *torque[3]; /* work: [CHANNELS_MAX][n_columns] at the start, middle and end of a step */
 } plant_laws;
 
-/* What stays between two events, beside the zones of the laws. */
+/* What is fixed between two events, together with the zones of the laws. */
 typedef struct {
-    int sticks, is_loose; /* held by friction; within the joint's play */
-    gsid_real side;       /* direction of motion */
+    int sticks;     /* the axis is held by friction */
+    int is_loose;   /* the joint is within its play */
+    gsid_real side; /* direction of motion, +1 or -1 */
 } plant_regime;
 
 /* exp(A length) and its derivatives: [width][width], then one such for each slope column. */
@@ -84,9 +88,11 @@ typedef struct {
 typedef struct {
     gsid_real sample_s;
     plant_piece piece[2];
-    gsid_real at_s;                   /* time within the sample */
-    uint32_t n_moves;                 /* of this sample so far */
-    gsid_real *next, *stage, *peek;   /* work: as z */
+    gsid_real at_s;   /* time within the sample */
+    uint32_t n_moves; /* of this sample so far */
+    gsid_real *next;  /* work, as z: at the end of the step */
+    gsid_real *stage; /* work, as z: in its middle, then predicted for its end */
+    gsid_real *peek;  /* work, as z: at a refresh of the sensor within the step */
 } plant_motion;
 
 /* Steps of laws that may be steep. */
@@ -99,22 +105,22 @@ typedef struct {
 
 /* The sensor: what it shows, and when it is refreshed. */
 typedef struct {
-    const gsid_plant_item *sampler; /* NULL: always fresh */
+    const gsid_plant_item *sampler; /* NULL: refreshed always */
     const uint32_t *column;         /* of the sampler's parameters */
     gsid_real refresh_s, refresh_samples; /* time between refreshes [s], [samples]; 0: no sampler */
-    gsid_real to_refresh;           /* from this sample's start to the next refresh [samples] */
-    gsid_real since_start_s;        /* of the refreshes so far */
-    gsid_real time_s;               /* of the disturbances */
-    gsid_real *held;                /* [n_columns] what it shows until it is refreshed */
-    gsid_real *y;                   /* work: [n_columns] */
+    gsid_real to_refresh;    /* from this sample's start to the next refresh [samples] */
+    gsid_real since_start_s; /* of the refreshes so far */
+    gsid_real time_s;        /* of the disturbances */
+    gsid_real *held;         /* [n_columns] what it shows until it is refreshed */
+    gsid_real *y;            /* work: [n_columns] */
 } plant_sensor;
 
 /* The command's way to the motor. */
 typedef struct {
-    uint32_t delay_samples;   /* whole ones; the fraction is the first piece */
+    uint32_t delay_samples; /* whole ones; the fraction is the first piece */
     uint32_t ring_columns, newest;
-    gsid_real *under_way;     /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
-    gsid_real *u;             /* work: [n_columns] */
+    gsid_real *under_way; /* [GSID_PLANT_DELAY_MAX + 1][ring_columns] commands given, latest at `newest` */
+    gsid_real *u;         /* work: [n_columns] */
 } plant_command;
 
 /* What a controller has measured. */
@@ -126,10 +132,11 @@ typedef struct {
 
 /* The search for the periodic steady state. */
 typedef struct {
-    uint32_t n, n_max, *row;      /* [n] rows that a period's start is searched in */
-    gsid_real *start, *fallback;  /* [n][n_columns] */
-    gsid_real *largest_dy;        /* [n_columns] */
-    gsid_real *correction;        /* [n] */
+    uint32_t n, n_max, *row; /* [n] rows that a period's start is searched in */
+    gsid_real *start;        /* [n][n_columns] of the period */
+    gsid_real *fallback;     /* [n][n_columns] where the last good period ended */
+    gsid_real *largest_dy;   /* [n_columns] largest magnitude in a period */
+    gsid_real *correction;   /* [n] of the start, the last one */
     void *lsq_mem;
 } plant_shooting;
 
