@@ -405,8 +405,12 @@ static int sample(truth_axis *axis, double *x, size_t i, const double *command, 
     return 0;
 }
 
-static int period(truth_axis *axis, size_t n, const double *v, int n_steps, double *x, double *y, double *theta,
-                  double *rate) {
+/* [n] each; theta and rate may be NULL. */
+typedef struct {
+    double *y, *theta, *rate;
+} signals;
+
+static int period(truth_axis *axis, size_t n, const double *v, int n_steps, double *x, const signals *to) {
     const size_t delay = (size_t)floor(P(delay_s) * P(fs_hz)) % n;
     const double per_refresh = P(sample_hold_hz) > 0.0 ? P(fs_hz) / P(sample_hold_hz) : 0.0;
     size_t refresh = 0;
@@ -416,12 +420,12 @@ static int period(truth_axis *axis, size_t n, const double *v, int n_steps, doub
             held = gyro(axis, x);
             ++refresh;
         }
-        y[i] = per_refresh > 0.0 ? held : gyro(axis, x);
-        if (theta) {
-            theta[i] = x[TRUTH_THETA];
+        to->y[i] = per_refresh > 0.0 ? held : gyro(axis, x);
+        if (to->theta) {
+            to->theta[i] = x[TRUTH_THETA];
         }
-        if (rate) {
-            rate[i] = x[TRUTH_RATE];
+        if (to->rate) {
+            to->rate[i] = x[TRUTH_RATE];
         }
         const double command[2] = {v[(i + 2 * n - delay - 1) % n], v[(i + 2 * n - delay) % n]};
         const int status = sample(axis, x, i, command, n_steps, &refresh, &held);
@@ -445,9 +449,10 @@ int truth_run(const double *parameter, size_t n, const double *u, size_t n_perio
     const size_t delay = (size_t)floor(parameter[TRUTH_delay_s] * parameter[TRUTH_fs_hz]) % n;
     truth_axis axis = {parameter, v[(2 * n - delay - 1) % n], 0, 0, 0, 0};
     start_modes(&axis, x);
+    const signals to = {y, theta, rate};
     int status = 0;
     for (size_t i = 0; i < n_periods && status == 0; ++i) {
-        status = period(&axis, n, v, n_steps, x, y, theta, rate);
+        status = period(&axis, n, v, n_steps, x, &to);
     }
     free(v);
     return status;
