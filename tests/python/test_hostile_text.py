@@ -7,8 +7,8 @@ import pytest
 
 from gsid.base.errors import InputError
 from gsid.base.json_files import DEPTH_MOST, parse_json
-from gsid.cli.common import visible
 from gsid.cli.main import main
+from gsid.cli.output import visible
 from gsid.diagnosis.ladder import ladder
 from gsid.models.load import load_model
 from gsid.plant.model import PlantModel

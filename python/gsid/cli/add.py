@@ -7,25 +7,26 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.options import (
     INPUT,
     OUTPUT,
     RECORD,
     Value,
-    as_typed,
     band_option,
     check_picture,
-    draw,
     json_option,
     library_option,
-    load_plant,
     options_as_arguments,
     picture_option,
     plant_option,
+    reading_options,
+)
+from gsid.cli.output import (
+    as_typed,
+    draw,
     print_json,
     print_ladder,
     print_parameters,
-    reading_options,
     say,
     say_assumed_hold,
     suggest,
@@ -122,6 +123,8 @@ def add(
 
     The model keeps every step in its history: this is the ladder, printed with the error after each step.
     """
+    from gsid.models.load import load_plant
+
     check_picture(picture)
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
@@ -215,6 +218,7 @@ def _print(result: Addition) -> None:
 
 def _undo(model_path: str, output: str, as_json: bool) -> None:
     from gsid.diagnosis.ladder import ladder, undo
+    from gsid.models.load import load_plant
 
     model = load_plant(model_path)
     before = undo(model)

@@ -6,23 +6,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
-    EXIT_CRITERION,
+from gsid.cli.common import EXIT_CRITERION
+from gsid.cli.options import (
     INPUT,
     alpha_option,
     band_option,
     check_picture,
-    draw,
     json_option,
-    load_single,
     options_as_arguments,
     picture_option,
-    print_json,
-    print_table,
     record_options,
-    say_assumed_hold,
-    working,
 )
+from gsid.cli.output import draw, print_json, print_table, say_assumed_hold, working
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
@@ -72,6 +67,7 @@ def compare(
     a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
     """
     from gsid.comparison import compare as compare_model
+    from gsid.models.load import load_single
 
     check_picture(picture)
     model = load_single(model_path)

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, json_option, print_json, print_ladder, print_table, say
+from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
+from gsid.cli.options import json_option
+from gsid.cli.output import print_json, print_ladder, print_table, say
 
 if TYPE_CHECKING:
     from gsid.demo import Demo

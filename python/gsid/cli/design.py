@@ -11,22 +11,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.common import version
+from gsid.cli.options import (
     INPUT,
     OUTPUT,
     Band,
     band_option,
     json_option,
-    load_single,
     multisine_options,
     options_as_arguments,
-    print_json,
-    print_table,
     record_options,
-    say,
-    version,
-    working,
 )
+from gsid.cli.output import print_json, print_table, say, working
 
 if TYPE_CHECKING:
     from gsid.excitation.limits import Model
@@ -83,6 +79,7 @@ def _finished(command: Callable) -> Callable:
     ) -> None:
         from gsid.excitation.limits import fit_to_limits, travel
         from gsid.excitation.periodic import Limits
+        from gsid.models.load import load_single
 
         context = click.get_current_context()
         if limit_travel_deg is not None and model_path is None:

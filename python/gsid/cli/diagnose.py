@@ -7,28 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.common import with_ladder
+from gsid.cli.options import (
     OUTPUT,
     alpha_option,
-    as_typed,
     band_option,
     check_picture,
-    draw,
     json_option,
-    load_plant,
     options_as_arguments,
     picture_option,
     plant_option,
+    reading_options,
+    records_argument,
+)
+from gsid.cli.output import (
+    as_typed,
+    draw,
     print_json,
     print_ladder,
     print_parameters,
     print_table,
-    reading_options,
-    records_argument,
     say,
     say_assumed_hold,
     suggest,
-    with_ladder,
 )
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def diagnose(
     from gsid.comparison import compare
     from gsid.diagnosis.diagnose import diagnose as find_missing
     from gsid.diagnosis.ladder import ladder
+    from gsid.models.load import load_plant
     from gsid.spectrum.realisation import spectra
 
     check_picture(picture)

@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
-    RECORD,
-    band_option,
-    json_option,
-    print_json,
-    print_table,
-    reading_options,
-    records_argument,
-    say,
-)
+from gsid.cli.options import RECORD, band_option, json_option, reading_options, records_argument
+from gsid.cli.output import print_json, print_table, say
 
 if TYPE_CHECKING:
     from gsid.records.record import Record

@@ -11,7 +11,9 @@ from dataclasses import asdict, dataclass
 
 import click
 
-from gsid.cli.common import EXIT_CRITERION, json_option, print_json, print_table, version
+from gsid.cli.common import EXIT_CRITERION, version
+from gsid.cli.options import json_option
+from gsid.cli.output import print_json, print_table
 
 CORES = {"double": "_gsid64", "float": "_gsid32"}
 BACKENDS = {

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from gsid.cli.common import json_option, print_json, print_table
+from gsid.cli.options import json_option
+from gsid.cli.output import print_json, print_table
 
 
 @click.command(short_help="List the catalogue of physical effects.")

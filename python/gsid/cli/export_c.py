@@ -6,17 +6,8 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.common import (
-    FILE_OUTPUT,
-    INPUT,
-    FilesInUse,
-    json_option,
-    load_single,
-    options_as_arguments,
-    print_json,
-    say,
-    say_assumed_hold,
-)
+from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments
+from gsid.cli.output import print_json, say, say_assumed_hold
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
@@ -38,6 +29,7 @@ def export_c(
     from gsid.base.files import write_atomically
     from gsid.models.export_c import export_c as export
     from gsid.models.hold import facts_of
+    from gsid.models.load import load_single
 
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")

@@ -7,32 +7,33 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.fit_matrix import fit_matrix
+from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
+from gsid.cli.options import (
     INPUT,
     OUTPUT,
     RECORD,
     Order,
     band_option,
     check_picture,
-    describe,
-    draw,
     is_given,
     json_option,
-    load_plant,
     options_as_arguments,
     picture_option,
-    print_json,
-    print_parameters,
-    print_table,
     reading_options,
     records_argument,
     reference_option,
+)
+from gsid.cli.output import (
+    describe,
+    draw,
+    print_json,
+    print_parameters,
+    print_table,
     say,
     say_assumed_hold,
     working,
 )
-from gsid.cli.fit_matrix import fit_matrix
-from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 
 if TYPE_CHECKING:
     import numpy as np
@@ -170,6 +171,8 @@ def fit(
     in the file. Methods are ml, which weights each line by its noise, and nls-output, which makes the rms
     error of the output small: for a model that is not the whole truth.
     """
+    from gsid.models.load import load_plant
+
     check_picture(picture)
     if (order is None) == (model_path is None):
         raise click.UsageError("give --order for a rational model, or --model for a stack of effects", ctx)

@@ -6,17 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
-    describe,
-    draw,
-    options_as_arguments,
-    print_json,
-    print_table,
-    say,
-    say_assumed_hold,
-    working,
-)
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
+from gsid.cli.options import options_as_arguments
+from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gsid.cli.common import options_as_arguments, print_table, working
+from gsid.cli.options import options_as_arguments
+from gsid.cli.output import print_table, working
 
 if TYPE_CHECKING:
     from gsid.fitting.order import OrderChoice

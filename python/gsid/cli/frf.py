@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.options import (
     OUTPUT,
     band_option,
     json_option,
     options_as_arguments,
-    print_json,
-    print_table,
     record_options,
     reference_option,
-    say,
 )
+from gsid.cli.output import print_json, print_table, say
 
 if TYPE_CHECKING:
     from gsid.records.record import Record

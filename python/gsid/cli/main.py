@@ -13,17 +13,9 @@ import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand
 
 from gsid.base.errors import GsidError, InputError, SimulationError
-from gsid.cli.common import (
-    EXIT_GOOD,
-    EXIT_INPUT,
-    EXIT_INTERNAL,
-    EXIT_INTERRUPT,
-    EXIT_USAGE,
-    library_option,
-    say,
-    version,
-    visible,
-)
+from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, version
+from gsid.cli.options import library_option
+from gsid.cli.output import say, visible
 
 VERBS = {
     "design": "Make a periodic excitation.",

@@ -6,17 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
-    check_picture,
-    draw,
-    json_option,
-    picture_option,
-    print_json,
-    print_table,
-    reading_options,
-    records_argument,
-    say,
-)
+from gsid.cli.options import check_picture, json_option, picture_option, reading_options, records_argument
+from gsid.cli.output import draw, print_json, print_table, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

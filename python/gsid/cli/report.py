@@ -6,22 +6,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import (
+from gsid.cli.common import with_ladder
+from gsid.cli.options import (
     INPUT,
     OUTPUT,
     Order,
     band_option,
-    describe,
     json_option,
-    load_plant,
-    load_single,
     options_as_arguments,
-    print_json,
     record_options,
-    say,
-    with_ladder,
-    working,
 )
+from gsid.cli.output import describe, print_json, say, working
 
 if TYPE_CHECKING:
     from gsid.plant.model import PlantModel
@@ -84,6 +79,7 @@ def report(
     from gsid.excitation.periodic import Limits
     from gsid.fitting.order import select_order
     from gsid.fitting.rational import fit
+    from gsid.models.load import load_plant, load_single
     from gsid.report import Report
     from gsid.response.estimate import frf
     from gsid.spectrum.noise import noise

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.files import is_stdout
-from gsid.cli.common import (
+from gsid.cli.options import (
     INPUT,
     OUTPUT,
     Band,
@@ -20,10 +20,8 @@ from gsid.cli.common import (
     json_option,
     multisine_options,
     options_as_arguments,
-    print_json,
-    print_table,
-    say,
 )
+from gsid.cli.output import print_json, print_table, say
 from gsid.cli.stopping import Stopping, tell
 
 if TYPE_CHECKING:

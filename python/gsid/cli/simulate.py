@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.common import FILE_OUTPUT, Value, json_option, options_as_arguments, print_json, say
+from gsid.cli.options import FILE_OUTPUT, Value, json_option, options_as_arguments
+from gsid.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from gsid.rig.server import Server

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 
-from gsid.cli.common import say
+from gsid.cli.output import say
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")  # those that the system has
 PATIENCE_S = (

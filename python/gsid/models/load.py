@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gsid.base.errors import InputError
 from gsid.base.model_file import read_model_file
+from gsid.models.mimo import MimoModel
+from gsid.models.piecewise import PiecewiseModel
 from gsid.models.rational import RationalModel
-
-if TYPE_CHECKING:
-    from gsid.models.mimo import MimoModel
-    from gsid.models.piecewise import PiecewiseModel
-    from gsid.plant.model import PlantModel
+from gsid.plant.model import PlantModel
 
 
 def load_model(path: str | Path) -> RationalModel | PiecewiseModel | MimoModel | PlantModel:
@@ -24,15 +22,40 @@ def load_model(path: str | Path) -> RationalModel | PiecewiseModel | MimoModel |
     """
     data = read_model_file(path)
     if isinstance(data, dict) and "effects" in data:
-        from gsid.plant.model import PlantModel
-
         return PlantModel.from_dict(data, str(path))
     if isinstance(data, dict) and "common_denominator" in data:
-        from gsid.models.mimo import MimoModel
-
         return MimoModel.from_dict(data, str(path))
     if isinstance(data, dict) and "pieces" in data:
-        from gsid.models.piecewise import PiecewiseModel
-
         return PiecewiseModel.from_dict(data, str(path))
     return RationalModel.from_dict(data, str(path))
+
+
+def load_single(path: str | Path) -> RationalModel | PiecewiseModel | PlantModel:
+    """Read a model of one input and one output, of either kind.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is a matrix of responses.
+    """
+    model = load_model(path)
+    if isinstance(model, MimoModel):
+        what = "one input and one output are needed here"
+        hint = "fit one pair of channels: gsid fit --u u1 --y y1"
+        raise InputError(what, str(path), f"{model.n_y} x {model.n_u} responses", hint)
+    return model
+
+
+def load_plant(path: str | Path) -> PlantModel:
+    """Read a model that is a stack of effects.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is a fitted transfer function.
+    """
+    model = load_model(path)
+    if not isinstance(model, PlantModel):
+        hint = "write a model file that lists effects; `gsid effects` has their names and parameters"
+        raise InputError("a fitted transfer function has no physical effects", str(path), None, hint)
+    return model

@@ -1,0 +1,390 @@
+"""Options and arguments that several verbs have, and the files that a command reads and writes."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from gsid.records.mimo import MimoRecord
+    from gsid.records.record import Record
+
+
+class Band(click.ParamType):
+    """LO:HI in Hz."""
+
+    name = "LO:HI"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            lo, hi = (float(part) for part in str(value).split(":"))
+        except ValueError:
+            self.fail(f"{value} is not LO:HI in Hz, for example 1:250", param, ctx)
+        if not 0 <= lo < hi < math.inf:
+            self.fail(f"{value}: LO must be at least 0 and below HI", param, ctx)
+        return lo, hi
+
+
+class Order(click.ParamType):
+    """POLES/ZEROS, or auto where that is allowed."""
+
+    def __init__(self, *, may_be_auto: bool = False) -> None:
+        self.may_be_auto = may_be_auto
+        self.name = "POLES/ZEROS|auto" if may_be_auto else "POLES/ZEROS"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if not re.fullmatch(r"\d+/\d+", value) and not (self.may_be_auto and value == "auto"):
+            self.fail(f"{value} is not POLES/ZEROS, for example 4/3", param, ctx)
+        return value
+
+
+class Value(click.ParamType):
+    """NAME=VALUE."""
+
+    name = "NAME=VALUE"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        if isinstance(value, tuple):
+            return value
+        name, equals, number = str(value).partition("=")
+        try:
+            if equals:
+                return name.strip(), float(number)
+        except ValueError:
+            pass
+        self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
+
+
+READING_OPTIONS = (
+    click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
+    click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
+    click.option("--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate, where the file does not say."),
+    click.option(
+        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: found]"
+    ),
+    click.option(
+        "--settle",
+        metavar="N",
+        type=click.IntRange(0),
+        help="Samples thrown away first. [default: what the data show is needed]",
+    ),
+    click.option(
+        "--hold",
+        type=click.Choice(["zoh", "none"]),
+        help="Whether u is held over each sample. [default: as the file states, else both are tried]",
+    ),
+)
+HOW_READ = (
+    "u_name",
+    "y_name",
+    "fs_hz",
+    "period",
+    "settle",
+    "hold",
+    "band",
+)  # what another verb has to be told again
+
+
+STREAMS = ("/dev/stdout", "/dev/stderr")  # where the system has them
+
+
+@dataclass
+class FilesInUse:
+    """Files that a command reads and writes, as far as its arguments name them."""
+
+    inputs: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    stdout_by: str = ""  # option whose file goes to the standard output
+
+    @classmethod
+    def of(cls, ctx: click.Context | None) -> FilesInUse:
+        """Those of the command that runs; the same for all its arguments."""
+        return cls() if ctx is None else ctx.meta.setdefault("gsid.base.files", cls())
+
+    def read(self, *paths: str) -> None:
+        """Note inputs.
+
+        Raises
+        ------
+        InputError
+            One of them is an output.
+        """
+        self.inputs += paths
+        for output in self.outputs:
+            self._check(output, paths)
+
+    def write(self, *paths: str | Path) -> None:
+        """Note outputs; also the names that a command derives from an argument.
+
+        Raises
+        ------
+        InputError
+            One of them is an input or another output, or nothing can be written there.
+        """
+        from gsid.base.errors import InputError
+        from gsid.base.files import refuse_overwrite, target_of
+
+        for path in map(str, paths):
+            folder = target_of(path).parent
+            if not folder.is_dir():
+                raise InputError("there is no such folder", path, None, "make it first, or name another")
+            if not os.access(folder, os.W_OK):
+                raise InputError("nothing can be written there", path, None, "name another folder")
+            self._check(path, self.inputs)
+            refuse_overwrite(path, self.outputs, "two outputs have the same name")
+            refuse_overwrite(path, STREAMS, "this command prints to the same file")
+            self.outputs.append(path)
+
+    @staticmethod
+    def _check(output: str, inputs: Iterable[str]) -> None:
+        from gsid.base.files import refuse_overwrite
+
+        refuse_overwrite(output, inputs, "the output would replace an input")
+
+    def stream(self, by: str, ctx: click.Context) -> None:
+        """Keep the standard output for one file; what else would be printed there goes to stderr."""
+        if self.stdout_by:
+            raise click.UsageError(f"{self.stdout_by} and {by} both write to the standard output", ctx)
+        self.stdout_by = by
+        if by != "--json":
+            ctx.find_root().with_resource(contextlib.redirect_stdout(sys.stderr))
+
+
+def _print_json_alone(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
+    if value:
+        FilesInUse.of(ctx).stream("--json", ctx)
+    return value
+
+
+json_option = click.option("--json", "as_json", is_flag=True, callback=_print_json_alone, help="Print JSON.")
+
+
+class InputPath(click.Path):
+    """A file to read, which no output of the command may replace."""
+
+    def __init__(self, *, with_meta: bool = False) -> None:
+        super().__init__()
+        self.with_meta = with_meta  # records may have their rate and units in the meta.json of their folder
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        path = super().convert(value, param, ctx)
+        FilesInUse.of(ctx).read(path, *([str(Path(path).parent / "meta.json")] if self.with_meta else []))
+        return path
+
+
+class OutputPath(click.Path):
+    """A file to write, checked before the work begins; - is the standard output where `streams` is set."""
+
+    def __init__(self, *, streams: bool = True) -> None:
+        super().__init__()
+        self.streams = streams
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from gsid.base.files import is_stdout
+
+        path = super().convert(value, param, ctx)
+        if not is_stdout(path):
+            FilesInUse.of(ctx).write(path)
+        elif not self.streams:
+            self.fail("this is not written to the standard output: name a file", param, ctx)
+        elif ctx is not None:
+            FilesInUse.of(ctx).stream(f"{param.opts[0]} -", ctx)
+        return path
+
+
+INPUT, RECORD = InputPath(), InputPath(with_meta=True)
+OUTPUT, FILE_OUTPUT = OutputPath(), OutputPath(streams=False)
+
+
+reference_option = click.option(
+    "--r",
+    "reference",
+    metavar="NAME",
+    help="Of records from a closed loop: column or array of the reference. [default: an open loop]",
+)
+
+
+def band_option(text: str) -> Callable:
+    """--band with a verb's own words about it."""
+    return click.option("--band", type=Band(), help=text)
+
+
+MULTISINE_OPTIONS = (
+    click.option(
+        "--lines",
+        type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
+        default="full",
+        show_default=True,
+        help="Every line, odd ones, odd ones with gaps at random, or odd ones even in log f.",
+    ),
+    click.option(
+        "--shape",
+        metavar="DB_PER_DECADE",
+        type=float,
+        default=0.0,
+        help="Slope of the amplitude over frequency: 0 flat, -10 falls as 1/sqrt(f). [default: 0]",
+    ),
+    click.option(
+        "--phases",
+        type=click.Choice(["schroeder", "random"]),
+        default="schroeder",
+        show_default=True,
+        help="Low crest factor, or a realisation of its own for each seed.",
+    ),
+    click.option(
+        "--seed",
+        metavar="N",
+        type=click.IntRange(0, 2**64 - 1),
+        default=0,
+        help="Of random phases and of the gaps of odd-random. [default: 0]",
+    ),
+)
+
+
+def multisine_options(command: Callable) -> Callable:
+    """Options of verbs that make a multisine; the command is given `shape`, arguments of Multisine.design."""
+
+    @functools.wraps(command)
+    def with_shape(
+        *args: object, lines: str, shape: float, phases: str, seed: int, **kwargs: object
+    ) -> object:
+        design = {"grid": lines, "phases": phases, "seed": seed, "shape_db_per_decade": shape}
+        return command(*args, shape=design, **kwargs)
+
+    for option in reversed(MULTISINE_OPTIONS):
+        with_shape = option(with_shape)
+    return with_shape
+
+
+def plant_option(text: str) -> Callable:
+    """--model of verbs that need a stack of effects."""
+    return click.option("--model", "model_path", metavar="M.json", type=INPUT, required=True, help=text)
+
+
+class Library(click.ParamType):
+    """FILE.so:NAME."""
+
+    name = "FILE.so:NAME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        if isinstance(value, tuple):
+            return value
+        path, _, name = str(value).rpartition(":")
+        if not path or not name.isidentifier():
+            self.fail(f"{value} is not {self.name}, for example ./spring.so:spring", param, ctx)
+        FilesInUse.of(ctx).read(path)
+        return path, name
+
+
+def library_option(text: str, name: str, *, multiple: bool) -> Callable:
+    """--library with words of its own about it."""
+    return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
+
+
+alpha_option = click.option(
+    "--alpha",
+    metavar="P",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
+    help="Rate at which a right model may be rejected.",
+)
+
+
+def reading_options(command: Callable) -> Callable:
+    """Options of verbs that read records; the command is given `read`, from paths to records."""
+
+    @functools.wraps(command)
+    def with_reader(
+        *args: object,
+        u_name: str | None,
+        y_name: str | None,
+        fs_hz: float | None,
+        period: int | None,
+        settle: int | None,
+        hold: str | None,
+        **kwargs: object,
+    ) -> object:
+        def read(
+            paths: Sequence[str], *, matrix: bool = False, **how: bool
+        ) -> list[Record] | list[MimoRecord]:
+            from gsid.records.files import read_record
+
+            given = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
+            if matrix and "," in f"{u_name}{y_name}":
+                from gsid.records.mimo import read_mimo_record
+
+                names = [(name or default).split(",") for name, default in ((u_name, "u"), (y_name, "y"))]
+                return [read_mimo_record(path, *names, **given) for path in paths]
+            return [read_record(path, u=u_name, y=y_name, **given, **how) for path in paths]
+
+        return command(*args, read=read, **kwargs)
+
+    for option in reversed(READING_OPTIONS):
+        with_reader = option(with_reader)
+    return with_reader
+
+
+def record_options(command: Callable) -> Callable:
+    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+
+    @functools.wraps(command)
+    def with_records(
+        *args: object, records: Sequence[str], read: Callable[[Sequence[str]], list[Record]], **kwargs: object
+    ) -> object:
+        return command(*args, records=read(records), **kwargs)
+
+    return records_argument(reading_options(with_records))
+
+
+PICTURES = (".png", ".svg", ".pdf")
+picture_option = click.option(
+    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw to .png, .svg or .pdf."
+)
+
+
+def check_picture(picture: str | None) -> None:
+    """Refuse other kinds of files (usage error) before work begins."""
+    if picture and Path(picture).suffix.lower() not in PICTURES:
+        raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+
+
+def records_argument(command: Callable) -> Callable:
+    """REC..., one at least."""
+    return click.argument("records", metavar="REC...", nargs=-1, required=True, type=RECORD)(command)
+
+
+@contextlib.contextmanager
+def options_as_arguments() -> Iterator[None]:
+    """What the library refuses as an argument (ValueError, TypeError) came from an option: a usage error."""
+    from gsid.base.errors import InputError
+
+    try:
+        yield
+    except InputError:
+        raise
+    except (ValueError, TypeError) as error:
+        raise click.UsageError(str(error), click.get_current_context()) from error
+
+
+def is_given(context: click.Context, name: str) -> bool:
+    """Whether an option was typed, and does not stand at its default."""
+    return context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT

@@ -1,0 +1,189 @@
+"""What the verbs print: tables and JSON on stdout, messages on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, TextIO
+
+import click
+
+from gsid.cli.options import HOW_READ
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gsid.diagnosis.ladder import Ladder
+    from gsid.plant.model import PlantModel
+    from gsid.records.record import Record
+
+
+def draw(figure: Callable[[], Figure], picture: str | None) -> None:
+    """Write a figure where a picture was asked for; only then is it made."""
+    if picture:
+        from gsid.base.files import write_atomically
+
+        write_atomically(picture, lambda part: figure().savefig(part))
+        say(f"wrote {picture}")
+
+
+def describe(records: Sequence[Record]) -> str:
+    """Records in a few words, for what is said on stderr."""
+    return records[0].name if len(records) == 1 else f"{len(records)} records"
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether a person reads this stream."""
+    return stream.isatty()
+
+
+TEXT_MOST = 1000  # characters of a text that is printed
+
+
+def visible(text: str) -> str:
+    """Text as it can be printed: names and values in files may hold codes that a terminal obeys.
+
+    What is not printable is escaped, and what is too long is cut. A line break stays where the next line is
+    indented by four spaces, as in the errors of expressions: no line of ours is.
+    """
+    if len(text) > TEXT_MOST:
+        text = f"{text[:TEXT_MOST]} ... ({len(text)} characters)"
+    if text.isprintable():
+        return text
+    lines = re.split(r"\n(?=    )", text)
+    return "\n".join("".join(map(_visible_character, line)) for line in lines)
+
+
+def _visible_character(char: str) -> str:
+    return char if char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode()
+
+
+def say(text: str, mark: str = "", colour: str = "") -> None:
+    """Talk: a line on stderr, behind a coloured mark where there is one."""
+    mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
+    show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
+    click.echo(mark + visible(text), err=True, color=show)
+
+
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show on a terminal's stderr that work is going on."""
+    if not is_terminal(sys.stderr):
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
+
+
+def print_json(values: dict) -> None:
+    """Print one JSON object: arrays become lists, numbers that are not finite become null."""
+    print(json.dumps(_plain(values), allow_nan=False))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, complex):
+        return [_plain(value.real), _plain(value.imag)]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[str] = ()) -> None:
+    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns, with their units.
+    rows : iterable of sequences of str
+    left : sequence of str
+        Columns of text; the others are numbers, aligned to the right.
+    """
+    header, *rows = ([visible(cell) for cell in row] for row in (header, *rows))
+    if is_terminal(sys.stdout):
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
+
+        table = Table(header_style="bold")
+        for name in header:
+            table.add_column(Text(name), justify="left" if name in left else "right")
+        for row in rows:
+            table.add_row(*map(Text, row))
+        Console().print(table)
+        return
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    for row in [header, *rows]:
+        cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
+        print("  ".join(cells).rstrip())
+
+
+def print_parameters(model: PlantModel) -> None:
+    """Print the parameters of a plant with their standard deviations and units."""
+    rows = []
+    for label, effect in model.labels():
+        for name, p in effect.params.items():
+            if not p.free:
+                sigma = "fixed"
+            else:
+                sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
+            rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
+    print_table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+
+
+def print_ladder(ladder: Ladder) -> None:
+    """Print the error after each step."""
+    unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
+    header = ["step", "cost per d.o.f.", f"rms error fitted{unit}"]
+    header += [f"{ladder.judged_on}{unit}", f"noise alone{unit}"]
+    print_table(header, ladder.rows(), left=["step"])
+
+
+def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
+    """Note that the records do not state their hold, what was taken, and how to settle it."""
+    if is_assumed:
+        from gsid.base.hold import words
+
+        say(f"note: {words(hold, other_delay_s)}")
+
+
+def suggest(text: str) -> None:
+    """Say what comes next."""
+    say(text, "hint:", "cyan")
+
+
+def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:
+    """A command for the same records, or REC... when they are many, that does what it says as it stands.
+
+    It has the libraries loaded here, and the options by which the records were read.
+    """
+    context = click.get_current_context()
+    own = context.params.get("library")
+    typed = ["gsid"]
+    for library in dict.fromkeys([*context.find_root().params.get("libraries", ()), *([own] if own else [])]):
+        typed += ["--library", ":".join(library)]
+    typed += [*words, *(records if len(records) <= 3 else ["REC..."])]
+    for option in context.command.params:
+        value = context.params.get(option.name)
+        if option.name in HOW_READ and value is not None:
+            typed += [option.opts[0], _band_words(value) if option.name == "band" else str(value)]
+    return shlex.join([*typed, *(["-o", output] if output else [])])
+
+
+def _band_words(band: tuple[float, float]) -> str:
+    """With all digits: an edge that is rounded may leave its line out."""
+    return ":".join(repr(end).removesuffix(".0") for end in band)
