@@ -232,3 +232,18 @@ def test_damage_is_of_the_asked_rate_and_does_not_depend_on_the_pieces():
     assert Damage(1.0, 1).apply(data[:180]) != data[:180]
     with pytest.raises(ValueError, match="0 to 1"):
         Damage(1.5)
+
+
+def noise_of_a_run(server: Server) -> np.ndarray:
+    hello(server)
+    hello(server)  # a repeated one changes nothing
+    return command(server, np.arange(300), 0.0)["b"]
+
+
+def test_bug_each_run_on_one_simulated_axis_had_the_same_noise():
+    """A record to be held out had the noise of the fitted one, and the error on it was too small."""
+    server = Server(SimulatedAxis(seed=7, fan_amplitude=0.0))
+    first, second, third = (noise_of_a_run(server) for _ in range(3))
+    np.testing.assert_array_equal(first, noise_of_a_run(Server(SimulatedAxis(seed=7, fan_amplitude=0.0))))
+    for a, b in ((first, second), (first, third), (second, third)):
+        assert abs(np.corrcoef(a, b)[0, 1]) < 4 / np.sqrt(len(a) / 10)  # coloured: a tenth is independent

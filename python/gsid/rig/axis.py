@@ -101,6 +101,17 @@ class SimulatedAxis:
         """Come to rest at tick 0, with the noise started anew."""
         lib.gsid_axis_reset(self._axis)
 
+    def with_noise_of_run(self, n: int) -> SimulatedAxis:
+        """Return the same axis with noise that is independent of this axis's.
+
+        Parameters
+        ----------
+        n : int
+            Number of the run. Each one has noise of its own.
+        """
+        (seed,) = np.random.SeedSequence([int(self.parameters["seed"]), n]).generate_state(1, np.uint64)
+        return SimulatedAxis(**{**self.parameters, "seed": int(seed)})
+
     def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by n ticks.
 

@@ -128,7 +128,7 @@ class Server:
         paced: bool = False,
         on_applied: Callable[[float, int, np.ndarray], None] | None = None,
     ) -> None:
-        self.axis = axis
+        self.axis = self._first_axis = axis
         self.paced = paced
         self.on_applied = on_applied
         self._now_s = 0.0
@@ -136,9 +136,13 @@ class Server:
         self.receiver = Receiver(follows_hello=True)
         self.session = 0
         self.running = False
+        self._tick = self._n_runs = 0
         self._restart()
 
     def _restart(self) -> None:
+        if self._tick > 0:  # a HELLO that is only repeated starts no new noise
+            self._n_runs += 1
+            self.axis = self._first_axis.with_noise_of_run(self._n_runs)
         self.axis.reset()
         self._tick = 0
         self._held = 0.0
