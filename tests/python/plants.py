@@ -1,5 +1,7 @@
 """Plants and records of the tests: made by the simulated axis, which shares no code with the plants."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from gsid.plant.model import PlantModel
@@ -17,6 +19,12 @@ OFF = {
 }
 OFF |= {"command_limit": 0, "command_bits": 0, "coulomb_level": 0, "viscous_rate": 0, "spring_stiffness": 0}
 OFF |= {"delay_s": 0, "fs_hz": FS_HZ}
+
+
+class BareStack(SimpleNamespace):
+    """As much of a PlantModel as a search changes: its effects."""
+
+    with_effect, without_effect = PlantModel.with_effect, PlantModel.without_effect
 
 
 def plant(stack, **more):

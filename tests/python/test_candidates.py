@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plants import FS_HZ, plant
+from plants import FS_HZ, BareStack, plant
 
 from gsid.base.errors import InputError
 from gsid.diagnosis.candidates import SAME, Candidate, Given, evidence, ranked, tried
@@ -67,9 +67,7 @@ def candidates(before, several, given):
 
 def fitted(cost, n_dof=1000, n_free=5):
     """As much of a PlantFit as evidence looks at."""
-    return SimpleNamespace(
-        cost=cost, n_dof=n_dof, model=SimpleNamespace(free_names=["x"] * n_free, effects=[])
-    )
+    return SimpleNamespace(cost=cost, n_dof=n_dof, model=BareStack(free_names=["x"] * n_free, effects=[]))
 
 
 def candidate(effect, cost, n_parameters=1, n_shapes=1):
@@ -202,7 +200,7 @@ def test_a_step_that_is_taken_back_leaves_no_trace():
 
 def test_a_joint_that_others_beat_is_not_followed():
     """A bug: on a record with hysteresis half an hour went into a gear that was worse than a spring."""
-    joint = SimpleNamespace(effects=[SimpleNamespace(id="gear_backlash", params={})])
+    joint = BareStack(effects=[SimpleNamespace(id="gear_backlash", params={})])
 
     def steps_of_the_joint(least):
         """With a spring that leaves a cost of `least`."""

@@ -22,7 +22,7 @@ from gsid.greybox.linear_start import linear_start
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import linear_view
-from gsid.plant.model import PlantModel, with_effect
+from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.rig.axis import SimulatedAxis
 from gsid.spectrum.lines import lines_of
@@ -285,8 +285,8 @@ def test_the_presliding_state_is_that_of_its_equation():
 def test_the_advised_experiment_separates_better_than_the_one_done():
     """A bug: the test could not fail, since the one done was not on the menu."""
     u = measured(2.0)[0]
-    a = with_effect(null(), "coulomb_friction", {"level": 0.5})
-    b = with_effect(null(), "stribeck_friction", {"level": 0.45, "extra": 0.2, "velocity": 0.3})
+    a = null().with_effect("coulomb_friction", {"level": 0.5})
+    b = null().with_effect("stribeck_friction", {"level": 0.45, "extra": 0.2, "velocity": 0.3})
     ranked = next_experiment(a, b, u)
     assert len(ranked) >= 4
     (again,) = (one for one in ranked if one.words == "the same excitation once more")

@@ -11,7 +11,6 @@ from gsid.diagnosis.diagnose import diagnose
 from gsid.diagnosis.probes import GRIDS
 from gsid.diagnosis.scan import trajectory
 from gsid.excitation.multisine import Multisine
-from gsid.plant.model import drive_command
 from gsid.records.record import Record
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.realisation import spectra
@@ -65,7 +64,7 @@ def model(samples=0, scale=1.0):
 def test_the_command_is_what_the_controller_asks_for(samples):
     commands, angles = simulate(samples)
     one = record(angles)
-    found = drive_command(model(samples), one, model(samples).predict(one))
+    found = model(samples).drive_command(one, model(samples).predict(one))
     # rounding over the steps of a period: 1e-9, as of the plant's answer
     np.testing.assert_allclose(found, commands[-N:], atol=1e-9 * np.max(np.abs(commands)))
 

@@ -24,7 +24,6 @@ from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import lines_used
 from gsid.models.load import load_model
-from gsid.plant.model import with_effect
 from gsid.spectrum.realisation import spectra
 
 SEED = 20260305
@@ -312,7 +311,7 @@ def test_a_diagnosis_with_its_ladder(records):
 
 def test_the_ladder_has_the_order_of_the_search(added, records):
     """A bug: an effect that was exchanged stood last in the ladder, which gave its credit to a later find."""
-    found = with_effect(start(), find("quadratic_drag"), {"rate": 0.01})
+    found = start().with_effect(find("quadratic_drag"), {"rate": 0.01})
     found.effects.append(copy.deepcopy(added.model.effects[-1]))
     told = with_history(start(), found, records, order=["coulomb_friction", "quadratic_drag"])
     first, second = ladder(told).rungs
@@ -345,8 +344,8 @@ def test_levels_without_a_refresh_are_no_worse_minima():
         spectra(axis_record(multisine(seed=s).table(), 6, NOISE, s, **AXIS | hidden, coulomb_level=LEVEL))
         for s in (SEED, SEED + 1, SEED + 2)
     ]
-    found = with_effect(plant(stack), find("sensor_sample_hold"), {"rate_hz": 250.0}, fixed=["rate_hz"])
-    found = with_effect(found, find("coulomb_friction"), {"level": LEVEL})
+    found = plant(stack).with_effect(find("sensor_sample_hold"), {"rate_hz": 250.0}, fixed=["rate_hz"])
+    found = found.with_effect(find("coulomb_friction"), {"level": LEVEL})
     told = with_history(plant(stack), found, records, order=["coulomb_friction", "sensor_sample_hold"])
     first, second = ladder(told).rungs
     print("seeds", SEED, "on; costs", first.before, first.after, second.after)
@@ -354,6 +353,6 @@ def test_levels_without_a_refresh_are_no_worse_minima():
     # As diagnose and add begin, and then as add goes on.
     before = fit_plant(linear_start(plant(stack), records[:2]), records[:2])
     assert first.before["cost_per_dof"] == pytest.approx(before.cost_per_dof, rel=1e-4)
-    further = fit_plant(with_effect(before.model, find("coulomb_friction"), {"level": LEVEL}), records[:2])
+    further = fit_plant(before.model.with_effect(find("coulomb_friction"), {"level": LEVEL}), records[:2])
     assert first.after["cost_per_dof"] < 1.001 * further.cost_per_dof
     assert undo(told)["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.01)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plants import BareStack
 from scipy import stats
 
 from gsid.diagnosis.candidates import Candidate, Given
@@ -15,9 +16,7 @@ NOISE = 110.0  # a cost that is noise only
 
 
 def model(effects):
-    return SimpleNamespace(
-        effects=[SimpleNamespace(id=e, params={"p": 0}) for e in effects], cov=None, fit=None
-    )
+    return BareStack(effects=[SimpleNamespace(id=e, params={"p": 0}) for e in effects], cov=None, fit=None)
 
 
 def given(measured):

@@ -30,7 +30,7 @@ from gsid.greybox.linear_start import linear_start
 from gsid.greybox.weights import same_level
 from gsid.models.hold import facts_of
 from gsid.plant.effect import Param
-from gsid.plant.model import PlantModel, check_plant, with_effect
+from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, read_as, require_not_fitted
@@ -371,16 +371,16 @@ def _starts(
 ) -> list[PlantModel]:
     """The model with the effect at the points to fit from: the likeliest of its grid, or typical ones."""
     if effect.definition:
-        return [with_effect(fit.model, effect, dict(params or {}))]
+        return [fit.model.with_effect(effect, dict(params or {}))]
     tries = _likeliest(fit, effect.id, measured)
     fixed = tries[0][0].fixed if tries else ()
     if params is not None:
-        return [with_effect(fit.model, effect, dict(params), fixed=fixed)]
+        return [fit.model.with_effect(effect, dict(params), fixed=fixed)]
     if tries:
         return [with_probe(fit.model, probe, size) for probe, size in tries]
     strengths = {p.name: p.typical for p in effect.parameters if p.null_value is not None}
     sizes = [
-        with_effect(fit.model, effect, {name: size * value for name, value in strengths.items()})
+        fit.model.with_effect(effect, {name: size * value for name, value in strengths.items()})
         for size in SIZES
     ]
     return [min(sizes, key=lambda model: _cost(model, fit, measured))]

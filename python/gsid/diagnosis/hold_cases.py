@@ -14,7 +14,7 @@ from gsid.base.hold import ALIKE, DECLARE, MEANING, likelier, other_reading
 from gsid.diagnosis.candidates import evidence
 from gsid.diagnosis.search import Ranking, Search
 from gsid.greybox.fit import PlantFit
-from gsid.plant.model import PlantModel, without_effect
+from gsid.plant.model import PlantModel
 
 # For a hold; the mode where it lies above the band.
 STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold", "flexible_mode"}
@@ -119,7 +119,7 @@ def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit |
         return case, other.refit(case.fit.model)
     stripped = case.fit.model
     for ranking in doubtful:
-        stripped = without_effect(stripped, ranking[0].effects[0])
+        stripped = stripped.without_effect(ranking[0].effects[0])
     plain = other.refit(stripped)
     if plain is not None and other.search.test(plain).p_value >= other.search.given.alpha:
         other.take([ranking for ranking in case.rankings if ranking not in doubtful], plain)
@@ -129,7 +129,7 @@ def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit |
     if refuted:
         kept = case.fit.model
         for ranking in refuted:
-            kept = without_effect(kept, ranking[0].effects[0])
+            kept = kept.without_effect(ranking[0].effects[0])
         fit = case.refit(kept)
         if fit is not None:
             case.leave_out(refuted, fit)
@@ -140,7 +140,7 @@ def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit |
 def _is_missing(case: Case, found: PlantModel, ranking: Ranking) -> bool:
     """Whether an effect earns its place beside all others that were found."""
     best = ranking[0].candidates[0]
-    whole, part = case.refit(found), case.refit(without_effect(found, best.effect))
+    whole, part = case.refit(found), case.refit(found.without_effect(best.effect))
     return whole is not None and part is not None and evidence(part, replace(best, fit=whole)) < 0
 
 

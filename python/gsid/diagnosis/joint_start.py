@@ -17,9 +17,8 @@ from gsid.base.errors import GsidError
 from gsid.diagnosis.joint_fit import fit_joint
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR, linear_error, linear_start
-from gsid.plant.linear_response import JOINT, linear_view
-from gsid.plant.model import PlantModel, drive_command, with_effect
-from gsid.plant.units import RADIANS
+from gsid.plant.linear_response import JOINT
+from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
@@ -98,7 +97,7 @@ def _with_joint(model: PlantModel, f_hz: float, ratio: float) -> PlantModel:
         "inertia_ratio": ratio,
         "damping": 2 * DAMPING * rad_s * reduced,
     }
-    larger = with_effect(model, JOINT, values)
+    larger = model.with_effect(JOINT, values)
     _refer_to_load(larger, 1 + ratio)
     return larger
 
@@ -137,7 +136,7 @@ def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tupl
 def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> float:
     """Of all records."""
     commands = [
-        drive_command(fit.model, one, record.prediction)
+        fit.model.drive_command(one, record.prediction)
         for record, one in zip(fit.records, measured, strict=True)
     ]
     return max(_twist(model, one, command) for one, command in zip(measured, commands, strict=True))
@@ -145,13 +144,6 @@ def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) ->
 
 def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
     """Root mean square of the twist that the motor's torque would make of the spring."""
-    view = linear_view(
-        model.stack(),
-        one.f_hz,
-        one.fs_hz,
-        output_angle=model.output == "angle",
-        radians_per_unit=RADIANS[model.angle_unit],
-        held=one.hold == "zoh" or model.has_controller,
-    )
+    view = model.linear_response(one)
     torque = np.linalg.norm(view.drive * lines_of(command)) / np.sqrt(2)
     return float(torque / model[f"{JOINT}.stiffness"].value)

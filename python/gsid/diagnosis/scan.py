@@ -21,8 +21,7 @@ from gsid.diagnosis.probes import (
 from gsid.diagnosis.score_test import Score, orthonormal, score
 from gsid.effects.types import catalogue, find
 from gsid.greybox.fit import PlantFit, RecordFit, stacked, whitened
-from gsid.plant.linear_response import linear_view
-from gsid.plant.model import PlantModel, drive_command, with_effect
+from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
 from gsid.spectrum.spectra import Spectra
 
@@ -44,7 +43,7 @@ def with_probe(model: PlantModel, probe: Probe, size: np.ndarray) -> PlantModel:
     size : ndarray
         Coefficients of its columns.
     """
-    larger = with_effect(model, probe.effect, probe.start(size), probe.limits, probe.fixed)
+    larger = model.with_effect(probe.effect, probe.start(size), probe.limits, probe.fixed)
     less_delay_s = probe.less_delay_s(size)
     if less_delay_s > 0:
         larger["transport_delay.delay_s"].value -= less_delay_s
@@ -62,17 +61,10 @@ def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory
     one : Spectra
         The record.
     """
-    view = linear_view(
-        model.stack(),
-        one.f_hz,
-        one.fs_hz,
-        output_angle=model.output == "angle",
-        radians_per_unit=RADIANS[model.angle_unit],
-        held=one.hold == "zoh" or model.has_controller,
-    )
+    view = model.linear_response(one)
     return Trajectory(
         fs_hz=one.fs_hz,
-        command=drive_command(model, one, record.prediction),
+        command=model.drive_command(one, record.prediction),
         angle=record.prediction.angle,
         rate=record.prediction.rate,
         output=record.prediction.y,
@@ -187,6 +179,6 @@ def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
     for effect in biased.effects:
         for param in effect.params.values():
             param.free = False
-    biased = with_effect(biased, "torque_bias", {"level": 0.0})
+    biased = biased.with_effect("torque_bias", {"level": 0.0})
     columns = [biased.predict(one, sensitivities=True).dY for one in measured]
     return Probe("torque_bias", columns, lambda c: {"level": float(c[0])})

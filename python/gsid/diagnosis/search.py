@@ -31,7 +31,7 @@ from gsid.diagnosis.score_test import (
 )
 from gsid.effects.types import catalogue
 from gsid.greybox.fit import PlantFit, stacked
-from gsid.plant.model import PlantModel, with_effect, without_effect
+from gsid.plant.model import PlantModel
 
 EFFECTS_MAX = 3  # effects looked for, one after the other
 SEARCHES = 2  # the second when leaving out or exchanging has changed the model
@@ -232,12 +232,12 @@ class Search:
             return []
         self.given.on_step(f"trying {effect} in place of {own.effect}")
         start = {"level": sum(p.value for name, p in own.params.items() if name in ("level", "extra"))}
-        fit = self.fit_or_none(with_effect(without_effect(model, own.effect), effect, start))
+        fit = self.fit_or_none(model.without_effect(own.effect).with_effect(effect, start))
         return [Candidate(effect, fit, own.predicted_drop)] if fit else []
 
     def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
         """Fit with an effect left out, once for each set of effects."""
-        model = without_effect(fit.model, effect)
+        model = fit.model.without_effect(effect)
         left = frozenset(each.id for each in model.effects)
         if left not in self._smaller:
             self._smaller[left] = self.fit_or_none(model, anew=effect == SAMPLER)
@@ -247,7 +247,7 @@ class Search:
         """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
         model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
         """
-        here, there = without_effect(model, effect), without_effect(rival.fit.model, effect)
+        here, there = model.without_effect(effect), rival.fit.model.without_effect(effect)
         here.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
         as_fitted = {e.id: e for e in there.effects}
         there.effects = [copy.deepcopy(as_fitted.get(e.id, e)) for e in here.effects]

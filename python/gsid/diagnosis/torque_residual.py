@@ -20,9 +20,7 @@ from gsid.effects.custom import table
 from gsid.effects.table_file import TORQUE, short_name, write_table
 from gsid.effects.types import EffectType
 from gsid.greybox.weights import lines_used, pooled_variance
-from gsid.plant.linear_response import linear_view
-from gsid.plant.model import PlantModel, drive_command
-from gsid.plant.units import RADIANS
+from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra
@@ -177,19 +175,12 @@ def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float
     use = lines_used(model, s, band) & (s.line > 0)
     answer = model.predict(s)
     error, noise = (s.y - answer.Y)[use], variance[use] / s.n_periods
-    g = linear_view(
-        model.stack(),
-        s.f_hz[use],
-        s.fs_hz,
-        output_angle=model.output == "angle",
-        radians_per_unit=RADIANS[model.angle_unit],
-        held=s.hold == "zoh" or model.has_controller,
-    ).torque
+    g = model.linear_response(s, use).torque
     # At least as much torque as noise would make: where there is no excess the noise is halved, not blown up.
     excess = max(float(np.sum(np.abs(error) ** 2 - noise)), float(np.sum(noise)))
     back = np.conj(g) / (np.abs(g) ** 2 + noise * np.sum(np.abs(g) ** 2) / excess)
     delay = model.stack().get("transport_delay", {}).get("delay_s", 0.0)
-    command = np.roll(drive_command(model, s, answer), round(delay * s.fs_hz))  # as it arrives
+    command = np.roll(model.drive_command(s, answer), round(delay * s.fs_hz))  # as it arrives
     return _Path(
         n=s.period_samples,
         line=s.line[use],

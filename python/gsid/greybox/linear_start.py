@@ -18,9 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsid.effects.types import catalogue
-from gsid.plant.linear_response import linear_view
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS
 from gsid.spectrum.spectra import Spectra, require_motion_of_output
 
 SPREAD = 0.15  # a resonance is looked for within this share of its value
@@ -122,17 +120,7 @@ class _Problem:
         for name, value in zip(self.names, values, strict=True):
             effect, _, parameter = name.rpartition(".")
             stack[effect][parameter] = float(value)
-        answers = [
-            linear_view(
-                stack,
-                one.f_hz[one.excited],
-                one.fs_hz,
-                output_angle=self.model.output == "angle",
-                radians_per_unit=RADIANS[self.model.angle_unit],
-                held=one.hold == "zoh" or self.model.has_controller,
-            ).command
-            for one in self.distinct
-        ]
+        answers = [self.model.linear_response(one, one.excited, stack=stack).command for one in self.distinct]
         together = np.concatenate(
             [(g - answers[i]) * w for g, i, w in zip(self.g, self.which, self.weight, strict=True)]
         )

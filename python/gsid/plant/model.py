@@ -21,6 +21,7 @@ from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.effects.custom import entry_keys, of_entry
 from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
+from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.periodic import PeriodicPlant, Prediction, input_period
 from gsid.plant.units import RADIANS
 from gsid.records.record import Record
@@ -182,6 +183,48 @@ class PlantModel:
         """Whether anything depends on where the axis stands. If not, the mean angle is arbitrary."""
         return any(effect.type.c.looks_at_angle for effect in self.effects)
 
+    # ---- other stacks --------------------------------------------------------------------------------
+
+    def with_effect(
+        self,
+        effect: str | EffectType,
+        params: Mapping[str, float],
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        fixed: Sequence[str] = (),
+    ) -> PlantModel:
+        """A copy with one more effect, its values inside the catalogue's bounds, without the marks of a fit.
+
+        Parameters
+        ----------
+        effect : str or EffectType
+            Id of the catalogue, or an effect of one's own.
+        params : mapping of float
+            Values; those not given are typical ones.
+        limits : mapping of (lo, hi), optional
+            Limits of a fit that are narrower than the catalogue's bounds.
+        fixed : sequence of str
+            Parameters that a fit leaves as they are.
+        """
+        larger = copy.deepcopy(self)
+        larger.cov, larger.fit = None, None
+        added = {}
+        own = effect if isinstance(effect, EffectType) else None
+        known = own or find(effect)
+        for parameter in known.parameters:
+            limit = (limits or {}).get(parameter.name)
+            lower, upper = limit or (parameter.lower, parameter.upper)
+            value = float(np.clip(params.get(parameter.name, parameter.typical), lower, upper))
+            added[parameter.name] = Param(value, parameter.name not in fixed, limits=limit)
+        larger.effects.append(Effect(known.id, added, own))
+        return larger
+
+    def without_effect(self, effect: str) -> PlantModel:
+        """A copy without the effects of an id, and without the marks of a fit."""
+        smaller = copy.deepcopy(self)
+        smaller.cov, smaller.fit = None, None
+        smaller.effects = [each for each in smaller.effects if each.id != effect]
+        return smaller
+
     # ---- prediction ----------------------------------------------------------------------------------
 
     def simulate(self, u: np.ndarray) -> Prediction:
@@ -226,6 +269,56 @@ class PlantModel:
         if len(several) != 1:
             raise ValueError(f"one record at a time is predicted, got {len(several)}")
         return PeriodicPlant.of(self, several[0]).run(sensitivities=sensitivities)
+
+    def drive_command(self, measured: Spectra, answer: Prediction) -> np.ndarray:
+        """Command on its way to the drive at each sample of a period: in closed loop the controller's output.
+
+        Parameters
+        ----------
+        measured : Spectra
+            Its mean input is the command, or the loop's reference.
+        answer : Prediction
+            The model's answer to it.
+
+        Returns
+        -------
+        (N,) float64
+        """
+        command = input_period(measured, 1)
+        for effect in self.effects:
+            if effect.type.c.control != ffi.NULL:
+                command = _controlled(effect, command, answer, measured.fs_hz)
+        return command
+
+    def linear_response(
+        self,
+        measured: Spectra,
+        use: np.ndarray | None = None,
+        *,
+        stack: Mapping[str, Mapping[str, float]] | None = None,
+    ) -> LinearView:
+        """Responses of the linear part at the lines of a record, sampled and held as it is.
+
+        Parameters
+        ----------
+        measured : Spectra
+        use : (K,) bool, optional
+            Which of its lines; default all.
+        stack : mapping, optional
+            Values in the place of the model's, as `stack` gives them.
+
+        Returns
+        -------
+        LinearView
+        """
+        return linear_view(
+            self.stack() if stack is None else stack,
+            measured.f_hz if use is None else measured.f_hz[use],
+            measured.fs_hz,
+            output_angle=self.output == "angle",
+            radians_per_unit=RADIANS[self.angle_unit],
+            held=measured.hold == "zoh" or self.has_controller,
+        )
 
     # ---- files ---------------------------------------------------------------------------------------
 
@@ -492,28 +585,6 @@ def _check_params(effect: Effect, where: str) -> None:
     effect.params = {name: effect.params[name] for name in known.names}
 
 
-def drive_command(model: PlantModel, measured: Spectra, answer: Prediction) -> np.ndarray:
-    """Command on its way to the drive at each sample of a period: in closed loop what the controller gives.
-
-    Parameters
-    ----------
-    model : PlantModel
-    measured : Spectra
-        The record: its mean input is the command, or the loop's reference.
-    answer : Prediction
-        The model's answer to it.
-
-    Returns
-    -------
-    (N,) float64
-    """
-    command = input_period(measured, 1)
-    for effect in model.effects:
-        if effect.type.c.control != ffi.NULL:
-            command = _controlled(effect, command, answer, measured.fs_hz)
-    return command
-
-
 def _controlled(effect: Effect, reference: np.ndarray, answer: Prediction, fs_hz: float) -> np.ndarray:
     item = ffi.new("gsid_plant_item *", {"effect": effect.type.c, "data": effect.type.data})
     for i, param in enumerate(effect.params.values()):
@@ -524,44 +595,3 @@ def _controlled(effect: Effect, reference: np.ndarray, answer: Prediction, fs_hz
     slopes = ffi.new("gsid_real[]", 3), ffi.new("gsid_real[]", len(item.value))
     signals = np.column_stack([reference, answer.angle, rate]).tolist()
     return np.array([law(item, signal, *slopes) for signal in signals])
-
-
-def with_effect(
-    model: PlantModel,
-    effect: str | EffectType,
-    params: dict[str, float],
-    limits: dict[str, tuple[float, float]] | None = None,
-    fixed: Sequence[str] = (),
-) -> PlantModel:
-    """A copy of a model with one more effect, its values moved into the catalogue's bounds.
-
-    Parameters
-    ----------
-    model : PlantModel
-    effect : str or EffectType
-        Id of the catalogue, or an effect of one's own.
-    params : dict of float
-        Values; those not given are typical ones.
-    limits : dict of (lo, hi), optional
-        Limits of a fit that are narrower than the catalogue's bounds.
-    fixed : sequence of str
-        Parameters that a fit leaves as they are.
-    """
-    larger = copy.deepcopy(model)
-    larger.cov, larger.fit = None, None
-    added = {}
-    own = effect if isinstance(effect, EffectType) else None
-    for known in (own or find(effect)).parameters:
-        limit = (limits or {}).get(known.name)
-        lower, upper = limit or (known.lower, known.upper)
-        value = float(np.clip(params.get(known.name, known.typical), lower, upper))
-        added[known.name] = Param(value, known.name not in fixed, limits=limit)
-    larger.effects.append(Effect(own.id if own else effect, added, own))
-    return larger
-
-
-def without_effect(model: PlantModel, effect: str) -> PlantModel:
-    smaller = copy.deepcopy(model)
-    smaller.cov, smaller.fit = None, None
-    smaller.effects = [e for e in smaller.effects if e.id != effect]
-    return smaller
