@@ -87,6 +87,33 @@ def test_harmonics_of_a_sine(gsid, tmp_path):
     assert harmonics[3]["below_fundamental_db"] == pytest.approx(want, abs=0.1)
 
 
+def test_plot_draws_the_distortion_or_the_change_between_levels(gsid, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    labels, save = [], Figure.savefig
+
+    def keep_labels(figure, *args, **options):
+        labels.append([ax.get_ylabel() for ax in figure.axes])
+        return save(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", keep_labels)
+    low, high = write_realisations(tmp_path), write_realisations(tmp_path, 2.0, stem="h")
+    one = gsid("distortion", *low, "--plot", "levels.png")
+    assert (one.code, "wrote levels.png" in one.err) == (0, True), one.err
+    two = gsid("distortion", *low, "--other-level", high[0], "--plot", "change.png")
+    assert two.code == 0, two.err
+    assert "σ" in labels[0][0]
+    assert "ΔG" in labels[1][1]
+    assert min((tmp_path / name).stat().st_size for name in ("levels.png", "change.png")) > 10000
+    assert gsid("distortion", *low, "--plot", "levels.txt").code == 2
+
+
+def test_plot_of_a_sine(gsid, tmp_path):
+    (name, *_) = write_realisations(tmp_path, line=np.array([8]), cubic=0.2)
+    assert gsid("distortion", name, "--plot", "sine.png").code == 0
+    assert (tmp_path / "sine.png").stat().st_size > 10000
+
+
 def test_report_has_the_picture(gsid, tmp_path):
     result = gsid("report", *write_realisations(tmp_path), "-o", "page.html")
     assert result.code == 0, result.err

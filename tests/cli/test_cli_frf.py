@@ -74,3 +74,15 @@ def test_parts_and_weak_lines(gsid, record, tmp_path):
     assert none.code == 3
     assert "no line has that much input" in none.err
     assert gsid("frf", "whole.csv", "--lpm", "--window", "100").code == 2
+
+
+def test_plot_draws_the_response(gsid, rec_csv, tmp_path):
+    table = gsid("frf", rec_csv, "--plot", "g.png")
+    assert (table.code, "wrote g.png" in table.err) == (0, True), table.err
+    assert "|G| [dB]" in table.out
+    assert (tmp_path / "g.png").stat().st_size > 10000
+    both = gsid("frf", rec_csv, "-o", "g.csv", "--plot", "h.svg", "--json")
+    assert {"f_hz", "var_g"} <= json.loads(both.out).keys()
+    assert (tmp_path / "g.csv").is_file()
+    assert (tmp_path / "h.svg").is_file()
+    assert gsid("frf", rec_csv, "--plot", "g.txt").code == 2

@@ -43,6 +43,8 @@ OVER_AN_INPUT = {
     "report": ["report", "rec.csv", "-o", "rec.csv"],
     "report_model": ["report", "rec.csv", "--model", "tf.json", "-o", "tf.json"],
     "compare_plot": ["compare", "rec.csv", "--model", "tf.json", "--plot", "tf.json"],
+    "frf_plot": ["frf", "rec.csv", "--plot", "rec.csv"],
+    "distortion_plot": ["distortion", "rec.csv", "--plot", "rec.csv"],
     "noise_plot": ["noise", "rec.csv", "--plot", "rec.csv"],
     "diagnose": ["diagnose", "--model", "m.json", "rec.csv", "-o", "m.json"],
     "diagnose_curve": ["diagnose", "--model", "m.json", "rec.csv", "--curve", "rec.csv"],

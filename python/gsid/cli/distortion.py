@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import RECORD, band_option, json_option, reading_options, records_argument
-from gsid.cli.output import print_json, print_table, say
+from gsid.cli.options import (
+    RECORD,
+    band_option,
+    check_picture,
+    json_option,
+    picture_option,
+    reading_options,
+    records_argument,
+)
+from gsid.cli.output import draw, print_json, print_table, say
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -27,12 +35,14 @@ if TYPE_CHECKING:
     multiple=True,
     help="Record at another input level, to compare the responses; may be given several times.",
 )
+@picture_option
 @json_option
 def distortion(
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
     band: tuple[float, float] | None,
     other_level: tuple[str, ...],
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Tell noise from nonlinear distortion in a frequency response.
@@ -49,8 +59,10 @@ def distortion(
     from gsid.response.estimate_distortion import distortion as measure
     from gsid.response.superposition import superposition
 
+    check_picture(picture)
     result = measure(read(records), band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
+    draw((change or result).plot, picture)
     if as_json:
         print_json(_values(result) | (_change(change) if change else {}))
     else:

@@ -10,12 +10,14 @@ import click
 from gsid.cli.options import (
     OUTPUT,
     band_option,
+    check_picture,
     json_option,
     options_as_arguments,
+    picture_option,
     record_options,
     reference_option,
 )
-from gsid.cli.output import print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_table, say
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     default=0.0,
     help="Leave out lines whose input amplitude is below A. [default: 0]",
 )
+@picture_option
 @json_option
 def frf(
     records: list[Record],
@@ -62,6 +65,7 @@ def frf(
     window: int | None,
     merge: bool,
     min_input: float,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Measure the frequency response at the excited lines, and its variance.
@@ -77,6 +81,7 @@ def frf(
     """
     from gsid.response.estimate import frf as measure
 
+    check_picture(picture)
     with options_as_arguments():
         result = measure(
             records,
@@ -91,6 +96,7 @@ def frf(
     if output:
         _write(output, result)
         say(f"wrote {output}")
+    draw(result.plot, picture)
     if as_json:
         removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
         others = {"coherence": result.coherence, "rejected_hz": result.rejected_hz, "removed": removed}
