@@ -7,6 +7,7 @@ from typing import Any
 
 from gsid.base.errors import InputError
 
+LONGEST_TEXT = 2000  # characters: a picture takes seconds to draw a longer label
 SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e15  # sample rates: powers of frequencies stay doubles
 
 
@@ -90,10 +91,13 @@ def printable_text(name: str, value: Any, where: str) -> str:
     Raises
     ------
     InputError
-        It is no text, or has a character that cannot be printed.
+        It is no text, is longer than 2000 characters, or has one that cannot be printed.
     """
     if not isinstance(value, str):
         raise InputError(f"{name} is not a text", where, repr(value)[:60], f"write {name} as a text")
+    if len(value) > LONGEST_TEXT:
+        hint = f"write at most {LONGEST_TEXT} characters"
+        raise InputError(f"{name} is too long", where, f"{len(value)} characters, {value[:20]}...", hint)
     if not value.isprintable():
         hint = f"write {name} without control characters"
         raise InputError(f"{name} has a character that cannot be printed", where, repr(value)[:60], hint)

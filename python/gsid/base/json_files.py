@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from gsid.base.arguments import LONGEST_TEXT
+
 SIZE_MOST = 64 * 2**20  # bytes
 DEPTH_MOST = 32  # lists and objects inside each other; a model file has 7
 LARGEST = 1e100  # of a coefficient
@@ -95,8 +97,10 @@ def number(data: Any, key: str, default: float | None = None) -> float | None:
 
 
 def text(data: Any, key: str, default: str | None = "") -> str | None:
-    """A text of an object that can be printed, as `number`."""
+    """A text of an object that can be printed and is not endless, as `number`."""
     value = _of_kind(data, key, str, "a text", default)
+    if value is not None and len(value) > LONGEST_TEXT:
+        raise ValueError(f"{key} has {len(value)} characters, at most {LONGEST_TEXT}")
     if value is not None and not value.isprintable():
         raise ValueError(f"{key} has a character that cannot be printed: {value[:40]!r}")
     return value
