@@ -100,6 +100,7 @@ class Start(Value):
 @click.pass_context
 def add(
     ctx: click.Context,
+    *,
     effect: str | None,
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 @click.pass_context
 def compare(
     ctx: click.Context,
+    *,
     records: list[Record],
     model_path: str,
     band: tuple[float, float] | None,

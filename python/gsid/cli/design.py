@@ -119,6 +119,7 @@ amplitude_option = click.option(
 )
 @_finished
 def multisine(
+    *,
     fs_hz: float,
     period: int,
     band: tuple[float, float],
@@ -193,6 +194,7 @@ def prbs(
 @amplitude_option
 @_finished
 def sweep(
+    *,
     fs_hz: float,
     period: int,
     band: tuple[float, float],
@@ -233,6 +235,7 @@ def sweep(
 @amplitude_option
 @_finished
 def stepped_sine(
+    *,
     fs_hz: float,
     period: int,
     band: tuple[float, float],

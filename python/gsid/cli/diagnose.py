@@ -59,6 +59,7 @@ if TYPE_CHECKING:
 @picture_option
 @json_option
 def diagnose(
+    *,
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
     model_path: str,

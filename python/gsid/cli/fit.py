@@ -139,6 +139,7 @@ class Delay(click.ParamType):
 @click.pass_context
 def fit(
     ctx: click.Context,
+    *,
     records: Sequence[str],
     read: Callable[..., list[Record] | list[MimoRecord]],
     reference: str | None,

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 @picture_option
 @json_option
 def frf(
+    *,
     records: list[Record],
     reference: str | None,
     band: tuple[float, float] | None,

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 )
 @json_option
 def report(
+    *,
     records: list[Record],
     model_path: str | None,
     diagnose: bool,

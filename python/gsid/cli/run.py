@@ -105,6 +105,7 @@ class Settle(click.ParamType):
 )
 @json_option
 def run(
+    *,
     port: str | None,
     fs_hz: float,
     period: int,

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 )
 @json_option
 def simulate(
+    *,
     paced: bool,
     link: str | None,
     once: bool,

@@ -145,7 +145,9 @@ def fit(
         )
 
     _check_rate(frf.fs_hz, frf.f_hz[use], domain, hold)
-    cfg = _configuration(n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable)
+    cfg = _configuration(
+        n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable=allow_unstable
+    )
     if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
         _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
     cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
@@ -255,6 +257,7 @@ def _configuration(
     hold: str,
     delay: str | float,
     fs_hz: float,
+    *,
     allow_unstable: bool,
 ) -> Any:
     cfg = ffi.new("gsid_fit_cfg *")

@@ -127,7 +127,7 @@ class Report:
         records, all_spectra = as_list(record), as_list(spectra)
         verdict, grade = verdict_of(frf, model, comparison)
         first = records[0] if records else None
-        drawn = pictures_of(first, all_spectra, frf, model, comparison, multisine, noise, limits)
+        drawn = pictures_of(first, all_spectra, frf, model, comparison, multisine, noise=noise, limits=limits)
         bands = distortion.bands if distortion is not None else []
         if bands and comparison is None:
             verdict = f"{verdict} {distortion.verdict}"

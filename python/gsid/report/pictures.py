@@ -68,7 +68,7 @@ CAPTIONS = {
 
 
 def pictures_of(
-    record, all_spectra, frf, model, comparison, multisine, noise=None, limits=None
+    record, all_spectra, frf, model, comparison, multisine, *, noise=None, limits=None
 ) -> list[tuple[str, Callable[[], Figure]]]:
     """Title and drawing of each picture there is data for, in the order of reading."""
     spectra = all_spectra[0] if all_spectra else None
