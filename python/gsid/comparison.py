@@ -1,13 +1,14 @@
-"""Is the model adequate, and where is it not? Measured mean spectra against the model's, line by line.
+"""Test whether a model is adequate, and locate the bands where it is not.
 
-At each line the model's output error of every period is E[p] = Y[p] - G U[p]; for a plant, whose answer is
-not a product, Y[p] less its periodic answer to the mean input, so that its scatter is that of Y alone. The
-mean over the P periods, with its sample variance s^2 / P of nu = P - 1 degrees of freedom, is judged by
-`gsid.models.misfit` (CMP-1), together with the covariance of the model where it has one: a model that was
-fitted to other records carries their noise into these. (A wandering output scatters more from period to
-period than its mean; where the input repeats, s^2 is taken from what lies between the lines:
-`gsid.spectrum.lines.variance_between_lines`.) Each parameter fitted to these very records takes a degree of
-freedom instead, which only the caller can know (`fitted`).
+At each line the output error of period p is E[p] = Y[p] - G U[p]. A plant is not linear; its error is Y[p]
+minus its periodic response to the mean input, and its scatter is that of Y alone. `gsid.models.misfit` tests
+the mean over the P periods against its sample variance s^2 / P, which has nu = P - 1 degrees of freedom
+(CMP-1). If the output drifts, it scatters more from period to period than its mean. If the input repeats, s^2
+is therefore estimated between the lines (`gsid.spectrum.lines.variance_between_lines`).
+
+A model that was fitted to other records contains their noise, so that the test includes its covariance. If
+the model was fitted to the same records (`fitted`), each parameter reduces the degrees of freedom by one
+instead.
 """
 
 from __future__ import annotations
@@ -44,61 +45,61 @@ _log = logging.getLogger(__name__)
 
 KINDS = ("excited", "odd", "even")
 
-# Neighbouring bands are shown as one when their mean excess per line differs by no more than this factor.
+# Neighbouring bands are merged if their mean excess per line differs by no more than this factor.
 ALIKE = 10.0
 
 
 @dataclass(eq=False, repr=False)
 class Comparison(Plottable):
-    """What :func:`compare` found.
+    """Result of :func:`compare`.
 
     Parameters
     ----------
     adequate : bool
-        The test of the whole band does not reject at level `alpha`.
+        True if the test of the whole band does not reject the model at level `alpha`.
     p_value : float
-        Probability of a misfit this large or larger when the model is right.
+        Probability of a misfit this large or larger if the model is correct.
     alpha : float
         False-alarm rate of the test.
     cost_per_dof : float
-        Misfit over its mean when the model is right, which is 1.
+        Misfit over its mean for a correct model; 1 on average if the model is correct.
     rms_error, noise_floor_rms, model_uncertainty_rms : float
-        Rms of the mean output's error in the band, what noise alone leaves of it, and what the model's
-        covariance adds on average to a right model's; in the output's unit.
+        Rms error of the mean output in the band, the part that noise alone causes, and the part that the
+        covariance of the model causes on average; in units of the output.
     model_uncertainty : {"included", "none", "fitted"}
-        Whether the model's own uncertainty is allowed for: by its covariance; not, as it has none; or not, as
-        it was fitted to these records.
+        How the test treats the uncertainty of the model. "included": by its covariance. "none": the model has
+        no covariance and is treated as exact. "fitted": the model was fitted to these records.
     where : list of dict
-        Bands in which the model fails, largest share of the excess first: f_lo_hz, f_hi_hz, lines
-        ("excited", "odd", "even"), share (of the excess cost), p_value (within the band, corrected for the
-        number of bands), db (error over response of the whole band).
+        Bands in which the model fails, sorted by share of the excess: f_lo_hz, f_hi_hz, lines ("excited",
+        "odd", "even"), share (of the excess cost), p_value (of the band, corrected for the number of bands),
+        db (error over response of the whole band).
     line, f_hz, kind : (k,) ndarrays
-        Line number, Hz, and what the line is: "excited", or a detection line, "odd" or "even".
+        Line number, frequency [Hz], and kind of the line: "excited", or the detection lines "odd" and "even".
     error, y : (k,) complex ndarrays
-        Mean output minus model output, and mean output; of several records, of that which moves most.
+        Mean output minus model output, and mean output, of the record with the largest output.
     sigma, sigma_model : (k,) ndarray
-        Standard deviation of that error when the model is right, and the part of it by the model's
-        uncertainty.
+        Standard deviation of that error for a correct model, and the part that the uncertainty of the model
+        causes.
     n_dof : int
-        Degrees of freedom of the noise's variance, sigma^2 - sigma_model^2: good periods of that record less
-        one.
+        Degrees of freedom of the noise variance, sigma^2 - sigma_model^2: number of good periods of that
+        record minus one.
     cost : (k,) ndarray
-        T averaged over the records, of the error that is left beside the best change of the model within its
+        T averaged over the records, for the error that remains after the best change of the model within its
         uncertainty.
     n_periods, n_records : int
-        Good periods in all, and records.
+        Total number of good periods, and number of records.
     deviance : float
-        -2 log likelihood but for a constant: T summed over all lines, twice.
+        -2 log likelihood apart from a constant: twice the sum of T over all lines.
     hold : {"zoh", "none"} or None
-        How the records' input was taken between the samples; None where they state different holds.
+        Assumed course of the input between the samples; None if the records state different holds.
     hold_assumed : bool
-        The records do not state it: of both assumptions the one under which the model is adequate, else the
-        likelier.
+        True if the records do not state their hold. `hold` is then the one with which the model is adequate,
+        or the likelier if the test gives the same result for both.
     other_delay_s : float or None
-        The model's delay [s] under the other assumption: from its fit where the hold was assumed there too,
-        else half a sample apart. None where the hold is stated or the model has no delay.
+        Delay of the model [s] with the other hold. It comes from the fit if the hold was assumed there too;
+        otherwise it differs by half a sample. None if the hold is stated or the model has no delay.
     delay_hold_uncertainty_s : float or None
-        Difference of the delay between the two assumptions [s].
+        Difference of the delay between the two holds [s].
     """
 
     adequate: bool
@@ -131,7 +132,7 @@ class Comparison(Plottable):
 
     @property
     def verdict(self) -> str:
-        """What was found, for people, and whether the model's uncertainty is unknown."""
+        """The result in one or two sentences."""
         if self.model_uncertainty != "none":
             return self._verdict
         return f"{self._verdict} The model has no covariance: it is judged as if it were known exactly."
@@ -156,7 +157,7 @@ class Comparison(Plottable):
         return f"Not adequate: {size}; {share} (cost {self.cost_per_dof:.3g} times that of noise)."
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers of `gsid compare --json`."""
+        """The values of `gsid compare --json`."""
         keys = (
             "adequate",
             "p_value",
@@ -199,7 +200,7 @@ class Comparison(Plottable):
 
 @dataclass
 class _Lines:
-    """One record's lines in the band."""
+    """Lines of one record in the band."""
 
     line: np.ndarray
     f_hz: np.ndarray
@@ -213,7 +214,7 @@ class _Lines:
         return np.where(self.line == 0, 1.0, 0.5)
 
     def mean_square(self, squares: np.ndarray) -> float:
-        """Of a signal with these |amplitude|^2."""
+        """Mean square of a signal with these |amplitude|^2."""
         return float(np.sum(self.power * squares))
 
 
@@ -235,16 +236,16 @@ def compare(
     records : Record or Spectra, or a sequence of them
         One or more realisations, each with at least two good periods.
     period, settle : int, optional
-        Samples in a period and samples thrown away first; default what the record says or shows.
+        Samples per period, and samples discarded at the start; default: as stated in the record or detected.
     band : (lo, hi), optional
-        Hz; default from the first to the last excited line, for a plant as in `gsid.fit_plant`.
+        Band [Hz]; default from the first to the last excited line, for a plant as in `gsid.fit_plant`.
     alpha : float
         False-alarm rate of the test.
     fitted : bool
-        Whether the free parameters were fitted to these very records in this band. The test of the whole
-        band allows for them by their number; the bands of the misfit are still judged mildly. A model
-        fitted to other records, as by default, is allowed the covariance of its fit; one without covariance
-        is judged as if it were known exactly.
+        Whether the free parameters were fitted to these records in this band. The test of the whole band then
+        uses the number of parameters; the tests of single bands have a lower false-alarm rate than `alpha`.
+        By default the model was fitted to other records, and the test includes its covariance. A model
+        without covariance is treated as exact.
 
     Returns
     -------
@@ -253,33 +254,33 @@ def compare(
     Raises
     ------
     ValueError
-        No line in the band, or alpha not between 0 and 1.
+        The band contains no line, or alpha is not between 0 and 1.
     TypeError
-        No model, or no record.
+        An argument is not a model or not a record.
     InputError
-        A record has less than two good periods, or no period, or its units are not the model's, or a
+        A record has fewer than two good periods or no period, its units differ from those of the model, or a
         model in z has another sample rate.
     GsidError
         The plant cannot be simulated.
 
     Notes
     -----
-    Records that do not state their hold are compared under both assumptions: see `Comparison.hold_assumed`.
+    Records that do not state their hold are compared with both holds: see `Comparison.hold_assumed`.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     measured = spectra_of(records, period=period, settle=settle)
     if not isinstance(model, PlantModel) and not hasattr(model, "response"):
-        raise TypeError(f"a model is needed, as load_model reads it, got {type(model).__name__}")
+        raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
     if isinstance(model, PlantModel) and not fitted:
-        _say_what_is_open(model)
+        _warn_of_undetermined(model)
     if _depends_on_hold(model) and is_open(measured):
         return _either(model, measured, lambda one, read: _compared(one, read, band, alpha, fitted=fitted))
     return _compared(model, measured, band, alpha, fitted=fitted)
 
 
 def _depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
-    """A loop's reference is held whatever the records state; a model in z has any hold inside."""
+    """Whether the hold matters. The reference of a loop is always held; a model in z includes its hold."""
     if isinstance(model, PlantModel):
         return not model.has_controller
     return getattr(model, "pieces", (model,))[0].domain == "s"
@@ -290,7 +291,7 @@ def _either(
     measured: list[Spectra],
     compared: Callable[[Any, list[Spectra]], Comparison],
 ) -> Comparison:
-    """The assumption under which the model is adequate; of two alike the likelier."""
+    """Compare with both holds. Use the one with which the model is adequate, otherwise the likelier."""
     cases = fit_readings(lambda reading: compared(_behind(model, reading), read_as(measured, reading)))
     adequate = [reading for reading, case in cases.items() if case.adequate]
     likeliest = likelier({reading: case.deviance for reading, case in cases.items()})
@@ -307,7 +308,7 @@ def _either(
 
 
 def _behind(model: RationalModel | PiecewiseModel | PlantModel, hold: str) -> Any:
-    """The model as it answers to an input of a hold; a plant is simulated as the records are read."""
+    """The model for an input with this hold. A plant takes the hold from the records."""
     if isinstance(model, PlantModel):
         return model
     if hasattr(model, "pieces"):
@@ -380,9 +381,9 @@ def _same_lines(parts: list[_Lines]) -> bool:
 
 
 def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
-    """Whether the uncertainty of all of a model is known, of the parameters that are free now.
+    """Whether the covariance of a model covers all parameters that are free now.
 
-    One that was made free after the fit has no standard deviation: the covariance is that of others.
+    A parameter that was made free after the fit has no standard deviation and is not covered.
     """
 
     def known(cov: np.ndarray | None, n_free: int) -> bool:
@@ -395,7 +396,7 @@ def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
 
 
 def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
-    """Errors of all records, cut where they were joined."""
+    """Split the joined errors into those of each record."""
     ends = np.cumsum([len(part.line) for part in parts])
     return [errors[end - len(part.line) : end] for part, end in zip(parts, ends, strict=True)]
 
@@ -442,7 +443,7 @@ def _lines(
 def _answer(
     model: RationalModel | PiecewiseModel | PlantModel, s: Spectra, use: np.ndarray, with_uncertainty: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The model's output lines, of every period or of all alike, and how its uncertainty moves them."""
+    """Output lines of the model, per period or common to all, and their change by its uncertainty."""
     none = np.zeros((int(np.count_nonzero(use)), 0), complex)
     if not isinstance(model, PlantModel):
         by_model = model.deviations(s.f_hz[use]) * s.u[use, None] if with_uncertainty else none
@@ -450,38 +451,38 @@ def _answer(
     answer = model.predict(s, sensitivities=with_uncertainty)
     noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
     if not answer.settled and answer.residual > UNSETTLED * noise_rms:
-        _log.warning("no steady state was found for %s: the comparison is not to be trusted", s.name)
+        _log.warning("no steady state was found for %s: do not trust this comparison", s.name)
     return answer.Y[use], answer.dY[:, use].T @ _plant_deviations(model) if with_uncertainty else none
 
 
 def _plant_deviations(model: PlantModel) -> np.ndarray:
     """(n_free, r) one standard deviation of the parameters along each independent direction.
 
-    What the fit left open may have any value of its size.
+    A parameter that the fit did not determine has a standard deviation of its own size.
     """
     cov = np.array(model.cov)
-    for name in _open_parameters(model):
+    for name in _undetermined(model):
         i = model.free_names.index(name)
         cov[i, i] += max(abs(model[name].value), least_size(model.parameter(name))) ** 2
     return half_of(cov)
 
 
-def _open_parameters(model: PlantModel) -> list[str]:
-    """Free parameters that the fit left undetermined, or found for each of its records apart."""
+def _undetermined(model: PlantModel) -> list[str]:
+    """Free parameters that the fit did not determine, or estimated for each record separately."""
     own = {name for record in (model.fit or {}).get("per_record") or [] for name in record}
     stds = {name: model[name].std for name in model.free_names}
     return [name for name, std in stds.items() if name in own or (std is not None and np.isnan(std))]
 
 
-def _say_what_is_open(model: PlantModel) -> None:
-    found = _open_parameters(model) if has_covariance(model) else []
+def _warn_of_undetermined(model: PlantModel) -> None:
+    found = _undetermined(model) if has_covariance(model) else []
     if found:
-        text = "the fit does not determine %s elsewhere: any value of its size is allowed, to first order"
+        text = "the fit does not determine %s for other records: the test allows a change by its own size"
         _log.warning(text, ", ".join(found))
 
 
 def _mean_cost(records: list[Errors]) -> float:
-    """Mean of T over its expectation nu / (nu - 1). It has none with nu = 1: all variances stand in."""
+    """Mean of T over its expectation nu / (nu - 1). With nu = 1, which has none, variances are averaged."""
     total = 0.0
     for one in records:
         if one.dof[0] > 1:
@@ -498,14 +499,14 @@ def _third_octaves(f_lo: float, f_hi: float) -> np.ndarray:
 
 
 def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, Any]]:
-    """Third-octave bands, of each kind of line, that fail at level alpha all together (Holm).
+    """Third-octave bands of each kind of line that fail at a joint level alpha (Holm).
 
-    Each is judged by itself, with all of the model's uncertainty: what that allows there is no failure.
+    Each band is tested alone with the full uncertainty of the model.
     """
     join = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("f_hz", "kind", "y")}
     above = join["f_hz"][join["f_hz"] > 0]
     edges = _third_octaves(above.min(), above.max()) if len(above) else np.array([np.inf])
-    edges = np.insert(edges, 0, 0.0)  # the line at 0, where it counts, is a band of its own
+    edges = np.insert(edges, 0, 0.0)  # line 0, if used, is a band of its own
     cells = []
     for kind in KINDS:
         for lo, hi in itertools.pairwise(edges):
@@ -530,7 +531,7 @@ def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, 
 
 
 def _holm(cells: list[dict[str, Any]], alpha: float) -> list[dict[str, Any]]:
-    """Cells rejected by Holm's step-down procedure, each with its corrected p; in the order given."""
+    """Cells rejected by Holm's step-down procedure, with their corrected p, in the given order."""
     corrected = 0.0
     for rank, cell in enumerate(sorted(cells, key=lambda cell: cell["p"])):
         corrected = max(corrected, min(1.0, cell["p"] * (len(cells) - rank)))
@@ -539,7 +540,7 @@ def _holm(cells: list[dict[str, Any]], alpha: float) -> list[dict[str, Any]]:
 
 
 def _joined(cells: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Neighbouring cells of one kind that fail about equally badly, as one group."""
+    """Group neighbouring cells of one kind with similar excess per line."""
     groups: list[list[dict[str, Any]]] = []
     for cell in cells:
         group = groups[-1] if groups else None

@@ -116,7 +116,7 @@ def test_a_fit_that_cannot_be_carried_on_is_kept():
 
     def fit(model, max_iter):
         if max_iter > 3:
-            raise InputError("the model cannot be simulated as it starts", "", "", "")
+            raise InputError("the model cannot be simulated with its starting values", "", "", "")
         return SimpleNamespace(cost=900.0, converged=False, model=model)
 
     (found,) = candidates(fitted(1000.0), rates(r300=900.0), given(fit, is_enough=True))
@@ -127,7 +127,7 @@ def test_an_effect_that_cannot_be_fitted_from_any_start_is_reported():
     """A bug: an effect that could not be simulated was left out without a word."""
 
     def refuse(model, max_iter):
-        raise InputError("the model cannot be simulated as it starts", "", "", "")
+        raise InputError("the model cannot be simulated with its starting values", "", "", "")
 
     asked = given(refuse)
     assert candidates(fitted(1000.0), [scored("hard_stop", 900.0, {})], asked) == []

@@ -389,7 +389,7 @@ def test_what_the_fit_left_open_may_have_any_value(command, caplog):
         caplog.clear()
         found = compare(one, new)
         assert found.p_value > 1e-3
-        assert "does not determine cable_spring.stiffness elsewhere" in caplog.text
+        assert "does not determine cable_spring.stiffness for other records" in caplog.text
         # Of its own size, at the lowest lines, where the other parameters' errors are small beside that.
         low = found.line[:3]
         expected = np.abs(by[low]) * model["cable_spring.stiffness"].value

@@ -293,7 +293,7 @@ def test_a_start_that_cannot_be_simulated_is_said():
     """A spring that pushes away: the angle grows by exp(30 t)."""
     model = start(TRUTH)
     model["cable_spring.stiffness"].value = -1e7
-    with pytest.raises(InputError, match="cannot be simulated as it starts"):
+    with pytest.raises(InputError, match="cannot be simulated with its starting values"):
         fit_plant(model, records(1))
 
 
@@ -320,9 +320,9 @@ def test_misuse():
         fit_plant(model, one, max_iter=0)
     with pytest.raises(ValueError, match="no line"):
         fit_plant(model, one, band=(2000, 3000))
-    with pytest.raises(ValueError, match="per_record names"):
+    with pytest.raises(ValueError, match="per_record contains"):
         fit_plant(model, one, per_record=["cable_spring"])
-    with pytest.raises(ValueError, match="nothing to fit in common"):
+    with pytest.raises(ValueError, match="share no free parameter"):
         fit_plant(model, one, per_record=list(TRUTH))
     with pytest.raises(InputError, match="no such parameter") as error:
         fit_plant(model, one, fixed=["cable_spring.stifness"])
@@ -525,7 +525,7 @@ def test_a_step_into_what_does_not_settle_has_failed(solver):
     class Rattling:
         """Cost (x - 1)^2; from 0.5 on nothing settles."""
 
-        has_joint, n, parts, may_follow = True, 1, [], Problem.may_follow
+        has_backlash, n, parts, may_follow = True, 1, [], Problem.may_follow
 
         def start(self):
             return np.zeros(1)

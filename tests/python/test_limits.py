@@ -148,8 +148,8 @@ def test_a_wide_limit_of_the_command_costs_no_accuracy():
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        ({"torque_bias": {"level": 30.0}}, "without any command the axis travels 3"),
-        ({"drive_saturation": {"limit": 0.01}}, "stays within 0.5 at any command"),
+        ({"torque_bias": {"level": 30.0}}, "without a command the axis travels 3"),
+        ({"drive_saturation": {"limit": 0.01}}, "stays below 0.5 at any amplitude"),
     ],
 )
 def test_a_travel_that_no_amplitude_meets(effect, message):
@@ -159,12 +159,12 @@ def test_a_travel_that_no_amplitude_meets(effect, message):
 
 
 def test_a_travel_that_does_not_stay_is_told(caplog):
-    """Bug: travel per period was given for an axis that moves on by as much in every period."""
+    """Bug: travel per period was given for an axis that drifts by as much in every period."""
     model = plant(coulomb_friction={"level": 20.0})  # and no spring
     found = fit_to_limits(multisine(), Limits(travel=0.5), model)
     (said,) = caplog.records
     drift = abs(model.simulate(found.table()).rate.mean()) * N / FS_HZ
-    assert f"moves on by {drift:.2g}" in said.getMessage()
+    assert f"drifts by {drift:.2g}" in said.getMessage()
     caplog.clear()
     sprung = plant(coulomb_friction={"level": 20.0}, cable_spring={"stiffness": 100.0})
     fit_to_limits(multisine(), Limits(travel=0.5), sprung)
@@ -186,7 +186,7 @@ def test_misuse():
         fit_to_limits(m, Limits(travel=2.0))
     with pytest.raises(ValueError, match="needs a model"):
         optimise(m, Limits(travel=2.0))
-    with pytest.raises(ValueError, match="give a limit"):
+    with pytest.raises(ValueError, match="give at least one limit"):
         fit_to_limits(m, Limits())
     with pytest.raises(ValueError, match="positive"):
         Limits(command=-1.0)
@@ -210,5 +210,5 @@ def test_the_budget_is_kept():
     relative = np.sqrt(result.var_g) / np.abs(result.g)
     assert np.median(relative) < 0.01 < 2 * np.median(relative)  # the worst line of 12 periods sets the plan
     assert plan.amplitude_factor == pytest.approx(np.sqrt(plan.n_periods / 12), rel=0.02)
-    with pytest.raises(ValueError, match="share"):
+    with pytest.raises(ValueError, match="between 0 and 1"):
         plan_budget(result, 2.0)

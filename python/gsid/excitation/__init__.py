@@ -1,1 +1,1 @@
-"""Excitations: multisines, binary sequences, sines; within the limits of a rig."""
+"""Excitation signals: multisines, binary sequences, swept and stepped sines, and the limits of a rig."""

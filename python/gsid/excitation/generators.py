@@ -1,4 +1,4 @@
-"""Binary sequences, swept and stepped sines; the core makes their samples, as on the target."""
+"""Binary sequences, swept sines and stepped sines; the C core computes their samples, as on the target."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ PRBS_KINDS = {
     "maximum-length": lib.GSID_PRBS_MAXIMUM_LENGTH,
 }
 SWEEP_KINDS = {"linear": lib.GSID_SWEEP_LINEAR, "log": lib.GSID_SWEEP_LOGARITHMIC}
-CLOCK_OVER_BAND = 2.5  # of a binary sequence: at 0.4 of its clock its power is half (source, section 3.6)
+CLOCK_OVER_BAND = 2.5  # of a binary sequence: its power has halved at 0.4 of its clock (thesis, section 3.6)
 
 
 def _samples(step: object, n: int) -> np.ndarray:
-    """n samples of a core object, one call each."""
+    """Compute n samples of a generator of the core, one call per sample."""
     u, sample = np.empty(n), ffi.new("double *")
     for i in range(n):
         check(step(sample), "computing the period")
@@ -36,24 +36,25 @@ def _require_amplitude(amplitude: float) -> None:
 
 
 def _lines_of_interest(fs_hz: float, period_samples: int, band_hz: tuple[float, float]) -> np.ndarray:
-    """All lines of a band, (F,) int; refused where there is none."""
+    """All lines of a band, (F,) int. Raise ValueError if the band contains no line."""
     first, last = whole_lines(*lines_of_band(fs_hz, period_samples, band_hz))
     if first > last:
-        raise ValueError(f"no line in {band_hz[0]:g}:{band_hz[1]:g} Hz: a longer period has closer lines")
+        raise ValueError(f"no line in {band_hz[0]:g}:{band_hz[1]:g} Hz: use a longer period for closer lines")
     return np.arange(first, last + 1)
 
 
 @dataclass(repr=False)
 class Prbs(Periodic):
-    """Pseudorandom binary sequence, +-amplitude (EXC-4, EXC-5; source, section 3.6).
+    """Pseudorandom binary sequence of levels +-amplitude (EXC-4, EXC-5; thesis, section 3.6).
 
     Attributes
     ----------
     fs_hz : float
+        Sample rate [Hz].
     n_chips : int
-        Of a period.
+        Number of chips in a period.
     n_hold : int
-        Samples that a chip lasts: the clock is fs/n_hold.
+        Number of samples of a chip; the clock is fs/n_hold.
     line : (F,) int
         Lines of interest.
     amplitude : float
@@ -78,19 +79,19 @@ class Prbs(Periodic):
         kind: str = "quadratic-residue",
         amplitude: float = 1.0,
     ) -> Prbs:
-        """Design a sequence whose clock suits a band, as the source does: 2.5 times its upper edge.
+        """Design a sequence with a clock of about 2.5 times the upper edge of the band, as in the thesis.
 
         Parameters
         ----------
         fs_hz : float
             Sample rate [Hz].
         period_samples : int
-            Chips times samples of a chip; a length that there is.
+            Number of chips times samples per chip. The number of chips must be a valid sequence length.
         band_hz : (lo, hi)
-            Hz; the lines of interest.
+            Band of interest [Hz].
         kind : {"quadratic-residue", "maximum-length"}
-            Lengths: odd primes, or 2^m - 1. The spectrum is exactly flat but for the hold, where a prime is
-            4 k - 1; nearly so for 4 k + 1.
+            Valid lengths are odd primes for "quadratic-residue" and 2^m - 1 for "maximum-length". Apart from
+            the response of the hold, the spectrum is flat. For primes 4 k + 1 it is only nearly flat.
         amplitude : float
             Unit of the command.
 
@@ -109,18 +110,19 @@ class Prbs(Periodic):
         period_samples = whole_period(period_samples)
         line = _lines_of_interest(fs_hz, period_samples, band_hz)
         n_hold = max(1, math.floor(fs_hz / (CLOCK_OVER_BAND * band_hz[1]) + ON_A_LINE))
-        asked = round(period_samples / n_hold)
-        n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], asked))
+        requested = round(period_samples / n_hold)
+        n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], requested))
         if n_chips * n_hold != period_samples:
             raise ValueError(
-                f"a period of {period_samples} samples is no {kind} sequence of {n_hold} samples a chip; "
+                f"a {kind} sequence with {n_hold} samples per chip cannot have a period of {period_samples} "
+                f"samples; "
                 f"the nearest valid request is {n_chips * n_hold} samples ({n_chips} chips)"
             )
         return cls(float(fs_hz), n_chips, n_hold, line, float(amplitude), kind)
 
     @property
     def period_samples(self) -> int:
-        """N."""
+        """Number of samples of a period, N."""
         return self.n_chips * self.n_hold
 
     def table(self) -> np.ndarray:
@@ -144,21 +146,22 @@ class Prbs(Periodic):
 
 @dataclass(repr=False)
 class Sweep(Periodic):
-    """Swept sine, once through the band in each period (EXC-6, EXC-7; source, section 3.7).
+    """Swept sine that passes the band once in each period (EXC-6, EXC-7; thesis, section 3.7).
 
     Attributes
     ----------
     fs_hz : float
+        Sample rate [Hz].
     period_samples : int
-        N.
+        Number of samples of a period, N.
     f_start_hz, f_stop_hz : float
-        Frequency at the start and at the end of a period.
+        Frequencies at the start and at the end of a period [Hz].
     line : (F,) int
         Lines of interest.
     amplitude : float
         Unit of the command.
     phase_rad : float
-        Of the sine at the start of a period.
+        Phase of the sine at the start of a period [rad].
     kind : {"linear", "log"}
     """
 
@@ -190,18 +193,18 @@ class Sweep(Periodic):
         fs_hz : float
             Sample rate [Hz].
         period_samples : int
-            N.
+            Number of samples of a period, N.
         band_hz : (lo, hi)
-            Frequency at the start and at the end of a period [Hz].
+            Frequencies at the start and at the end of a period [Hz].
         kind : {"linear", "log"}
-            Frequency over time.
+            Course of the frequency over time.
         amplitude : float
             Unit of the command.
         phase_rad : float
-            Of the sine at the start of a period.
+            Phase of the sine at the start of a period [rad].
         continuous : bool
-            Lower the upper frequency as little as makes the turns of a period a whole number, so that the
-            phase goes on over its end without a jump.
+            Lower the upper frequency slightly, so that a period contains a whole number of turns and the
+            phase is continuous from one period to the next.
 
         Returns
         -------
@@ -230,7 +233,7 @@ class Sweep(Periodic):
 
     @property
     def turns(self) -> float:
-        """Turns of the sine in a period; a whole number has no jump at its end."""
+        """Number of turns of the sine in a period. A whole number gives a continuous phase."""
         return float(lib.gsid_sweep_turns(self._cfg()))
 
     def _whole(self) -> Sweep:
@@ -241,7 +244,7 @@ class Sweep(Periodic):
         if replace(self, f_stop_hz=lowest).turns > whole:
             raise ValueError(
                 f"no whole number of turns fits between {self.f_start_hz:g} and {self.f_stop_hz:g} Hz; "
-                "lengthen the period, or allow a jump of the phase"
+                "use a longer period, or allow a phase jump between periods"
             )
         stop = brentq(lambda f: replace(self, f_stop_hz=f).turns - whole, lowest, self.f_stop_hz, xtol=1e-12)
         return replace(self, f_stop_hz=float(stop))
@@ -267,19 +270,20 @@ class Sweep(Periodic):
 
 @dataclass(repr=False)
 class SteppedSine(Periodic):
-    """One sine after the other: each settles, then lasts for whole periods (source, figure 3.2).
+    """Sequence of single sines, each with a settling time and whole periods to measure (thesis, figure 3.2).
 
     Attributes
     ----------
     fs_hz : float
+        Sample rate [Hz].
     n_base : int
-        Samples of the period that all sines share; their lines are at k fs/n_base.
+        Number of samples of the common period of all sines; line k is at k fs/n_base.
     line : (F,) int
-        One after the other.
+        Lines in the order of the sequence.
     amplitude : (F,) float
-        Unit of the command.
+        Amplitude of each sine, unit of the command.
     settle_samples, n_periods : int
-        Of each sine, before its estimation and in it.
+        Settling time of each sine [samples], and number of periods measured after it.
     """
 
     fs_hz: float
@@ -308,17 +312,17 @@ class SteppedSine(Periodic):
         fs_hz : float
             Sample rate [Hz].
         period_samples : int
-            Samples of the period that all sines share.
+            Number of samples of the common period of all sines.
         band_hz : (lo, hi)
-            Hz.
+            Band [Hz].
         grid : str
-            As of `Multisine.design`.
+            Grid of the lines, as in `Multisine.design`.
         settle_samples : int, optional
-            Before each estimation; default: one period.
+            Settling time of each sine [samples]; default: one period.
         n_periods : int
-            Of each estimation, >= 1; two show the noise.
+            Number of periods measured at each sine, >= 1. At least two are needed to estimate the noise.
         amplitude : float
-            Of each sine, unit of the command.
+            Amplitude of each sine, unit of the command.
 
         Returns
         -------
@@ -331,17 +335,17 @@ class SteppedSine(Periodic):
         """
         _require_amplitude(amplitude)
         if n_periods < 1:
-            raise ValueError(f"a sine must last for 1 period at least, not {n_periods}")
+            raise ValueError(f"a sine must last at least 1 period, not {n_periods}")
         line = Multisine.design(fs_hz, period_samples, band_hz, grid=grid).line
         settle = period_samples if settle_samples is None else settle_samples
         if settle < 0:
-            raise ValueError(f"the samples to settle must be 0 or more, not {settle}")
+            raise ValueError(f"settle_samples must be 0 or more, not {settle}")
         sizes = np.full(len(line), float(amplitude))
         return cls(float(fs_hz), int(period_samples), line, sizes, int(settle), int(n_periods))
 
     @property
     def period_samples(self) -> int:
-        """Samples of the whole sequence."""
+        """Number of samples of the whole sequence."""
         return len(self.line) * (self.settle_samples + self.n_periods * self.n_base)
 
     @property
@@ -367,17 +371,17 @@ class SteppedSine(Periodic):
 
     @property
     def crest_factor(self) -> float:
-        """Of each sine on the samples, the largest: sqrt(2) at most."""
+        """Largest crest factor of the sampled sines; at most sqrt(2)."""
         return self.peak / (float(np.max(np.abs(self.amplitude))) / math.sqrt(2))
 
     @property
     def crest_factor_fine(self) -> float:
-        """Of a sine: sqrt(2)."""
+        """Crest factor of a sine: sqrt(2)."""
         return math.sqrt(2)
 
     @property
     def p_int_over_p_tot(self) -> float:
-        """All of a sine's power is of interest."""
+        """Share of the power at the lines of interest: 1 for single sines."""
         return 1.0
 
     def scaled(self, factor: float) -> SteppedSine:

@@ -1,4 +1,4 @@
-"""Excitations within what the rig allows: command, travel, slew; and how long to measure."""
+"""Scale excitations to the limits of a rig (command, travel, slew), and plan the measurement time."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ _log = logging.getLogger(__name__)
 
 Model = RationalModel | PlantModel
 Signal = TypeVar("Signal", bound=Periodic)
-BISECTIONS = 20  # of the octave of amplitude in which a plant reaches its travel: to a millionth
-OCTAVES = 40  # of amplitude in which that one is looked for, up and down
-DRIFT = 0.01  # of the travel in each period, before it is reported
+BISECTIONS = 20  # of the octave of amplitude that contains the limit of travel: accuracy 1e-6
+OCTAVES = 40  # of amplitude searched for that octave, upwards and downwards
+DRIFT = 0.01  # least drift per period that is reported, over the travel
 DEG = {"deg": 1.0, "rad": 180 / math.pi}
 
 
 def travel(signal: Periodic, model: Model) -> float:
-    """Predict how far the axis travels from the middle, in steady state.
+    """Predict the travel of the axis from its middle position, in steady state.
 
-    Where there is none, as nothing brings the axis back, it is the travel within a period, and a warning
-    tells by how much it moves on.
+    If the axis drifts because nothing returns it, the result is the travel within one period, and the drift
+    per period is logged as a warning.
 
     Parameters
     ----------
     signal : Periodic
     model : RationalModel or PlantModel
-        A rational model of a rate (its unit ends in /s, or is not given) or of an angle.
+        A rational model of a rate or of an angle. A unit that ends in /s, or a missing unit, means a rate.
 
     Returns
     -------
     float
-        Half of the peak-to-peak angle, degree (the plant's unit where that is none).
+        Half of the peak-to-peak angle, in degrees for angles, else in the unit of the model.
 
     Raises
     ------
@@ -58,15 +58,15 @@ def travel(signal: Periodic, model: Model) -> float:
     most = float(np.abs(path).max())
     if drift > DRIFT * most:
         _log.warning(
-            "the predicted travel of %.3g %s is no steady state: the axis moves on by %.2g %s in each "
-            "period; bring it back by a loop or a spring, or measure few periods",
+            "the predicted travel of %.3g %s is not a steady state: the axis drifts by %.2g %s in each "
+            "period; add a position loop or a spring, or measure few periods",
             *(most, travel_unit(model), drift, travel_unit(model)),
         )
     return most
 
 
 def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
-    """Predict the angle over one period, in steady state where there is one.
+    """Predict the angle over one period, in steady state if there is one.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
     Returns
     -------
     (N,) float
-        From the middle of the travel, in `travel_unit`.
+        Angle from the middle of the travel, in `travel_unit`.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def travel_path(u: np.ndarray, fs_hz: float, model: Model) -> np.ndarray:
 
 
 def _orbit(u: np.ndarray, fs_hz: float, model: Model) -> tuple[np.ndarray, float]:
-    """`travel_path`, and by how much it changes in one more period."""
+    """`travel_path`, and its change per period."""
     drift = 0.0
     if isinstance(model, PlantModel):
         answer, unit = _angle_model(model, fs_hz).simulate(u), DEG.get(model.angle_unit, 1.0)
@@ -107,13 +107,13 @@ def _orbit(u: np.ndarray, fs_hz: float, model: Model) -> tuple[np.ndarray, float
 
 
 def travel_unit(model: Model) -> str:
-    """Unit of the predicted travel: deg for angles, else that of the model's output or its integral."""
+    """Unit of the predicted travel: deg for angles, else the unit of the model's output or its integral."""
     unit = model.angle_unit if isinstance(model, PlantModel) else (model.y_unit or "deg/s").removesuffix("/s")
     return "deg" if unit in DEG else unit
 
 
 def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
-    """Response of the angle to the command, (F,) complex, degree per command; of a plant its linear part."""
+    """Response from command to angle, (F,) complex, degree per command unit. A plant is linearised."""
     if isinstance(model, PlantModel):
         unit_rad = RADIANS[model.angle_unit]
         g = linear_view(model.stack(), f_hz, fs_hz, output_angle=True, radians_per_unit=unit_rad).command
@@ -126,7 +126,7 @@ def travel_response(model: Model, f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
 
 
 def _angle_model(model: PlantModel, fs_hz: float) -> PlantModel:
-    """The plant at the rate of the signal, looked at by its angle."""
+    """The plant with the angle as output, at the sample rate of the signal."""
     if model.has_controller and abs(model.fs_hz / fs_hz - 1) > 1e-6:
         raise ValueError(f"the model's controller runs at {model.fs_hz:g} Hz, the signal at {fs_hz:g} Hz")
     return replace(model, output="angle", fs_hz=fs_hz)
@@ -139,19 +139,19 @@ def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) ->
     ----------
     signal : Periodic
     limits : Limits
-        One at least.
+        At least one limit.
     model : RationalModel or PlantModel, optional
-        Needed for a limit of travel.
+        Required for a limit of travel.
 
     Returns
     -------
     Periodic
-        Of the signal's class.
+        Scaled signal of the same class.
 
     Raises
     ------
     ValueError
-        No limit, or one of travel without a model, or that no amplitude of the excitation meets.
+        No limit is given, a limit of travel is given without a model, or no amplitude meets the limit.
     """
     factors = []
     if limits.command is not None:
@@ -164,10 +164,10 @@ def fit_to_limits(signal: Signal, limits: Limits, model: Model | None = None) ->
         most = min(factors, default=math.inf)
         factors.append(_factor_of_travel(signal, limits.travel, model, most))
     if not factors:
-        raise ValueError("give a limit: command, travel or slew")
+        raise ValueError("give at least one limit: command, travel or slew")
     scaled = signal.scaled(min(factors))
     if limits.travel is not None:
-        travel(scaled, model)  # warns where the axis does not stay within it
+        travel(scaled, model)  # logs a warning if the axis drifts
     return scaled
 
 
@@ -179,7 +179,7 @@ def _factor_of_travel(signal: Signal, limit: float, model: Model, most: float) -
     once = moved(1.0)
     if isinstance(model, RationalModel):
         return limit / once
-    # friction and springs make the travel more or less than proportional, and friction may hold the axis
+    # With friction or springs the travel is not proportional to the command; friction may hold the axis.
     low, high = _octave(moved, limit, min(limit / once if once > 0 else 1.0, most), most)
     for _ in range(BISECTIONS if low < high else 0):
         middle = (low + high) / 2
@@ -188,15 +188,15 @@ def _factor_of_travel(signal: Signal, limit: float, model: Model, most: float) -
 
 
 def _octave(moved: Callable[[float], float], limit: float, start: float, most: float) -> tuple[float, float]:
-    """Two factors, at most an octave apart, between which the limit is reached; both `most` if it is not."""
+    """Two factors, at most an octave apart, that bracket the limit; both `most` if it is not reached."""
     factor = start
     if moved(start) > limit:
         for _ in range(OCTAVES):
             factor /= 2
             if moved(factor) <= limit:
                 return factor, 2 * factor
-        rest = f"without any command the axis travels {moved(0.0):.3g}"
-        raise ValueError(f"no amplitude keeps the limit of travel, {limit:g}: {rest}")
+        rest = f"without a command the axis travels {moved(0.0):.3g}"
+        raise ValueError(f"no amplitude meets the limit of travel, {limit:g}: {rest}")
     for _ in range(OCTAVES):
         if factor == most:
             return most, most
@@ -204,25 +204,25 @@ def _octave(moved: Callable[[float], float], limit: float, start: float, most: f
         if moved(wider) > limit:
             return factor, wider
         factor = wider
-    raise ValueError(f"the travel stays within {limit:g} at any command: give a limit of the command too")
+    raise ValueError(f"the travel stays below {limit:g} at any amplitude: give a limit of the command too")
 
 
 def optimise(
     multisine: Multisine, limits: Limits | None = None, model: Model | None = None, *, effort: int = 150
 ) -> Multisine:
-    """Search phases with low peaks (EXC-9), of the command alone or of command and travel together.
+    """Search for phases with low peaks of the command, or of command and travel together (EXC-9).
 
     Parameters
     ----------
     multisine : Multisine
-        Its phases are the start; the amplitudes stay.
+        Its phases are the starting values. The amplitudes are not changed.
     limits : Limits, optional
-        With both command and travel the larger of the two peaks, each over its limit, is made small, so that
-        the amplitude that fits both is large.
+        With limits of command and travel, the larger of the two peaks, each divided by its limit, is
+        minimised. This allows the largest amplitude within both limits.
     model : RationalModel or PlantModel, optional
-        Needed for a limit of travel.
+        Required for a limit of travel.
     effort : int
-        Evaluations in each of the seven stages.
+        Number of evaluations in each of the seven stages.
 
     Returns
     -------
@@ -231,9 +231,9 @@ def optimise(
     Raises
     ------
     ValueError
-        A limit of travel without a model.
+        A limit of travel is given without a model.
     GsidError
-        Built without FFTW or NLopt.
+        The library was built without FFTW or NLopt.
     """
     cfg = ffi.new("gsid_optimise_cfg *")
     line = np.ascontiguousarray(multisine.line, np.uint32)
@@ -247,7 +247,7 @@ def optimise(
         response = travel_response(model, multisine.f_hz, multisine.fs_hz)
         response = np.ascontiguousarray(response, complex)
         cfg.travel = ffi.from_buffer("gsid_cplx[]", response)
-        # without a limit of the command its peak counts for nothing
+        # Without a limit of the command, its peak is ignored.
         largest = float(np.sum(np.abs(amplitude)))
         cfg.limit_command = 1e6 * largest if limits.command is None else limits.command
         cfg.limit_travel = limits.travel
@@ -259,18 +259,18 @@ def optimise(
 
 @dataclass(frozen=True)
 class Budget:
-    """How long to measure for a wanted uncertainty.
+    """Measurement time that a required uncertainty needs.
 
     Attributes
     ----------
     n_periods : int
-        Good periods, the settling not counted.
+        Number of good periods, without settling.
     time_s : float
-        Of those periods.
+        Duration of these periods [s].
     f_hz : float
-        The line that needs most.
+        Frequency of the line that needs the most periods [Hz].
     amplitude_factor : float
-        What the excitation would have to be multiplied by to reach the same in the periods measured so far.
+        Factor on the excitation that reaches the same uncertainty in the number of periods measured so far.
     """
 
     n_periods: int
@@ -280,30 +280,30 @@ class Budget:
 
 
 def plan_budget(measured: Frf, relative_std: float) -> Budget:
-    """Plan how many periods bring the standard deviation of every line below a share of its gain.
+    """Plan the number of periods that brings the standard deviation of every line below a share of its gain.
 
     Parameters
     ----------
     measured : Frf
-        A short measurement with the excitation planned; its noise is what counts.
+        Response from a short measurement with the planned excitation. It provides the noise level.
     relative_std : float
-        Wanted sigma_G / |G|, 0 .. 1.
+        Required sigma_G / |G|, 0 .. 1.
 
     Returns
     -------
     Budget
-        Noise falls as 1/sqrt(periods); what distortion adds does not (`gsid.distortion`).
+        Assumes that the noise falls as 1/sqrt(periods). Distortion does not fall (`gsid.distortion`).
 
     Raises
     ------
     ValueError
-        A share that is none, or a measurement without variance.
+        relative_std is not between 0 and 1, or the measurement has no variance.
     """
     if not 0 < relative_std < 1:
-        raise ValueError(f"the wanted sigma must be a share of the gain between 0 and 1, not {relative_std}")
+        raise ValueError(f"the relative standard deviation must be between 0 and 1, not {relative_std}")
     relative_var = measured.var_g / np.abs(measured.g) ** 2 * measured.n_periods  # of one period
     if not np.isfinite(relative_var).all():
-        raise ValueError("the measurement has no variance at every line: measure 2 periods at least")
+        raise ValueError("the measurement lacks a variance at some lines: measure at least 2 periods")
     worst = int(np.argmax(relative_var))
     n_periods = max(2, math.ceil(relative_var[worst] / relative_std**2))
     return Budget(

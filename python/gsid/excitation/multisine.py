@@ -1,4 +1,4 @@
-"""Periodic excitation: multisines on a grid of lines k fs/N; a request is met as asked, or refused."""
+"""Multisines on a grid of lines k fs/N. A request is met exactly or raises an error."""
 
 from __future__ import annotations
 
@@ -13,33 +13,34 @@ from gsid.base.bands import ON_A_LINE, two_frequencies
 from gsid.excitation.periodic import Periodic, require_one_of, require_rate, whole_period
 
 GRIDS = ("full", "odd", "odd-random", "quasi-log")
-GROUP = 4  # odd lines of which one is left out on the grid odd-random, at random
+GROUP = 4  # on the grid odd-random, one randomly drawn line of each group of odd lines is omitted
 LINES_PER_DECADE = 20  # of the grid quasi-log
 PHASES = ("schroeder", "random")
 
 
 @dataclass(repr=False)
 class Multisine(Periodic):
-    """u[n] = sum over lines of amplitude cos(2 pi line n / N + phase)  (EXC-1; source, eqs. 3.4 and 3.8).
+    """u[n] = sum over lines of amplitude cos(2 pi line n / N + phase)  (EXC-1; thesis, eqs. 3.4 and 3.8).
 
     Attributes
     ----------
     fs_hz : float
         Sample rate [Hz].
     period_samples : int
-        N.
+        Number of samples of a period, N.
     line : (F,) int
         Excited lines, ascending, 1 <= line < N/2; line k is at k fs/N [Hz].
     amplitude : (F,) float
         Amplitude of each sine, unit of the command.
     phase_rad : (F,) float
+        Phase of each sine [rad].
     grid : {"full", "odd", "odd-random", "quasi-log"}
     shape_db_per_decade : float
         Slope of the amplitude over frequency.
     seed : int or None
-        Seed of random phases; None: Schroeder phases.
+        Seed of random phases; None for Schroeder phases.
     optimised : bool
-        The phases were searched from there (`gsid.excitation.limits.optimise`).
+        True if the phases were optimised from these (`gsid.excitation.limits.optimise`).
     """
 
     fs_hz: float
@@ -74,23 +75,23 @@ class Multisine(Periodic):
         fs_hz : float
             Sample rate [Hz], > 0.
         period_samples : int
-            N; a float is taken when it is a whole number.
+            Number of samples of a period, N; a whole number.
         band_hz : (lo, hi)
             First and last frequency allowed [Hz], 0 < lo < hi < fs/2.
         grid : {"full", "odd", "odd-random", "quasi-log"}
-            Every line of the band; those of odd number only, so that the even ones show even distortion; odd
-            ones without one of every four, drawn by the seed, so that those show odd distortion (EXC-8); or
-            odd ones spread evenly over log f.
+            "full": every line of the band. "odd": odd lines only; the even lines then detect even
+            distortion. "odd-random": odd lines, of which one in every four, drawn by the seed, is omitted to
+            detect odd distortion (EXC-8). "quasi-log": odd lines spaced evenly in log f.
         phases : {"schroeder", "random"}
-            Low crest factor (EXC-2; source, definition 3.5.1), or independent and uniform on [0, 2 pi)
-            (EXC-3; source, definition 5.3.1).
+            "schroeder": phases of low crest factor (EXC-2; thesis, definition 3.5.1). "random": independent
+            phases, uniform on [0, 2 pi) (EXC-3; thesis, definition 5.3.1).
         seed : int
-            Of random phases, 0 .. 2^64 - 1.
+            Seed of random phases and of the grid "odd-random", 0 .. 2^64 - 1.
         shape_db_per_decade : float
-            Slope of the amplitude over frequency; 0 flat; -10 falls as 1/sqrt(f).
+            Slope of the amplitude over frequency. 0 is flat; -10 falls as 1/sqrt(f).
         amplitude, rms, peak : float, optional
-            Size, unit of the command, at most one of: amplitude of the first line, rms of the signal, largest
-            magnitude of its samples. Default: amplitude 1.
+            Level in units of the command; give at most one: amplitude of the first line, rms of the signal,
+            or largest magnitude of its samples. Default: amplitude 1.
 
         Returns
         -------
@@ -143,7 +144,7 @@ class Multisine(Periodic):
         Raises
         ------
         GsidError
-            The attributes were changed to something that is no multisine.
+            The attributes were changed to values that do not define a multisine.
         """
         line, amplitude, phase_rad = self._arrays()
         twiddle = np.empty(self.period_samples, complex)
@@ -213,7 +214,7 @@ def _lines_in_band(
     if status == lib.GSID_E_CONFIG:
         kind = "" if grid == "full" else "odd "
         raise ValueError(
-            f"no {kind}line in {band_hz[0]:g}:{band_hz[1]:g} Hz, lines being {fs_hz / n_period:g} Hz apart; "
+            f"no {kind}line in {band_hz[0]:g}:{band_hz[1]:g} Hz with lines {fs_hz / n_period:g} Hz apart; "
             f"{_nearest_band(fs_hz, n_period, lo, hi, step)}"
         )
     check(status, "counting the lines")
@@ -225,23 +226,24 @@ def _lines_in_band(
 def lines_of_band(
     fs_hz: float, n_period: int, band_hz: tuple[float, float], step: int = 1
 ) -> tuple[float, float]:
-    """Edges of a band as (fractions of) lines; refused where there can be no excitation.
+    """Edges of a band as line numbers, not rounded.
 
     Parameters
     ----------
     fs_hz : float
         Sample rate [Hz].
     n_period : int
-        N.
+        Number of samples of a period, N.
     band_hz : (lo, hi)
-        Hz.
+        Band [Hz].
     step : int
-        Between the lines that may be excited, from line 1 on.
+        Distance of the lines that may be excited, counted from line 1.
 
     Raises
     ------
     ValueError
-        Not finite, at or below 0, without width, or reaching fs/2; the message names the nearest valid band.
+        The band is not finite, starts at or below 0, has no width, or reaches fs/2. The message contains the
+        nearest valid band.
     """
     lo_hz, hi_hz = two_frequencies(band_hz)
     spacing = fs_hz / n_period
@@ -263,7 +265,7 @@ def lines_of_band(
 
 
 def whole_lines(lo: float, hi: float) -> tuple[int, int]:
-    """First and last whole line between edges given as (fractions of) lines; none where first > last."""
+    """First and last line between two edges in line numbers; there is none if first > last."""
     return max(math.ceil(lo - ON_A_LINE), 1), math.floor(hi + ON_A_LINE)
 
 
@@ -278,14 +280,14 @@ def _nearest_band(fs_hz: float, n_period: int, lo: float, hi: float, step: int) 
 
 
 def _size(unit: Multisine, amplitude: float | None, rms: float | None, peak: float | None) -> float:
-    """Amplitude of the first line that gives the asked size; `unit` has amplitude 1 there."""
-    asked = {"amplitude": amplitude, "rms": rms, "peak": peak}
-    asked = {name: value for name, value in asked.items() if value is not None}
-    if len(asked) > 1:
-        raise ValueError(f"give one of amplitude, rms and peak, not {' and '.join(asked)}")
-    if not asked:
+    """Amplitude of the first line for the requested level; `unit` has amplitude 1 there."""
+    requested = {"amplitude": amplitude, "rms": rms, "peak": peak}
+    requested = {name: value for name, value in requested.items() if value is not None}
+    if len(requested) > 1:
+        raise ValueError(f"give one of amplitude, rms and peak, not {' and '.join(requested)}")
+    if not requested:
         return 1.0
-    name, value = asked.popitem()
+    name, value = requested.popitem()
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"{name} must be a positive number, not {value}")
     return value / (1.0 if name == "amplitude" else getattr(unit, name))

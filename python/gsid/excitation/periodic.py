@@ -1,4 +1,4 @@
-"""One period of an excitation: its samples, and what is checked of every kind."""
+"""Base class of periodic excitations, their crest factors, and checks of their arguments."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from gsid.models.rational import RationalModel
     from gsid.plant.model import PlantModel
 
-FINE = 8  # points per sample on which the crest factor between the samples is looked for
+FINE = 8  # points per sample at which the crest factor between the samples is evaluated
 
 
 class Periodic(Plottable, ABC):
-    """A periodic excitation: what all of them tell about themselves.
+    """Base class of periodic excitations.
 
     Attributes
     ----------
     fs_hz : float
         Sample rate [Hz].
     period_samples : int
-        N.
+        Number of samples of a period, N.
     line : (F,) int
         Lines of interest.
     amplitude : float or (F,) float64
-        Of the signal, or of each line (unit of the command).
+        Amplitude of the signal or of each line, unit of the command.
     """
 
     fs_hz: float
@@ -54,7 +54,7 @@ class Periodic(Plottable, ABC):
 
     @abstractmethod
     def _head(self) -> dict[str, object]:
-        """How it was made: keys and values for the head of its file."""
+        """Keys and values of the design, for the head of its file."""
 
     @property
     def f_hz(self) -> np.ndarray:
@@ -79,17 +79,17 @@ class Periodic(Plottable, ABC):
 
     @property
     def crest_factor(self) -> float:
-        """Crest factor on the samples (source, definition 3.2.1)."""
+        """Crest factor of the samples (thesis, definition 3.2.1)."""
         return crest_factor(self.table(), self.line)
 
     @property
     def crest_factor_fine(self) -> float:
-        """Crest factor on an 8 times finer grid: what the signal does between its samples counts too."""
+        """Crest factor on an 8 times finer grid, which includes peaks between the samples."""
         return crest_factor(between_samples(self.table()), self.line)
 
     @property
     def p_int_over_p_tot(self) -> float:
-        """Share of the power in the lines of interest (source, definition 3.2.1)."""
+        """Share of the power at the lines of interest (thesis, definition 3.2.1)."""
         return power_share(self.table(), self.line)
 
     def plot(
@@ -99,21 +99,21 @@ class Periodic(Plottable, ABC):
         model: RationalModel | PlantModel | None = None,
         limits: Limits | None = None,
     ) -> matplotlib.figure.Figure:
-        """One period and its lines, with the crest factors; with a model the travel that it predicts.
+        """Plot one period and its lines with the crest factors, and the travel predicted by a model.
 
         Parameters
         ----------
         u_unit : str
             Unit of the input, for the axes.
         model : RationalModel or PlantModel, optional
-            Predicts the travel.
+            Model that predicts the travel.
         limits : Limits, optional
-            Of command and travel, to draw beside them.
+            Limits of command and travel to draw.
         """
         return self._figure(u_unit, model=model, limits=limits)
 
     def write_table(self, path: str | os.PathLike) -> None:
-        """Write one period as CSV, columns t_s and u, under `# key: value` lines that say how it was made.
+        """Write one period as CSV with columns t_s and u, below `# key: value` lines with the design.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Periodic(Plottable, ABC):
 
 
 def power_share(u: np.ndarray, line: np.ndarray) -> float:
-    """Share P_int/P_tot of a period's power that lies in the given lines (source, definition 3.2.1).
+    """Share P_int/P_tot of the power of a period at the given lines (thesis, definition 3.2.1).
 
     Parameters
     ----------
@@ -152,52 +152,53 @@ def power_share(u: np.ndarray, line: np.ndarray) -> float:
 
 
 def between_samples(u: np.ndarray) -> np.ndarray:
-    """One period (N,) on an 8 times finer grid, (8 N,): without lines above half the sample rate."""
+    """Interpolate one period, (N,), to an 8 times finer grid, (8 N,), without lines above fs/2."""
     return FINE * np.fft.irfft(np.fft.rfft(u), FINE * len(u))
 
 
 def crest_factor(u: np.ndarray, line: np.ndarray | None = None) -> float:
-    """Peak of a period over its rms in the band of interest (source, definition 3.2.1).
+    """Peak of a period over its rms at the lines of interest (thesis, definition 3.2.1).
 
     Parameters
     ----------
     u : (N,) array_like
         One period.
     line : (F,) int, optional
-        Lines of interest; default: all, so that P_int/P_tot is 1.
+        Lines of interest; default: all, for which P_int/P_tot is 1.
 
     Returns
     -------
-    float, >= 1 when all the power is of interest
+    float
+        Crest factor, >= 1 if all power is at the lines of interest.
 
     Raises
     ------
     ValueError
-        No power in the lines.
+        The signal has no power at the lines of interest.
     """
     u = np.asarray(u, float)
     share = 1.0 if line is None else power_share(u, line)
     rms_of_interest = np.sqrt(np.mean(u**2) * share)
     if not rms_of_interest > 0:
-        raise ValueError("the signal has no power in the lines of interest: it has no crest factor")
+        raise ValueError("the signal has no power at the lines of interest: its crest factor is not defined")
     return float(np.abs(u).max() / rms_of_interest)
 
 
 def require_rate(fs_hz: float) -> None:
-    """Refuse (ValueError) what is no sample rate."""
+    """Raise ValueError for an invalid sample rate."""
     fs_hz = real_number("the sample rate", fs_hz, "Hz")
     if not (math.isfinite(fs_hz) and fs_hz > 0):
         raise ValueError(f"the sample rate must be a positive number of Hz, not {fs_hz}")
 
 
 def require_one_of(name: str, value: str, known: Iterable[str]) -> None:
-    """Refuse (ValueError) a choice that there is not."""
+    """Raise ValueError for an unknown choice."""
     if value not in known:
         raise ValueError(f"{name} must be one of {', '.join(known)}, not {value!r}")
 
 
 def whole_period(period_samples: float) -> int:
-    """The period as a whole number of samples; refused (ValueError) where it is none."""
+    """The period as an integer number of samples. Raise ValueError if it is not a whole number."""
     number = real_number("the period", period_samples, "samples")
     nearest = max(round(number), 3) if math.isfinite(number) else 3
     if nearest != number:
@@ -210,16 +211,17 @@ def whole_period(period_samples: float) -> int:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig allows; None: no limit.
+    """Limits of the rig; None means no limit.
 
     Attributes
     ----------
     command : float, optional
-        Of |u|, unit of the command.
+        Limit of |u|, unit of the command.
     travel : float, optional
-        Of the angle to each side of the middle of its travel, degree (the plant's unit where that is none).
+        Limit of the angle to each side of its middle position, in degrees for angles, else in the unit of
+        the model.
     slew : float, optional
-        Of the command's change, unit of the command per second.
+        Limit of the rate of change of the command, unit of the command per second.
     """
 
     command: float | None = None

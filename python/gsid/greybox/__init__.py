@@ -1,1 +1,1 @@
-"""Fits of a plant's parameters to records."""
+"""Grey-box fits: the physical parameters of a plant, estimated from records."""

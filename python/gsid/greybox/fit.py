@@ -1,10 +1,10 @@
-"""Grey-box fit: the free parameters of a plant, from one or many records at once.
+"""Grey-box fit: estimate the free parameters of a plant from one or more records.
 
-The cost is the sum over records and lines of the band of P |E|^2 / s^2, E the mean output's lines minus the
-plant's periodic answer to the mean input, s^2 the sample variance over the P periods (GBX-1). All lines of
-the band count, those that are not excited too: that is where friction and the like speak. As residual r =
-[Re; Im] E sqrt(2 P / s^2) its entries have variance 1 when only noise is left, and r'r is twice that sum:
--2 log likelihood.
+The cost is the sum of P |E|^2 / s^2 over all records and all lines of the band (GBX-1). E is the spectrum of
+the mean output minus the plant's periodic response to the mean input. s^2 is the sample variance over the P
+periods. Lines that are not excited count too, because friction and other nonlinear effects appear there. The
+residual is r = [Re; Im] E sqrt(2 P / s^2). Its entries have variance 1 when only noise remains. r'r is twice
+the cost, which is -2 log likelihood.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_o
 
 _log = logging.getLogger(__name__)
 
-INVOLVED = 0.1  # share of a parameter in a pinned direction from which on it counts as undetermined
+INVOLVED = 0.1  # a parameter with a larger share in a pinned direction counts as undetermined
 SOLVERS = ("lm", "nlopt")
-# What the cost per degree of freedom says, by method.
+# Meaning of the cost per degree of freedom, by method.
 COST_MEANS = {
     "ml": "1 when only noise is left",
     "nls-output": "in units of the noise: a right model, too, may have more than 1",
@@ -45,7 +45,7 @@ METHODS = tuple(COST_MEANS)
 
 @dataclass(eq=False)
 class RecordFit:
-    """What the fit leaves of one record.
+    """Residual, Jacobian and predicted response of one record after the fit.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class RecordFit:
     line : (k,) int
         Lines of the band.
     weight : (k,) float64
-        sqrt(2 P / s^2), s^2 the variance of one period's line, its scatter allowed for.
+        sqrt(2 P / s^2), where s^2 is the variance of a line over the periods, corrected for its scatter.
     residual : (2 k,) float64
-        [Re; Im] of the error times the weight, of variance 1 when only noise is left; real lines have no
-        second part and stand there with 0.
+        [Re; Im] of the error times the weight. The variance is 1 when only noise remains. The imaginary part
+        of a real line is 0.
     jacobian : (2 k, n_free) float64
-        Derivatives of the plant's output by the free parameters, times the weight.
+        Derivatives of the plant's output with respect to the free parameters, times the weight.
     prediction : Prediction
     params : dict of Param
         Parameters of this record alone.
@@ -80,41 +80,42 @@ class PlantFit:
     Attributes
     ----------
     model : PlantModel
-        With standard deviations and covariance.
+        Fitted model with standard deviations and covariance.
     cost : float
         r'r: -2 log likelihood.
     n_dof : int
-        Residuals less unknowns.
+        Number of residuals minus number of unknowns.
     cost_per_dof : float
-        1 on average when only noise is left, if that was minimised: see `method`.
+        1 on average when only noise remains and the method is "ml"; see `method`.
     converged : bool
-        No step promises to lower the cost by 0.01; with "nls-output" in the noise of the quietest line.
+        True if no step is predicted to lower the cost by 0.01. With "nls-output" the cost is in units of the
+        noise of the quietest line.
     n_iterations : int
     undetermined : list of str
-        Parameters that the data do not tell: pinned where they were (their standard deviation is NaN), or
-        uncertain by more than their own size and their typical one.
+        Parameters that the data do not determine. They are either held at their starting value (standard
+        deviation NaN), or have a standard deviation above both their value and their typical value.
     at_bound : list of str
-        Parameters that the data press against a bound.
+        Parameters whose estimate lies at a bound.
     unsettled : list of str
-        Records whose steady state was not found to a tenth of their noise.
+        Records whose simulated steady state changes from period to period by more than a tenth of the noise.
     records : list of RecordFit
     band_hz : (lo, hi)
         Lowest and highest line used [Hz].
     variance_dof : float
-        Degrees of freedom of the variances that weigh.
+        Degrees of freedom of the variances used as weights.
     solver : {"lm", "nlopt"}
     method : {"ml", "nls-output"}
-        What was minimised; cost and residuals are in units of the noise either way. With "nls-output" the
-        cost of a right model may be above that of noise by any factor: the quiet lines bear the errors that
-        the loud ones cause.
+        Minimised criterion. Cost and residuals are in units of the noise with both. With "nls-output" the
+        cost of a correct model may exceed that of noise by any factor, because lines with low noise carry
+        parameter errors caused by lines with high noise.
     hold : {"zoh", "none"} or None
-        How the records' input was taken between the samples; None where they state different holds. In
-        closed loop "zoh": the reference comes from the controller's clock.
+        Assumed course of the input between the samples; None if the records state different holds. In closed
+        loop it is "zoh", because the controller updates the reference at its own sample rate.
     hold_assumed : bool
-        Records do not state their hold: it is the likelier of the two.
+        True if the records do not state their hold; then `hold` is the likelier of the two.
     other_delay_s : float or None
-        The model's delay [s] as the same fit with the other hold finds it; None where the hold is stated, the
-        model has no delay, or the other has no fit.
+        Delay [s] estimated by the same fit with the other hold. None if the records state the hold, the model
+        has no delay, or the fit with the other hold failed.
     """
 
     model: PlantModel
@@ -137,22 +138,22 @@ class PlantFit:
 
     @property
     def delay_s(self) -> float | None:
-        """Transport delay of the model [s]; None where it has none."""
+        """Transport delay of the model [s]; None if it has none."""
         return transport_delay_s(self.model)
 
     @property
     def delay_hold_uncertainty_s(self) -> float | None:
-        """By how much the delay depends on the hold that was assumed [s]; None where it was stated."""
+        """Difference of the delay between the two holds [s]; None if the records state the hold."""
         return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     @property
     def misfit(self) -> float:
-        """Cost beyond that of noise and three standard deviations of it; 0 when there is none."""
+        """Excess of the cost over that of noise plus three standard deviations; at least 0."""
         scatter = 3 * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
         return float(max(self.cost - self.n_dof - scatter, 0.0))
 
     def summary(self) -> dict[str, Any]:
-        """What a model file keeps of the fit."""
+        """Return the entries about the fit that a model file contains."""
         keys = ("cost", "n_dof", "cost_per_dof", "converged", "n_iterations", "undetermined", "at_bound")
         keys += ("unsettled", "variance_dof", "solver", "method", "hold", "hold_assumed", "other_delay_s")
         keys += ("delay_hold_uncertainty_s",)
@@ -180,9 +181,9 @@ class PlantFit:
 
 
 def require_motion(fit: PlantFit) -> None:
-    """Refuse (InputError) a model that stands still: what it lacks acts on a motion that it does not have."""
+    """Raise InputError if the simulated axis does not move: effects cannot be judged without motion."""
     if not any(np.any(record.prediction.rate) for record in fit.records):
-        hint = "look at the gains of the rigid body and of a controller, and at a friction that holds it"
+        hint = "check the gains of the rigid body and the controller, and whether friction holds the axis"
         raise InputError("the model does not move", fit.records[0].name, None, hint)
 
 
@@ -197,31 +198,33 @@ def fit_plant(
     method: str = "ml",
     max_iter: int = 50,
 ) -> PlantFit:
-    """Fit the free parameters of a plant (GBX-1, GBX-2, GBX-4).
+    """Fit the free parameters of a plant to records (GBX-1, GBX-2, GBX-4).
 
     Parameters
     ----------
     model : PlantModel
-        Its values are the start.
+        Plant model. Its parameter values are the starting values.
     records : Record or Spectra, or a sequence of them
-        All share the physics. Where some do not state their hold, the fit is made with both, and the likelier
-        is taken ("none" within 2 in -2 log likelihood): see `PlantFit.hold_assumed`.
+        Records of the same plant. If a record does not state its hold, the fit is made with both holds and
+        the likelier is used ("none" if they differ by less than 2 in -2 log likelihood); see
+        `PlantFit.hold_assumed`.
     band : (lo, hi), optional
-        Hz; default for each record from its first to its last excited line, and 0 Hz for an angle in closed
-        loop. As long as the band leaves 0 Hz out, each record has an offset of its own.
+        Band [Hz]. By default it extends from the first to the last excited line of each record, and includes
+        0 Hz for an angle in closed loop. If the band excludes 0 Hz, each record may have its own offset.
     fixed : sequence of str
-        Parameters ("effect.parameter") to leave as they are, besides those that the model holds fixed.
+        Further parameters ("effect.parameter") to hold fixed, in addition to those fixed in the model.
     per_record : sequence of str
-        What each record has for itself: free parameters of the model, and "drift": by how much the output
-        moves away in a period.
+        Parameters estimated for each record separately: free parameters of the model, and "drift", the
+        change of the output over one period.
     solver : {"lm", "nlopt"}
         Levenberg-Marquardt, or NLopt's sequential quadratic programming.
     method : {"ml", "nls-output"}
-        Maximum likelihood: lines weighted by their noise; or least squares of the output's error, all lines
-        alike. The first has the smaller standard deviations when the model is right. When it is not, it puts
-        the error where the noise is largest, the second where the error is smallest in rms.
+        "ml" is maximum likelihood: each line is weighted by its noise. "nls-output" is least squares of the
+        output error with equal weights. "ml" has the smaller standard deviations when the model is correct.
+        When the model is not correct, "ml" moves the error to lines with high noise, while "nls-output"
+        minimises the rms error.
     max_iter : int
-        Steps at most.
+        Maximum number of iterations.
 
     Returns
     -------
@@ -230,13 +233,13 @@ def fit_plant(
     Raises
     ------
     ValueError
-        Wrong arguments, or no line in the band.
+        An argument is invalid, or the band contains no line.
     InputError
-        The model cannot be simulated as it starts, or does not fit the records; an output is constant; fewer
-        lines than unknowns;
-        records too short for a variance.
+        The model cannot be simulated with its starting values, or its units or sample rate do not match the
+        records; an output is constant; there are fewer lines than unknowns; the records are too short to
+        estimate a variance.
     GsidError
-        NLopt was left out of the build.
+        The library was built without NLopt.
     """
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
@@ -266,37 +269,37 @@ def fit_plant(
         minimum = minimise(problem, solver, max_iter)
         dof = min(part.dof for part in problem.parts)
         cov, pinned = _covariance(minimum.point.r)
-        # Weights that are estimates: the estimate scatters more than their inverse says
+        # The weights are estimates themselves, which increases the variance of the parameters
         # (docs/explanation/decisions.md).
         cov *= (dof - 1) / (dof - 2)
         return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
 
 
 def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:
-    """The likelier of the fits under both assumptions for records that do not state their hold.
+    """Return the likelier of the fits with both holds, for records that do not state their hold.
 
     Parameters
     ----------
     fits : dict of PlantFit
-        By assumption; one may be missing.
+        Fits by assumed hold; one may be missing.
 
     Returns
     -------
     PlantFit
-        Marked as assumed, the model too.
+        Likelier fit. The hold of the fit and of its model is marked as assumed.
     """
     taken = likelier({reading: fit.cost for reading, fit in fits.items()})
     return as_assumed(fits[taken], fits.get(other_reading(taken)))
 
 
 def as_assumed(fit: PlantFit, other: PlantFit | None) -> PlantFit:
-    """Mark a fit, and its model, as made under one assumption for records that do not state their hold.
+    """Mark the hold of a fit and of its model as assumed, for records that do not state their hold.
 
     Parameters
     ----------
     fit : PlantFit
     other : PlantFit or None
-        The same fit under the other assumption, if there is one.
+        Same fit with the other hold, if it succeeded.
 
     Returns
     -------
@@ -310,7 +313,7 @@ def as_assumed(fit: PlantFit, other: PlantFit | None) -> PlantFit:
 
 
 def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
-    """Least squares with equal weights; then what the noise makes of its answer (GBX-4)."""
+    """Least squares with equal weights, and the covariance that the noise causes (GBX-4)."""
     by_noise, equal = problem.weights, problem.equal_weights()
     problem.weights = equal
     minimum = minimise(problem, solver, max_iter)
@@ -319,7 +322,7 @@ def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
     noise = problem.at(minimum.point.x).r @ inverse
     problem.weights = by_noise
     dof = min(part.dof for part in problem.parts)
-    cov = (dof - 1) / dof * noise.T @ noise  # the weights are those of the mean of 1/s^2
+    cov = (dof - 1) / dof * noise.T @ noise  # the weights contain the mean of 1/s^2
     at_noise = problem.at(minimum.point.x)
     return _fitted(problem, minimum, at_noise, cov, pinned, solver=solver, method="nls-output")
 
@@ -339,7 +342,7 @@ def _fitted(
     solver: str,
     method: str,
 ) -> PlantFit:
-    """What came out, from the minimum and the point there with the weights of the noise."""
+    """Make the result from the minimum, and from the same point evaluated with the noise weights."""
     n_pinned = int(np.linalg.matrix_rank(pinned)) if len(pinned) else 0
     std = np.sqrt(np.diag(cov))
     std[np.any(np.abs(pinned) > INVOLVED, axis=0)] = np.nan
@@ -367,14 +370,12 @@ def _fitted(
     )
     fit.model.fit = fit.summary()
     if fit.unsettled:
-        _log.warning(
-            "no steady state was found for %s: the fit is not to be trusted", ", ".join(fit.unsettled)
-        )
+        _log.warning("no steady state was found for %s: do not trust this fit", ", ".join(fit.unsettled))
     return fit
 
 
 def _covariance(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of R'R with the pinned directions left out, and those directions (p, n) in scaled unknowns."""
+    """Inverse of R'R without the pinned directions, and these directions, (p, n), in scaled unknowns."""
     scale = lengths(r)
     _, s, vt = np.linalg.svd(r / scale)
     good = s > SINGULAR * s[0]
@@ -387,10 +388,10 @@ def _plain(param: Param) -> list[float | None]:
 
 
 def _with_result(problem: Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarray) -> PlantModel:
-    """The model with the shared values, and the mean over records of those that each has for itself."""
+    """The model with the shared values and, for values estimated per record, their mean over the records."""
     model = copy.deepcopy(problem.model)
     own = np.arange(problem.n_records * problem.n_own).reshape(problem.n_records, problem.n_own)
-    # Each free parameter as a mean of unknowns, so that the covariance follows.
+    # Each free parameter is a mean of unknowns; its covariance follows from theirs.
     mean = np.zeros((len(problem.local) + problem.n_shared, problem.n))
     for k, i in enumerate(problem.local):
         mean[i, own[:, k]] = 1 / problem.n_records
@@ -432,13 +433,15 @@ def _record_fit(problem: Problem, point: Point, std: np.ndarray, i: int) -> Reco
 
 
 def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
-    """Probability of a misfit as large or larger by noise alone (CMP-1), the fitted parameters allowed for.
+    """Probability that noise alone causes a misfit this large or larger (CMP-1).
+
+    The number of fitted parameters is taken into account.
 
     Parameters
     ----------
     fit : PlantFit
     measured : list of Spectra
-        As fitted.
+        Spectra that were fitted.
 
     Returns
     -------
@@ -456,7 +459,7 @@ def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
 
 
 def stacked(fit: PlantFit, what: str) -> np.ndarray:
-    """Residual or Jacobian of all records: all real parts, then all imaginary parts.
+    """Stack the residual or Jacobian of all records: all real parts, then all imaginary parts.
 
     Parameters
     ----------
@@ -472,7 +475,7 @@ def stacked(fit: PlantFit, what: str) -> np.ndarray:
 
 
 def whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
-    """Columns of a probe, weighted as the fit's residuals are and in the order of `stacked`.
+    """Weight candidate columns like the residuals of the fit, in the order of `stacked`.
 
     Parameters
     ----------

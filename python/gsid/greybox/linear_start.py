@@ -1,13 +1,13 @@
-"""Better starting values for a plant's linear part, from the measured frequency response.
+"""Starting values for the linear part of a plant, from the measured frequency response.
 
-A simulation's cost has many minima: a resonance a few per cent off its peak no longer feels it. The
-response of the linear part is a formula, so a dense scan over the resonance and a fit of the formula cost
-less than one simulation of the plant, and lead into the right basin. Friction and the like bend the
-measured response a little, which the fit by simulation that follows puts right.
+The cost of a simulation has many local minima: if the model's resonance is a few per cent off the measured
+peak, its gradient no longer points to it. The response of the linear part is a formula. A dense scan over the
+resonance and a fit of this formula therefore take less time than one simulation, and lead to the global
+minimum. Friction changes the measured response slightly; the fit by simulation that follows corrects this.
 
-The scan holds the other parameters, and with a delay that is wrong by a third of a turn at the resonance
-another frequency, with the sign of the mode turned round, fits better. So a second scan begins where these
-are fitted: the rest of the band tells them, unless the resonance fills it.
+The scan holds the other parameters fixed. If the delay is wrong by a third of a turn at the resonance,
+another frequency with the opposite sign of the mode fits better. A second scan therefore starts after a fit
+of these parameters. The rest of the band determines them, unless the resonance covers the whole band.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from gsid.effects.types import catalogue
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, require_motion_of_output
 
-SPREAD = 0.15  # a resonance is looked for within this share of its value
-STEP = 0.1  # of its half-power width: finer than the peak
-RELATIVE_FLOOR = 1e-3  # of the response: friction bends it by more than noise, and no line may rule
-ENOUGH = 1e-5  # of the cost, or of the values: it is a start
+SPREAD = 0.15  # the scan covers this share of the resonance frequency to each side
+STEP = 0.1  # of the scan, in half-power widths: finer than the peak
+RELATIVE_FLOOR = 1e-3  # of the response: friction may exceed the noise, and no line may dominate the fit
+ENOUGH = 1e-5  # relative tolerance of cost and values: enough for starting values
 STEPS_MAX = 60
 # Parameters that the response of the linear part determines.
 LINEAR = frozenset(f"{e.id}.{p.name}" for e in catalogue().values() for p in e.parameters if p.in_response)
 
 
 def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
-    """Move the free parameters of the linear part to where its response fits the measured one.
+    """Fit the free parameters of the linear part to the measured frequency response.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
     Returns
     -------
     PlantModel
-        The model itself when it has no such parameter, or when the response fits no better than before.
+        The given model, if it has no such parameter or if its response fits no better than before.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def linear_start(model: PlantModel, measured: Sequence[Spectra]) -> PlantModel:
 
 
 def _fitted(problem: _Problem, start: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Least squares over the values that are free."""
+    """Least squares over the free values."""
     values = start.copy()
     lower, upper = (bound[free] for bound in problem.bounds)
     scale = np.where(start != 0, np.abs(start), 1.0)[free]
@@ -86,7 +86,9 @@ def _fitted(problem: _Problem, start: np.ndarray, free: np.ndarray) -> np.ndarra
 
 
 def linear_error(model: PlantModel, measured: Sequence[Spectra]) -> float:
-    """Sum of squares of the linear part's error in the measured response, in units of noise where that rules.
+    """Sum of squares of the weighted error of the linear part's frequency response.
+
+    The weight of a line is the inverse of its noise, or of 0.1 % of its response if that dominates.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ class _Problem:
         self.bounds = lower[chosen], upper[chosen]
         self.g = [one.y[one.excited] / one.u[one.excited] for one in measured]
         self.weight = [_weight(one, g) for one, g in zip(measured, self.g, strict=True)]
-        # Realisations share their lines, and one response answers for all of them.
+        # Realisations share their lines: the response is computed once for all of them.
         kinds = [(one.fs_hz, one.hold, one.f_hz[one.excited].tobytes()) for one in measured]
         distinct = list(dict.fromkeys(kinds))
         self.distinct = [measured[kinds.index(kind)] for kind in distinct]
@@ -133,7 +135,7 @@ def _weight(one: Spectra, g: np.ndarray) -> np.ndarray:
 
 
 def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
-    """Resonance scanned, the size of the mode refitted at each point: the error is linear in it."""
+    """Scan the resonance frequency. The residue is refitted at each point: the error is linear in it."""
     index = {name: i for i, name in enumerate(problem.names)}
     mode = problem.names.index("flexible_mode.f_hz")
     zeta = problem.model["flexible_mode.zeta"].value
@@ -151,7 +153,7 @@ def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
 
 
 def _best_size(problem: _Problem, values: np.ndarray, which: int) -> float:
-    """Least-squares value of a parameter in which the error is linear, within its bounds."""
+    """Least-squares value, within its bounds, of a parameter in which the error is linear."""
     without, with_one = values.copy(), values.copy()
     without[which], with_one[which] = 0.0, 1.0
     rest = problem.error(without)

@@ -1,7 +1,8 @@
-"""The search of a grey-box fit: Levenberg-Marquardt, or NLopt.
+"""Minimisation of the cost of a grey-box fit, by Levenberg-Marquardt or NLopt.
 
-Levenberg-Marquardt in parameters scaled by the length of their columns; the step is found from the triangle
-of a QR factorisation (GBX-2), its singular values say what the data do not determine.
+Levenberg-Marquardt scales each parameter by the norm of its column of the Jacobian. The step is computed from
+the triangular factor of a QR factorisation (GBX-2). Small singular values of this factor show the directions
+that the data do not determine.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from gsid._lib import check, ffi, lib
 from gsid.base.errors import GsidError, InputError
 from gsid.greybox.problem import Point, Problem
 
-DECREASE = 0.01  # stop when a step promises less, in units of the cost
-SINGULAR = 1e-6  # directions with a singular value this far below the largest are pinned
+DECREASE = 0.01  # stop when the predicted decrease of the cost is smaller
+SINGULAR = 1e-6  # directions are pinned if their singular value, over the largest, is smaller
 DAMPING_START, DAMPING_MOST = 1e-3, 1e10
 
 
 @dataclass
 class Minimum:
-    """Where a search ended."""
+    """Result of a minimisation."""
 
     point: Point
     converged: bool
@@ -30,23 +31,23 @@ class Minimum:
 
 
 def minimise(problem: Problem, solver: str, max_iter: int) -> Minimum:
-    """Search from where the model starts.
+    """Minimise the cost from the starting values of the model.
 
     Raises
     ------
     InputError
-        The model cannot be simulated as it starts.
+        The model cannot be simulated with its starting values.
     GsidError
-        NLopt was left out of the build.
+        The library was built without NLopt.
     """
     try:
         start = problem.at(problem.start())
     except GsidError as error:
         raise InputError(
-            "the model cannot be simulated as it starts",
+            "the model cannot be simulated with its starting values",
             problem.parts[0].name,
             error.message,
-            error.hint or "start from other values, nearer to those of a working axis",
+            error.hint or "use starting values closer to those of a working axis",
         ) from error
     return (
         _levenberg_marquardt(problem, start, max_iter) if solver == "lm" else _nlopt(problem, start, max_iter)
@@ -54,8 +55,10 @@ def minimise(problem: Problem, solver: str, max_iter: int) -> Minimum:
 
 
 class Steps:
-    """Steps from one point, for any damping: singular values of the scaled triangle, pinned directions left
-    out."""
+    """Steps from one point for any damping, from the singular values of the scaled triangular factor.
+
+    Pinned directions are excluded.
+    """
 
     def __init__(self, point: Point, scale: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> None:
         self.point, self.lower, self.upper, self.scale = point, *bounds, scale
@@ -67,11 +70,11 @@ class Steps:
 
     @property
     def decrease(self) -> float:
-        """Of the cost that a full step promises. (Cut off at the bounds, a long one may promise nothing.)"""
+        """Predicted decrease of the cost for a full step, without regard to the bounds."""
         return float(self.along @ self.along)
 
     def step(self, damping: float) -> tuple[np.ndarray, float]:
-        """Unknowns after a step within the bounds, and the decrease of the cost that it promises."""
+        """Unknowns after a step within the bounds, and the predicted decrease of the cost."""
         x = self.point.x.copy()
         x[~self.blocked] += (
             self.vt.T @ (self.s / (self.s**2 + damping) * self.along) / self.scale[~self.blocked]
@@ -82,7 +85,7 @@ class Steps:
 
 
 def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minimum:
-    """Marquardt's scaling, Nielsen's rule for the damping; a step that cannot be simulated has failed."""
+    """Marquardt's scaling and Nielsen's rule for the damping. A step that cannot be simulated is rejected."""
     bounds, scale, damping, growth = problem.bounds(), lengths(point.r), DAMPING_START, 2.0
     problem.keep()
     for i in range(max_iter):
@@ -97,8 +100,7 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
                 break
             damping, growth = damping * growth, growth * 2
             if damping > DAMPING_MOST:
-                # Where rounding and events rule, no step helps: that is the minimum as far as it can be
-                # found.
+                # Rounding errors and events prevent any further decrease: accept this minimum.
                 return Minimum(point, steps.decrease < 1e-6 * point.cost, i)
         gain = (point.cost - trial.cost) / promised
         damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
@@ -108,7 +110,7 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
 
 
 def _try(problem: Problem, point: Point, x: np.ndarray) -> Point | None:
-    """A point to go on to from the one at hand, if it is one."""
+    """Simulate the trial point; None if the search may not continue from it."""
     try:
         trial = problem.at(x)
         return trial if problem.may_follow(point, trial) else None
@@ -119,7 +121,7 @@ def _try(problem: Problem, point: Point, x: np.ndarray) -> Point | None:
 
 
 def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
-    """NLopt in scaled unknowns; what cannot be simulated is a high plateau."""
+    """NLopt in scaled unknowns. A point that cannot be simulated gets a constant high cost."""
     scale, (lower, upper) = lengths(start.r), problem.bounds()
     best, n_calls, failure = start, 0, []
 
@@ -129,7 +131,7 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
         try:
             x = np.frombuffer(ffi.buffer(z, 8 * n)).copy() / scale
             point = _try(problem, best, np.clip(x, lower, upper))
-        except BaseException as error:  # it must not cross the C library
+        except BaseException as error:  # an exception must not propagate through the C library
             failure.append(error)
             point = None
         slope = np.zeros(n) if point is None else -2 * (point.r.T @ point.q) / scale
@@ -154,6 +156,6 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
 
 
 def lengths(r: np.ndarray) -> np.ndarray:
-    """Lengths of the Jacobian's columns; 1 for a column of zeros."""
+    """Norms of the columns of the Jacobian; 1 for a column of zeros."""
     lengths = np.linalg.norm(r, axis=0)
     return np.where(lengths > 0, lengths, 1.0)

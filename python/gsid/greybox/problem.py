@@ -1,4 +1,4 @@
-"""The problem that a grey-box fit solves: unknowns, bounds, and residuals with their derivatives (GBX-1)."""
+"""Least-squares problem of a grey-box fit: unknowns, bounds, residuals and Jacobian (GBX-1)."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from gsid.plant.periodic import PeriodicPlant, Prediction
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
-SETTLED = 1e-2  # what may change in a period, over the mean's noise
-FLOOR = 1e-7  # of the largest line: an output repeats no better than this
-SILENT = 1e-3  # a parameter is pinned when a change by its own size moves the residuals less, all told
+SETTLED = 1e-2  # allowed change of a steady state per period, over the noise of the mean
+FLOOR = 1e-7  # least noise, over the largest line: no output repeats better than this
+SILENT = 1e-3  # a parameter is pinned if a change by its own size changes the residuals by less in norm
 DRIFT = "drift"
 
 
 def least_size(known: EffectParameter) -> float:
-    """Least size of a parameter for a change to be large against: a strength may be zero, a shape may not."""
+    """Lower bound of the size of a parameter. A strength may be zero, a shape parameter may not."""
     return 0.0 if known.null_value is None else abs(known.typical)
 
 
 class Part:
-    """One record in the problem: its weights, its plant, and what it has for itself."""
+    """One record of the problem: its weights, its plant and its own unknowns."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Part:
         self.dof = variance[1]
         floor = (FLOOR * float(np.max(np.abs(self.y)))) ** 2
         self.variance = np.maximum(variance[0][self.line], max(floor, np.finfo(float).tiny))
-        self.noise_rms = float(np.sqrt(np.sum(self.variance) / (2 * s.n_periods)))  # of the mean, over time
+        self.noise_rms = float(np.sqrt(np.sum(self.variance) / (2 * s.n_periods)))  # of the mean, in time
         self.plant.tolerance = SETTLED * self.noise_rms
         real = self.line == 0
         # The mean of 1/s^2 is nu / (nu - 1) times that of 1/variance.
@@ -59,31 +59,31 @@ class Part:
         self.drift = lines_of(ramps)[:, self.line]  # no row without drift
 
     def is_unsettled(self, answer: Prediction) -> bool:
-        """Whether the answer is no steady state, as far as noise lets one see."""
+        """Whether the simulated response changes from period to period by a relevant part of the noise."""
         return answer.residual > UNSETTLED * self.noise_rms
 
     def whiten(self, lines: np.ndarray) -> np.ndarray:
-        """[Re; Im] of (..., k) lines times the weight."""
+        """[Re; Im] of lines, (..., k), times the weight."""
         weighted = lines * self.weight
         return np.concatenate([weighted.real, np.where(self.line == 0, 0.0, weighted.imag)], axis=-1)
 
 
 @dataclass(eq=False)
 class Point:
-    """Residuals and Jacobian at one set of unknowns, reduced to a triangle."""
+    """Residuals and Jacobian at one set of unknowns, with their triangular factor."""
 
     x: np.ndarray
     cost: float
     residuals: list[np.ndarray]
     jacobians: list[np.ndarray]
     predictions: list[Prediction]
-    settled: bool  # in all records, to what is reported
-    r: np.ndarray = field(repr=False)  # (n, n): the columns' triangle
-    q: np.ndarray = field(repr=False)  # (n,): the residual along it
+    settled: bool  # all records have reached a steady state
+    r: np.ndarray = field(repr=False)  # (n, n): triangular factor of the Jacobian
+    q: np.ndarray = field(repr=False)  # (n,): projection of the residual on its columns
 
 
 class Problem:
-    """Unknowns x: those of each record in turn (parameters, then the drift), then the shared ones."""
+    """Unknowns x: first those of each record (parameters, then the drift), then the shared ones."""
 
     def __init__(
         self,
@@ -100,22 +100,24 @@ class Problem:
         for name in per_record:
             if name != DRIFT and name not in free:
                 known = ", ".join([*free, DRIFT])
-                raise ValueError(f"per_record names {name!r}, which is none of the free parameters: {known}")
+                raise ValueError(
+                    f"per_record contains {name!r}, which is not a free parameter; known are {known}"
+                )
         self.local = [i for i, name in enumerate(free) if name in per_record]
         self.shared = [i for i, name in enumerate(free) if name not in per_record]
         if not self.shared:
-            raise ValueError("no free parameter is shared by the records: there is nothing to fit in common")
+            raise ValueError("the records share no free parameter: fit each record separately")
         has_drift = DRIFT in per_record
         self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
         variances = pooled_variance(measured, drift=has_drift)
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
-        # With play, what does not settle soon rattles: waiting is dear and in vain.
-        self.has_joint = any(effect.id == JOINT for effect in model.effects)
+        # With backlash, a response that does not settle soon usually never does: do not wait longer.
+        self.has_backlash = any(effect.id == JOINT for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
         if self.n_rows <= self.n:
-            what = f"{self.n} unknowns need more lines than the band holds"
+            what = f"{self.n} unknowns need more lines than the band contains"
             raise InputError(
                 what, measured[0].name, f"{self.n_rows} numbers", "widen the band, or fix parameters"
             )
@@ -124,7 +126,7 @@ class Problem:
 
     @property
     def weights(self) -> list[np.ndarray]:
-        """Weight of each line, record by record: at first those of the noise."""
+        """Weights of the lines of each record; initially those of the noise."""
         return [part.weight for part in self.parts]
 
     @weights.setter
@@ -133,18 +135,18 @@ class Problem:
             part.weight = weight
 
     def equal_weights(self) -> list[np.ndarray]:
-        """Alike for all lines of all records, as the mean square of the output counts them (GBX-4).
+        """Equal weights for all lines of all records, as in the mean square of the output (GBX-4).
 
-        In the noise of the quietest line, so that no line's residual has a variance below 1: then (J'J)^-1
-        is no more than the covariance, and what the search takes for nothing is far below a deviation.
+        The unit is the noise of the quietest line, so that no residual has a variance below 1. (J'J)^-1 then
+        does not exceed the covariance, and the stopping tolerance is far below a standard deviation.
         """
         quietest = np.min(np.concatenate(self.weights) ** -2)
-        # A cosine has half its amplitude squared.
+        # The mean square of a cosine is half its squared amplitude.
         return [np.sqrt(np.where(part.line == 0, 2.0, 1.0) / quietest) for part in self.parts]
 
     @property
     def names(self) -> list[str]:
-        """Name of each unknown; a record's own stand for all records' together."""
+        """Name of each unknown; the unknowns of each record have the same names."""
         free = self.model.free_names
         return self.own_names * self.n_records + [free[i] for i in self.shared]
 
@@ -161,7 +163,7 @@ class Problem:
         return both[0], both[1]
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
-        """What a change of each unknown is large against."""
+        """Size of each unknown, to which changes are compared."""
         least = [np.inf if name == DRIFT else least_size(self.model.parameter(name)) for name in self.names]
         return np.maximum(np.abs(x), least)
 
@@ -187,7 +189,9 @@ class Problem:
         residuals, jacobians, predictions, rows = (list(column) for column in zip(*simulated, strict=True))
         cost = float(sum(r @ r for r in residuals))
         if not np.isfinite(cost):
-            raise GsidError(lib.GSID_E_NONFINITE, "the plant's answer is out of the range of numbers")
+            raise GsidError(
+                lib.GSID_E_NONFINITE, "the simulated response exceeds the range of floating-point numbers"
+            )
         r, q = self._reduce(rows)
         r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SILENT] = 0
         settled = not any(
@@ -196,17 +200,17 @@ class Problem:
         return Point(x, cost, residuals, jacobians, predictions, settled, r, q)
 
     def may_follow(self, point: Point, trial: Point) -> bool:
-        """Whether a search may go from one to the other: of what rattles with play the cost means little."""
-        return trial.settled or not point.settled or not self.has_joint
+        """Whether the search may move to the trial. Without a steady state its cost is meaningless."""
+        return trial.settled or not point.settled or not self.has_backlash
 
     def keep(self) -> None:
-        """The point simulated last is where the search goes on from."""
+        """Continue the search from the point simulated last."""
         for part in self.parts:
             part.plant.keep()
 
     def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
         part, n_local = self.parts[i], len(self.local)
-        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_joint)
+        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_backlash)
         error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
         residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
         columns = [
@@ -218,7 +222,7 @@ class Problem:
         return residual, jacobian, answer, np.ascontiguousarray(np.hstack(columns))
 
     def _reduce(self, rows: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """The triangle of all records' equations, (n, n), and the residual along it, (n,) (GBX-2)."""
+        """Triangular factor of all equations, (n, n), and projection of the residual, (n,) (GBX-2)."""
         arrow = ffi.new("gsid_arrow *")
         n_rows = ffi.new("uint32_t[]", [len(block) for block in rows])
         pointers = ffi.new("double *[]", [ffi.from_buffer("double[]", block) for block in rows])

@@ -1,4 +1,4 @@
-"""Which lines of a record count when a plant is fitted to it or compared with it, and with which variance."""
+"""Lines of a record, and their variances, that fits of a plant and comparisons use."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.pooling import smoothed
 from gsid.spectrum.spectra import Spectra
 
-UNSETTLED = 0.1  # what may change in a period, over the mean's noise, before it is reported
-SAME_LEVEL = 1.05  # records whose inputs' rms differ by less are of one level
+UNSETTLED = 0.1  # change of a steady state per period, over the noise of the mean, that is reported
+SAME_LEVEL = 1.05  # largest ratio of the inputs' rms of records of the same level
 
 
 def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list[tuple[np.ndarray, float]]:
-    """Variance of one period's output lines, pooled (GBX-3).
+    """Pool the variance of the output lines of one period (GBX-3).
 
-    Over records of one period, sample rate and level of the input (5 %), and where that leaves fewer than
-    20 degrees of freedom over neighbouring lines too.
+    Records with the same period, sample rate and input level (within 5 %) are pooled. If that leaves fewer
+    than 20 degrees of freedom, neighbouring lines are pooled too.
 
     Parameters
     ----------
     measured : sequence of Spectra
     drift : bool
-        Whether a ramp is taken out of the means: alike in all periods, it then counts as no noise.
+        Whether the fit estimates a ramp. A ramp that is equal in all periods then does not count as noise.
 
     Returns
     -------
     list of ((K,) ndarray, float)
-        For each record: variance of lines 0 .. N/2, and its degrees of freedom.
+        For each record, the variance of lines 0 .. N/2 and its degrees of freedom.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list
 
 
 def same_level(a: Spectra, b: Spectra) -> bool:
-    """Whether the inputs of two records are of one size, within 5 %."""
+    """Whether the rms inputs of two records agree within 5 %."""
     ratio = np.linalg.norm(a.u[a.excited]) / np.linalg.norm(b.u[b.excited])
     return bool(1 / SAME_LEVEL < ratio < SAME_LEVEL)
 
@@ -66,40 +66,43 @@ def _pool(group: list[Spectra], drift: bool) -> tuple[np.ndarray, float]:
     dof = float(sum(one.n_periods - 1 for one in group))
     each = [one.var_y if drift else one.noise_y for one in group]
     variance = sum((one.n_periods - 1) * own for one, own in zip(group, each, strict=True)) / dof
-    # The ends, real lines, have variances of their own size.
+    # The first and last line are real: their variances are not comparable with their neighbours.
     variance[1:-1], dof = smoothed(variance[1:-1], dof)
     if dof <= 2:
-        hint = "measure more periods: at least 3 in all, or longer ones"
+        hint = "measure at least 3 periods in total, or longer periods"
         raise InputError(
-            "too few periods and lines for a variance", group[0].name, f"{dof:g} degrees of freedom", hint
+            "too few periods and lines to estimate a variance",
+            group[0].name,
+            f"{dof:g} degrees of freedom",
+            hint,
         )
     return variance, dof
 
 
 def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:
-    """(K,) which lines of a record count in a fit of a plant and in a comparison with it.
+    """Select the lines of a record that a fit of a plant or a comparison uses, (K,) bool.
 
     Parameters
     ----------
     model : PlantModel
     s : Spectra
     band : (lo, hi) or None
-        Hz; None: see `fit_plant`.
+        Band [Hz]; None: the default of `fit_plant`.
 
     Raises
     ------
     ValueError
-        None does.
+        The band contains no line.
     """
     if band is None:
         f_excited = s.f_hz[s.excited]
-        # A position loop and its reference have one zero: there the mean angle says something.
+        # In a position loop, reference and angle have a common zero: the mean angle is meaningful.
         common_zero = model.output == "angle" and model.has_controller
         band = (0.0 if common_zero else f_excited[0], f_excited[-1])
     use = in_band(s.f_hz, band)
     use &= 2 * s.line < s.period_samples
     if model.output == "angle" and not model.looks_at_angle:
-        use[0] = False  # nothing says where the axis stands
+        use[0] = False  # the zero of the angle is arbitrary
     if not np.any(use):
-        raise ValueError("no line between 0 and half the sample rate lies in the band")
+        raise ValueError("the band contains no line between 0 and half the sample rate")
     return use
