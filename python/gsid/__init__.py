@@ -17,6 +17,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from gsid.base.errors import GsidError, InputError
+from gsid.base.plottable import Plottable as _Plottable
 
 if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid import effects as effects
@@ -64,6 +65,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.spectrum.spectra import Spectra as Spectra
 
     __version__: str
+
+_Plottable.drawn_by = "gsid.plots"  # loaded by the first plot(), with matplotlib
 
 # Where each public name is defined.
 _HOME = {

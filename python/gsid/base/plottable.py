@@ -1,4 +1,4 @@
-"""`plot()` of results: how each is drawn is registered by its type in `gsid.plots`."""
+"""`plot()` of results: a module of drawings registers a function for each type."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @functools.singledispatch
 def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
-    """Draw an object; `gsid.plots` registers a function for each type.
+    """Draw an object by the function that is registered for its type.
 
     Parameters
     ----------
@@ -35,11 +35,14 @@ def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
 class Plottable:
     """A result with a figure."""
 
+    drawn_by = (
+        ""  # module that registers the drawings, loaded on demand; the package sets it, which knows all
+    )
+
     def plot(self) -> Figure:
-        """Draw the result (`gsid.plots`)."""
+        """Draw the result; the functions of `gsid.plots` describe each figure."""
         return self._figure()
 
     def _figure(self, *args: Any, **options: Any) -> Figure:
-        # By name, since gsid.plots imports every type that it draws; it is loaded with matplotlib, on demand.
-        importlib.import_module("gsid.plots")
+        importlib.import_module(self.drawn_by)
         return figure_of(self, *args, **options)
