@@ -137,7 +137,7 @@ def test_an_order_found(gsid, experiments):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--order", "4/1"), "zeros are as many as poles or one fewer"),
+        (("--order", "4/1"), "give as many zeros as poles or one fewer"),
         (("--order", "70/70"), "common poles must be 1 to 64"),
         (("--order", "4/3", "--method", "log"), "method is one of iwls, nls, ml"),
         (("--order", "4/3", "--piecewise", "2"), "one input and one output"),

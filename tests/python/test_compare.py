@@ -100,8 +100,8 @@ def test_a_model_in_z_is_not_compared_at_another_rate():
 @pytest.mark.parametrize(
     ("model", "hold", "words"),
     [
-        (HELD, "none", "simulated does not state that its was"),
-        (MODEL, "zoh", "the model knows of no hold"),
+        (HELD, "none", "simulated does not state a hold"),
+        (MODEL, "zoh", "the model has no hold"),
         (HELD, "zoh", None),
         (MODEL, "none", None),
         (RationalModel([0.1], [1, -0.9], domain="z", fs_hz=FS), "zoh", None),

@@ -205,7 +205,7 @@ def test_bug_ml_io_used_negative_variances():
     good = fit(response, "2/1", method="ml-io")
     assert good.converged
     response.cov_yu[7] = 1.1 * np.sqrt(response.var_u[7] * response.var_y[7])
-    with pytest.raises(ValueError, match=r"contradict their covariance at 8 Hz.*method ml takes var_g"):
+    with pytest.raises(ValueError, match=r"contradict their covariance at 8 Hz.*method ml uses var_g"):
         fit(response, "2/1", method="ml-io")
     assert fit(response, "2/1", method="ml", quiet=True).stable
 
@@ -248,7 +248,7 @@ def test_a_warning_is_logged_once_and_not_where_fits_are_many(biased, caplog):
         fit_all(response, "2/1", methods=["ls", "ml"])
         assert not caplog.records
     assert "method ml" in model.warnings[0].text
-    assert "warning: noise shifts this ls fit" in repr(model)
+    assert "warning: noise in the regressors of the equation error biases this ls fit" in repr(model)
 
 
 def test_a_model_file_keeps_the_warnings(biased, tmp_path):

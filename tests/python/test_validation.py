@@ -93,6 +93,6 @@ def test_a_model_is_judged_at_the_rate_of_the_new_data(caplog):
     assert validate(replace(held, fs_hz=3000.0), new) == want
     assert not caplog.records
     validate(TRUTH, new)
-    assert "knows of no hold" in caplog.text
+    assert "the model has no hold" in caplog.text
     with pytest.raises(InputError, match="300 and 3000 Hz"):
         validate(RationalModel([0.1], [1, -0.9], domain="z", fs_hz=3000.0), new)

@@ -1,1 +1,1 @@
-"""Fits of rational models to measured responses."""
+"""Fits of rational models to measured frequency responses, and tests of these fits."""

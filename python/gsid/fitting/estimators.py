@@ -1,4 +1,4 @@
-"""Every estimator on the same response, side by side (source, section 7.10)."""
+"""Comparison of all estimators on the same response (thesis, section 7.10)."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one estimator made of the response.
+    """Result of one estimator.
 
     Attributes
     ----------
     method : str
     model : RationalModel or None
-        None where there is no answer at all; `note` says why.
+        None if the fit failed; `note` contains the reason.
     amplitude_db, phase_deg, error_db : float
-        Root mean squares over the lines of the errors of amplitude [dB] and phase [deg] and of the complex
-        error over the response [dB] (-26 dB are 5 %).
+        Rms errors over the lines: of the amplitude [dB], of the phase [deg], and of the complex error
+        relative to the response [dB] (-26 dB is 5 %).
     cost : float
-        V of eq. 7.28, whatever the method minimised (of eq. 7.26 for "ml-io"); expected of noise alone:
-        `cost_expected` of the table.
+        V of eq. 7.28 for all methods except "ml-io", for which it is V of eq. 7.26. `Estimators` contains
+        the value expected from noise alone.
     seconds : float
+        Computing time [s].
     note : str
-        "" where the estimator converged to a stable model.
+        "" if the estimator converged to a stable model.
     held_out : Validation or None
-        On the response kept out of the fit, where one was given.
+        Validation on the held-out response, if given.
     """
 
     method: str
@@ -54,17 +55,17 @@ class Estimate:
 
 @dataclass(frozen=True, repr=False)
 class Estimators:
-    """The table of section 7.10 of the source.
+    """Results of all estimators, as in the table of section 7.10 of the thesis.
 
     Attributes
     ----------
     rows : tuple of Estimate
     order : str
     initial_delay_s : float
-        By the slope of the phase (eq. 7.8) [s].
+        Delay from the slope of the phase (eq. 7.8) [s].
     n_lines : int
     cost_expected : float or None
-        What noise alone leaves of the cost of "ml".
+        Cost of "ml" expected from noise alone.
     """
 
     rows: tuple[Estimate, ...]
@@ -80,9 +81,10 @@ class Estimators:
         raise KeyError(method)
 
     def best(self) -> Estimate:
-        """Return the stable, converged estimate of least cost, "ml-io" aside, whose cost is another one.
+        """Return the stable, converged estimate of least cost.
 
-        Where noise biases that estimate it is the one of the method that is right instead.
+        "ml-io" is not compared, because its cost has another definition. If noise biases the estimate of
+        least cost, the result is that of the method that its warning recommends.
 
         Raises
         ------
@@ -97,7 +99,7 @@ class Estimators:
         return next((row for row in self.rows if row.method in right and not row.note), least)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the head and the rows as text."""
+        """Return the header and the rows of the table as text."""
         head = [
             "method",
             "amplitude [dB]",
@@ -130,39 +132,39 @@ def fit_all(
     held_out: Frf | None = None,
     **options: object,
 ) -> Estimators:
-    """Fit by every estimator and compare what they made (source, section 7.10).
+    """Fit with several estimators and compare the results (thesis, section 7.10).
 
     Parameters
     ----------
     frf : Frf
     order : "POLES/ZEROS" or (poles, zeros)
     methods : sequence of str
-        Of `gsid.fitting.rational.METHODS`.
+        Names from `gsid.fitting.rational.METHODS`.
     reference : (F,) complex array_like, optional
-        Response at the lines of the band that the errors are taken from, where the truth is known; default:
-        the measured one.
+        True response at the lines of the band, if known. The errors refer to it; default: the measured
+        response.
     band : (lo, hi), optional
         Lines to use [Hz].
     held_out : Frf, optional
-        Response of realisations kept out: every model is judged on it, too (`gsid.fitting.validation`).
+        Response of held-out realisations, on which every model is validated (`gsid.fitting.validation`).
     **options
-        Passed to `fit`.
+        Further arguments of `fit`.
 
     Returns
     -------
     Estimators
-        A method whose best model is unstable is shown with it, and noted.
+        If the best model of a method is unstable, the row contains this model and a note.
 
     Raises
     ------
     ValueError
-        Wrong arguments.
+        An argument is invalid.
     """
     use = in_band(frf.f_hz, band)
     measured = frf.g[use] if reference is None else np.asarray(reference, complex)
     if measured.shape != (np.count_nonzero(use),):
         raise ValueError(
-            f"reference has shape {measured.shape}; the band holds {np.count_nonzero(use)} lines"
+            f"reference has shape {measured.shape}; the band contains {np.count_nonzero(use)} lines"
         )
     rows = tuple(_estimate(frf, order, method, band, frf.f_hz[use], measured, options) for method in methods)
     if held_out is not None:
@@ -187,7 +189,7 @@ def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict
         note = "" if model.converged else "not converged"
     except GsidError as error:
         note = str(error)
-        try:  # to show what it found
+        try:  # show the unstable model
             unstable = {**options, "allow_unstable": True, "quiet": True}
             model = fit(frf, order, method=method, band=band, **unstable)
             note = "UNSTABLE"
@@ -210,27 +212,28 @@ def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict
 
 
 def bootstrap(model: RationalModel, frf: Frf, *, n: int = 200, seed: int = 0) -> np.ndarray:
-    """Standard deviations of the parameters by fits to redrawn responses: a check of the covariance.
+    """Standard deviations of the parameters by a parametric bootstrap, to check the covariance.
 
     Parameters
     ----------
     model : RationalModel
-        Fitted to `frf`.
+        Model fitted to `frf`.
     frf : Frf
-        Its lines and variances are used; noise is drawn around the model's response.
+        Measured response. Its lines and variances define the noise that is added to the model's response.
     n : int
-        Responses to draw.
+        Number of responses to draw.
     seed : int
+        Random seed of the bootstrap.
 
     Returns
     -------
     (p,) ndarray
-        Of (den[1:], num, delay if free), beside the roots of the diagonal of `model.cov`.
+        Standard deviations of (den[1:], num, delay if free), in the order of `model.cov`.
 
     Raises
     ------
     ValueError
-        The model was not fitted, or fewer than two responses are asked for.
+        The model was not fitted, or n is less than 2.
     """
     if model.method is None or model.cov is None or n < 2:
         raise ValueError("a bootstrap needs a fitted model and at least two responses")

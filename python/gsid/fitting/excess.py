@@ -1,8 +1,8 @@
-"""Does a fit leave more than noise? (EST-14)
+"""Test whether the errors of a fit exceed the noise (EST-14).
 
-With the variance of each line known, the squared errors of a right model have a known distribution (CMP-1).
-A model of too low an order exceeds it, and so does one of an axis that is not linear, or that is another
-minimum of the cost than the least. Errors alone do not tell which, so that the warning names them all.
+If the variance of each line is known, the squared errors of a correct model have a known distribution
+(CMP-1). They exceed it if the order is too low, if the axis is not linear, or if the fit ended in a local
+minimum. The errors do not show which of these is the cause, so that the warning lists all of them.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ if TYPE_CHECKING:
     from gsid.response.frf import Frf
 
 ALPHA = 1e-3
-"""Share of right models that are reported to leave more than noise."""
+"""Share of correct models that are reported to exceed the noise (false-alarm rate)."""
 NEGLIGIBLE = 1e-6
-"""Of the response: an error that counts as noise, however little the periods differ."""
+"""Errors below this share of the response count as noise, however small the scatter."""
 FREELY = 1e3
-"""Standard deviations that a change of the parameters may have without a price."""
+"""Factor on the covariance's square root that makes a change of the parameters free of cost."""
 LEAST_PRINTED = 1e-12
 WHAT_TO_TRY = "another order, start or delay"
 
 
 def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
-    """How far the errors of a fit exceed noise.  Eq: EST-14
+    """Ratio of the errors of a fit to those of noise.  Eq: EST-14
 
     Parameters
     ----------
     model : RationalModel
-        Of any method: what a change of its parameters takes away does not count.
+        Model fitted by any method. Errors that a change of its parameters would remove do not count.
     frf : Frf
-        At the fitted lines.
+        Response at the fitted lines.
 
     Returns
     -------
     ratio : float
-        Squared errors over those that noise leaves of a right model.
+        Squared errors over those expected from noise for a correct model.
     p_value : float
-        Probability of errors this large or larger where the model is right.
+        Probability of errors this large or larger if the model is correct.
     """
     errors = _errors_left(model, frf)
     n_dof = 2 * len(errors) - model.n_parameters * _taken(float(frf.n_dof))
@@ -55,19 +55,19 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
 
 
 def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
-    """The warning of a fit that leaves more than noise, None where noise explains its errors.
+    """Return a warning if the errors of a fit exceed the noise, None if noise explains them.
 
     Parameters
     ----------
     model : RationalModel
     frf : Frf
-        At the fitted lines.
+        Response at the fitted lines.
 
     Returns
     -------
     FitWarning or None
-        None, too, where the lines are no more than the parameters, or share their variances ("lpm",
-        "windows").
+        Also None if there are too few lines for the parameters, or if neighbouring lines share their variance
+        ("lpm", "windows").
     """
     if frf.method != "periods" or 2 * len(frf.f_hz) <= model.n_parameters:
         return None
@@ -77,21 +77,21 @@ def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
     probability = f"p = {p_value:.1g}" if p_value > LEAST_PRINTED else f"p < {LEAST_PRINTED:g}"
     text = (
         f"this {model.method} fit leaves {ratio:.3g} times the squared errors that noise explains "
-        f"({probability}), and its intervals count the noise alone: the order is too low, the axis is not "
-        "linear or changed during the record, or the fit ended in another minimum than the least; try a "
-        "higher order, another start (--method ga, start= in Python) or a known delay (--delay SECONDS), and "
-        "gsid distortion to see how far the axis is from linear"
+        f"({probability}), and its intervals include the noise only: the order is too low, the axis is not "
+        "linear or changed during the record, or the fit ended in a local minimum; try a higher order, other "
+        "starting values (--method ga, start= in Python) or a known delay (--delay SECONDS), and use "
+        "gsid distortion to measure the nonlinearity of the axis"
     )
     return FitWarning("excess_cost", None, WHAT_TO_TRY, text, ratio, p_value)
 
 
 def _taken(dof: float) -> float:
-    """By how much a fitted parameter lowers the mean of twice the sum of q."""
+    """Decrease of the mean of twice the sum of q per fitted parameter."""
     return 1.0 if np.isinf(dof) else dof / (dof + 1)
 
 
 def _errors_left(model: RationalModel, frf: Frf) -> Errors:
-    """Errors of a fit beside the best change of its parameters, which is none for maximum likelihood."""
+    """Errors of a fit after the best change of its parameters, which is zero for maximum likelihood."""
     dof, response = float(frf.n_dof), model.response(frf.f_hz)
     variance = np.array(frf.var_g, float)
     if model.method == "ml-io":
@@ -108,11 +108,11 @@ def _errors_left(model: RationalModel, frf: Frf) -> Errors:
     )
     if model.method in ("ml", "ml-io"):
         return errors
-    # With their covariance made large no change of the parameters has a price.
+    # With a large covariance, a change of the parameters adds no cost.
     return misfit(replace(errors, by_model=FREELY * model.deviations(frf.f_hz))).left
 
 
 def _variance_at(frf: Frf, g: np.ndarray) -> np.ndarray:
-    """Of y - g u, over |u|^2."""
+    """Variance of y - g u, over |u|^2."""
     common = 2 * np.real(frf.cov_yu * np.conj(g))
     return np.maximum(frf.var_y + frf.var_u * np.abs(g) ** 2 - common, np.finfo(float).tiny)

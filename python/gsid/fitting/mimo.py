@@ -1,4 +1,4 @@
-"""Models with common poles from a measured matrix of frequency responses (MIM-1, MIM-3)."""
+"""Fits of models with common poles to a measured matrix of frequency responses (MIM-1, MIM-3)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from gsid.models.mimo import MimoModel, hold_response
 from gsid.response.mimo import MimoFrf
 
 METHODS = {"iwls": lib.GSID_METHOD_IWLS, "nls": lib.GSID_METHOD_NLS, "ml": lib.GSID_METHOD_ML}
-LINES_AT_ONCE = 256  # of the sums over lines: bounds the memory
+LINES_AT_ONCE = 256  # lines per block of the sums over lines: limits the memory
 HOLD_ROUNDS_MAX = 8
-HOLD_SETTLED = 0.02  # of the images, in standard deviations of a line
+HOLD_SETTLED = 0.02  # largest change of the aliased images, in standard deviations of a line
 
 
 def fit_mimo(
@@ -37,34 +37,35 @@ def fit_mimo(
     frf : MimoFrf
         Measured responses and their covariance.
     order : "POLES/ZEROS" or (poles, zeros)
-        Common poles, 1 to 64; as many zeros or one fewer.
+        Number of common poles, 1 to 64, and of zeros: as many as poles or one fewer.
     delay : "free", "common", "none", float or (n_y, n_u) array_like
-        One delay for each response, one for all, absent, or given [s].
+        "free": one estimated delay per response. "common": one estimated delay for all. "none": no delay. A
+        number or an array: given delays [s].
     method : str
-        "iwls": reweighted linear fits; "nls": least squares of the response; "ml": weighted with the
-        variance measured.
+        "iwls": iteratively reweighted linear least squares. "nls": nonlinear least squares of the response.
+        "ml": maximum likelihood, weighted with the measured variance.
     band : (lo, hi), optional
         Lines to use [Hz]; default all.
     domain : "s" or "z"
-        In "s" a held input (what the records state) is taken as such: the model is of what follows the hold.
-        Where they state nothing, both are fitted, as in `gsid.fit`.
+        If the records state a held input, the model in "s" describes the system behind the hold. If the
+        records do not state their hold, both holds are fitted, as in `gsid.fit`.
     delay_max_s : float
-        Free delays are searched from 0 to here [s]; 0: three periods of the highest frequency.
+        Free delays are searched from 0 to this value [s]; 0 means three periods of the highest frequency.
     allow_unstable : bool
-        Take the model of least cost even when it is unstable.
+        Accept the model of least cost even if it is unstable.
 
     Returns
     -------
     MimoModel
-        With covariance, which takes the correlation of the errors of different responses into account, and
-        weights that are estimates themselves.
+        Fitted model. Its covariance includes the correlation of the errors of different responses, and the
+        uncertainty of the weights.
 
     Raises
     ------
     ValueError
-        Wrong arguments, too few lines, or too many parameters.
+        An argument is invalid, there are too few lines, or there are too many parameters.
     GsidError
-        Singular equations.
+        The equations are singular.
     """
     n_poles, direct = _order(order)
     _check_choices(method, domain, delay)
@@ -85,7 +86,7 @@ def fit_mimo(
     frf = frf.in_band(band)
     n_lines = len(frf.line)
     if n_lines < n_poles + 1:
-        raise ValueError(f"{n_poles} common poles need at least {n_poles + 1} lines; there are {n_lines}")
+        raise ValueError(f"{n_poles} common poles need at least {n_poles + 1} lines, got {n_lines}")
     frf = _behind_hold(frf) if hold == "zoh" else frf
     cov_y, dof = _smoothed(frf)
     sigma = np.sqrt(np.einsum("kii,kjj->kij", cov_y, frf.spread).real)
@@ -122,7 +123,7 @@ def fit_mimo(
 def _settled(
     frf: MimoFrf, sigma: np.ndarray, cfg: Any, fixed: np.ndarray, facts: dict[str, Any]
 ) -> tuple[MimoModel, np.ndarray]:
-    """Fit, and with a hold again without the images of the last model, until they stay. Eq: MOD-2"""
+    """Fit; with a hold, repeat after subtracting the aliased images until they converge. Eq: MOD-2"""
     images = np.zeros_like(frf.g)
     for _ in range(HOLD_ROUNDS_MAX):
         delay_s = fixed.copy()
@@ -141,13 +142,13 @@ def _settled(
 
 
 def _behind_hold(frf: MimoFrf) -> MimoFrf:
-    """The response without the hold's own, images still in it."""
+    """The response divided by that of the hold; aliased images remain."""
     hold = hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
     return replace(frf, g=frf.g / hold, cov_y=frf.cov_y / np.abs(hold) ** 2)
 
 
 def _order(order: str | tuple[int, int]) -> tuple[int, bool]:
-    """Number of poles, and whether there are as many zeros."""
+    """Number of poles, and whether there are as many zeros (direct term)."""
     try:
         poles, zeros = (int(part) for part in (order.split("/") if isinstance(order, str) else order))
     except (ValueError, TypeError) as error:
@@ -156,7 +157,7 @@ def _order(order: str | tuple[int, int]) -> tuple[int, bool]:
         raise ValueError(f"common poles must be 1 to {lib.GSID_MIMO_POLES_MAX}, got {poles}")
     if poles - zeros not in (0, 1):
         raise ValueError(
-            f"with several inputs or outputs zeros are as many as poles or one fewer, got {order}"
+            f"with several inputs or outputs, give as many zeros as poles or one fewer, got {order}"
         )
     return poles, zeros == poles
 
@@ -170,7 +171,7 @@ def _configuration(
     delay_of: np.ndarray | None,
     fs_hz: float,
 ) -> tuple[Any, np.ndarray]:
-    """What the C library is asked, and an array that it points to."""
+    """Configuration of the C library, and an array that it points to."""
     cfg = ffi.new("gsid_mimo_cfg *")
     cfg.domain = lib.GSID_DOMAIN_S if domain == "s" else lib.GSID_DOMAIN_Z
     cfg.method, cfg.n_poles, cfg.direct = METHODS[method], n_poles, direct
@@ -180,8 +181,8 @@ def _configuration(
     n_parameters = n_channels * (n_poles + direct) + n_poles + cfg.n_delays
     if n_parameters > lib.GSID_LSQ_COLUMNS_MAX:
         raise ValueError(
-            f"{n_poles} common poles of {n_channels} responses are {n_parameters} parameters; the covariance"
-            f" is for {lib.GSID_LSQ_COLUMNS_MAX} at most: take fewer poles, inputs or outputs"
+            f"{n_poles} common poles of {n_channels} responses have {n_parameters} parameters; at most "
+            f"{lib.GSID_LSQ_COLUMNS_MAX} are supported: use fewer poles, inputs or outputs"
         )
     cfg.delay_of = ffi.from_buffer("uint32_t[]", groups)
     return cfg, groups
@@ -190,7 +191,7 @@ def _configuration(
 def _check_choices(method: str, domain: str, delay: object) -> None:
     if method not in METHODS:
         raise ValueError(
-            f"with several inputs or outputs method is one of {', '.join(METHODS)}, not {method!r}"
+            f"with several inputs or outputs, method must be one of {', '.join(METHODS)}, not {method!r}"
         )
     if domain not in ("s", "z"):
         raise ValueError(f"domain must be 's' or 'z', got {domain!r}")
@@ -206,7 +207,7 @@ def _delay_groups(delay: object, frf: MimoFrf) -> np.ndarray | None:
 
 
 def _smoothed(frf: MimoFrf) -> tuple[np.ndarray, float]:
-    """Covariance of the outputs' errors, averaged over neighbouring lines where it must be, and its dof."""
+    """Covariance of the output errors and its degrees of freedom, smoothed over lines if these are few."""
     cov, dof = np.array(frf.cov_y), frf.dof
     if dof < DOF_WANTED:
         half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(cov) - 1) // 2)
@@ -218,7 +219,7 @@ def _smoothed(frf: MimoFrf) -> tuple[np.ndarray, float]:
     size = np.einsum("kij->k", np.abs(frf.g) ** 2) / (frf.n_y * frf.n_u)
     floor = np.finfo(float).eps * np.sqrt(size) + np.finfo(float).tiny ** 0.5
     spread = np.einsum("kjj->k", frf.spread).real / frf.n_u
-    least = floor**2 / spread  # exactly repeating data: every line weighs the same relative to its size
+    least = floor**2 / spread  # noise-free data: weight all lines equally relative to their size
     return cov + least[:, None, None] * np.eye(frf.n_y), dof
 
 
@@ -253,7 +254,7 @@ def _run(frf: MimoFrf, sigma: np.ndarray, cfg: Any, delay_s: np.ndarray) -> dict
 
 
 def _unscaled(scale: float, n_poles: int, n_local: int) -> tuple[np.ndarray, np.ndarray]:
-    """Factors from numbers of v = s / scale to numbers of s: sections, numerators."""
+    """Factors that convert coefficients in v = s / scale to s, for sections and numerators."""
     by = np.full(n_poles, scale)
     by[: n_poles - n_poles % 2 : 2] = scale**2
     return by, np.concatenate([by, np.ones(n_local - n_poles)])
@@ -262,7 +263,7 @@ def _unscaled(scale: float, n_poles: int, n_local: int) -> tuple[np.ndarray, np.
 def _covariance(
     model: MimoModel, half_inverse: np.ndarray, frf: MimoFrf, cov_y: np.ndarray, weight: np.ndarray
 ) -> np.ndarray:
-    """M^-1 N M^-1 / 2 as in EST-6, with errors that are correlated from response to response (MIM-3)."""
+    """M^-1 N M^-1 / 2 as in EST-6, with errors that are correlated between responses (MIM-3)."""
     n_channels = frf.n_y * frf.n_u
     inner = np.zeros_like(half_inverse)
     factor_y, factor_u = np.linalg.cholesky(cov_y), np.linalg.cholesky(frf.spread.conj())

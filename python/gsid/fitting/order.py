@@ -1,14 +1,15 @@
-"""How many poles and zeros: cost against its expected value, AIC, MDL, F-tests, whiteness (section 7.11).
+"""Order selection: cost and its expected value, AIC, MDL, F-tests, whiteness (thesis, section 7.11).
 
-With V the cost of eq. 7.28 over F lines, freed of what the scatter of its weights adds, and p parameters:
+V is the cost of eq. 7.28 over F lines, corrected for the scatter of its weights. p is the number of
+parameters.
 
-    expected of noise alone  F - p/2, standard deviation sqrt(F - p/2), more where variances have few periods
+    Expected V for noise alone: F - p/2, standard deviation sqrt(F - p/2), larger with few periods
     AIC = V + p, MDL = V + p/2 ln(2 F)  (ORD-1)
-    F-test of q parameters more: (V_small - V) / q over V / (2 F - p) is F(q, 2 F - p) if none is needed
-    whiteness over lags 1 .. L: 2 F sum |r_l|^2 is chi-square of 2 L  (ORD-2)
+    F-test of q more parameters: (V_small - V) / q over V / (2 F - p) is F(q, 2 F - p) if none is needed
+    Whiteness over lags 1 .. L: 2 F sum |r_l|^2 is chi-square with 2 L degrees of freedom  (ORD-2)
 
-Of a matrix of responses F counts the lines of all of them, whose errors are correlated: the costs' standard
-deviation says so, and of the whiteness of n responses the least p counts, n times.
+For a matrix of responses, F counts the lines of all responses. Their errors are correlated, which increases
+the standard deviation of the cost. The whiteness p-value of n responses is n times the least (Bonferroni).
 """
 
 from __future__ import annotations
@@ -43,33 +44,34 @@ if TYPE_CHECKING:
     from gsid.models.rational import RationalModel
     from gsid.response.frf import Frf
 
-POLES_MAX = 9  # the source's highest order
+POLES_MAX = 9  # highest order in the thesis
 MATRIX_POLES_MAX = lib.GSID_MIMO_POLES_MAX
-PATIENCE = 2  # orders without a lower MDL before the search upwards ends
-MATRIX_PATIENCE = 4  # one pole more of a matrix, whose modes are pairs, may end in a worse minimum than none
-NEAR = 0.5  # a pole and a zero further apart than this part of the pole are never one pair
+PATIENCE = 2  # number of orders without a lower MDL that ends the upward search
+MATRIX_PATIENCE = 4  # for a matrix: its modes are pole pairs, so that one more pole may raise the MDL
+NEAR = 0.5  # largest distance of a pole and a zero of a cancelling pair, over the magnitude of the pole
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One order that was tried.
+    """Result for one order.
 
     Attributes
     ----------
     order : str
     model : RationalModel or MimoModel
     cost, cost_expected : float
-        V, and what noise alone leaves of it.
+        V, and its value expected from noise alone.
     interval : (float, float)
-        In which V lies 95 times in 100 when noise alone is left.
+        95 % interval of V if only noise remains.
     aic, mdl : float
+        Information criteria.
     p_value : float
-        Of the F-test against the next lower order tried; small: the parameters more are needed. NaN for
-        the first.
+        p-value of the F-test against the next lower order tried. A small value shows that the additional
+        parameters are needed. NaN for the first order.
     whiteness : float
-        p-value that the residuals are white over frequency.
+        p-value of the test that the residuals are white over frequency.
     held_out : Validation or None
-        On the response kept out of the fit, where one was given.
+        Validation on the held-out response, if given.
     """
 
     order: str
@@ -86,14 +88,14 @@ class Candidate:
 
 @dataclass(frozen=True, repr=False)
 class OrderChoice:
-    """Orders tried and the one chosen: that of least MDL among stable models.
+    """Orders tried and the chosen order, which has the least MDL of all stable models.
 
     Attributes
     ----------
     tried : tuple of Candidate
     chosen : Candidate
     removed : tuple of str
-        What was taken out of the first choice, in words.
+        Poles and zeros that were removed from the first choice, as sentences.
     """
 
     tried: tuple[Candidate, ...]
@@ -101,7 +103,7 @@ class OrderChoice:
     removed: tuple[str, ...]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the head and the rows as text."""
+        """Return the header and the rows of the table as text."""
         head = ["order", "cost", "noise alone", "AIC", "MDL", "F-test p", "whiteness p", *HELD_OUT, ""]
         rows = [
             [
@@ -132,22 +134,23 @@ def select_order(
     held_out: Frf | None = None,
     **options: object,
 ) -> OrderChoice:
-    """Choose numbers of poles and zeros.
+    """Choose the number of poles and zeros.
 
     Parameters
     ----------
     frf : Frf or MimoFrf
-        A response, or a matrix of them.
+        A response, or a matrix of responses.
     orders : sequence of "POLES/ZEROS", optional
-        To try, in rising order; default: 1/0, 2/1, ... while MDL falls, then fewer zeros and without pairs
-        that nearly cancel. For a matrix then as many zeros as poles, where the inputs are not held.
+        Orders to try, ascending. By default 1/0, 2/1, ... are tried until MDL stops falling, then orders with
+        fewer zeros and without nearly cancelling pairs. For a matrix with inputs that are not held, orders
+        with as many zeros as poles are tried instead.
     band : (lo, hi), optional
         Lines to use [Hz].
     held_out : Frf, optional
-        Response of realisations kept out: every order is judged on it, too (`gsid.fitting.validation`). It
-        has no part in the choice. Not for a matrix.
+        Response of held-out realisations, on which every order is validated (`gsid.fitting.validation`). It
+        does not affect the choice. Not supported for a matrix.
     **options
-        Passed to `gsid.fit` or `gsid.fit_mimo`; the method is maximum likelihood.
+        Further arguments of `gsid.fit` or `gsid.fit_mimo`. The method is always maximum likelihood.
 
     Returns
     -------
@@ -156,17 +159,17 @@ def select_order(
     Raises
     ------
     ValueError
-        No order gives a stable model, or wrong arguments.
+        No order gives a stable model, or an argument is invalid.
     """
     is_matrix = isinstance(frf, MimoFrf)
     if is_matrix and held_out is not None:
-        raise ValueError("held_out is for one input and one output")
+        raise ValueError("held_out is supported for one input and one output only")
     tried: list[Candidate] = []
     highest = MATRIX_POLES_MAX if is_matrix else POLES_MAX
     upwards = [f"{n}/{n - 1}" for n in range(1, highest + 1)]
     _try_all(frf, orders or upwards, tried, orders is None, band, options)
     if not tried:
-        raise ValueError("no order tried has a stable model")
+        raise ValueError("none of the orders tried gives a stable model")
     chosen, removed = min(tried, key=lambda c: c.mdl), []
     while orders is None:
         known = {c.order for c in tried}
@@ -187,7 +190,7 @@ def select_order(
 
 
 def _neighbours(chosen: Candidate) -> list[tuple[int, int]]:
-    """Orders that the search upwards leaves out: fewer zeros, no pair; of a matrix, a direct term."""
+    """Orders omitted by the upward search: fewer zeros, one pair less; for a matrix, a direct term."""
     n, m = chosen.model.n_poles, chosen.model.n_zeros
     if isinstance(chosen.model, MimoModel):
         return [] if chosen.model.hold == "zoh" else [(n, n), (n - 1, n - 1)]
@@ -202,7 +205,7 @@ def _try_all(
     for order in orders:
         try:
             model = fit_any(frf, order, band=band, **{**options, "method": "ml"})
-        except (GsidError, ValueError) as error:  # too few lines for the highest orders; no stable model
+        except (GsidError, ValueError) as error:  # too few lines for the highest orders, or no stable model
             if not until_worse and isinstance(error, ValueError):
                 raise
             continue
@@ -245,10 +248,10 @@ def _judge(
 
 
 def _matrix_variance(frf: MimoFrf, inflation: float) -> float:
-    """`relative_variance` for responses whose errors are correlated, on average over them.  Eq: ORD-1"""
+    """`relative_variance` for responses with correlated errors, averaged over responses.  Eq: ORD-1"""
     y = np.einsum("kij->k", np.abs(_correlation(frf.cov_y)) ** 2)
     u = np.einsum("kij->k", np.abs(_correlation(frf.spread)) ** 2)
-    weights = 1.0  # what the scatter of the weights, which the responses of an output share, adds
+    weights = 1.0  # factor for the scatter of the weights, which the responses of an output share
     if inflation > 1:
         m = inflation / (inflation - 1)
         weights = (m - 1) / (m - 2) if m > 2 else np.inf
@@ -261,14 +264,14 @@ def _correlation(cov: np.ndarray) -> np.ndarray:
 
 
 def _matrix_whiteness(model: MimoModel, frf: MimoFrf) -> float:
-    """The least p of all responses, times their number."""
+    """Least p-value of all responses times their number (Bonferroni)."""
     frf = frf.in_band(model.band_hz)
     e = ((frf.g - model.response(frf.f_hz)) / np.sqrt(frf.var_g)).reshape(len(frf.f_hz), -1)
     return min(1.0, e.shape[1] * min(white(one) for one in e.T))
 
 
 def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
-    """Pairs of a pole and a zero that the data cannot tell apart.
+    """Pole-zero pairs that the data cannot distinguish.
 
     Parameters
     ----------
@@ -278,7 +281,7 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
     Returns
     -------
     list of (pole, zero)
-        In rad/s, or in z; of conjugates one. Their difference is within its 95 % region.
+        In rad/s, or in z; one of each conjugate pair. Zero lies in the 95 % region of their difference.
     """
     if model.cov is None:
         return []
@@ -300,17 +303,17 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
 
 
 def far_out(model: RationalModel) -> list[tuple[str, float]]:
-    """Real roots above the band that may lie anywhere, as far as the data tell.
+    """Real roots above the band whose position the data do not determine.
 
     Parameters
     ----------
     model : RationalModel
-        In s, with covariance and band.
+        Model in s with covariance and band.
 
     Returns
     -------
     list of ("pole" or "zero", Hz)
-        Their 95 % interval holds 0: a model without them follows the data as well, a free delay apart.
+        The 95 % interval of such a root includes 0: without it, a model with free delay fits equally well.
     """
     if model.cov is None or model.band_hz is None or model.domain != "s":
         return []
@@ -324,7 +327,7 @@ def far_out(model: RationalModel) -> list[tuple[str, float]]:
 
 
 def _root_slope(model: RationalModel, root: complex, is_pole: bool) -> np.ndarray:
-    """Derivative of a root by (den[1:], num, delay if free)."""
+    """Derivative of a root with respect to (den[1:], num, delay if free)."""
     coef = model.den if is_pole else model.num
     powers = np.arange(len(coef) - 1, -1, -1)
     by = -(root**powers) / np.polyval(np.polyder(coef), root)

@@ -1,4 +1,4 @@
-"""Piecewise models fitted: where to cut the band, and a low-order model for each part."""
+"""Fit of piecewise models: choose the breaks of the band and fit a low-order model to each piece."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from gsid.models.rational import RationalModel
 if TYPE_CHECKING:
     from gsid.response.frf import Frf
 
-INTERVALS = 20  # of the grid of candidates, even in log f
-NARROWED_BY = 5  # places looked at between two candidates, then between two of these
+INTERVALS = 20  # of the grid of candidate breaks, evenly spaced in log f
+NARROWED_BY = 5  # number of positions tried between two neighbouring candidates, in each refinement
 
 
 def fit_piecewise(
@@ -32,20 +32,21 @@ def fit_piecewise(
     band: tuple[float, float] | None = None,
     **options: object,
 ) -> PiecewiseModel:
-    """Cut the band into pieces and fit a model of low order in each.
+    """Divide the band into pieces and fit a low-order model to each piece.
 
     Parameters
     ----------
     frf : Frf
     order : "POLES/ZEROS" or (poles, zeros)
-        Of each piece.
+        Order of each piece.
     n_pieces : int, optional
-        Default: the number of least MDL, at most `PIECES_MAX`.
+        Number of pieces; default: the number of least MDL, at most `PIECES_MAX`.
     band : (lo, hi), optional
         Lines to use [Hz].
     **options
-        Passed to `gsid.fit`; the method is maximum likelihood. A free delay is each piece's own. Where
-        nothing states the hold, all pieces have the one of less MDL ("none" within 1).
+        Further arguments of `gsid.fit`. The method is always maximum likelihood. A free delay is estimated
+        for each piece. If neither the response nor `hold` states the hold, all pieces have the hold of less
+        MDL ("none" if they differ by less than 1).
 
     Returns
     -------
@@ -54,9 +55,10 @@ def fit_piecewise(
     Raises
     ------
     ValueError
-        Wrong arguments; too few lines for so many pieces, or no stable model in some band.
+        An argument is invalid, there are too few lines for the number of pieces, or a band has no stable
+        model.
     GsidError
-        As `gsid.fit`, but for a band without a stable model.
+        As for `gsid.fit`, except that a band without a stable model raises ValueError.
     """
     if n_pieces is not None and not 1 <= n_pieces <= PIECES_MAX:
         raise ValueError(f"n_pieces must be 1 to {PIECES_MAX}, got {n_pieces}")
@@ -68,7 +70,9 @@ def fit_piecewise(
     cuts = {n: bands.refined(edges) for n, edges in bands.best_cuts(limit).items()}
     wanted = cuts if n_pieces is None else {n: cuts[n] for n in (n_pieces,) if n in cuts}
     if not wanted:
-        what = f"no {n_pieces or 1} adjoining bands each have lines enough and a stable model"
+        what = (
+            f"the band cannot be divided into {n_pieces or 1} bands with enough lines and a stable model each"
+        )
         raise ValueError(what) from bands.failure
     judged = {n: bands.judge(edges) for n, edges in cuts.items()}
     chosen = wanted[min(wanted, key=lambda n: judged[n].mdl)]
@@ -84,7 +88,7 @@ def _likelier(
     band: tuple[float, float] | None,
     options: dict,
 ) -> PiecewiseModel:
-    """One assumption for all pieces of a response that does not state its hold: that of least MDL."""
+    """Choose one hold for all pieces of a response that does not state its hold: that of least MDL."""
     options.pop("hold", None)
     found = fit_readings(
         lambda reading: fit_piecewise(frf, order, n_pieces, band=band, hold=reading, **options)
@@ -98,7 +102,7 @@ def _likelier(
     def marked(piece: RationalModel) -> RationalModel:
         try:
             other = fit(frf, order, band=piece.band_hz, hold=other_reading(taken), **options)
-        except (GsidError, ValueError):  # more zeros than a held input allows, no stable model
+        except (GsidError, ValueError):  # too many zeros for a held input, or no stable model
             return replace(piece, hold_assumed=True)
         return replace(piece, hold_assumed=True, other_delay_s=other.delay_s)
 
@@ -106,7 +110,7 @@ def _likelier(
 
 
 class _Bands:
-    """Models of bands of lines, each fitted once; a band is lines lo .. hi - 1 of those in use."""
+    """Models of bands of lines, each fitted once. A band consists of the used lines lo .. hi - 1."""
 
     def __init__(self, frf: Frf, order: tuple[int, int], band: tuple[float, float] | None, options: dict):
         self.frf, self.order, self.options = frf, order, options
@@ -119,14 +123,14 @@ class _Bands:
         self.grid = [int(i) for i in np.unique([0, *inner, len(self.f_hz)])]
 
     def model(self, lo: int, hi: int) -> RationalModel | None:
-        """The model of a band; None where it has too few lines or periods, or no stable model.
+        """The model of a band; None if it has too few lines or periods, or no stable model.
 
         Raises
         ------
         GsidError
-            What fails for another reason, which is not the band's.
+            The fit failed for a reason that does not depend on the band.
         """
-        if hi - lo < self.n_parameters:  # half as many parameters as numbers
+        if hi - lo < self.n_parameters:  # at least two real numbers per parameter
             return None
         if (lo, hi) not in self._models:
             band = (self.f_hz[lo], self.f_hz[hi - 1])
@@ -136,12 +140,12 @@ class _Bands:
                 if error.code not in (lib.GSID_E_UNSTABLE, lib.GSID_E_SINGULAR):
                     raise
                 self.failure, model = error, None
-            # Without a cost to expect, as on two lines of two periods, it cannot be weighed against others.
+            # Without an expected cost, as with two lines of two periods, costs cannot be compared.
             self._models[lo, hi] = None if model is None or model.cost_expected is None else model
         return self._models[lo, hi]
 
     def cost(self, lo: int, hi: int) -> float:
-        """V of a band, freed of what the scatter of its weights adds; infinite without a model."""
+        """V of a band, corrected for the scatter of its weights; infinite without a model."""
         model = self.model(lo, hi)
         if model is None:
             return np.inf
@@ -152,7 +156,7 @@ class _Bands:
         return sum(self.cost(lo, hi) for lo, hi in pairwise(edges))
 
     def best_cuts(self, n_max: int) -> dict[int, list[int]]:
-        """Edges of the cut of least cost for each number of pieces, on the grid of candidates."""
+        """Edges of the division of least cost for each number of pieces, on the grid of candidates."""
         best = {1: {hi: ([0, hi], self.cost(0, hi)) for hi in self.grid[1:]}}
         for k in range(2, n_max + 1):
             best[k] = {}
@@ -168,7 +172,7 @@ class _Bands:
         return {k: edges for k, (edges, cost) in ends.items() if np.isfinite(cost)}
 
     def refined(self, edges: list[int]) -> list[int]:
-        """Each break moved to the line of least cost between its neighbours on the grid, in turn."""
+        """Move each break in turn to the line of least cost between the neighbouring candidates."""
         edges = list(edges)
         for i in range(1, len(edges) - 1):
             at = self.grid.index(edges[i])

@@ -1,4 +1,4 @@
-"""Parametric model of a measured frequency response (source, chapter 7)."""
+"""Fit of a rational model to a measured frequency response (thesis, chapter 7)."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ METHODS = {
 }
 SOLVERS = {"gauss-newton": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVER_NLOPT}
 
-# Sample variances with fewer degrees of freedom than this are averaged over neighbouring lines before they
-# weigh.
+# Sample variances with fewer degrees of freedom are averaged over neighbouring lines before they are used as
+# weights.
 DOF_WANTED = 8
 ROUNDING = 1e-3
-"""Of the product of two variances, which may have been measured in single precision."""
+"""Relative tolerance of the product of two variances, which may be in single precision."""
 
 
 def fit(
@@ -66,59 +66,60 @@ def fit(
     Parameters
     ----------
     frf : Frf, Record or Spectra, or a sequence of records or spectra
-        Measured response and its variance, from at least two periods. That of records is measured with the
-        defaults of `gsid.frf`.
+        Measured response with variance, from at least two periods. Records are converted to a response with
+        the defaults of `gsid.frf`.
     order : "POLES/ZEROS" or (poles, zeros)
         Degrees of denominator and numerator.
     delay : "free", "none" or float
-        Estimated from 0 to 12 ms without a starting value, absent, or given [s].
+        "free": estimated; the fit scans 0 to 12 ms for a start. "none": no delay. A number: given delay [s].
     method : str
-        "ls": linear least squares (eq. 7.9); "iwls": iteratively reweighted (eqs. 7.14 to 7.16); "ga": an
-        evolutionary search for the start, then "nls" (eq. 7.18); "nls-output" and "nls": nonlinear least
-        squares on the output and on the response (eqs. 7.20, 7.21); "log": logarithmic least squares
-        (eq. 7.23); "ml": maximum likelihood, weighted with the variance measured (eq. 7.28); "ml-io": the
-        same with errors in input and output, weighted with their covariance (eqs. 7.24, 7.26).
+        "ls": linear least squares (eq. 7.9). "iwls": iteratively reweighted linear least squares (eqs. 7.14
+        to 7.16). "ga": evolutionary search for starting values, then "nls" (eq. 7.18). "nls-output" and
+        "nls": nonlinear least squares of the output and of the response (eqs. 7.20, 7.21). "log": logarithmic
+        least squares (eq. 7.23). "ml": maximum likelihood, weighted with the measured variance (eq. 7.28).
+        "ml-io": maximum likelihood with errors in input and output, weighted with their covariance (eqs.
+        7.24, 7.26).
     band : (lo, hi), optional
         Lines to use [Hz]; default all.
     domain : "s" or "z"
     hold : "zoh" or "none", optional
-        Whether the input was held over each sample; default what the record states. With "zoh" the model is
-        of what follows the hold, exactly (MOD-2), and its delay does not contain the hold's half sample.
-        Where nothing states it, both are fitted, and the likelier is taken ("none" within 2 in -2 log
-        likelihood): see `RationalModel.hold_assumed`.
+        Whether the input was held over each sample; default: as stated in the record. With "zoh" the model
+        describes the system behind the hold exactly (MOD-2), and its delay does not include the half sample
+        of the hold. If the hold is not stated, both are fitted and the likelier is used ("none" if they
+        differ by less than 2 in -2 log likelihood); see `RationalModel.hold_assumed`.
     allow_unstable : bool
-        Take the model of least cost even when it is unstable.
+        Accept the model of least cost even if it is unstable.
     min_delay_s : float, optional
-        Least free delay allowed [s]; default: any, a small delay may come out negative.
+        Lower bound of a free delay [s]. By default there is none: the estimate of a small delay may be
+        negative.
     exponent : float
         r of eq. 7.16, for "iwls": below 1 relaxes the reweighting, above 1 sharpens it.
     solver : "gauss-newton" or "nlopt"
-        Of the nonlinear methods; both find the same minimum.
+        Solver of the nonlinear methods. Both find the same minimum.
     start : RationalModel, optional
-        Nonlinear methods: search from this model only; default: from the best of a scan of delays.
+        Starting values of the nonlinear methods; default: the best model of a scan of delays.
     seed : int
-        Of the evolutionary search.
+        Random seed of the evolutionary search.
     quiet : bool
-        Do not log the warnings that the model carries: for one of many fits.
+        Do not log the warnings of the model.
 
     Returns
     -------
     RationalModel
-        With covariance. The covariance accounts for weights that are estimates themselves (EST-5). Where
-        noise biases the method its `warnings` say so, and name the method that is right; where the errors are
-        larger than noise explains they say so, too, and name what to try.
+        Fitted model. Its covariance includes the uncertainty of the weights (EST-5). Its `warnings` report a
+        bias by noise, with the method to use instead, and errors larger than the noise, with a remedy to try.
 
     Raises
     ------
     ValueError
-        Wrong arguments, too few lines or periods, (co)variances of input and output that contradict each
-        other.
+        An argument is invalid, there are too few lines or periods, or the (co)variances of input and output
+        contradict each other.
     TypeError
-        Neither a response nor records.
+        frf is neither a response nor records.
     InputError
-        Of records, as `gsid.frf`.
+        The records are not usable; see `gsid.frf`.
     GsidError
-        No stable model, or singular equations.
+        There is no stable model, or the equations are singular.
     """
     frf = as_response(frf)
     n_poles, n_zeros = parse_order(order)
@@ -141,7 +142,7 @@ def fit(
     n_lines, n_parameters = np.count_nonzero(use), n_poles + n_zeros + 1 + (delay == "free")
     if 2 * n_lines < n_parameters:
         raise ValueError(
-            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band holds {n_lines}"
+            f"{n_parameters} parameters need at least {-(-n_parameters // 2)} lines; the band has {n_lines}"
         )
 
     _check_rate(frf.fs_hz, frf.f_hz[use], domain, hold)
@@ -149,7 +150,7 @@ def fit(
         n_poles, n_zeros, method, domain, hold, delay, frf.fs_hz, allow_unstable=allow_unstable
     )
     if 0 < frf.period_samples / frf.fs_hz <= cfg.delay_s:
-        _log.warning("a delay of %g s is no shorter than the period: it is given in seconds", cfg.delay_s)
+        _log.warning("the delay of %g s is not shorter than the period; note that its unit is s", cfg.delay_s)
     cfg.solver, cfg.exponent, cfg.seed = SOLVERS[solver], exponent, seed
     cfg.sigma_dof = 0.0 if np.isinf(dof) else dof
     if min_delay_s is not None:
@@ -176,13 +177,13 @@ def _run(data: Any, cfg: Any, result: Any, doing: str, method: str) -> None:
         check(lib.gsid_fit_run(data, cfg, result), doing)
     except GsidError as error:
         if error.code == lib.GSID_E_UNSTABLE and method in ("ls", "iwls"):
-            hint = f"{method} cannot be kept to stable models, and noise makes it unstable: method ml can"
+            hint = f"noise can make the result of {method} unstable; use method ml, which keeps models stable"
             raise GsidError(error.code, error.message, hint) from error
         raise
 
 
 def _report(model: RationalModel, quiet: bool) -> RationalModel:
-    """The model, its warnings logged."""
+    """Log the warnings of a model and return it."""
     for warning in () if quiet else model.warnings:
         _log.warning("%s", warning.text)
     return model
@@ -191,19 +192,19 @@ def _report(model: RationalModel, quiet: bool) -> RationalModel:
 def _warnings(
     model: RationalModel, bias: np.ndarray, frf: Frf, use: np.ndarray, sigma: np.ndarray
 ) -> tuple[FitWarning, ...]:
-    """What the intervals do not contain: what noise does to the method, and errors beyond the noise."""
+    """Errors that the intervals do not include: bias by noise, and errors beyond the noise."""
     f_hz, fitted, found = frf.f_hz[use], frf.at(use), None
     if model.method in ("ls", "iwls"):
         found = equation_error(model, bias, f_hz)
     elif model.method in ("ml", "nls-output"):
         var_u, cov_yu = _input_errors(frf, use, sigma)
-        common = cov_yu - var_u * frf.g[use]  # of the error of the response with the input's, over |U|^2
+        common = cov_yu - var_u * frf.g[use]  # of response and input errors, over |U|^2
         if model.method == "ml":
             found = noisy_input(model, f_hz, 2 * common, 1 / sigma)
         else:
             found = noisy_input(model, f_hz, common / _own_share(frf, use), np.abs(frf.u[use]))
     biases = [warning for warning in (found, chosen_lines(model, fitted, sigma)) if warning is not None]
-    if biases:  # of which the excess is a part
+    if biases:  # a bias also increases the cost
         return tuple(biases)
     excess = excess_cost(model, fitted)
     return () if excess is None else (excess,)
@@ -215,12 +216,12 @@ def parse_order(order: str | tuple[int, int]) -> tuple[int, int]:
     Raises
     ------
     ValueError
-        Not two whole numbers from 0 to the highest order supported.
+        The order does not consist of two whole numbers from 0 to the highest supported order.
     """
     try:
         poles, zeros = (int(part) for part in (order.split("/") if isinstance(order, str) else order))
     except (ValueError, TypeError) as error:
-        other = "; select_order tries several" if order == "auto" else ""
+        other = "; use select_order to try several orders" if order == "auto" else ""
         raise ValueError(f"order must be POLES/ZEROS such as 4/3, got {order!r}{other}") from error
     for name, value in (("poles", poles), ("zeros", zeros)):
         if not 0 <= value <= lib.GSID_ORDER_MAX:
@@ -242,10 +243,10 @@ def _check_rate(fs_hz: float, f_hz: np.ndarray, domain: str, hold: str) -> None:
         return
     kind = "a model in z" if domain == "z" else "a held input"
     if not math.isfinite(fs_hz):
-        raise ValueError(f"{kind} has a sample rate, and the response none: Frf.from_arrays(..., fs_hz=...)")
+        raise ValueError(f"{kind} needs the sample rate of the response: Frf.from_arrays(..., fs_hz=...)")
     if f_hz.max() >= fs_hz / 2:
         raise ValueError(
-            f"{kind} of {fs_hz:g} Hz ends below {fs_hz / 2:g} Hz, the lines at {f_hz.max():g} Hz"
+            f"{kind} at {fs_hz:g} Hz needs lines below {fs_hz / 2:g} Hz; the highest is at {f_hz.max():g} Hz"
         )
 
 
@@ -280,34 +281,34 @@ def _configuration(
             raise ValueError(f"delay must be 'free', 'none' or a number of seconds, got {delay!r}")
         cfg.delay, cfg.delay_s = lib.GSID_DELAY_FIXED, delay_s
     if hold == "zoh" and n_zeros > n_poles:
-        raise ValueError(f"a held input needs no more zeros than poles, got {n_poles}/{n_zeros}")
+        raise ValueError(f"with a held input, give no more zeros than poles, got {n_poles}/{n_zeros}")
     return cfg
 
 
 def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
-    """Standard deviation of the lines in use, and the degrees of freedom of its square."""
+    """Standard deviation of the used lines, and the degrees of freedom of its square."""
     dof = float(frf.n_dof)
     if np.isinf(dof) and not np.all(np.isfinite(frf.var_g[use])):
-        raise ValueError("the response has no variance: give var_g (ones, where nothing is known of it)")
+        raise ValueError("the response has no variance: give var_g (ones, if it is not known)")
     if dof < 1:
         raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
     half = _neighbours(dof, np.count_nonzero(use))
     var = _averaged(np.array(frf.var_g[use], dtype=float), half)
     dof *= 2 * half + 1
     if not np.all(var > 0):
-        # Exactly repeating data (a noise-free simulation): every line weighs the same relative to its size.
+        # Noise-free data (a simulation): weight all lines equally relative to their size.
         floor = np.finfo(float).eps * np.abs(frf.g[use])
         var = np.maximum(var, np.maximum(floor, np.finfo(float).tiny ** 0.5) ** 2)
     return np.ascontiguousarray(np.sqrt(var)), dof
 
 
 def _neighbours(dof: float, n_lines: int) -> int:
-    """How many lines on each side lend their sample variances to a line."""
+    """Number of lines on each side over which a sample variance is averaged."""
     return 0 if dof >= DOF_WANTED else min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (n_lines - 1) // 2)
 
 
 def _averaged(x: np.ndarray, half: int) -> np.ndarray:
-    """Each value averaged with those of so many lines on each side."""
+    """Moving average over `half` lines on each side."""
     if half == 0:
         return x
     window = np.ones(2 * half + 1)
@@ -315,14 +316,14 @@ def _averaged(x: np.ndarray, half: int) -> np.ndarray:
 
 
 def _own_share(frf: Frf, use: np.ndarray) -> np.ndarray:
-    """Part of a line in its own variance."""
+    """Weight of a line in its own averaged variance."""
     n_lines = np.count_nonzero(use)
     half = _neighbours(float(frf.n_dof), n_lines)
     return 1 / np.convolve(np.ones(n_lines), np.ones(2 * half + 1), "same")
 
 
 def _check_covariances(frf: Frf, use: np.ndarray) -> None:
-    """Refuse (co)variances that would make the variance of Y - G U negative for some G."""
+    """Raise ValueError if the variance of Y - G U would be negative for some G."""
     f_hz, var_u, var_y, cov_yu = frf.f_hz[use], frf.var_u[use], frf.var_y[use], frf.cov_yu[use]
     product = var_u * var_y * (1 + ROUNDING)
     bad = np.flatnonzero((np.abs(cov_yu) ** 2 > product) | (var_u < 0) | (var_y < 0))
@@ -331,15 +332,16 @@ def _check_covariances(frf: Frf, use: np.ndarray) -> None:
         raise ValueError(
             f"variances of input and output contradict their covariance at {f_hz[k]:g} Hz: "
             f"var_u {var_u[k]:g}, var_y {var_y[k]:g}, |cov_yu|^2 {abs(cov_yu[k]) ** 2:g}; "
-            "method ml takes var_g alone"
+            "method ml uses var_g only"
         )
 
 
 def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the input's error and covariance with the output's, over |U|^2, in scale with sigma.
+    """Variance of the input error and its covariance with the output error, over |U|^2, scaled like sigma.
 
-    The scale is that of the sum they are part of, the variance of g (source, eq. 7.29). Of a variance that is
-    averaged over neighbouring lines only the line's own part follows the model: the sum stays positive.
+    Both are terms of the variance of g (thesis, eq. 7.29) and are scaled like this variance. If it is
+    averaged over neighbouring lines, only the part of the line itself depends on the model, so that the
+    variance remains positive.
     """
     g, size = frf.g[use], np.abs(frf.u[use]) ** 2
     whole = frf.var_y[use] + frf.var_u[use] * np.abs(g) ** 2 - 2 * (frf.cov_yu[use] * g.conj()).real
@@ -350,7 +352,7 @@ def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndar
 
 
 def _c_lines(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[Any, list[np.ndarray]]:
-    """The lines in use as a gsid_frd, and the arrays that it points to."""
+    """The used lines as a gsid_frd, and the arrays that it points to."""
     f, g = np.ascontiguousarray(frf.f_hz[use]), np.ascontiguousarray(frf.g[use])
     var_u, cov_yu = _input_errors(frf, use, sigma)
     data = ffi.new("gsid_frd *")
@@ -363,23 +365,23 @@ def _c_lines(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[Any, list[np
 
 
 def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
-    """Delay by the mean slope of the unwrapped phase, the source's starting value (eq. 7.8; EST-7).
+    """Delay from the mean slope of the unwrapped phase, the starting value of the thesis (eq. 7.8; EST-7).
 
     Parameters
     ----------
     frf : Frf
     band : (lo, hi), optional
-        Passband to take the slope of [Hz].
+        Passband in which the slope is evaluated [Hz].
 
     Returns
     -------
     float
-        s. The plant's own lag is in it: a fit scans delays from 0 on instead of trusting it.
+        Delay [s]. It includes the lag of the plant, so that `fit` scans delays from 0 instead of using it.
 
     Raises
     ------
     ValueError
-        Fewer than two lines in the band.
+        The band contains fewer than two lines.
     """
     use = in_band(frf.f_hz, band)
     if np.count_nonzero(use) < 2:
@@ -389,14 +391,14 @@ def initial_delay(frf: Frf, band: tuple[float, float] | None = None) -> float:
 
 
 def inflation(dof: float) -> float:
-    """Mean of sigma^2 / s^2 when s^2 has so many degrees of freedom."""
+    """Mean of sigma^2 / s^2 for a sample variance s^2 with `dof` degrees of freedom."""
     return 1.0 if np.isinf(dof) else dof / (dof - 1)
 
 
 def _answer(
     result: Any, frf: Frf, use: np.ndarray, dof: float, *, method: str, **facts: Any
 ) -> tuple[RationalModel, np.ndarray]:
-    """The model found, `facts` being what it was asked to be, and the bias of its parameters."""
+    """The fitted model with the requested properties `facts`, and the bias of its parameters."""
     f = frf.f_hz[use]
     num, den, cov, bias = _plain(result, facts["domain"])
     is_ml = method in ("ml", "ml-io")
@@ -422,7 +424,7 @@ def _answer(
 
 
 def _plain(result: Any, domain: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """num, den, covariance and bias in plain s, highest power first; in domain z as they stand."""
+    """num, den, covariance and bias in unscaled s, highest power first; unchanged in domain z."""
     model, p = result.model, result.n_parameters
     n, m = model.n_poles, model.n_zeros
     num = np.array([model.num[i] for i in range(m + 1)])

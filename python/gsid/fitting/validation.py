@@ -1,12 +1,12 @@
-"""A fitted model on realisations that it was not fitted to (source, section 7.11).
+"""Validation of a fitted model on held-out realisations (thesis, section 7.11).
 
-On new data of the same kind the cost of eq. 7.28 is that of the new noise and of what noise did to the model,
+On new data of the same kind, the cost of eq. 7.28 contains the new noise and the model error by the old one,
 
     V = sum of |g - G|^2 / s^2,   E V = (F + tr(A C)) nu / (nu - 1),   A = sum of Re(x^H x) / s^2  (VAL-1)
 
-with x the derivatives of G by the parameters, C their covariance. A model of too high an order, whose cost on
-its own data is lower than the truth's, shows here. Whether it is adequate is judged by `gsid.models.misfit`
-as in `gsid.compare` (CMP-1), with the response in the place of the output.
+where x contains the derivatives of G with respect to the parameters, and C is their covariance. The cost on
+held-out data exposes a model of too high an order, whose own cost is too low. The test of adequacy is
+that of `gsid.models.misfit`, as in `gsid.compare` (CMP-1), with the response in place of the output.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ if TYPE_CHECKING:
 LAGS = 10
 ALPHA = 0.05  # false-alarm rate of the test for adequacy
 HELD_OUT = ("held-out cost", "of right model", "p", "error [dB]", "noise [dB]")
-"""Columns of tables that compare models."""
+"""Columns of the validation in tables that compare models."""
 
 
 @dataclass(frozen=True)
 class Validation:
-    """Error of a model on data kept out of its fit.
+    """Error of a model on data that were held out of its fit.
 
     Attributes
     ----------
     n_lines : int
     cost, cost_expected : float
-        V, and what it is on average when the model is right.
+        V, and its mean for a correct model.
     interval : (float, float)
-        In which V lies 95 times in 100 when the model is right.
+        95 % interval of V for a correct model.
     p_value : float
-        Probability of a misfit this large or larger when the model is right, its uncertainty allowed for.
+        Probability of a misfit this large or larger if the model is correct, with its uncertainty included.
     error_db, noise_db : float
-        Root mean squares over the lines of the complex error over the response, and of what the noise of
-        these data leaves of it [dB].
+        Rms over the lines of the complex error relative to the response, and of the noise of these data
+        relative to the response [dB].
     whiteness : float
         p-value that the residuals are white over frequency (ORD-2).
     """
@@ -71,19 +71,19 @@ class Validation:
 
     @property
     def adequate(self) -> bool:
-        """Whether nothing but noise and the model's uncertainty is left, at a false-alarm rate of 5 %."""
+        """Whether noise and model uncertainty explain the error, at a false-alarm rate of 5 %."""
         return self.p_value >= ALPHA
 
 
 def validate(model: RationalModel, held_out: Frf) -> Validation:
-    """Judge a model on a response measured apart.  Eq: VAL-1
+    """Validate a model on a held-out response.  Eq: VAL-1
 
     Parameters
     ----------
     model : RationalModel
-        With covariance where it was fitted.
+        Model, with covariance if it was fitted.
     held_out : Frf
-        Of realisations that the fit has not seen; its lines in the band of the fit count.
+        Response of realisations that the fit did not use. Its lines in the band of the fit are compared.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def validate(model: RationalModel, held_out: Frf) -> Validation:
     Raises
     ------
     ValueError
-        No line lies in the band, the response has no variance, or the model is in z and of another rate.
+        The band contains no line, the response has no variance, or a model in z has another sample rate.
     """
     check_response(held_out)
     model = at_rate_of(model, held_out)
@@ -135,7 +135,7 @@ def _errors(
 
 
 def whiteness(model: RationalModel, frf: Frf, n_lags: int = LAGS) -> float:
-    """p-value that the residuals, over their standard deviations, are white over frequency.  Eq: ORD-2
+    """p-value of the test that the normalised residuals are white over frequency.  Eq: ORD-2
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def whiteness(model: RationalModel, frf: Frf, n_lags: int = LAGS) -> float:
     Returns
     -------
     float
-        Uniform in 0 .. 1 where only noise is left, small where neighbours miss alike.
+        Uniform in 0 .. 1 if only noise remains; small if the residuals of neighbouring lines are correlated.
     """
     use = in_band(frf.f_hz, model.band_hz)
     return white((frf.g[use] - model.response(frf.f_hz[use])) / np.sqrt(frf.var_g[use]), n_lags)
 
 
 def white(e: np.ndarray, n_lags: int = LAGS) -> float:
-    """p-value that (F,) complex residuals of one response are white.  Eq: ORD-2"""
+    """p-value of the whiteness test of the complex residuals of one response, (F,).  Eq: ORD-2"""
     n = len(e)
     lags = range(1, min(n_lags, n - 2) + 1)
     power = np.sum(np.abs(e) ** 2)
@@ -171,7 +171,7 @@ def relative_variance(inflation: float) -> float:
 
 
 def held_out_text(validation: Validation | None) -> list[str]:
-    """The columns `HELD_OUT` of a model."""
+    """Text of the columns `HELD_OUT` for one model."""
     if validation is None:
         return [""] * len(HELD_OUT)
     v = validation
@@ -182,7 +182,7 @@ def held_out_text(validation: Validation | None) -> list[str]:
 def without_empty(
     head: list[str], rows: list[list[str]], names: Sequence[str]
 ) -> tuple[list[str], list[list[str]]]:
-    """Leave out the columns of these names in which there is nothing."""
+    """Remove the columns with these names that are empty in all rows."""
     keep = [i for i, name in enumerate(head) if name not in names or any(row[i] for row in rows)]
     return [head[i] for i in keep], [[row[i] for i in keep] for row in rows]
 
@@ -194,32 +194,34 @@ def _rms_db(x: np.ndarray) -> float:
 def nrmse(
     model: MimoModel, records: Sequence[MimoRecord], *, band: tuple[float, float] | None = None
 ) -> np.ndarray:
-    """Error of a model's steady answer, over all periods of all records and all lines but the mean.
+    """Normalised rms error of a model in steady state, over all periods of all records and all lines above 0.
 
     Parameters
     ----------
     model : MimoModel
     records : sequence of MimoRecord
     band : (lo, hi), optional
-        Of error and output count only the lines within [Hz]: outside of its band a model extrapolates.
+        Lines of error and output to use [Hz]. Outside the band of its fit, a model extrapolates.
 
     Returns
     -------
     (n_y,) ndarray
-        Root mean square of the error over that of each output.
+        Rms error over the rms of each output.
 
     Raises
     ------
     InputError
-        As `frf_mimo`; channels other than the model's.
+        A record is not usable (see `frf_mimo`), or its channels differ from those of the model.
     ValueError
-        No line in the band.
+        The band contains no line.
     """
     records = [records] if isinstance(records, MimoRecord) else list(records)
     error, size = np.zeros(model.n_y), np.zeros(model.n_y)
     for record in records:
         if (record.inputs, record.outputs) != (model.inputs, model.outputs):
-            raise InputError("the channels are not the model's", record.name, record.inputs + record.outputs)
+            raise InputError(
+                "the channels differ from those of the model", record.name, record.inputs + record.outputs
+            )
         u, y, n_period = part = channel_lines(record)
         chosen = any_excited(part, n_period)
         f_hz = np.arange(len(chosen)) * (record.fs_hz / n_period)

@@ -1,11 +1,11 @@
-"""Fits whose intervals do not hold the truth because noise biases the method, and the method that is right.
+"""Warnings about fits that noise biases, and the method to use instead.
 
-An estimate that noise shifts by more than a part of its standard deviation has intervals around the wrong
-place. Both biases below follow from the measured variances alone, to first order in them:
+If the bias of an estimate is not small against its standard deviation, its confidence intervals are centred
+at a wrong value. The biases below follow from the measured variances, to first order:
 
-    ls, iwls            noise of the response stands in the regressors of the equation error (EST-11)
-    ml, nls-output      noise of the input stands in the response and in its weight alike (EST-12)
-    every method        lines whose input came out small by chance were left out (EST-13)
+    ls, iwls            noise of the response appears in the regressors of the equation error (EST-11)
+    ml, nls-output      noise of the input appears in the response and in its weight (EST-12)
+    every method        lines whose measured input was small by chance were omitted (EST-13)
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from gsid.response.frf import Frf
 
 NEAR_NOISE = 4 * ABOVE_NOISE
-"""|U|^2 over the variance of its mean, of lines that chance might have left out."""
+"""Largest |U|^2, over the variance of its mean, of lines that may be omitted by chance."""
 BIAS_MOST = 0.5
-"""Standard deviations: shifted by so much, an interval of 95 % holds the truth in 92 %."""
+"""Bias over standard deviation that reduces the coverage of 95 % intervals to 92 %."""
 
 
 def largest_shift(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> float:
-    """Largest of a bias over its standard deviation.
+    """Largest ratio of bias to standard deviation.
 
     Parameters
     ----------
     model : RationalModel
-        With covariance.
+        Model with covariance.
     bias : (p,) ndarray
-        Of the parameters, in the order of `model.cov`.
+        Bias of the parameters, in the order of `model.cov`.
     f_hz : (F,) ndarray
-        Lines at which the response counts, too [Hz].
+        Lines at which the response is also checked [Hz].
 
     Returns
     -------
@@ -53,21 +53,21 @@ def largest_shift(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> f
 
 
 def _variance(slope: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Variance of each response, columns scaled so that the powers of s do not swamp one another."""
+    """Variance of the response at each line. Columns are scaled, because powers of s differ in magnitude."""
     scale = np.sqrt(np.maximum(np.diag(cov), np.finfo(float).tiny))
     slope = slope * scale
     return np.einsum("ki,ij,kj->k", slope, cov / np.outer(scale, scale), slope.conj()).real
 
 
 def equation_error(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> FitWarning | None:
-    """The warning of a linear fit that noise biases (EST-11), None where it does not matter.
+    """Return a warning if noise biases a linear fit (EST-11), None if the bias is small.
 
     Parameters
     ----------
     model : RationalModel
-        By "ls" or "iwls".
+        Model fitted by "ls" or "iwls".
     bias : (p,) ndarray
-        Expected shift of its parameters, in the order of `model.cov`.
+        Expected bias of its parameters, in the order of `model.cov`.
     f_hz : (F,) ndarray
         Fitted lines [Hz].
 
@@ -79,50 +79,50 @@ def equation_error(model: RationalModel, bias: np.ndarray, f_hz: np.ndarray) -> 
     if size <= BIAS_MOST:
         return None
     text = (
-        f"noise shifts this {model.method} fit by up to {size:.2g} standard deviations, since it is in the "
-        "regressors of the equation error: its intervals do not hold the truth; method ml has no such bias"
+        f"noise in the regressors of the equation error biases this {model.method} fit by up to {size:.2g} "
+        "standard deviations: its confidence intervals are not valid; method ml does not have this bias"
     )
     return FitWarning("equation_error_bias", size, "ml", text)
 
 
 def noisy_input(
-    model: RationalModel, f_hz: np.ndarray, pull: np.ndarray, weight: np.ndarray
+    model: RationalModel, f_hz: np.ndarray, bias_g: np.ndarray, weight: np.ndarray
 ) -> FitWarning | None:
-    """The warning of a fit that noise in the measured input biases (EST-12), None where it does not matter.
+    """Return a warning if noise in the measured input biases a fit (EST-12), None if the bias is small.
 
     Parameters
     ----------
     model : RationalModel
-        By "ml" or "nls-output".
+        Model fitted by "ml" or "nls-output".
     f_hz : (F,) ndarray
         Fitted lines [Hz].
-    pull : (F,) complex ndarray
-        What correlation of error and weight adds to the response on average, as the estimator sees it.
+    bias_g : (F,) complex ndarray
+        Bias of the response that the correlation of error and weight causes in the estimator.
     weight : (F,) ndarray
-        Of the error of the response.
+        Weight of the error of the response.
 
     Returns
     -------
     FitWarning or None
     """
-    size = _shift_by(model, f_hz, pull, weight)
+    size = _shift_by(model, f_hz, bias_g, weight)
     if size <= BIAS_MOST:
         return None
     text = (
-        f"noise in the measured input shifts this {model.method} fit by up to {size:.2g} standard "
-        "deviations: its intervals do not hold the truth; method ml-io counts that noise, and a recorded "
-        "reference (--r) has none"
+        f"noise in the measured input biases this {model.method} fit by up to {size:.2g} standard "
+        "deviations: its confidence intervals are not valid; use method ml-io, which models this noise, or a "
+        "recorded reference (--r), which has none"
     )
     return FitWarning("noisy_input_bias", size, "ml-io", text)
 
 
-def _shift_by(model: RationalModel, f_hz: np.ndarray, pull: np.ndarray, weight: np.ndarray) -> float:
-    """`largest_shift` of a weighted least squares fit when the response at each line moves by `pull`."""
-    if not np.any(pull):
+def _shift_by(model: RationalModel, f_hz: np.ndarray, bias_g: np.ndarray, weight: np.ndarray) -> float:
+    """`largest_shift` of a weighted least-squares fit for a bias `bias_g` of the response."""
+    if not np.any(bias_g):
         return 0.0
     hold = np.sinc(f_hz / model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
     slope = model.gradient(f_hz) * (weight * np.abs(hold))[:, None]
-    right = weight * pull
+    right = weight * bias_g
     rows, right = np.concatenate([slope.real, slope.imag]), np.concatenate([right.real, right.imag])
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = 1.0
@@ -130,16 +130,16 @@ def _shift_by(model: RationalModel, f_hz: np.ndarray, pull: np.ndarray, weight: 
 
 
 def chosen_lines(model: RationalModel, frf: Frf, sigma: np.ndarray) -> FitWarning | None:
-    """The warning of a fit to lines that chance chose (EST-13), None where it does not matter.
+    """Return a warning if the selection of lines biases a fit (EST-13), None if the bias is small.
 
-    A line is used where the mean of its input stands out of its noise. Near that limit the lines that do
-    have an input that noise made larger, and a response that it made smaller.
+    A line is used if the mean of its input exceeds the noise by a factor. Near this threshold, noise has
+    increased the input of the selected lines, and therefore reduced their response.
 
     Parameters
     ----------
     model : RationalModel
     frf : Frf
-        At the fitted lines.
+        Response at the fitted lines.
     sigma : (F,) ndarray
         Standard deviation of the response.
 
@@ -151,24 +151,25 @@ def chosen_lines(model: RationalModel, frf: Frf, sigma: np.ndarray) -> FitWarnin
     n_left_out = np.count_nonzero((frf.rejected_hz >= f_hz[0]) & (frf.rejected_hz <= f_hz[-1]))
     n_near = np.count_nonzero(np.abs(frf.u) ** 2 * n_periods < NEAR_NOISE * frf.var_u)
     if n_left_out == 0 or n_periods < 2 or n_near < min(n_left_out, len(f_hz) / 2):
-        return None  # none, or left out for another reason
+        return None  # no lines were omitted, or for another reason
     relative = _relative_shift(len(f_hz) / (len(f_hz) + n_left_out), n_periods)
     size = _shift_by(model, f_hz, -relative * frf.g, 1 / sigma)
     if size <= BIAS_MOST:
         return None
     text = (
-        f"{n_left_out} lines were left out for their noisy input, and chance made that of the others larger: "
-        f"it shifts this {model.method} fit by about {size:.2g} standard deviations, since the response is "
+        f"{n_left_out} lines were omitted because of their noisy input. The selection of the other lines "
+        f"biases this {model.method} fit by about {size:.2g} standard deviations, because their response is "
         f"about {100 * relative:.2g} % too small; measure more periods, or use a recorded reference (--r)"
     )
     return FitWarning("chosen_lines_bias", size, "reference", text)
 
 
 def _relative_shift(share: float, n_periods: float) -> float:
-    """By how much the input of the lines used is too large, of itself, when this share of lines is used.
+    """Relative bias of the input of the selected lines if this share of the lines is selected.
 
-    All in units of the standard deviation of the mean: its real part scatters by 1/sqrt(2), the limit, which
-    is a multiple of a sample's standard deviation, by half of the limit over sqrt(n_periods - 1).
+    All values are in units of the standard deviation of the mean. The real part of the mean scatters by
+    1/sqrt(2). The threshold is a multiple of the sample standard deviation; it scatters by half of its value
+    over sqrt(n_periods - 1).
     """
     from scipy.stats import norm
 

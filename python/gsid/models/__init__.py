@@ -1,1 +1,1 @@
-"""Models of a response: rational, piecewise, with several inputs and outputs; their files and forms."""
+"""Models of a response: rational, piecewise, MIMO; their files, conversions and tests."""

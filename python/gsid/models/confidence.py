@@ -1,4 +1,4 @@
-"""Confidence of measured and modelled numbers, as the pictures and tables show it: 95 %, point by point.
+"""Pointwise 95 % confidence bounds of measured and modelled values, for figures and tables.
 
 * A measured complex number with error e, E|e|^2 = sigma^2, circular and normal: |e|^2 / sigma^2 is
   exponential with mean 1, so that P(|e| > c sigma) = exp(-c^2) and the 95 % bound is sigma sqrt(-ln 0.05) =
@@ -23,14 +23,14 @@ NORMAL_95 = 1.959964  # two-sided 95 % of a real normal variable
 
 
 def complex_bound(sigma, *, n_dof: float | np.ndarray | None = None, level: float = LEVEL):
-    """Bound that the error of a complex number stays below with the given probability.
+    """Bound of the error of a complex number for a given probability.
 
     Parameters
     ----------
     sigma : (F,) array_like, standard deviation of the complex number: sigma^2 = E|e|^2
     n_dof : float or (F,) array_like, optional
-        Degrees of freedom of sigma^2 when it is a sample variance (periods - realisations); None: sigma is
-        known.
+        Degrees of freedom of sigma^2 if it is a sample variance (periods - realisations); None if sigma is
+        known exactly.
     level : float, probability, 0 .. 1
 
     Returns
@@ -40,7 +40,7 @@ def complex_bound(sigma, *, n_dof: float | np.ndarray | None = None, level: floa
     Raises
     ------
     ValueError
-        When n_dof is less than 1.
+        n_dof is less than 1.
 
     Notes
     -----
@@ -69,9 +69,9 @@ def gain_phase_band(g, sigma):
 
     Notes
     -----
-    Of the error, the part along g moves the gain and the part across it the phase; each has the standard
-    deviation sigma / sqrt(2). An error as large as g leaves the gain without a lower end and the phase
-    unknown (+-180 degrees).
+    The error component in the direction of g changes the gain; the perpendicular component changes the phase.
+    Each has the standard deviation sigma / sqrt(2). If the error is as large as g, the gain has no lower
+    bound and the phase is unknown (+-180 degrees).
     """
     gain = np.maximum(np.abs(g), np.finfo(float).tiny)
     relative = NORMAL_95 * np.asarray(sigma) / (np.sqrt(2.0) * gain)
@@ -81,7 +81,7 @@ def gain_phase_band(g, sigma):
 
 
 def gain_phase_std(model: RationalModel, f_hz) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations of a model's gain and phase by the covariance of its parameters.
+    """Standard deviations of the gain and phase of a model, from the covariance of its parameters.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def gain_phase_std(model: RationalModel, f_hz) -> tuple[np.ndarray, np.ndarray]:
 
     Notes
     -----
-    First order: d ln G = dG / G, its real part moves the gain and its imaginary part the phase. A model's
-    error is not circular (a free gain moves no phase), so that E|dG|^2 alone would not do. A hold multiplies
-    G and dG alike and drops out.
+    First order: d ln G = dG / G. Its real part changes the gain, its imaginary part the phase. The error of a
+    model is not circular (a free gain does not change the phase), so that E|dG|^2 alone is not sufficient. A
+    hold multiplies G and dG equally and cancels.
     """
     gradient = model.gradient(f_hz)
     g = gradient[:, len(model.den) - 1 :][:, : len(model.num)] @ model.num  # G is linear in its numerator
@@ -143,8 +143,8 @@ def unwrapped_phase_deg(f_hz, g, sigma=None) -> np.ndarray:
     f_hz : (F,) ascending [Hz]
     g : (F,) complex
     sigma : (F,), optional
-        Standard deviation of g; lines drowned in noise then follow their neighbours and cannot shift the
-        rest by 360.
+        Standard deviation of g. If given, noisy lines follow their neighbours and cannot shift the other
+        lines by 360 degrees.
 
     Returns
     -------
@@ -152,8 +152,8 @@ def unwrapped_phase_deg(f_hz, g, sigma=None) -> np.ndarray:
 
     Notes
     -----
-    A delay turns the phase by more than 180 degrees between lines far apart. The delay that leaves the
-    smallest steps between neighbours is taken out first, and put back after unwrapping.
+    A delay changes the phase by more than 180 degrees between distant lines. The delay that gives the
+    smallest phase steps between neighbours is removed before unwrapping and added again afterwards.
     """
     f_hz, g = np.asarray(f_hz, dtype=float), np.asarray(g, dtype=complex)
     if len(g) < 2:
@@ -171,9 +171,9 @@ def unwrapped_phase_deg(f_hz, g, sigma=None) -> np.ndarray:
 
 
 def _smoothing_delay(f_hz, g) -> float:
-    """Delay [s] whose removal leaves the smallest phase steps between neighbouring lines.
+    """Delay [s] whose removal gives the smallest phase steps between neighbouring lines.
 
-    It is looked for over one turn between the closest lines, mostly on the side of a delay: plants are
+    The search covers one turn between the closest lines, mostly at positive delays, because plants are
     causal.
     """
     step = np.diff(f_hz)
@@ -185,14 +185,14 @@ def _smoothing_delay(f_hz, g) -> float:
 
 
 def excess_bands(f_hz, exceeds, *, window: int = 9, false_alarm: float = 0.01) -> list[tuple[float, float]]:
-    """Bands in which more lines lie above their 95 % bound than chance explains.
+    """Bands in which more lines exceed their 95 % bound than chance explains.
 
     Parameters
     ----------
     f_hz : (F,) ascending [Hz]
     exceeds : (F,) bool
-    window : int, neighbouring lines looked at together
-    false_alarm : float, probability of any band at all when there is only noise (Bonferroni over the windows)
+    window : int, number of neighbouring lines in one test
+    false_alarm : float, probability of at least one band if there is only noise (Bonferroni over the windows)
 
     Returns
     -------

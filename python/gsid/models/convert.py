@@ -1,4 +1,4 @@
-"""Rational models in other forms: poles and zeros, state space, sampled with the hold, .mat files."""
+"""Conversions of rational models: poles and zeros, state space, sampling with a hold, .mat files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def to_zpk(model: RationalModel) -> tuple[ndarray, ndarray, float]:
 def from_zpk(
     zeros: ndarray, poles: ndarray, gain: float, delay_s: float = 0.0, *, fs_hz: float | None = None
 ) -> RationalModel:
-    """Make a model of zeros, poles and gain.
+    """Make a model from zeros, poles and gain.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def from_zpk(
     delay_s : float
         s.
     fs_hz : float, optional
-        Sampling frequency [Hz] of a model in z, which needs no more zeros than poles.
+        Sampling frequency [Hz] of a model in z. Such a model may not have more zeros than poles.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def from_zpk(
     Raises
     ------
     ValueError
-        Roots without their conjugates, or in z more zeros than poles.
+        Complex roots lack their conjugates, or a model in z has more zeros than poles.
     """
     num, den = gain * np.atleast_1d(np.poly(zeros)), np.atleast_1d(np.poly(poles))
     if np.iscomplexobj(num) or np.iscomplexobj(den):
@@ -64,9 +64,7 @@ def from_zpk(
     if fs_hz is None:
         return RationalModel(num, den, delay_s)
     if len(num) > len(den):
-        raise ValueError(
-            f"in z there are at most as many zeros as poles, got {len(num) - 1} and {len(den) - 1}"
-        )
+        raise ValueError(f"in z give at most as many zeros as poles, got {len(num) - 1} and {len(den) - 1}")
     return RationalModel(np.concatenate([np.zeros(len(den) - len(num)), num]), den, delay_s, "z", fs_hz)
 
 
@@ -95,25 +93,25 @@ def to_state_space(model: RationalModel) -> tuple[ndarray, ndarray, ndarray, nda
 
 
 def sampled(model: RationalModel, fs_hz: float) -> RationalModel:
-    """The model in z of a continuous one whose input is held over each sample; exact for any delay (MOD-2).
+    """Convert a continuous model with held input to z. The result is exact for any delay (MOD-2).
 
     Parameters
     ----------
     model : RationalModel
-        In domain "s", with no more zeros than poles and a delay of 0 or more.
+        Model in domain "s" with at most as many zeros as poles and a delay of 0 or more.
     fs_hz : float
         Sampling frequency [Hz].
 
     Returns
     -------
     RationalModel
-        In domain "z", of n poles and up to n + 1 zeros; its delay is the whole samples of the delay. What
-        passes directly is one sample late: y is sampled just before the new u is applied.
+        Model in domain "z" with n poles and up to n + 1 zeros. Its delay is the integer part of the delay
+        in samples. A direct term is delayed by one sample: y is sampled just before the new u is applied.
 
     Raises
     ------
     ValueError
-        A model in z, more zeros than poles, or a negative delay.
+        The model is in z, has more zeros than poles, or has a negative delay.
     """
     if model.domain != "s" or model.delay_s < 0 or not fs_hz > 0:
         raise ValueError(
@@ -126,7 +124,7 @@ def sampled(model: RationalModel, fs_hz: float) -> RationalModel:
     part = max(samples - whole, 0.0)
     first, second = (_held(a, b, length / fs_hz) for length in (part, 1 - part))
     step = second[:n, :n] @ first[:n, :n]
-    early = second[:n, :n] @ first[:n, n:]  # of the input before, which acts while the delay's part lasts
+    early = second[:n, :n] @ first[:n, n:]  # of the previous input, which acts during the fractional delay
     den = np.atleast_1d(np.poly(step))
     num = np.zeros(n + 2)
     if n:
@@ -143,9 +141,9 @@ def save_mat(model: RationalModel, path: str | Path) -> None:
     Parameters
     ----------
     model : RationalModel
-        In domain "z" num and den are those of z^-1, the matrices those of z.
+        In domain "z", num and den are polynomials in z^-1; the matrices are those of z.
     path : path-like
-        Replaced whole or not at all.
+        File to write. An existing file is replaced atomically.
     """
     write_atomically(path, lambda part: io.savemat(part, mat_values(model), appendmat=False))
 
@@ -173,7 +171,7 @@ def _descending(model: RationalModel) -> tuple[ndarray, ndarray]:
 
 
 def _held(a: ndarray, b: ndarray, time_s: float) -> ndarray:
-    """exp of the system with its held input as one more state, over a time."""
+    """Matrix exponential over a time of the system extended by its held input as a state."""
     n = len(a)
     both = np.zeros((n + 1, n + 1))
     both[:n, :n], both[:n, n:] = a, b

@@ -1,4 +1,4 @@
-"""A model as C for firmware: a step of its state per sample, and the feed-forward of a plant's friction."""
+"""Export of a model as C for firmware: a state update per sample, and a friction feed-forward."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gsid.plant.units import RADIANS
 
 #: Longest delay [samples]: each takes four bytes of the target's memory.
 DELAY_MAX = 1_000_000
-#: Poles this far inside the unstable region are rounding [rad/s]; an integrator may be exported.
+#: Tolerance of the stability test for rounding [rad/s]; integrators may be exported.
 ROUNDING_RAD_S = 1e-6
 
 # Linear parts that the step has. The descriptors write the other laws in C (`EffectType.as_c`): maps of the
@@ -29,24 +29,24 @@ LINEAR_PARTS = ("gain", "damping", "spring", "delay", "lag", "mode")
 
 
 class _NoLiteral(ValueError):
-    """A number that single precision does not hold."""
+    """A number outside the range of single precision."""
 
 
 @dataclass
 class CSource:
-    """A model as C99: a header and a source, which need math.h at most.
+    """A model as C99 header and source, which depend on the standard library only.
 
     Attributes
     ----------
     name : str
-        What its functions begin with.
+        Prefix of the function names.
     header, source : str
     fs_hz : float
-        Rate at which the step is to be called [Hz].
+        Rate at which the step function must be called [Hz].
     n_states : int
     delay_samples : float
     feedforward : list of str
-        Effects that the step leaves out and the feed-forward takes away.
+        Effects that the step omits and the feed-forward compensates.
     """
 
     name: str
@@ -75,20 +75,20 @@ class _Step:
 def export_c(
     model: RationalModel | PlantModel, name: str = "model", *, fs_hz: float | None = None, where: str = ""
 ) -> CSource:
-    """Write a model as C, in single precision.
+    """Export a model as C in single precision.
 
-    The command is held over each sample. A model that was fitted to an input that was not held (hold "none")
-    has the hold's half sample, at the rate it was measured at, in its delay: that is taken off.
+    The exported model assumes a command that is held over each sample. If the model was fitted with hold
+    "none", its delay includes half a sample of its rate for the hold; this half sample is subtracted.
 
     Parameters
     ----------
     model : RationalModel or PlantModel
     name : str
-        What the C functions begin with: a C identifier.
+        Prefix of the C functions; a C identifier.
     fs_hz : float, optional
-        Rate of the loop [Hz]; default the model's.
+        Rate of the loop [Hz]; default: the rate of the model.
     where : str
-        File of the model, for messages.
+        File name of the model, for messages.
 
     Returns
     -------
@@ -97,10 +97,10 @@ def export_c(
     Raises
     ------
     ValueError
-        `name` is not a C identifier, or one that C or C++ use; `fs_hz` is not a positive number.
+        `name` is not a C identifier, or is reserved in C or C++; `fs_hz` is not a positive number.
     InputError
-        The model is not stable, answers before it is asked, has no rate, is in z and has another, or an
-        effect that is not exported; a number of it is beyond single precision, its delay beyond `DELAY_MAX`.
+        The model is not stable, is not causal, has no rate, is in z with another rate, or contains an effect
+        that cannot be exported; a number exceeds single precision; the delay exceeds `DELAY_MAX`.
     """
     if reason := refused_name(name):
         raise ValueError(f"{name!r} cannot be a name in C: {reason}; name the source otherwise, as rig.c")
@@ -108,7 +108,7 @@ def export_c(
         raise ValueError(f"fs_hz must be a positive number, not {fs_hz}")
     fs_hz = fs_hz or model.fs_hz
     if not fs_hz:
-        raise InputError("the model does not say the rate of the loop", where, None, "give it with --fs")
+        raise InputError("the model does not state the rate of the loop", where, None, "give it with --fs")
     if isinstance(model, PiecewiseModel):
         hint = "export one of its pieces: PiecewiseModel.pieces[0].save(...)"
         raise InputError("a set of models answers at a frequency, not in time", where, None, hint)
@@ -174,13 +174,13 @@ def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
 
 
 def _all(model: PlantModel, part: str, stage: str | None = None) -> list[list[float]]:
-    """Values of the parameters of every effect with this linear part: there may be none, one or more."""
+    """Parameter values of all effects with this linear part; there may be none."""
     having = [e for e in model.effects if e.type.linear_part == part and stage in (None, e.type.stage)]
     return [[effect.params[name].value for name in effect.type.names] for effect in having]
 
 
 def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """The same system in balanced real Schur form: rotations only, so that single precision does for it."""
+    """The same system in balanced real Schur form. Rotations keep single precision sufficient."""
     from scipy import linalg
 
     a, b, c, d = (np.asarray(part, dtype=float) for part in system)
@@ -276,15 +276,15 @@ def _number(value: float) -> str:
 
 
 def _rounded(value: float) -> bool:
-    """Whether anything is left of a factor in single precision."""
+    """Whether a factor is not zero in single precision."""
     with np.errstate(over="ignore"):
         return np.float32(value) != 0
 
 
 def _sum(terms: list[tuple[float, str]]) -> str:
     """sum factor * variable, without the terms that are zero."""
-    said = [f"{_number(factor)} * {variable}" for factor, variable in terms if _rounded(factor)]
-    return " + ".join(said) or "0.0f"
+    written = [f"{_number(factor)} * {variable}" for factor, variable in terms if _rounded(factor)]
+    return " + ".join(written) or "0.0f"
 
 
 def _write(

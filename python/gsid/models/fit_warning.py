@@ -10,24 +10,24 @@ from gsid.base.json_files import number, text
 
 @dataclass(frozen=True)
 class FitWarning:
-    """Why the intervals of a fit do not hold the truth.
+    """Reason why the confidence intervals of a fit are not valid.
 
     Attributes
     ----------
     what : str
         "equation_error_bias", "noisy_input_bias", "chosen_lines_bias" or "excess_cost".
     bias_over_std : float or None
-        Largest expected shift of a parameter, or of the response at a fitted line, over its standard
+        Largest expected bias of a parameter, or of the response at a fitted line, over its standard
         deviation; None for "excess_cost".
     use : str
-        The method that is right here; "reference": the response through the reference (`--r`); for
-        "excess_cost" what to try.
+        Method to use instead; "reference" means the response measured with the reference (`--r`). For
+        "excess_cost", what to try.
     text : str
-        The same as a sentence.
+        The warning as a sentence.
     cost_per_dof : float or None
-        "excess_cost": the squared errors over those that noise leaves of a right model.
+        For "excess_cost", the squared errors over those expected from noise for a correct model.
     p_value : float or None
-        "excess_cost": probability of errors this large or larger where the model is right.
+        For "excess_cost", the probability of errors this large or larger if the model is correct.
     """
 
     what: str
@@ -39,23 +39,23 @@ class FitWarning:
 
     @property
     def short(self) -> str:
-        """The same in a line of a table."""
+        """The warning as a short text for tables."""
         if self.bias_over_std is not None:
             return f"biased by {self.bias_over_std:.2g} sigma: use {self.use}"
         return f"cost {self.cost_per_dof:.3g} times that of noise: try {self.use}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The warning as JSON has it."""
+        """Return the warning as a dict for JSON."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> FitWarning:
-        """A warning out of a model file.
+        """Make a warning from an entry of a model file.
 
         Raises
         ------
         ValueError
-            A value is missing or of another kind.
+            A value is missing or has the wrong type.
         """
         words = {key: text(data, key) for key in ("what", "use", "text")}
         numbers = {key: number(data, key) for key in ("bias_over_std", "cost_per_dof", "p_value")}

@@ -1,4 +1,4 @@
-"""What a model keeps of the hold of the records of its fit, and fits under both assumptions."""
+"""Hold of the records that a model was fitted to, and fits with both holds."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Rational = TypeVar("Rational", "RationalModel", "MimoModel")
 
 
 def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
-    """The likelier of the fits of a response under both assumptions, marked as assumed.
+    """Fit a response with both holds and return the likelier model, with its hold marked as assumed.
 
     Parameters
     ----------
     under : callable
-        From an assumption to the fit under it.
+        Function from a hold to the model fitted with it.
     dof : float
-        Degrees of freedom of the variances that weigh: their scatter raises a cost.
+        Degrees of freedom of the variances used as weights. Their scatter increases the cost.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
     Raises
     ------
     ValueError, GsidError
-        Of the first fit, where neither can be made.
+        Both fits failed; this is the error of the first.
     """
     found = fit_readings(under)
     scatter = 1 - 1 / dof if dof > 1 else 1.0
@@ -43,7 +43,7 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
 
 
 def facts_of(model: RationalModel | PlantModel) -> dict[str, Any]:
-    """What a model keeps of the hold of the records of its fit.
+    """Return the entries of a model about the hold of the records of its fit.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ def facts_of(model: RationalModel | PlantModel) -> dict[str, Any]:
     Returns
     -------
     dict
-        hold, hold_assumed, other_delay_s and delay_hold_uncertainty_s, as in `RationalModel`; of a plant that
-        was not fitted the hold is None.
+        hold, hold_assumed, other_delay_s and delay_hold_uncertainty_s, as in `RationalModel`. The hold of a
+        plant that was not fitted is None.
     """
     kept = model.fit or {} if hasattr(model, "effects") else vars(model)
     names = ("hold", "hold_assumed", "other_delay_s")

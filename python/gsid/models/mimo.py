@@ -42,17 +42,17 @@ class MimoModel(Plottable):
     hold : "zoh" or "none"
         "zoh": the inputs are held over each sample, and :meth:`response` is that of hold and model together.
     hold_assumed : bool
-        The records of the fit do not state `hold`: it is the likelier of the two.
+        True if the records of the fit do not state their hold; then `hold` is the likelier of the two.
     other_delay_s : (n_y, n_u) array_like or None
-        Delays [s] of the same fit with the other hold; None: `hold` is stated, or the other has no fit.
+        Delays [s] of the same fit with the other hold. None if the hold is stated or that fit failed.
     fs_hz : float or None
         Sampling frequency [Hz]; needed in domain "z" and with a hold.
     cov : (p, p) array_like or None
         Covariance of (num, row by row of the matrix, sections, free delays).
     delay_of : (n_y, n_u) int array_like or None
-        Which free delay each channel has; None: the delays were given.
+        Index of the free delay of each channel; None if the delays were given.
     delay_range_s : (n_y, n_u, 2) array_like or None
-        Least and largest delay [s] of the minima that the data do not refuse (MIM-5); None: `delay_s` only.
+        Least and largest delay [s] of the minima that the data do not reject (MIM-5); None: `delay_s` only.
     method, cost, cost_expected, n_lines, converged, band_hz
         How the model was fitted, as in `RationalModel`; costs are sums over all channels.
     inputs, outputs, u_units, y_units : list of str
@@ -98,7 +98,7 @@ class MimoModel(Plottable):
         if self.hold not in ("none", "zoh") or (
             self.hold == "zoh" and (self.domain == "z" or self.n_zeros >= self.n_poles)
         ):
-            raise ValueError(f"hold {self.hold!r} goes with domain 's' and one zero fewer than poles")
+            raise ValueError(f"hold {self.hold!r} needs domain 's' and one zero fewer than poles")
         if (self.domain == "z" or self.hold == "zoh") and not (self.fs_hz and self.fs_hz > 0):
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.delay_of is not None:
@@ -189,7 +189,7 @@ class MimoModel(Plottable):
         return pairs if len(q0) == len(q1) else np.column_stack([pairs, v + q0[-1]])
 
     def _basis(self, v: np.ndarray) -> np.ndarray:
-        """What the numerators multiply, (F, n or n + 1)."""
+        """Basis functions of the numerator coefficients, (F, n or n + 1)."""
         inverse = np.repeat(1 / self._section_values(v), 2, axis=1)[:, : self.n_poles]
         inverse[:, 1::2] *= v[:, None]
         return inverse if self.n_zeros < self.n_poles else np.column_stack([inverse, np.ones(len(v))])
@@ -280,7 +280,7 @@ class MimoModel(Plottable):
     # ---- uncertainty -------------------------------------------------------------------------------------
 
     def _where(self, i: int, j: int) -> np.ndarray:
-        """Places in `cov` of what the response from input j to output i depends on."""
+        """Indices in `cov` of the parameters of the response from input j to output i."""
         n_num, channel = self.num.shape[2], i * self.n_u + j
         places = [np.arange(channel * n_num, (channel + 1) * n_num), self.num.size + np.arange(self.n_poles)]
         if self.delay_of is not None:
@@ -396,7 +396,7 @@ class MimoModel(Plottable):
 
     @property
     def delay_hold_uncertainty_s(self) -> np.ndarray | None:
-        """By how much each delay depends on the assumed hold [s], (n_y, n_u); None where it was stated."""
+        """Difference of each delay between the two holds [s], (n_y, n_u); None if the hold is stated."""
         return None if self.other_delay_s is None else np.abs(self.delay_s - np.asarray(self.other_delay_s))
 
     # ---- files and pictures ------------------------------------------------------------------------------

@@ -1,19 +1,20 @@
-"""Is an error of a model's output more than noise and the model's own uncertainty? (CMP-1)
+"""Test whether the output error of a model exceeds the noise and the uncertainty of the model (CMP-1).
 
-Noise of the mean: T = |E|^2 / s^2, s^2 the sample variance of the mean error E, follows F(2, 2 nu) for
-Gaussian noise exactly: P(T > t) = (1 + t/nu)^-nu. So q = nu ln(1 + T/nu) is exponential with mean 1 for any
-nu >= 1, and twice the sum of q over n lines is chi-square with 2 n degrees of freedom: with few periods,
-too, the test keeps its false-alarm rate, where one that takes s^2 for the true variance would not. Line 0
-is real: T follows F(1, nu), and q = -ln P(T > t).
+Noise: s^2 is the sample variance of the mean error E. For Gaussian noise, T = |E|^2 / s^2 follows F(2, 2 nu)
+exactly: P(T > t) = (1 + t/nu)^-nu. Therefore q = nu ln(1 + T/nu) is exponential with mean 1 for any nu >= 1,
+and twice the sum of q over n lines is chi-square with 2 n degrees of freedom. The test keeps its false-alarm
+rate even with few periods. A test that treats s^2 as the true variance would not. Line 0 is real: T follows
+F(1, nu), and q = -ln P(T > t).
 
-A model that was fitted elsewhere is off by J d, d of covariance C, common to all lines of all records. With
-A = J C^(1/2) the error is noise + A z, z standard normal, and for known variances S
+Model uncertainty: a model that was fitted to other records has the error J d. d has the covariance C and is
+common to all lines of all records. With A = J C^(1/2), the error is noise + A z, where z is standard normal.
+For known variances S,
 
     e' (S + A A')^-1 e = min over z of (e - A z)' S^-1 (e - A z) + z'z,
 
-chi-square with 2 n degrees of freedom as well. What counts as misfit is what is left beside the best change
-of the parameters, and the size of that change in units of its covariance. C need not have an inverse. With
-estimated variances twice the sum of q of what is left takes the place of the first term.
+is also chi-square with 2 n degrees of freedom. The misfit consists of the error that remains after the best
+change of the parameters, and of the size of this change in units of its covariance. C may be singular. With
+estimated variances, twice the sum of q of the remaining error replaces the first term.
 """
 
 from __future__ import annotations
@@ -29,23 +30,24 @@ TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a model's mean output at k lines, and what is known of them when the model is right.
+    """Errors of the mean output of a model at k lines, and their statistics for a correct model.
 
     Attributes
     ----------
     error : (k,) complex ndarray
+        Measured mean minus model.
     var_mean : (k,) ndarray
         Sample variance of the error.
     dof : (k,) ndarray
-        Its degrees of freedom, inf where the variance is known.
+        Degrees of freedom of this variance; inf if the variance is known.
     var_weight : (k,) ndarray
-        The same variance, less scattered: 1 over it is the weight of the line
+        The same variance with less scatter. Its inverse is the weight of the line
         (`gsid.spectrum.pooling.for_weights`).
     real : (k,) bool ndarray
         Lines without imaginary part.
     by_model : (k, p) complex ndarray
-        What one standard deviation of the model along each of p independent directions does to the output;
-        no column for a model without uncertainty.
+        Change of the output for one standard deviation of the model along each of p independent directions.
+        A model without uncertainty has no column.
     """
 
     error: np.ndarray
@@ -59,12 +61,12 @@ class Errors:
         return len(self.error)
 
     def __getitem__(self, lines: np.ndarray) -> Errors:
-        """Those of some lines."""
+        """Errors of a selection of lines."""
         return Errors(*(getattr(self, each.name)[lines] for each in fields(self)))
 
     @classmethod
     def joined(cls, several: Sequence[Errors]) -> Errors:
-        """Those of several records of one model as one."""
+        """Concatenate the errors of several records of one model."""
         return cls(*(np.concatenate([getattr(one, each.name) for one in several]) for each in fields(cls)))
 
     @property
@@ -74,7 +76,7 @@ class Errors:
 
     @property
     def var_model(self) -> np.ndarray:
-        """(k,) variance of the output by the model's uncertainty."""
+        """(k,) variance of the output caused by the uncertainty of the model."""
         return np.sum(np.abs(self.by_model) ** 2, axis=1)
 
     @property
@@ -84,12 +86,12 @@ class Errors:
 
     @property
     def t_expected(self) -> np.ndarray:
-        """(k,) mean of t when only noise is left; 1 with one degree of freedom, where it has none."""
+        """(k,) mean of t if only noise remains; set to 1 for one degree of freedom, where it is infinite."""
         return np.where(self.dof > 1, 1 + 1 / np.maximum(self.dof - 1, 1), 1.0)
 
     @property
     def q(self) -> np.ndarray:
-        """(k,) exponential with mean 1 when only noise is left."""
+        """(k,) transformed t, exponential with mean 1 if only noise remains."""
         t, dof = self.t, self.dof
         known = np.isinf(dof)
         nu = np.where(known, 1.0, dof)
@@ -102,16 +104,16 @@ class Errors:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is left of errors beside the best change of the model.
+    """Errors that remain after the best change of the model within its uncertainty.
 
     Attributes
     ----------
     left : Errors
-        With the error that is left.
+        Remaining errors.
     moved : float
-        z'z: the change of the model over its covariance.
+        z'z: squared change of the model in units of its covariance.
     n_dof : float
-        Mean of `chi2` when the model is right.
+        Mean of `chi2` for a correct model.
     """
 
     left: Errors
@@ -120,17 +122,17 @@ class Misfit:
 
     @property
     def chi2(self) -> float:
-        """Twice the sum of q, and the size of the model's change."""
+        """Twice the sum of q, plus the squared change of the model."""
         return 2 * float(np.sum(self.left.q)) + self.moved
 
     @property
     def p_value(self) -> float:
-        """Probability of a misfit this large or larger when the model is right."""
+        """Probability of a misfit this large or larger if the model is correct."""
         return float(special.chdtrc(self.n_dof, self.chi2))
 
 
 def misfit(errors: Errors) -> Misfit:
-    """Judge errors with the model's uncertainty allowed for.  Eq: CMP-1
+    """Test errors against noise and the uncertainty of the model.  Eq: CMP-1
 
     Parameters
     ----------
@@ -143,7 +145,7 @@ def misfit(errors: Errors) -> Misfit:
     n, p = errors.by_model.shape
     if p == 0:
         return Misfit(errors, 0.0, 2.0 * n)
-    # Without noise to speak of z, standard normal, would have no figure left to count with.
+    # With negligible noise, z would be lost to rounding.
     least = max(1e-20 * float(np.max(np.abs(errors.by_model))) ** 2, TINY)
     weight = np.sqrt(np.where(errors.real, 1, 2) / np.maximum(errors.var_weight, least))
     # Least squares of (a; 1) z = (e; 0), both whitened, real parts above imaginary parts.
@@ -153,7 +155,7 @@ def misfit(errors: Errors) -> Misfit:
     q = q[: 2 * n]
     z = linalg.solve_triangular(r, q.T @ rows[:, p])
     left = replace(errors, error=errors.error - errors.by_model @ z)
-    # The change of the model takes a share h out of a line's variance. That lowers the mean of 2 q by
-    # h nu/(nu + 1), while the mean of z'z is the sum of h.
+    # The change of the model removes a share h of the variance of a line. This lowers the mean of 2 q by
+    # h nu/(nu + 1). The mean of z'z is the sum of h.
     taken = np.sum(q**2, axis=1).reshape(2, n).sum(axis=0)
     return Misfit(left, float(z @ z), 2.0 * n + float(np.sum(taken / (errors.dof + 1))))

@@ -1,13 +1,13 @@
-"""Sets of low-order models, each for a band of its own, with the breaks between them (source, section 8.3).
+"""Piecewise models: one low-order model per band, with breaks between the bands (thesis, section 8.3).
 
-A response that one model could only follow with a very high order, such as that of an axis with friction, is
-cut into adjoining bands with a model of low order in each. Breaks are chosen together: for each number of
-pieces, the least sum of the costs of eq. 7.28 over all ways to cut at a grid of candidates (dynamic
-programming), then line by line around the breaks. The number of pieces is that of least MDL,
+Some responses, such as that of an axis with friction, need a very high order if one model describes them. A
+piecewise model divides the band into adjoining bands with a low-order model in each. The breaks are optimised
+together. For each number of pieces, dynamic programming over a grid of candidates finds the least sum of the
+costs of eq. 7.28. The breaks are then refined line by line. The number of pieces N is that of least MDL,
 
     sum of V + (N p + N - 1)/2 ln(2 F)  (ORD-3)
 
-A set is not a system: it answers at a frequency, not in time, and is not continuous at its breaks.
+A piecewise model has a frequency response, but no time response. It is not continuous at its breaks.
 """
 
 from __future__ import annotations
@@ -35,14 +35,16 @@ PIECES_MAX = 6
 
 @dataclass(frozen=True)
 class Jump:
-    """What the response does at a break, from the piece below to the piece above.
+    """Change of the response at a break, from the lower to the upper piece.
 
     Attributes
     ----------
     f_hz : float
+        Frequency of the break [Hz].
     gain_db, phase_deg : float
+        Change of gain [dB] and phase [deg].
     sigmas : float
-        Size of the jump over its standard deviation by the pieces' covariances.
+        Size of the jump over its standard deviation.
     """
 
     f_hz: float
@@ -53,13 +55,13 @@ class Jump:
 
 @dataclass(frozen=True)
 class Cut:
-    """The best set of one number of pieces.
+    """Best division for one number of pieces.
 
     Attributes
     ----------
     n_pieces : int
     cost, cost_expected : float
-        Sums of V and of what noise alone leaves of it.
+        Sums over the pieces of V and of its value expected from noise alone.
     mdl : float
         ORD-3.
     """
@@ -77,16 +79,17 @@ class PiecewiseModel(Plottable):
     Attributes
     ----------
     pieces : tuple of RationalModel
-        In order of frequency; `band_hz` of each is the band it was fitted in.
+        Pieces in order of frequency; `band_hz` of each is the band of its fit.
     breaks_hz : tuple of float
-        Between the pieces [Hz]: below one the lower piece counts, from it on the upper.
+        Breaks between the pieces [Hz]. The upper piece applies from its break on.
     tried : tuple of Cut
-        Numbers of pieces that were looked at; empty for a set read from a file.
+        Results for each number of pieces tried; empty for a set read from a file.
 
     Raises
     ------
     ValueError
-        Breaks that do not rise, or of which there is not one less than pieces; a piece that was not fitted.
+        The breaks do not ascend, their number is not one less than that of the pieces, or a piece was not
+        fitted.
     """
 
     pieces: tuple[RationalModel, ...]
@@ -95,9 +98,9 @@ class PiecewiseModel(Plottable):
 
     def __post_init__(self) -> None:
         if len(self.breaks_hz) != len(self.pieces) - 1 or np.any(np.diff(self.breaks_hz) <= 0):
-            raise ValueError(f"{len(self.pieces)} pieces need as many rising breaks less one")
+            raise ValueError(f"{len(self.pieces)} pieces need {len(self.pieces) - 1} ascending breaks")
         if not self.pieces or any(piece.band_hz is None for piece in self.pieces):
-            raise ValueError("every piece needs the band it was fitted in")
+            raise ValueError("every piece needs the band of its fit")
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -111,7 +114,7 @@ class PiecewiseModel(Plottable):
 
     @property
     def n_parameters(self) -> int:
-        """Of all pieces; the breaks come on top."""
+        """Number of parameters of all pieces, without the breaks."""
         return sum(piece.n_parameters for piece in self.pieces)
 
     @property
@@ -126,7 +129,7 @@ class PiecewiseModel(Plottable):
 
     @property
     def cost_expected(self) -> float:
-        """What noise alone leaves of the cost."""
+        """Cost expected from noise alone."""
         return float(sum(piece.cost_expected or 0 for piece in self.pieces))
 
     @property
@@ -150,11 +153,11 @@ class PiecewiseModel(Plottable):
         return self.pieces[0].y_unit
 
     def piece_at(self, f_hz: np.ndarray | float) -> np.ndarray:
-        """Number of the piece that counts at each frequency [Hz], from 0."""
+        """Index of the piece that applies at each frequency [Hz], from 0."""
         return np.searchsorted(self.breaks_hz, f_hz, side="right")
 
     def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Response at each frequency, of the piece whose band it is in; outside all bands of the nearest.
+        """Response at each frequency, of the piece that applies there. The outer pieces are extrapolated.
 
         Parameters
         ----------
@@ -168,11 +171,11 @@ class PiecewiseModel(Plottable):
         return self._by_piece(f_hz, RationalModel.response, complex)
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Standard deviation of the complex response by the piece's covariance, (k,)."""
+        """Standard deviation of the complex response, (k,), from the covariance of the piece."""
         return self._by_piece(f_hz, RationalModel.response_std, float)
 
     def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """As `RationalModel.deviations`: (k, r) complex, the directions of each piece in turn."""
+        """As `RationalModel.deviations`, (k, r) complex, with the directions of all pieces."""
         f = np.atleast_1d(np.asarray(f_hz, dtype=float))
         number = self.piece_at(f)
         each = [piece.deviations(f) * (number == i)[:, None] for i, piece in enumerate(self.pieces)]
@@ -187,7 +190,7 @@ class PiecewiseModel(Plottable):
         return out
 
     def jumps(self) -> list[Jump]:
-        """What the response does at each break."""
+        """Change of the response at each break."""
         found = []
         for f, below, above in zip(self.breaks_hz, self.pieces, self.pieces[1:], strict=False):
             a, b = below.response([f])[0], above.response([f])[0]
@@ -263,7 +266,7 @@ class PiecewiseModel(Plottable):
         return self._figure(frf)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the head and a row for each piece as text."""
+        """Return the header and a row for each piece as text."""
         head = [
             "from [Hz]",
             "to [Hz]",

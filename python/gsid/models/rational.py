@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False, repr=False)
 class RationalModel(Plottable):
-    """A rational transfer function with delay: G = exp(-j w delay) num/den (source, eqs. 6.4 and 6.5; MOD-1).
+    """A rational transfer function with delay: G = exp(-j w delay) num/den (thesis, eqs. 6.4 and 6.5; MOD-1).
 
     Parameters
     ----------
@@ -40,18 +40,18 @@ class RationalModel(Plottable):
     hold : "zoh" or "none"
         "zoh": the input is held over each sample, and :meth:`response` is that of hold and model together.
     hold_assumed : bool
-        The records of the fit do not state `hold`: it is the likelier of the two.
+        True if the records of the fit do not state their hold; then `hold` is the likelier of the two.
     other_delay_s : float or None
-        The delay [s] of the same fit with the other hold; None: `hold` is stated, or the other has no fit.
+        Delay [s] of the same fit with the other hold. None if the hold is stated or that fit failed.
     cov : (p, p) array_like or None
         Covariance of (den[1:], num, delay if free), in the units of those numbers.
     free_delay : bool
-        Whether the delay was estimated, and so stands in `cov`.
+        Whether the delay was estimated. If so, `cov` includes it.
     method, cost, cost_expected, n_lines, converged, band_hz
-        How the model was fitted; None for a model that was not. `cost` is V of eq. 7.28, `cost_expected`
-        what it is on average when only noise is left.
+        Properties of the fit; None for a model that was not fitted. `cost` is V of eq. 7.28, and
+        `cost_expected` is its mean if only noise remains.
     warnings : tuple of FitWarning
-        Why the intervals of the fit do not hold the truth, and what to use or try; empty as a rule.
+        Reasons why the confidence intervals of the fit are not valid, and what to use instead.
     u_unit, y_unit : str
         Units of input and output.
     """
@@ -177,7 +177,7 @@ class RationalModel(Plottable):
         Raises
         ------
         GsidError
-            A frequency falls on a pole, or a hold is asked for more zeros than poles.
+            A frequency lies on a pole, or a model with a hold has more zeros than poles.
         """
         f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
         g = np.empty(len(f), dtype=complex)

@@ -1,4 +1,4 @@
-"""A rational model beside a record or a response that was sampled or held otherwise."""
+"""Adapt a rational model to the sample rate of a measurement, and check the hold."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-SAME_RATE = 1e-6  # of the rate
+SAME_RATE = 1e-6  # relative tolerance of the sample rate
 
 
 def at_rate_of(
     model: RationalModel | PiecewiseModel, measured: Spectra | Frf
 ) -> RationalModel | PiecewiseModel:
-    """Give the model as it answers at the sample rate of a measurement.
+    """Return the model at the sample rate of a measurement.
 
-    A model in s of what follows a hold answers to a hold at any rate; one in z has its own. Where one of the
-    two knows of a hold and the other does not, they are half a sample apart, and a warning says so.
+    A model in s behind a hold is valid for a hold at any rate. A model in z has a fixed rate. If only one of
+    model and measurement has a hold, they differ by half a sample, and a warning is logged.
 
     Parameters
     ----------
@@ -40,41 +40,41 @@ def at_rate_of(
     Raises
     ------
     InputError
-        The model is in z and of another rate.
+        The model is in z and has another sample rate.
     """
     pieces = (model,) if isinstance(model, RationalModel) else model.pieces
-    _tell_hold(pieces[0], measured)
+    _warn_of_hold(pieces[0], measured)
     moved = tuple(_at_rate(piece, measured) for piece in pieces)
     return moved[0] if isinstance(model, RationalModel) else replace(model, pieces=moved)
 
 
-def _tell_hold(model: RationalModel, measured: Spectra | Frf) -> None:
-    if model.domain == "z" or model.hold == measured.hold:  # a model in z has any hold inside
+def _warn_of_hold(model: RationalModel, measured: Spectra | Frf) -> None:
+    if model.domain == "z" or model.hold == measured.hold:  # a model in z includes its hold
         return
-    if model.hold_assumed and measured.hold is None:  # of the same kind of records
+    if model.hold_assumed and measured.hold is None:  # both come from records that do not state it
         return
     name = measured.name or "the record"
     if model.hold == "zoh":
         text = (
-            "the model is of a command that is held over each sample, and %s does not state that its was: "
-            "half a sample apart; where it was held, add the line `# hold: zoh` to the file"
+            "the model is for a command that is held over each sample, but %s does not state a hold: they "
+            "differ by half a sample; if the command was held, add the line `# hold: zoh` to the file"
         )
     else:
         text = (
-            "%s has a command that is held over each sample, and the model knows of no hold: half a sample "
-            "apart, unless its delay contains that; fit it to such records"
+            "%s has a command that is held over each sample, but the model has no hold: they differ by half "
+            "a sample, unless the delay of the model includes it; fit the model to records with this hold"
         )
     _log.warning(text, name)
 
 
 def _at_rate(model: RationalModel, measured: Spectra | Frf) -> RationalModel:
     needs_rate = model.domain == "z" or model.hold == "zoh"
-    if not needs_rate or not math.isfinite(measured.fs_hz):  # a response from elsewhere may not say its rate
+    if not needs_rate or not math.isfinite(measured.fs_hz):  # an imported response may lack the rate
         return model
     if abs(measured.fs_hz / model.fs_hz - 1) < SAME_RATE:
         return model
     if model.domain == "z":
         rates = f"{measured.fs_hz:g} and {model.fs_hz:g} Hz"
-        hint = "fit with --domain s, whose model answers at any rate, or measure at the model's"
-        raise InputError("the sample rate is not that of the model in z", measured.name, rates, hint)
+        hint = "fit with --domain s, which is valid at any rate, or measure at the rate of the model"
+        raise InputError("the sample rate differs from that of the model in z", measured.name, rates, hint)
     return replace(model, fs_hz=measured.fs_hz)
