@@ -86,7 +86,7 @@ def test_the_story(gsid):
     assert compared["cost_per_dof"] < 1.3
 
     result = gsid("add", "--undo", "--model", "one.json", "-o", "none.json")
-    assert (result.code, result.out) == (0, "Took back coulomb_friction; steps left: 0.\n")
+    assert (result.code, result.out) == (0, "Removed coulomb_friction; no added effects remain.\n")
     assert load_model("none.json").to_dict() == load_model("null.json").to_dict()
 
 
@@ -103,7 +103,7 @@ def test_in_words(gsid):
         "gsid add coulomb_friction --model null.json --held-out NEW.csv r0.npz r1.npz r2.npz "
         "--y y --band 2:100 -o M2.json"
     )
-    assert f"hint: {typed} judges it on a new record: these have chosen the effect\n" in result.err
+    assert f"hint: {typed} judges it on a new record, which the search has not used\n" in result.err
     asked = typed.replace("NEW.csv", "r3.npz").split()[1:]
     assert json.loads(gsid(*asked, "--json").out)["judged_on"] == "kept_out"
 

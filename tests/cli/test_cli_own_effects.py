@@ -93,7 +93,7 @@ def test_a_compiled_effect(gsid):
     assert "+ harness_spring" in result.out
     # Bugs: the command said without the library, the blank not quoted, the band cut to 6 digits.
     command = ["gsid", *own, "diagnose", "--model", "with spring.json", *RECORDS, *how]
-    assert f"hint: {shlex.join(command)} tells whether more is missing" in result.err
+    assert f"hint: {shlex.join(command)} tests whether another is missing" in result.err
     assert "--model 'with spring.json'" in result.err
     Path("with spring.json").rename("one.json")
     # A process of its own: in this one the library is loaded.

@@ -304,14 +304,14 @@ def test_fit_of_an_order_found(gsid, rec_csv):
 
 
 def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
-    assert "cannot be told apart" not in gsid("fit", rec_csv, "--order", "2/0").err
+    assert "cannot be distinguished" not in gsid("fit", rec_csv, "--order", "2/0").err
     monkeypatch.setattr(order, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err
-    assert "near 31.83 Hz cannot be told apart; the delay may trade against them: try --order auto" in err
+    assert "near 31.83 Hz cannot be distinguished; the delay may trade against them: try --order auto" in err
     # A bug: of a complex pair it was said twice, and --order auto advised --order auto.
     monkeypatch.setattr(order, "near_cancelled", lambda model: 2 * [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "auto", "--band", "5:100").err
-    assert err.count("cannot be told apart") == 1
+    assert err.count("cannot be distinguished") == 1
     assert "try --order auto" not in err
 
 

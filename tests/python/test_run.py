@@ -417,7 +417,7 @@ def test_an_excitation_from_a_file(folder):
         (("--port", "nowhere", "--band", "5:2000"), 2, "the nearest valid request is 5:1499.5 Hz"),
         (("--port", "nowhere", "--settle", "2q"), 2, "neither a number of samples"),
         (("--port", "nowhere", "-o", "rec.xyz"), 3, "cannot write this kind of file"),
-        (("--port", "nowhere", "-o", "no/such/rec.csv"), 3, "there is no such folder"),
+        (("--port", "nowhere", "-o", "no/such/rec.csv"), 3, "the folder does not exist"),
         (("--port", "nowhere", "--u", "u.csv", "--band", "1:2"), 2, "leave out --band"),
         (("--port", "nowhere", "--u", "none.csv"), 3, "none.csv"),
         ((), 2, "--port"),

@@ -59,29 +59,33 @@ class Start(Value):
         return name, number, (lo, hi) if comma else None
 
 
-@click.command(short_help="Add an effect to a model and see how much the error falls.")
+@click.command(short_help="Add an effect to a model and report how much the error falls.")
 @click.argument("effect", metavar="EFFECT", required=False)
 @click.argument("records", metavar="REC...", nargs=-1, type=RECORD)
 @reading_options
-@plant_option("Stack of effects to add to.")
+@plant_option("Stack of effects (model file) to extend.")
 @click.option(
     "--torque",
     metavar="EXPRESSION",
-    help="Instead of EFFECT: a law of w (rate), theta (angle), u (command) and --param, as c*tanh(w/0.1).",
+    help="Instead of EFFECT: a law of w (rate), theta (angle), u (command) and --param, for example "
+    "c*tanh(w/0.1).",
 )
 @click.option(
     "--table",
     metavar="CURVE.csv",
     type=INPUT,
-    help="Instead of EFFECT: a law by points, as `gsid diagnose --curve` writes it.",
+    help="Instead of EFFECT: a law given by points, as written by `gsid diagnose --curve`.",
 )
-@library_option("Instead of EFFECT: one compiled from C. This runs its code.", "library", multiple=False)
+@library_option(
+    "Instead of EFFECT: an effect compiled from C. This runs its code.", "library", multiple=False
+)
 @click.option(
     "--param",
     "params",
     type=Start(),
     multiple=True,
-    help="Where the fit starts, and bounds for --torque. [default: the best of several]",
+    help="Start value of a parameter, with its bounds for --torque. May be repeated. [default: the best "
+    "of several starts]",
 )
 @click.option(
     "--held-out",
@@ -89,11 +93,11 @@ class Start(Value):
     metavar="REC",
     multiple=True,
     type=RECORD,
-    help="Judge on this record, which has not helped to choose EFFECT either. "
-    "[default: a third of REC... of each level, or the later periods]",
+    help="Judge the model on this record. It must not have been used to choose EFFECT. May be repeated. "
+    "[default: a third of REC... at each level, or the later periods]",
 )
 @band_option("Lines from LO to HI [Hz] only.")
-@click.option("--undo", is_flag=True, help="Take the last step back instead.")
+@click.option("--undo", is_flag=True, help="Remove the last added effect instead.")
 @click.option("-o", "--output", metavar="M2.json", type=OUTPUT, required=True, help="Model to write.")
 @picture_option
 @json_option
@@ -116,13 +120,15 @@ def add(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Add an effect to a model, fit it, and judge it on data that were not fitted.
+    """Add an effect to a model, fit the model, and judge it on data that were not fitted.
 
-    The effect is one of the catalogue, or one of your own: an expression, a table or a compiled function.
-    Laws are torque over inertia against the motion [unit of angle / s^2]; an expression has numbers, + - * /
-    ^, abs, sqrt, exp, log, sin, cos, tanh, min, max, pi and rad (radians in a unit of angle).
+    The effect comes from the catalogue (see `gsid effects`), or it is your own: an expression, a table or a
+    compiled function. A law is a torque that opposes the motion, divided by the inertia [unit of angle /
+    s^2]. An expression may use numbers, + - * / ^, abs, sqrt, exp, log, sin, cos, tanh, min, max, pi and rad
+    (radians in a unit of angle).
 
-    The model keeps every step in its history: this is the ladder, printed with the error after each step.
+    The model file keeps every added effect in its history. The printed ladder shows the error after each
+    step.
     """
     from gsid.models.load import load_plant
 
@@ -130,7 +136,9 @@ def add(
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
         if effect or held_out or params or own or picture:
-            raise click.UsageError("--undo takes a step back: leave out effect, records and options", ctx)
+            raise click.UsageError(
+                "--undo removes the last added effect: leave out effect, records and options", ctx
+            )
         _undo(model_path, output, as_json)
         return
     _check(ctx, effect, own, params)
@@ -144,7 +152,9 @@ def add(
     with options_as_arguments():
         chosen = _own(torque, table, library, params) if own else effect
         if torque is None and any(limits for *_, limits in params):
-            raise click.UsageError("bounds in --param are for --torque: other effects have theirs", ctx)
+            raise click.UsageError(
+                "bounds in --param are for --torque: other effects have their own bounds", ctx
+            )
         start = {name: value for name, value, _ in params} if torque is None else {}
         result = add_effect(
             chosen,
@@ -164,16 +174,21 @@ def add(
     else:
         _print(result)
         if result.rung.judged_on in ("not_fitted", "later_periods"):
-            say("note: if these records led to this effect, only a new one can judge it: --held-out NEW.csv")
+            say(
+                "note: if these records were used to choose this effect, judge it on a new record: "
+                "--held-out NEW.csv"
+            )
         if is_stdout(output):
             return
-        suggest(f"{as_typed('diagnose', '--model', output, records=records)} tells whether more is missing")
+        suggest(
+            f"{as_typed('diagnose', '--model', output, records=records)} tests whether another is missing"
+        )
 
 
 def _check(
     ctx: click.Context, effect: str | None, own: Sequence[object], params: Sequence[tuple[str, float, Bounds]]
 ) -> None:
-    """Refuse what does not name one effect, or a value twice."""
+    """Refuse options that do not name exactly one effect, or that give a value twice."""
     from gsid.effects.types import catalogue
 
     if len(own) > 1:
@@ -217,6 +232,12 @@ def _print(result: Addition) -> None:
     print_parameters(result.model)
 
 
+def _remaining(n: int) -> str:
+    if n == 0:
+        return "no added effects remain"
+    return "1 added effect remains" if n == 1 else f"{n} added effects remain"
+
+
 def _undo(model_path: str, output: str, as_json: bool) -> None:
     from gsid.diagnosis.ladder import ladder, undo
     from gsid.models.load import load_plant
@@ -229,7 +250,7 @@ def _undo(model_path: str, output: str, as_json: bool) -> None:
     if as_json:
         print_json({"undone": taken, "ladder": [rung.to_dict() for rung in left.rungs]})
         return
-    print(f"Took back {taken}; steps left: {len(left.rungs)}.")
+    print(f"Removed {taken}; {_remaining(len(left.rungs))}.")
     if left.rungs:
         print()
         print_ladder(left)

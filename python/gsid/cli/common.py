@@ -23,13 +23,13 @@ def version() -> str:
 def with_ladder(
     given: PlantModel, found: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
 ) -> PlantModel:
-    """The model that a diagnosis found, with its ladder where the data suffice to keep some out."""
+    """The model that a diagnosis found, with its ladder if there are enough data to hold some out."""
     from gsid.base.errors import GsidError, InputError
     from gsid.diagnosis.add import with_history
 
     if not found.found:
         return found.model
-    say("-- judging each step on part of the records, which its fit leaves out")
+    say("-- judging each step on records that its fit did not use")
     try:
         order = [group.effects[0] for group in found.found]
         return with_history(given, found.model, measured, order=order, band=band)

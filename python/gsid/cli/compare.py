@@ -34,17 +34,17 @@ if TYPE_CHECKING:
     metavar="M.json",
     type=INPUT,
     required=True,
-    help="Model to compare.",
+    help="Model to compare: a fitted transfer function or a stack of effects.",
 )
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option
 @click.option(
     "--fitted",
     is_flag=True,
-    help="The model was fitted to these records: allow for the number of its parameters, "
-    "not for their covariance.",
+    help="The model was fitted to these records: allow for the number of its parameters instead of their "
+    "covariance.",
 )
-@click.option("--check", is_flag=True, help="Ask for adequacy: exit 1 when the model is not adequate.")
+@click.option("--check", is_flag=True, help="Exit with code 1 if the model is not adequate.")
 @picture_option
 @json_option
 @click.pass_context
@@ -60,12 +60,12 @@ def compare(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Compare the model's output with the measured mean, line by line, in units of its noise.
+    """Compare the model's output with the measured mean at each line, in units of the noise.
 
-    A fitted model is uncertain itself, by the noise of the records of its fit: the test allows for the
-    covariance in its file. With --fitted the records given are those of the fit. The lines that were not
-    excited count too: what stands there is distortion. The verdict is an answer, not
-    a failure: the exit code is 0 either way, and 1 for a model that is not adequate only with --check.
+    A fitted model is uncertain, since the records of its fit were noisy. The test allows for the covariance
+    in its file. Use --fitted if the records are those of the fit. Lines that were not excited count too:
+    power there is distortion. The exit code is 0 for either verdict; with --check it is 1 if the model is not
+    adequate.
     """
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single
@@ -85,7 +85,7 @@ def compare(
 
 
 def _cost_means(model: RationalModel | PlantModel) -> str:
-    """What a cost says of a model, by what its fit made small."""
+    """Meaning of a cost, by the method of the fit."""
     from gsid.greybox.fit import COST_MEANS
     from gsid.plant.model import PlantModel
 
@@ -102,7 +102,7 @@ def _uncertainty(result: Comparison, rms: str) -> str:
             return f"{result.model_uncertainty_rms:.4g} {rms}, allowed for"
         case "fitted":
             return "not added: the model was fitted to these records"
-    return "left out: the model has no covariance, and is judged as if it were known exactly"
+    return "left out: the model has no covariance and is judged as if known exactly"
 
 
 def _print(result: Comparison, unit: str, cost_means: str) -> None:

@@ -18,26 +18,30 @@ if TYPE_CHECKING:
     from gsid.report import Truth
 
 
-@click.command(short_help="Measure the simulated axis, and find what is hidden in it.")
+@click.command(short_help="Measure the simulated axis and find the effect hidden in it.")
 @click.option(
-    "--folder", metavar="DIR", type=click.Path(), default="demo", help="Where the files go. [default: demo]"
+    "--folder",
+    metavar="DIR",
+    type=click.Path(),
+    default="demo",
+    help="Folder of the files written. [default: demo]",
 )
 @click.option(
     "--seed",
     metavar="N",
     type=click.IntRange(0),
     default=1,
-    help="Of the noise, and of what is hidden. [default: 1]",
+    help="Random seed of the noise and of the hidden effect. [default: 1]",
 )
 @json_option
 def demo(folder: str, seed: int, as_json: bool) -> int:
-    """Excite a simulated gimbal axis over a serial line, fit, compare, and find what is hidden in it.
+    """Measure a simulated gimbal axis over a serial line, fit and compare models, and find a hidden effect.
 
-    Once without friction, where the model stands beside the truth; once with Coulomb friction, where a
-    linear model fails; and once with an effect that the seed draws and the search does not know: it is
-    diagnosed, added, and revealed at the end.
+    There are three runs. Without friction, the fitted parameters are compared with the true ones. With
+    Coulomb friction, a linear model fails. In the third, the axis has an effect chosen by the seed: gsid
+    diagnoses it, adds it, and compares the result with the truth at the end.
 
-    Exit code 1 when the runs do not show what they should.
+    The exit code is 1 if a run does not give the expected result.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -60,7 +64,7 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
 
     _print(result)
     if not result.passed:
-        say("the demo did not show what it should")
+        say("the demo did not give the expected results")
     return EXIT_GOOD if result.passed else EXIT_CRITERION
 
 
@@ -81,7 +85,7 @@ def _print(result: Demo) -> None:
 
 
 def _print_search(found: Search) -> None:
-    print(f"hidden, sealed as {found.hidden.seal}: {found.comparison!r}")
+    print(f"hidden effect (SHA-256 {found.hidden.seal}): {found.comparison!r}")
     print()
     print(repr(found.diagnosis))
     print()

@@ -40,14 +40,19 @@ def design() -> None:
 BASIC = (
     click.option("--fs", "fs_hz", metavar="HZ", type=float, required=True, help="Sample rate."),
     click.option("--period", metavar="N", type=int, required=True, help="Samples in a period."),
-    click.option("--band", type=Band(), required=True, help="First and last frequency allowed [Hz]."),
+    click.option("--band", type=Band(), required=True, help="Lines from LO to HI [Hz] only."),
 )
 LIMITS = (
-    click.option("--limit-command", metavar="C", type=float, help="Largest |command| that the rig takes."),
+    click.option("--limit-command", metavar="C", type=float, help="Limit of |command|."),
     click.option(
-        "--limit-travel-deg", metavar="D", type=float, help="Largest travel to each side of its middle."
+        "--limit-travel-deg",
+        metavar="D",
+        type=float,
+        help="Limit of the travel to each side of its middle [deg].",
     ),
-    click.option("--limit-slew", metavar="S", type=float, help="Largest change of the command per second."),
+    click.option(
+        "--limit-slew", metavar="S", type=float, help="Limit of the change of the command per second."
+    ),
     click.option(
         "--model", "model_path", metavar="M.json", type=INPUT, help="Model that predicts the travel."
     ),
@@ -62,7 +67,7 @@ def _add(options: tuple) -> Callable:
 
 
 def _finished(command: Callable) -> Callable:
-    """Options of every kind of excitation; the command gives the signal, which is scaled, written and shown.
+    """Add the options of every kind of excitation. It returns the signal.
 
     It is called with `limits`, None when none was given, and `model`.
     """
@@ -103,7 +108,10 @@ def _finished(command: Callable) -> Callable:
 
 
 amplitude_option = click.option(
-    "--amplitude", metavar="A", type=float, help="Of the command. [default: 1, or what the limits allow]"
+    "--amplitude",
+    metavar="A",
+    type=float,
+    help="Amplitude of the command. [default: 1, or the largest within the limits]",
 )
 
 
@@ -115,7 +123,9 @@ amplitude_option = click.option(
     "--peak", metavar="A", type=float, help="Largest magnitude of the samples, instead of --amplitude."
 )
 @click.option(
-    "--optimise", is_flag=True, help="Search phases with low peaks, of the travel too with its limit."
+    "--optimise",
+    is_flag=True,
+    help="Search phases with low peaks of the command, and of the travel if it is limited.",
 )
 @_finished
 def multisine(
@@ -132,9 +142,9 @@ def multisine(
 ) -> Periodic:
     """Design a multisine with lines k fs/N in a band.
 
-    The crest factor is that of the samples; crest_factor_fine looks between them, on a grid 8 times finer.
-    Odd lines leave the even ones free, to show even distortion; odd-random leaves out one odd line of four
-    besides, to show odd distortion. With limits the amplitude is the largest that they allow.
+    crest_factor is that of the samples; crest_factor_fine is taken on a time grid 8 times finer. Odd lines
+    leave the even lines free to show even distortion. odd-random also leaves out one odd line in four to show
+    odd distortion. With limits the amplitude is the largest that they allow.
     """
     from gsid.excitation.limits import optimise as search
     from gsid.excitation.multisine import Multisine
@@ -169,7 +179,7 @@ def prbs(
 ) -> Periodic:
     """Design a binary sequence whose clock is 2.5 times the upper edge of the band, or a little faster.
 
-    Not every period has a sequence; the nearest one that has is named.
+    Sequences exist for some periods only; an error names the nearest valid period.
     """
     from gsid.excitation.generators import Prbs
 
@@ -183,14 +193,12 @@ def prbs(
     type=click.Choice(["linear", "log"]),
     default="linear",
     show_default=True,
-    help="Frequency over time.",
+    help="Frequency as a function of time.",
 )
 @click.option(
-    "--phase-deg", metavar="DEG", type=float, default=0.0, help="Of the sine at the start. [default: 0]"
+    "--phase-deg", metavar="DEG", type=float, default=0.0, help="Phase of the sine at the start. [default: 0]"
 )
-@click.option(
-    "--jump", is_flag=True, help="Keep the band as asked, with a jump of the phase after each period."
-)
+@click.option("--jump", is_flag=True, help="Keep the requested band, with a phase jump after each period.")
 @amplitude_option
 @_finished
 def sweep(
@@ -207,7 +215,7 @@ def sweep(
 ) -> Periodic:
     """Design a swept sine.
 
-    Its upper frequency is lowered a little, so that a period has a whole number of turns.
+    The upper frequency is lowered slightly so that a period has a whole number of cycles.
     """
     import math
 
@@ -219,19 +227,29 @@ def sweep(
     )
 
 
-@design.command("stepped-sine", short_help="One sine after the other.")
+@design.command("stepped-sine", short_help="One sine after another.")
 @_add(BASIC)
 @click.option(
     "--lines",
     type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
     default="quasi-log",
     show_default=True,
-    help="As for a multisine.",
+    help="Lines to excite: every line, odd lines, odd lines with random gaps, or odd lines spaced evenly"
+    " in log f.",
 )
 @click.option(
-    "--settle", metavar="N", type=click.IntRange(0), help="Samples before each. [default: a period]"
+    "--settle",
+    metavar="N",
+    type=click.IntRange(0),
+    help="Samples to discard before each sine. [default: one period]",
 )
-@click.option("--periods", metavar="P", type=click.IntRange(1), default=2, help="Of each sine. [default: 2]")
+@click.option(
+    "--periods",
+    metavar="P",
+    type=click.IntRange(1),
+    default=2,
+    help="Periods to measure of each sine. [default: 2]",
+)
 @amplitude_option
 @_finished
 def stepped_sine(
@@ -246,7 +264,7 @@ def stepped_sine(
     limits: Limits | None,
     model: Model | None,
 ) -> Periodic:
-    """Design a stepped sine: each line settles, then lasts for whole periods.
+    """Design a stepped sine: each sine settles, then lasts for whole periods.
 
     period_samples is the length of the whole sequence.
     """
@@ -263,7 +281,7 @@ def stepped_sine(
     )
 
 
-@design.command(short_help="How long to measure for a wanted uncertainty.")
+@design.command(short_help="Measurement time for a required uncertainty.")
 @record_options
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option(
@@ -271,14 +289,14 @@ def stepped_sine(
     metavar="S",
     type=float,
     default=0.01,
-    help="Wanted sigma over gain at every line. [default: 0.01]",
+    help="Required sigma over gain at every line. [default: 0.01]",
 )
 @json_option
 def budget(records: list[Record], band: tuple[float, float] | None, sigma: float, as_json: bool) -> None:
-    """Plan periods and time from a short measurement: REC is made with the excitation planned.
+    """Plan the measurement time from a short record REC with the planned excitation.
 
-    amplitude_factor is what the amplitude would have to be multiplied by to reach the same without measuring
-    longer. Noise falls with both; distortion does not: see gsid distortion.
+    amplitude_factor is the factor on the amplitude that would give the same uncertainty without measuring
+    longer. Both reduce the effect of noise, but not distortion: see `gsid distortion`.
     """
     from gsid.excitation.limits import plan_budget
     from gsid.response.estimate import frf

@@ -40,21 +40,27 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
 
 
-@click.command(short_help="Find the physical effect that a model misses.")
+@click.command(short_help="Find the physical effect that is missing from a model.")
 @records_argument
 @reading_options
-@plant_option("Stack of effects believed so far.")
+@plant_option("Stack of effects (model file) to test.")
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option
 @click.option(
-    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), default=0, help="Of the bootstrap. [default: 0]"
+    "--seed",
+    metavar="N",
+    type=click.IntRange(0, 2**64 - 1),
+    default=0,
+    help="Random seed of the bootstrap. [default: 0]",
 )
-@click.option("-o", "--output", metavar="M2.json", type=OUTPUT, help="Write the model with what is found.")
+@click.option(
+    "-o", "--output", metavar="M2.json", type=OUTPUT, help="Write the model with the effects found."
+)
 @click.option(
     "--curve",
     metavar="CURVE.csv",
     type=OUTPUT,
-    help="Write the torque that the given model lacks as a law, for `gsid add --table`.",
+    help="Write the torque missing from the model as a law, for `gsid add --table`.",
 )
 @picture_option
 @json_option
@@ -71,11 +77,11 @@ def diagnose(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Find out whether a physical effect is missing from a model, and which.
+    """Find out whether a physical effect is missing from a model, and which one.
 
-    The free parameters are fitted first. Effects of the catalogue that could explain the rest are fitted one
-    by one and ranked by evidence; those that the data cannot tell apart stand in one group. Best are several
-    realisations at two levels of the excitation.
+    First the free parameters are fitted. Then the effects of the catalogue that could explain the remaining
+    error are fitted one by one and ranked by evidence. Effects that the data cannot distinguish form one
+    group. Measure several realisations at two levels of the excitation for the best result.
     """
     from gsid.comparison import compare
     from gsid.diagnosis.diagnose import diagnose as find_missing
@@ -93,9 +99,9 @@ def diagnose(
         measured = result.read(measured)
         before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha, fitted=True)
     say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
-    told = with_ladder(model, result, measured, band) if output else None
+    final = with_ladder(model, result, measured, band) if output else None
     if output:
-        told.save(output)
+        final.save(output)
         say(f"wrote {output}")
     missing = None
     if curve or result.verdict == "unknown_effect":
@@ -110,27 +116,27 @@ def diagnose(
         print_json(before.to_dict() | result.to_dict() | _curve(missing))
         return
     _print(result, before)
-    if told and told.history:
+    if final and final.history:
         print()
-        _print_ladder(ladder(told))
+        _print_ladder(ladder(final))
     if missing:
         print(f"\n{missing.sentence}")
     _suggest(result, records, model_path, curve)
 
 
 def _suggest(result: Diagnosis, records: Sequence[str], model_path: str, curve: str | None) -> None:
-    """What to type next: a record that judges has to be a new one, since these have chosen the effect."""
+    """Suggest the next command. Only a new record can judge the effect, since these records selected it."""
     given, judge = ["--model", model_path], ["--held-out", "NEW.csv"]
     if result.named:
         effect = result.found[0].effects[0]
         typed = as_typed("add", effect, *given, *judge, records=records, output="M2.json")
-        suggest(f"{typed} judges it on a new record: these have chosen the effect")
+        suggest(f"{typed} judges it on a new record, which the search has not used")
     if result.verdict == "unknown_effect":
         report = as_typed("report", "--diagnose", *given, records=records)
-        suggest(f"{report} draws the torque that is missing")
+        suggest(f"{report} draws the missing torque")
         if curve:
             as_law = as_typed("add", "--table", curve, *given, *judge, records=records, output="M2.json")
-            suggest(f"{as_law} takes it as a law, judged on a new record")
+            suggest(f"{as_law} adds it as a law and judges it on a new record")
         else:
             suggest("--curve CURVE.csv saves it as a law")
 
@@ -141,13 +147,13 @@ def _print_ladder(steps: Ladder) -> None:
     if idle:
         named = " and ".join(idle)
         fall = f"The error on {steps.judged_on} DOES NOT FALL significantly"
-        print(f"{fall} with {named}: not to be believed yet.")
+        print(f"{fall} with {named}: the data do not confirm it.")
     if any(rung.judged_on == "search_records" for rung in steps.rungs):
-        print("The search used these records too: only new ones show what the model is worth on new data.")
+        print("The search used these records too. Only new records show how well the model predicts.")
 
 
 def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
-    """The law that the missing torque shows, for --json."""
+    """The law of the missing torque, for --json."""
     if missing is None:
         return {}
     best = missing.best

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gsid.response.superposition import Superposition
 
 
-@click.command(short_help="Noise and nonlinear distortion, apart.")
+@click.command(short_help="Separate noise from nonlinear distortion.")
 @records_argument
 @reading_options
 @band_option("Lines from LO to HI [Hz] only.")
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     metavar="REC",
     type=RECORD,
     multiple=True,
-    help="Record at another input level, to compare the responses; may be given several times.",
+    help="Record at another input level, whose response is compared. May be repeated.",
 )
 @picture_option
 @json_option
@@ -45,16 +45,18 @@ def distortion(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Tell noise from nonlinear distortion in a frequency response.
+    """Separate noise from nonlinear distortion in a frequency response.
 
-    One REC is one realisation: a random-phase multisine of its own phases, measured over several periods.
-    The scatter over periods is noise, the scatter over realisations noise and distortion. Lines that are
-    not excited show the distortion too, even and odd apart where the excited lines are odd; for that one
-    REC is enough.
+    One REC is one realisation: a multisine with its own random phases, measured over several periods. The
+    scatter over periods is noise. The scatter over realisations is noise and distortion. Lines that are not
+    excited show distortion too, for which one REC is enough. If the excited lines are odd, even and odd
+    distortion are separated.
 
     std_nonlinear is of the response of one realisation; var_noise and var_total are of the mean (bla).
-    even and odd are amplitudes of the output at the lines even_hz and odd_hz that are not excited,
-    even_noise and odd_noise what noise alone would leave there.
+    even and odd are amplitudes of the output at even_hz and odd_hz, lines that are not excited. even_noise
+    and odd_noise are the amplitudes expected there from noise alone.
+
+    With --other-level the plot shows the change of the response between the levels.
     """
     from gsid.response.estimate_distortion import distortion as measure
     from gsid.response.superposition import superposition
@@ -136,7 +138,7 @@ def _print(d: Distortion) -> None:
         }
         if d.n_realisations > 1:
             columns["total [dB]"] = [f"{x:.2f}" for x in 10 * np.log10(d.var_total)]
-        if np.isfinite(d.std_nonlinear).any():  # of one realisation too, where lines left free tell it
+        if np.isfinite(d.std_nonlinear).any():  # known from one realisation too if some lines are not excited
             columns["distortion [dB]"] = [f"{x:.2f}" for x in 20 * np.log10(d.std_nonlinear)]
     if len(d.line) == 1:
         _print_harmonics(d)

@@ -25,7 +25,7 @@ BACKENDS = {
 
 @dataclass
 class Check:
-    """One thing looked at."""
+    """Result of one check."""
 
     name: str
     ok: bool
@@ -33,13 +33,13 @@ class Check:
     hint: str = ""
 
 
-@click.command(short_help="Versions in use, what is missing and why.")
+@click.command(short_help="Check the installation: versions, missing parts, a known system.")
 @json_option
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool) -> None:
-    """Say which versions are in use, what is missing and what to do about it, and measure a known system.
+    """Report versions and missing parts with a remedy for each, and measure a known system.
 
-    The exit code is 1 when something is missing or wrong.
+    The exit code is 1 if something is missing or wrong.
     """
     checks = [
         Check("gsid", True, version()),
@@ -69,7 +69,7 @@ def _packages() -> Iterator[Check]:
 
 
 def _core(precision: str, module: str) -> Check:
-    """Load one build of the core and let it turn by an eighth."""
+    """Load one build of the core and compute a rotation by an eighth of a turn."""
     name = f"core, {precision}"
     try:
         core = importlib.import_module(f"gsid.{module}")

@@ -12,9 +12,9 @@ from gsid.cli.output import print_json, print_table
 @click.argument("ids", metavar="[EFFECT]...", nargs=-1)
 @json_option
 def effects(ids: tuple[str, ...], as_json: bool) -> None:
-    """List the physical effects that a plant can be made of, or tell all about those named.
+    """List the physical effects of the catalogue, or show all details of the named ones.
 
-    A model file names them, with a value for each of their parameters.
+    A model file lists effects by these names, with a value for each parameter.
     """
     from gsid.effects.types import catalogue, find
 
@@ -28,5 +28,5 @@ def effects(ids: tuple[str, ...], as_json: bool) -> None:
             [e.id, e.stage, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in e.parameters), e.sentence]
             for e in chosen
         ]
-        header = ["effect", "stage", "parameters", "what it is"]
+        header = ["effect", "stage", "parameters", "description"]
         print_table(header, rows, left=header)

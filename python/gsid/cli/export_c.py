@@ -23,8 +23,8 @@ def export_c(
 ) -> None:
     """Write a fitted transfer function or a stack of effects as C99, in single precision.
 
-    NAME_step takes the command of a sample and gives the output. A plant's friction and other torques that
-    are not linear are left out of it: NAME_feedforward gives the command that takes them away.
+    NAME_step takes the command of one sample and returns the output. It leaves out friction and other
+    nonlinear torques of a plant. NAME_feedforward returns the command that compensates them.
     """
     from gsid.base.files import write_atomically
     from gsid.models.export_c import export_c as export
@@ -34,7 +34,7 @@ def export_c(
     source = Path(output) if output else Path(model_path).with_suffix(".c")
     header = source.with_suffix(".h")
     if header == source:
-        raise click.UsageError("-o names the source, NAME.c; NAME.h is written beside it", ctx)
+        raise click.UsageError("-o names the C file, NAME.c; NAME.h is written beside it", ctx)
     FilesInUse.of(ctx).write(*((header,) if output else (header, source)))
     with options_as_arguments():
         model = load_single(model_path)

@@ -85,27 +85,28 @@ class Delay(click.ParamType):
 @click.option(
     "--order",
     type=Order(may_be_auto=True),
-    help="Numbers of poles and zeros, for example 4/3; auto: the order of least MDL.",
+    help="Numbers of poles and zeros, for example 4/3. auto chooses the order of least MDL.",
 )
 @click.option(
     "--piecewise",
     metavar="N|auto",
     type=Pieces(),
-    help="Cut the band into N pieces with a model of this order in each; auto: as many as MDL asks for.",
+    help="Split the band into N pieces and fit a model of this order in each. auto chooses the number of"
+    " least MDL.",
 )
 @click.option(
     "--held-out",
     metavar="REC",
     multiple=True,
     type=RECORD,
-    help="Judge the model on this record, too.",
+    help="Judge the model on this record. It must not be one of REC... May be repeated.",
 )
 @click.option(
     "--model",
     "model_path",
     metavar="M.json",
     type=INPUT,
-    help="Stack of effects: fit its free parameters instead.",
+    help="Stack of effects (model file): fit its free parameters instead.",
 )
 @click.option(
     "--delay",
@@ -113,26 +114,32 @@ class Delay(click.ParamType):
     type=Delay(),
     default="free",
     show_default=True,
-    help="Fitted (common: one for several responses), left out, or known.",
+    help="Delay: fitted (common: one for all responses), none, or a known value.",
 )
 @click.option(
     "--method",
     type=click.Choice(["ls", "iwls", "ga", "nls-output", "nls", "log", "ml-io", "ml", "all"]),
     default="ml",
     show_default=True,
-    help="Least squares, reweighted, evolutionary start, nonlinear on output or response, logarithmic, "
-    "maximum likelihood (io: errors in the input, too); all: a table of them.",
+    help="ls: least squares. iwls: iteratively reweighted. ga: evolutionary start. nls-output, nls: "
+    "nonlinear, on the "
+    "output or the response. log: logarithmic. ml: maximum likelihood. ml-io: with errors in the input too. "
+    "all: a table of all.",
 )
-@band_option("Fit the lines from LO to HI [Hz] only.")
+@band_option("Lines from LO to HI [Hz] only.")
 @click.option(
-    "--domain", type=click.Choice(["s", "z"]), default="s", show_default=True, help="Continuous or discrete."
+    "--domain",
+    type=click.Choice(["s", "z"]),
+    default="s",
+    show_default=True,
+    help="Continuous (s) or discrete (z) model.",
 )
 @click.option(
     "-o",
     "--output",
     metavar="M.json|M.mat",
     type=OUTPUT,
-    help="Write the model, with its covariance; .mat is for MATLAB.",
+    help="Write the model with its covariance; .mat is for MATLAB.",
 )
 @picture_option
 @json_option
@@ -157,20 +164,20 @@ def fit(
 ) -> None:
     """Fit a rational transfer function with delay to the measured frequency response.
 
-    The cost is the sum of squared errors over their variance; the cost expected is what noise alone leaves.
+    The cost is the sum of squared errors over their variance. The expected cost is that of noise alone.
     Intervals are 95 %, from the covariance of the parameters.
 
-    With --piecewise the band is cut where models of a low order follow the response best; they need not meet
-    at the breaks.
+    With --piecewise the band is split where models of a low order follow the response best. The models may
+    differ at the breaks.
 
-    With several inputs or outputs (--u u1,u2 --y y1,y2,y3) each file is one experiment, of which there are as
-    many as inputs at least, and the matrix of responses gets common poles, with as many zeros or one fewer.
-    Methods are iwls, nls and ml; --delay free is one for each response. --order auto takes the common poles
-    of least MDL.
+    With several inputs or outputs (--u u1,u2 --y y1,y2,y3) each file is one experiment. At least as many
+    experiments as inputs are needed. All responses share their poles, and have as many zeros or one fewer.
+    Methods are iwls, nls and ml. --delay free fits one delay per response. --order auto chooses the number of
+    common poles of least MDL.
 
-    With --model the free parameters of a stack of effects are fitted by simulation instead, from the values
-    in the file. Methods are ml, which weights each line by its noise, and nls-output, which makes the rms
-    error of the output small: for a model that is not the whole truth.
+    With --model the free parameters of a stack of effects are fitted by simulation. The fit starts from the
+    values in the file. Method ml weights each line by its noise. Method nls-output minimises the rms error of
+    the output; use it for a model that is not adequate.
     """
     from gsid.models.load import load_plant
 
@@ -205,7 +212,7 @@ def fit(
     measured, name = frf(fitted, reference=reference), describe(fitted)
     if piecewise is not None:
         if order == "auto" or method != "ml" or held_out:
-            raise click.UsageError("--piecewise goes with one order and ml, without --held-out", ctx)
+            raise click.UsageError("--piecewise needs a given order and method ml, and no --held-out", ctx)
         n = None if piecewise == "auto" else piecewise
         _fit_pieces(measured, name, output, as_json, order, n, **options)
         return
@@ -275,7 +282,7 @@ def _say_what_is_ill_determined(model: RationalModel, advice: str) -> None:
         for pole, _ in near_cancelled(model)
     )
     for f in dict.fromkeys(f"{f:.4g}" for f in f_hz):  # of a pair once
-        say(f"note: a pole and a zero near {f} Hz cannot be told apart{trade.format('them')}{advice}")
+        say(f"note: a pole and a zero near {f} Hz cannot be distinguished{trade.format('them')}{advice}")
     for kind, f in far_out(model):
         where = f"the {kind} at {f:.4g} Hz, above the band,"
         say(f"note: {where} may be anywhere{trade.format('it')}: try one {kind} fewer")
@@ -438,7 +445,7 @@ def _beside_intervals(warning: FitWarning) -> str:
 
 
 def _expected(model: RationalModel) -> str:
-    """What noise alone leaves of the cost; only maximum likelihood and enough periods say that."""
+    """Cost expected of noise alone; known for maximum likelihood with enough periods only."""
     return "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
 
 

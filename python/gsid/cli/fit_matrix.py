@@ -31,7 +31,7 @@ def fit_matrix(
     band: tuple[float, float] | None,
     **options: object,
 ) -> None:
-    """Fit one model with common poles to the experiments, and say what it is."""
+    """Fit one model with common poles to the experiments, and print it."""
     from gsid.fitting.mimo import fit_mimo
     from gsid.fitting.validation import nrmse
     from gsid.response.mimo import frf_mimo
@@ -92,8 +92,8 @@ def say_what_is_ill_determined(model: MimoModel) -> None:
         which, hint = "common delay", "give it"
         if len(first) > 1:
             which = f"delay from {model.inputs[j]} to {model.outputs[i]}"
-            hint += ", or take --delay common where delays are alike"
-        say(f"note: the {which} is ill-determined: the data go with {low:.4g} as with {high:.4g} ms; {hint}")
+            hint += ", or use --delay common if the delays are equal"
+        say(f"note: the {which} is ill-determined: {low:.4g} ms and {high:.4g} ms fit equally well; {hint}")
 
 
 def _delay_cell(model: MimoModel, i: int, j: int) -> str:

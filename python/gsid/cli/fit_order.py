@@ -22,7 +22,7 @@ def choose_order(frf: Frf | MimoFrf, records: str, **options: object) -> OrderCh
 
 
 def orders_as_json(choice: OrderChoice | None) -> dict[str, list[dict]]:
-    """What was tried, without the models; nothing where the order was given."""
+    """The orders tried, without their models; empty if the order was given."""
     if choice is None:
         return {}
     rows = []
@@ -34,7 +34,7 @@ def orders_as_json(choice: OrderChoice | None) -> dict[str, list[dict]]:
 
 
 def print_orders(choice: OrderChoice | None) -> None:
-    """The table of orders, and what was left out."""
+    """Print the table of orders and the cancelled roots."""
     if choice is None:
         return
     print_table(*choice.table(), left=["order", ""])

@@ -32,20 +32,23 @@ if TYPE_CHECKING:
     "-o", "--output", metavar="FILE", type=OUTPUT, help="Write .csv, .npz or .mat instead of a table."
 )
 @click.option(
-    "--remove-periodic", is_flag=True, help="Take periodic disturbances (`gsid noise`) off the output first."
+    "--remove-periodic",
+    is_flag=True,
+    help="Subtract periodic disturbances (see `gsid noise`) from the output first.",
 )
 @click.option(
     "--lpm",
     is_flag=True,
-    help="Take the transient out (local polynomial method) instead of waiting; one period is enough.",
+    help="Estimate and remove the transient (local polynomial method) instead of discarding it. One "
+    "period is enough.",
 )
 @click.option(
     "--window",
     metavar="N",
     type=click.IntRange(4),
-    help="Samples of Hann windows, for an input that does not repeat. [default then: found]",
+    help="Length of the Hann windows, for an input that is not periodic. [default: chosen from the data]",
 )
-@click.option("--merge", is_flag=True, help="The records are parts of one realisation: put them together.")
+@click.option("--merge", is_flag=True, help="Join the records: they are parts of one realisation.")
 @click.option(
     "--min-input",
     metavar="A",
@@ -74,11 +77,11 @@ def frf(
     One REC is one realisation; all have the same period and rate. var_g is the variance of the mean over the
     periods (and the realisations), sigma its square root.
 
-    In a closed loop noise comes back in u, and u and y alone mislead: name the reference with --r. The lines
-    are then those that it excites.
+    In a closed loop the feedback puts noise on u, which biases an estimate from u and y alone. Name the
+    reference with --r. The lines are then those that the reference excites.
 
-    Without a period, --window or an input that does not repeat, the response is H1 by Hann windows, biased
-    by leakage: read the warning.
+    If the input is not periodic, or with --window, the response is the H1 estimate with Hann windows.
+    Leakage biases it, as a warning reports.
     """
     from gsid.response.estimate import frf as measure
 

@@ -1,4 +1,4 @@
-"""The group of verbs, and the one place where exceptions become words and exit codes."""
+"""The group of verbs. Only this file turns exceptions into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ VERBS = {
     "design": "Make a periodic excitation.",
     "simulate": "Serve a simulated gimbal axis on a serial line.",
     "run": "Drive an axis over a serial line and record it.",
-    "noise": "Spectrum and variance of the noise, and what is periodic in it.",
+    "noise": "Measure the noise spectrum and find periodic disturbances.",
     "frf": "Measure the frequency response and its variance from records.",
-    "distortion": "Tell noise from nonlinear distortion in a frequency response.",
+    "distortion": "Separate noise from nonlinear distortion in a frequency response.",
     "fit": "Fit a rational model, or a stack of effects, to records.",
-    "compare": "Compare a model with records: adequate or not, and where not.",
+    "compare": "Test whether a model is adequate, and show the bands where it fails.",
     "effects": "List the catalogue of physical effects.",
-    "diagnose": "Find the physical effect that a model misses.",
-    "add": "Add an effect to a model and see how much the error falls.",
+    "diagnose": "Find the physical effect that is missing from a model.",
+    "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
-    "demo": "Measure the simulated axis, and find what is hidden in it.",
-    "doctor": "Say which versions are in use and what is missing.",
+    "demo": "Measure the simulated axis and find the effect hidden in it.",
+    "doctor": "Check the installation: versions, missing parts, a known system.",
 }
 
 
 class Verbs(click.Group):
-    """Verbs are imported when they are used, not to list them."""
+    """Import a verb when it is used, not to list it."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -64,14 +64,14 @@ class Verbs(click.Group):
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog="`-o -` writes to the standard output.\n\n"
-    "Exit codes: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal error.",
+    "Exit codes: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal error.",
 )
 @click.version_option(version(), prog_name="gsid", message="%(prog)s %(version)s")
 @library_option(
     "Load an effect compiled from C that a model file names. This runs its code.", "libraries", multiple=True
 )
 def gsid(libraries: Sequence[tuple[str, str]]) -> None:
-    """Measure a servo axis, fit a model, and see where the two differ."""
+    """Measure a servo axis, fit a model, and show where the two differ."""
     if libraries:
         from gsid.effects.custom import load
 
@@ -90,9 +90,9 @@ def main(argv: list[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit code: 0 good, 1 the asked criterion is not met, 2 usage, 3 bad input, 4 internal.
+        Exit code: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal.
     """
-    _talk_on_stderr()
+    _log_to_stderr()
     try:
         return _run(argv)
     except click.UsageError as error:
@@ -103,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
         where = ": ".join([*place, *([] if error.value is None else [str(error.value)])])
         _error(error.what, where, error.hint or "repair the file, or name another")
         return EXIT_INPUT
-    except (BrokenPipeError, SystemExit):  # the reader of the pipe has seen enough; click answers it by exit
+    except (BrokenPipeError, SystemExit):  # the reader closed the pipe; click exits
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_GOOD
     except (OSError, click.FileError) as error:
@@ -122,7 +122,11 @@ def main(argv: list[str] | None = None) -> int:
         _error(str(error), "", "`gsid doctor` lists what is missing")
         return EXIT_INTERNAL
     except Exception as error:
-        _error(f"{type(error).__name__}: {error}", "", "this is a fault of gsid: GSID_DEBUG=1 shows where")
+        _error(
+            f"{type(error).__name__}: {error}",
+            "",
+            "this is a bug in gsid: set GSID_DEBUG=1 to see the traceback",
+        )
         return EXIT_INTERNAL
 
 
@@ -138,21 +142,21 @@ def _run(argv: list[str] | None) -> int:
 
 
 class _Visible(logging.Formatter):
-    """Names of files, columns and topics stand in what is logged."""
+    """Escape what a terminal would obey: messages hold names of files, columns and topics."""
 
     def format(self, record: logging.LogRecord) -> str:
         return visible(super().format(record))
 
 
-def _talk_on_stderr() -> None:
-    """What the library notes (a period found, a file beside the record used) is said too, each thing once."""
-    said: set[str] = set()
+def _log_to_stderr() -> None:
+    """Print the messages that the library logs on stderr, each message once."""
+    printed: set[str] = set()
 
     def is_new(record: logging.LogRecord) -> bool:
         text = record.getMessage()
-        if text in said:
+        if text in printed:
             return False
-        said.add(text)
+        printed.add(text)
         return True
 
     logging.addLevelName(logging.INFO, "note")
@@ -174,7 +178,7 @@ def _usage(error: click.UsageError) -> None:
     hint = f"did you mean {' or '.join(close)}? " if close else ""
     command = error.ctx.command_path if error.ctx else "gsid"
     what = error.message if close else error.format_message()
-    _error(what.rstrip("."), command, f"{hint}`{command} --help` lists what there is")
+    _error(what.rstrip("."), command, f"{hint}`{command} --help` lists the choices")
 
 
 def _error(what: str, where: str, hint: str) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gsid.spectrum.noise import Noise
 
 
-@click.command(short_help="Spectrum and variance of the noise, and what is periodic in it.")
+@click.command(short_help="Measure the noise spectrum and find periodic disturbances.")
 @records_argument
 @reading_options
 @click.option(
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=0.01,
     show_default=True,
-    help="Rate at which noise alone may show a periodic disturbance.",
+    help="False-alarm rate: rate at which noise alone shows a periodic disturbance.",
 )
 @picture_option
 @json_option
@@ -36,11 +36,11 @@ def noise(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Analyse the noise of the output: measure with zero input, and see what disturbs.
+    """Measure the noise of the output and find periodic disturbances, best with zero input.
 
-    Periodic disturbances, a fan for instance, are found by a test with the false-alarm rate --alpha and named
-    by their frequency. The spectrum is what is left without them. A file needs no input; where there is a
-    periodic one, its response is taken off first. With zero input --period sets the resolution.
+    Periodic disturbances, for example of a fan, are detected by a test with the false-alarm rate --alpha and
+    named by their frequency. The spectrum is that of the remaining noise. A file needs no input; if it has a
+    periodic one, the response to it is subtracted first. With zero input --period sets the resolution.
     """
     from gsid.spectrum.noise import noise as analyse
 

@@ -40,7 +40,7 @@ class Band(click.ParamType):
 
 
 class Order(click.ParamType):
-    """POLES/ZEROS, or auto where that is allowed."""
+    """POLES/ZEROS, or auto if allowed."""
 
     def __init__(self, *, may_be_auto: bool = False) -> None:
         self.may_be_auto = may_be_auto
@@ -74,20 +74,23 @@ class Value(click.ParamType):
 READING_OPTIONS = (
     click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
     click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
-    click.option("--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate, where the file does not say."),
     click.option(
-        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: found]"
+        "--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate. [default: as the file states]"
+    ),
+    click.option(
+        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: detected]"
     ),
     click.option(
         "--settle",
         metavar="N",
         type=click.IntRange(0),
-        help="Samples thrown away first. [default: what the data show is needed]",
+        help="Samples to discard at the start. [default: detected]",
     ),
     click.option(
         "--hold",
         type=click.Choice(["zoh", "none"]),
-        help="Whether u is held over each sample. [default: as the file states, else both are tried]",
+        help="Whether u is held over each sample (zoh). [default: as the file states, otherwise both are"
+        " tried]",
     ),
 )
 HOW_READ = (
@@ -98,7 +101,7 @@ HOW_READ = (
     "settle",
     "hold",
     "band",
-)  # what another verb has to be told again
+)  # options that a suggested command repeats
 
 
 STREAMS = ("/dev/stdout", "/dev/stderr")  # where the system has them
@@ -143,7 +146,7 @@ class FilesInUse:
         for path in map(str, paths):
             folder = target_of(path).parent
             if not folder.is_dir():
-                raise InputError("there is no such folder", path, None, "make it first, or name another")
+                raise InputError("the folder does not exist", path, None, "make it first, or name another")
             if not os.access(folder, os.W_OK):
                 raise InputError("nothing can be written there", path, None, "name another folder")
             self._check(path, self.inputs)
@@ -158,7 +161,7 @@ class FilesInUse:
         refuse_overwrite(output, inputs, "the output would replace an input")
 
     def stream(self, by: str, ctx: click.Context) -> None:
-        """Keep the standard output for one file; what else would be printed there goes to stderr."""
+        """Reserve the standard output for one file; other output goes to stderr."""
         if self.stdout_by:
             raise click.UsageError(f"{self.stdout_by} and {by} both write to the standard output", ctx)
         self.stdout_by = by
@@ -202,7 +205,7 @@ class OutputPath(click.Path):
         if not is_stdout(path):
             FilesInUse.of(ctx).write(path)
         elif not self.streams:
-            self.fail("this is not written to the standard output: name a file", param, ctx)
+            self.fail("this output cannot go to the standard output: name a file", param, ctx)
         elif ctx is not None:
             FilesInUse.of(ctx).stream(f"{param.opts[0]} -", ctx)
         return path
@@ -216,12 +219,12 @@ reference_option = click.option(
     "--r",
     "reference",
     metavar="NAME",
-    help="Of records from a closed loop: column or array of the reference. [default: an open loop]",
+    help="Column or array of the reference, for a closed loop. [default: open loop]",
 )
 
 
 def band_option(text: str) -> Callable:
-    """--band with a verb's own words about it."""
+    """--band with the help text of a verb."""
     return click.option("--band", type=Band(), help=text)
 
 
@@ -231,28 +234,29 @@ MULTISINE_OPTIONS = (
         type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
         default="full",
         show_default=True,
-        help="Every line, odd ones, odd ones with gaps at random, or odd ones even in log f.",
+        help="Lines to excite: every line, odd lines, odd lines with random gaps, or odd lines spaced "
+        "evenly in log f.",
     ),
     click.option(
         "--shape",
         metavar="DB_PER_DECADE",
         type=float,
         default=0.0,
-        help="Slope of the amplitude over frequency: 0 flat, -10 falls as 1/sqrt(f). [default: 0]",
+        help="Slope of the amplitude over frequency: 0 is flat, -10 falls as 1/sqrt(f). [default: 0]",
     ),
     click.option(
         "--phases",
         type=click.Choice(["schroeder", "random"]),
         default="schroeder",
         show_default=True,
-        help="Low crest factor, or a realisation of its own for each seed.",
+        help="Low crest factor, or another realisation for each seed.",
     ),
     click.option(
         "--seed",
         metavar="N",
         type=click.IntRange(0, 2**64 - 1),
         default=0,
-        help="Of random phases and of the gaps of odd-random. [default: 0]",
+        help="Random seed of the phases and of the gaps of odd-random. [default: 0]",
     ),
 )
 
@@ -295,7 +299,7 @@ class Library(click.ParamType):
 
 
 def library_option(text: str, name: str, *, multiple: bool) -> Callable:
-    """--library with words of its own about it."""
+    """--library with the help text of a verb."""
     return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
 
 
@@ -305,7 +309,7 @@ alpha_option = click.option(
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=0.05,
     show_default=True,
-    help="Rate at which a right model may be rejected.",
+    help="Significance level: rate at which a right model is rejected.",
 )
 
 
@@ -357,7 +361,7 @@ def record_options(command: Callable) -> Callable:
 
 PICTURES = (".png", ".svg", ".pdf")
 picture_option = click.option(
-    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw to .png, .svg or .pdf."
+    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw the result to .png, .svg or .pdf."
 )
 
 
@@ -374,7 +378,7 @@ def records_argument(command: Callable) -> Callable:
 
 @contextlib.contextmanager
 def options_as_arguments() -> Iterator[None]:
-    """What the library refuses as an argument (ValueError, TypeError) came from an option: a usage error."""
+    """Turn a ValueError or TypeError of the library into a usage error: its argument came from an option."""
     from gsid.base.errors import InputError
 
     try:
@@ -386,5 +390,5 @@ def options_as_arguments() -> Iterator[None]:
 
 
 def is_given(context: click.Context, name: str) -> bool:
-    """Whether an option was typed, and does not stand at its default."""
+    """Whether an option was given on the command line."""
     return context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT

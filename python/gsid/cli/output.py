@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, TextIO
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def draw(figure: Callable[[], Figure], picture: str | None) -> None:
-    """Write a figure where a picture was asked for; only then is it made."""
+    """Draw and write a figure if --plot is given."""
     if picture:
         from gsid.base.files import write_atomically
 
@@ -34,12 +35,12 @@ def draw(figure: Callable[[], Figure], picture: str | None) -> None:
 
 
 def describe(records: Sequence[Record]) -> str:
-    """Records in a few words, for what is said on stderr."""
+    """Short name of the records, for messages."""
     return records[0].name if len(records) == 1 else f"{len(records)} records"
 
 
 def is_terminal(stream: TextIO) -> bool:
-    """Whether a person reads this stream."""
+    """Whether this stream is a terminal."""
     return stream.isatty()
 
 
@@ -47,10 +48,10 @@ TEXT_MOST = 1000  # characters of a text that is printed
 
 
 def visible(text: str) -> str:
-    """Text as it can be printed: names and values in files may hold codes that a terminal obeys.
+    """Text that is safe to print: names and values in files may hold control codes.
 
-    What is not printable is escaped, and what is too long is cut. A line break stays where the next line is
-    indented by four spaces, as in the errors of expressions: no line of ours is.
+    Unprintable characters are escaped and long text is cut. A line break is kept if the next line is
+    indented by four spaces, as in the errors of expressions.
     """
     if len(text) > TEXT_MOST:
         text = f"{text[:TEXT_MOST]} ... ({len(text)} characters)"
@@ -65,7 +66,7 @@ def _visible_character(char: str) -> str:
 
 
 def say(text: str, mark: str = "", colour: str = "") -> None:
-    """Talk: a line on stderr, behind a coloured mark where there is one."""
+    """Print a message on stderr, after a coloured mark if one is given."""
     mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
     show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
     click.echo(mark + visible(text), err=True, color=show)
@@ -73,7 +74,7 @@ def say(text: str, mark: str = "", colour: str = "") -> None:
 
 @contextlib.contextmanager
 def working(text: str) -> Iterator[None]:
-    """Show on a terminal's stderr that work is going on."""
+    """Show a progress message while stderr is a terminal."""
     if not is_terminal(sys.stderr):
         yield
         return
@@ -115,21 +116,67 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: S
     """
     header, *rows = ([visible(cell) for cell in row] for row in (header, *rows))
     if is_terminal(sys.stdout):
-        from rich.console import Console
-        from rich.table import Table
-        from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
-
-        table = Table(header_style="bold")
-        for name in header:
-            table.add_column(Text(name), justify="left" if name in left else "right")
-        for row in rows:
-            table.add_row(*map(Text, row))
-        Console().print(table)
+        _print_on_terminal(header, rows, left)
         return
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
     for row in [header, *rows]:
         cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
         print("  ".join(cells).rstrip())
+
+
+def _print_on_terminal(header: Sequence[str], rows: list[list[str]], left: Sequence[str]) -> None:
+    """Print a table as wide as the terminal, or row after row where a word would have to be cut."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
+
+    console = Console()
+    columns = list(zip(header, *rows, strict=True))
+    widths = column_widths(columns, console.width - 3 * len(columns) - 1)  # less the borders
+    if widths is None:
+        for row in rows:
+            for name, cell in zip(header, row, strict=True):
+                print(_wrapped(f"{name}: {cell}", console.width))
+            print()
+        return
+    table = Table(header_style="bold")
+    for name, width in zip(header, widths, strict=True):
+        table.add_column(Text(name), justify="left" if name in left else "right", width=width)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    console.print(table)
+
+
+def column_widths(columns: Sequence[Sequence[str]], room: int) -> list[int] | None:
+    """Widths of columns that wrap between words only: the widest columns give way first.
+
+    Parameters
+    ----------
+    columns : sequence of sequences of str
+        Cells of each column, its name included.
+    room : int
+        Characters for all columns together.
+
+    Returns
+    -------
+    list of int or None
+        None if the longest words alone need more.
+    """
+    widths = [max(map(len, cells)) for cells in columns]
+    words = [max(len(word) for cell in cells for word in [*cell.split(), ""]) for cells in columns]
+    while sum(widths) > room:
+        spare = [width if width > word else 0 for width, word in zip(widths, words, strict=True)]
+        if not any(spare):
+            return None
+        widths[spare.index(max(spare))] -= 1
+    return widths
+
+
+def _wrapped(text: str, width: int) -> str:
+    """Lines of a text, broken between words only: names and options stay whole."""
+    return textwrap.fill(
+        text, width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def print_parameters(model: PlantModel) -> None:
@@ -154,7 +201,7 @@ def print_ladder(ladder: Ladder) -> None:
 
 
 def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
-    """Note that the records do not state their hold, what was taken, and how to settle it."""
+    """Note that the records do not state their hold, which one was assumed, and how to state it."""
     if is_assumed:
         from gsid.base.hold import words
 
@@ -162,14 +209,14 @@ def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = 
 
 
 def suggest(text: str) -> None:
-    """Say what comes next."""
+    """Suggest the next command."""
     say(text, "hint:", "cyan")
 
 
 def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:
-    """A command for the same records, or REC... when they are many, that does what it says as it stands.
+    """A complete command for the same records, or for REC... if there are more than three.
 
-    It has the libraries loaded here, and the options by which the records were read.
+    It repeats --library and the options by which the records were read.
     """
     context = click.get_current_context()
     own = context.params.get("library")
@@ -185,5 +232,5 @@ def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> 
 
 
 def _band_words(band: tuple[float, float]) -> str:
-    """With all digits: an edge that is rounded may leave its line out."""
+    """With all digits: a rounded edge may exclude its line."""
     return ":".join(repr(end).removesuffix(".0") for end in band)

@@ -30,21 +30,26 @@ if TYPE_CHECKING:
 @record_options
 @click.option("--model", "model_path", metavar="M.json", type=INPUT, help="Model to show and compare.")
 @click.option(
-    "--diagnose", is_flag=True, help="Find what the model misses, and show how the error falls with it."
+    "--diagnose",
+    is_flag=True,
+    help="Find the effects missing from the model, and show how the error falls with them.",
 )
 @click.option(
     "--order",
     type=Order(may_be_auto=True),
-    help="Fit a model of this order, with free delay, instead; auto: the order of least MDL.",
+    help="Numbers of poles and zeros, for example 4/3, of a model to fit with free delay. auto chooses "
+    "the order of least MDL.",
 )
-@click.option("--estimators", is_flag=True, help="With --order: show what every estimator makes of it.")
-@band_option("Measure, fit and compare from LO to HI [Hz] only.")
-@click.option("--limit-command", metavar="C", type=float, help="Largest |u|, drawn beside the excitation.")
+@click.option("--estimators", is_flag=True, help="With --order: compare every estimator.")
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "--limit-command", metavar="C", type=float, help="Limit of |command|, drawn with the excitation."
+)
 @click.option(
     "--limit-travel-deg",
     metavar="D",
     type=float,
-    help="Largest travel to each side of its middle, drawn beside what the model predicts.",
+    help="Limit of the travel to each side of its middle [deg], drawn with the prediction of the model.",
 )
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
@@ -71,7 +76,7 @@ def report(
     output: str,
     as_json: bool,
 ) -> None:
-    """Write what was measured, fitted and compared as one HTML page that opens offline.
+    """Measure, fit and compare, and write the results as one HTML page that opens offline.
 
     Without --model and --order the page shows the measurement only. The name of the page is printed.
     """
@@ -145,11 +150,11 @@ def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | Non
 def _add_diagnosis(
     page: Report, model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
 ) -> None:
-    """What is missing, and the ladder that leads there."""
+    """Add the diagnosis and its ladder to the page."""
     from gsid.diagnosis.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
     found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
     measured = found.read(measured)
-    told = with_ladder(model, found, measured, band)
-    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(told), band=band)
+    final = with_ladder(model, found, measured, band)
+    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(final), band=band)

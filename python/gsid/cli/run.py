@@ -55,16 +55,22 @@ class Settle(click.ParamType):
 
 
 @click.command(short_help="Drive an axis over a serial line and record it.")
-@click.option("--port", metavar="PATH", help="Serial port, or what `gsid simulate` printed.")
+@click.option("--port", metavar="PATH", help="Serial port, or the path printed by `gsid simulate`.")
 @click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
 @click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
-@click.option("--band", type=Band(), default=(1.0, 250.0), help="Of the multisine [Hz]. [default: 1:250]")
+@click.option(
+    "--band", type=Band(), default=(1.0, 250.0), help="Lines from LO to HI [Hz] only. [default: 1:250]"
+)
 @multisine_options
 @click.option(
     "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
 )
 @click.option(
-    "--u", "u_file", metavar="FILE", type=INPUT, help="One period of the command, column u, instead."
+    "--u",
+    "u_file",
+    metavar="FILE",
+    type=INPUT,
+    help="File with one period of the command in column u, instead of a multisine.",
 )
 @click.option(
     "--periods",
@@ -77,22 +83,25 @@ class Settle(click.ParamType):
     "--settle",
     type=Settle(),
     default="2p",
-    help="Samples, or periods as in 2p, left out at the start and after a lost command. [default: 2p]",
+    help="Samples, or periods as in 2p, to discard at the start and after a lost command. [default: 2p]",
 )
 @click.option(
     "--limit-command",
     metavar="C",
     type=LIMIT,
-    help="Stop when |command| passes C; checked before the start too.",
+    help="Limit of |command|: stop above C. Also checked before the start.",
 )
 @click.option(
     "--limit-travel-deg",
     metavar="D",
     type=LIMIT,
-    help="Stop when the axis has turned by D from where it stood [deg]: the integral of the rate in deg/s, "
-    "less its mean in half a second at rest before the start.",
+    help="Limit of the travel from the start [deg]: stop above D. The travel is the integral of the rate"
+    " in deg/s "
+    "less its mean over half a second at rest before the start.",
 )
-@click.option("--limit-rate", metavar="R", type=LIMIT, help="Stop when |rate| passes R, unit of the output.")
+@click.option(
+    "--limit-rate", metavar="R", type=LIMIT, help="Limit of |rate|, in the unit of the output: stop above R."
+)
 @click.option(
     "-o", "--output", metavar="REC", type=OUTPUT, help="Record to write. [default: run_DATE_TIME.csv]"
 )
@@ -101,7 +110,8 @@ class Settle(click.ParamType):
     "journal_file",
     metavar="JOURNAL",
     type=INPUT,
-    help="Make REC of the journal of a run that was cut off; needs no port. [REC: JOURNAL without .journal]",
+    help="Make a record from the journal of an interrupted run; needs no port. [default of -o: JOURNAL "
+    "without .journal]",
 )
 @json_option
 def run(
@@ -122,13 +132,13 @@ def run(
     journal_file: str | None,
     as_json: bool,
 ) -> None:
-    """Excite an axis periodically until enough good periods are measured, and write the record.
+    """Excite an axis periodically until it has the requested number of good periods, and write the record.
 
-    A lost or damaged sample spoils its period only; the run goes on. When too many are lost it stops, and
-    what was measured is kept. The command is zero at the end, whatever happens.
+    A lost or damaged sample spoils its own period only, and the run continues. If too many are lost, the run
+    stops and keeps the samples measured so far. The command is set to zero at the end of every run.
 
-    Samples are written to REC.journal while they come. It is removed once the record is on the disk; what a
-    crash or a full disk leaves behind becomes a record by `gsid run --recover REC.journal`.
+    Samples are written to REC.journal as they arrive. The journal is removed once the record is on the disk.
+    After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.
     """
     from gsid.excitation.multisine import Multisine
     from gsid.response.streaming import StreamingFrf
@@ -206,7 +216,7 @@ def _keep(path: Path, record: Record, journal: Path, failure: BaseException | No
 
 
 def _warn(meta: dict[str, str]) -> None:
-    """What a run that reached its end is not quite sure of."""
+    """Warn of doubts about a completed run."""
     from gsid.rig.link import SILENCE_STOP_S
 
     if meta["command_zero_confirmed"] != "yes":
@@ -234,7 +244,7 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         raise click.UsageError(f"--recover measures nothing: leave out {', '.join(given)}", context)
     path = Path(output or journal.removesuffix(JOURNAL))
     if output is None and (path.exists() or str(path) == journal):
-        raise InputError("there is a file of that name", str(path), None, "name the record with -o REC")
+        raise InputError("the file exists already", str(path), None, "name the record with -o REC")
     got = recover(journal)
     if got.n_torn or got.n_damaged:
         say(
@@ -242,7 +252,7 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
             + (f", and {got.n_damaged} damaged ones before: their samples are lost" if got.n_damaged else "")
         )
     _write(path, got.record)
-    say(f"{journal} is left as it is: remove it when the record is good")
+    say(f"{journal} is kept: remove it when the record is good")
     if as_json:
         meta = got.record.meta
         counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
@@ -272,7 +282,7 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
 
 
 def _try_out(path: Path) -> None:
-    """A name that cannot be written is better known before the axis moves than after."""
+    """Check before the axis moves that the record can be written."""
     if is_stdout(path):
         return
     import secrets
@@ -282,7 +292,7 @@ def _try_out(path: Path) -> None:
     from gsid.records.files import write_record
     from gsid.records.record import Record
 
-    # A name at which nobody can have laid a link.
+    # A random name, at which no link can have been placed.
     probe = path.with_name(f".gsid-{secrets.token_hex(8)}{path.suffix}")
     try:
         write_record(probe, Record(np.zeros(2), np.zeros(2), 1.0))

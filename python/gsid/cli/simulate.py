@@ -19,39 +19,59 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
-@click.option("--paced", is_flag=True, help="In real time, by the clock. [default: as fast as commands come]")
+@click.option("--paced", is_flag=True, help="Run in real time. [default: as fast as commands come]")
 @click.option("--link", metavar="PATH", type=click.Path(), help="Make a symlink to the pseudo-terminal.")
 @click.option("--once", is_flag=True, help="End when the host closes the port.")
 @click.option(
-    "--coulomb", metavar="LEVEL", type=float, help="Short for --effect coulomb_friction --param level=LEVEL."
+    "--coulomb",
+    metavar="LEVEL",
+    type=float,
+    help="Coulomb friction of this level: short for --effect coulomb_friction --param level=LEVEL.",
 )
-@click.option("--effect", metavar="EFFECT", help="Hide this effect of `gsid effects` in the axis.")
-@click.option("--param", "params", type=Value(), multiple=True, help="Of EFFECT. [default: typical values]")
-@click.option("--linear", is_flag=True, help="No dry friction, and a command neither clipped nor rounded.")
+@click.option("--effect", metavar="EFFECT", help="Add this effect of `gsid effects` to the axis.")
+@click.option(
+    "--param",
+    "params",
+    type=Value(),
+    multiple=True,
+    help="Parameter of EFFECT. May be repeated. [default: typical values]",
+)
+@click.option(
+    "--linear", is_flag=True, help="Leave out dry friction, and neither clip nor round the command."
+)
 @click.option(
     "--noise-scale",
     metavar="X",
     type=click.FloatRange(0),
     default=1.0,
-    help="Times the noise and the fan of the default axis. [default: 1]",
+    help="Factor on the noise and the fan of the default axis. [default: 1]",
 )
 @click.option(
-    "--seed", metavar="N", type=click.IntRange(0, 2**64 - 1), help="Of noise and damage. [default: 1]"
+    "--seed",
+    metavar="N",
+    type=click.IntRange(0, 2**64 - 1),
+    help="Random seed of the noise and of --damage. [default: 1]",
 )
 @click.option(
     "--damage",
     metavar="RATE",
     type=click.FloatRange(0, 1),
     default=0.0,
-    help="Share of the frames, either way, that are damaged. [default: 0]",
+    help="Share of frames to damage, in both directions. [default: 0]",
 )
-@click.option("--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Any parameter of the axis.")
+@click.option(
+    "--set",
+    "assignments",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="Set a parameter of the axis. May be repeated.",
+)
 @click.option("--truth", metavar="FILE", type=FILE_OUTPUT, help="Write the true parameters as JSON.")
 @click.option(
     "--log",
     metavar="FILE",
     type=FILE_OUTPUT,
-    help="Write the command as applied: t_s of the monotonic clock, tick, u. It is 0 after HELLO and STOP.",
+    help="Write the applied command: t_s (monotonic clock), tick, u. It is 0 after HELLO and STOP.",
 )
 @json_option
 def simulate(
@@ -71,9 +91,9 @@ def simulate(
     log: str | None,
     as_json: bool,
 ) -> None:
-    """Serve the source's inner azimuth axis on a pseudo-terminal, for `gsid run --port`.
+    """Serve a simulated gimbal axis on a pseudo-terminal, for `gsid run --port`.
 
-    The first line on stdout is the path to drive it at. Ends on Ctrl-C or SIGTERM.
+    The first line on stdout is the path of the port. Ctrl-C or SIGTERM ends the server.
     """
     from gsid.base.errors import GsidError
     from gsid.base.files import write_atomically

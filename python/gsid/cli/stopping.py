@@ -1,4 +1,4 @@
-"""Signals that end a run: the first one begins the end, later ones do not disturb it."""
+"""Signals that end a run: the first starts a clean stop, later ones are ignored."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from collections.abc import Iterator
 from gsid.cli.output import say
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")  # those that the system has
-PATIENCE_S = (
-    30.0  # after so long another signal ends what hangs, a file system that does not answer for instance
-)
+# after this time another signal aborts a hanging stop, for example of a file system that does not answer
+PATIENCE_S = 30.0
 
 
 class Stopping:
-    """Whether a signal has come; called, it tells.
+    """Whether a signal has arrived: call it to find out.
 
     Attributes
     ----------
@@ -35,7 +34,7 @@ class Stopping:
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[Stopping]:
-        """Catch the signals, but for those that whoever started the process has it ignore (nohup)."""
+        """Catch the signals, except those that the process was started to ignore (nohup)."""
         numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
         before = {number: signal.getsignal(number) for number in numbers}
         caught = [number for number in numbers if before[number] is not signal.SIG_IGN]
@@ -44,7 +43,7 @@ class Stopping:
         try:
             yield self
         finally:
-            for number in caught:  # a late one must not change how a run that was stopped ends
+            for number in caught:  # a late signal must not change how a stopped run ends
                 signal.signal(number, signal.SIG_IGN if self() else before[number])
 
     def _handle(self, number: int, frame: object) -> None:
@@ -55,12 +54,12 @@ class Stopping:
             raise KeyboardInterrupt
 
     def name(self) -> str:
-        """Of the signal that came."""
+        """Name of the signal that arrived."""
         return signal.Signals(self.number).name if self.number is not None else ""
 
 
 def tell(text: str) -> None:
-    """Talk, while there is a terminal: after SIGHUP there may be none, and that is no reason to end early."""
+    """Print a message if there is still a terminal: after SIGHUP there may be none, and the run goes on."""
     try:
         say(text)
     except OSError:
