@@ -85,7 +85,7 @@ def test_bug_a_wrong_minimum_came_without_a_word():
     (warning,) = excess_warnings(model)
     assert warning.cost_per_dof == pytest.approx(model.cost / model.cost_expected, rel=1e-5)
     assert warning.p_value < 1e-12
-    for words in ("order", "not linear", "another minimum", "--method ga", "--delay SECONDS"):
+    for words in ("order", "not linear", "a local minimum", "--method ga", "--delay SECONDS"):
         assert words in warning.text
 
 
