@@ -6,7 +6,7 @@ import score
 import trials
 import truth
 
-from gsid.diagnosis.candidates import Given, tried
+from gsid.diagnosis.candidates import SearchInput, fit_candidates
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.models.load import load_model
@@ -39,7 +39,9 @@ def test_a_large_play_is_fitted_past_its_walls(tmp_path):
     measured = [spectra(read_record(path)) for path in sorted(place.glob("fit_*.npz"))]
     null = load_model(place / "null.json")
     without = fit_plant(linear_start(null, measured), measured, max_iter=1)
-    (found,) = tried(without, [], {}, Given(null, measured, None, score.ALPHA, print))  # the joint only
+    (found,) = fit_candidates(
+        without, [], {}, SearchInput(null, measured, None, score.ALPHA, print)
+    )  # the joint only
     truth_ratio = trial.key["effects"][0]["params"]["inertia_ratio"]
     assert found.fit.cost_per_dof < 1.1  # 0.94 at the truth
     assert abs(found.params["inertia_ratio"].value / truth_ratio - 1) < 0.01  # its deviation is 0.06 %

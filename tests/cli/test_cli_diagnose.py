@@ -68,7 +68,7 @@ def test_the_story(gsid):
     assert first["probability"] > 0.5
     assert {"cost_per_dof_after", "params"} <= first.keys()
     assert "next_experiment" in told
-    assert "-- fitting the model as it is\n" in result.err
+    assert "-- fitting the given model\n" in result.err
     assert "coulomb_friction.level" in load_model("found.json").free_names
 
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS, "-o", "one.json", "--json")
@@ -80,7 +80,7 @@ def test_the_story(gsid):
     assert added["held_out"]["after"] < 1.15 * added["noise_floor_rms"]
     level = added["params"]["level"]
     assert abs(level["value"] - LEVEL) < 4 * level["std"]
-    assert "left out of the fit, to judge on: r1.npz, r3.npz" in result.err
+    assert "kept out of the fit for validation: r1.npz, r3.npz" in result.err
 
     compared = json.loads(gsid("compare", "--model", "one.json", *RECORDS, "--json").out)
     assert compared["cost_per_dof"] < 1.3
@@ -114,7 +114,7 @@ def test_in_words(gsid):
         "With coulomb_friction the rms error on the later periods of the same realisations falls: "
     )
     assert "later periods [deg/s]" in result.out
-    assert "note: fitted to the first half of the periods, judged on the second\n" in result.err
+    assert "note: fitted to the first half of the periods, validated on the second half\n" in result.err
     assert "only a new one can judge it: --held-out NEW.csv\n" in result.err
     assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
 
@@ -151,7 +151,7 @@ def test_records_that_chose_the_effect_are_not_called_kept_out_by_add(gsid):
     result = gsid("add", *next_step, "--held-out", RECORDS[2], "--plot", "ladder.png")
     assert "on r2.npz (used before) " in result.out
     assert "kept out [" not in result.out
-    assert "note: used in an earlier step of the model, so not kept out: r2.npz\n" in result.err
+    assert "note: an earlier step of the model used these records: r2.npz\n" in result.err
     assert is_png("ladder.png")
 
 
@@ -173,7 +173,7 @@ def test_start_and_records_to_judge_on(gsid):
         (["add", "coulomb_friction", "r0.npz", "--param", "level:1"], 2, "is not NAME=VALUE"),
         (["add", "coulomb_friction"], 2, "a record is missing"),
         (["add"], 2, "name of an effect is missing"),
-        (["add", "--undo"], 3, "the model has no step to take back"),
+        (["add", "--undo"], 3, "the model has no step to remove"),
         (["add", "--undo", "coulomb_friction"], 2, "leave out effect"),
         (
             ["add", "coulomb_friction", "r0.npz", "--plot", "ladder.txt"],

@@ -10,7 +10,7 @@ import pytest
 from plants import FS_HZ, BareStack, plant
 
 from gsid.base.errors import InputError
-from gsid.diagnosis.candidates import SAME, Candidate, Given, evidence, ranked, tried
+from gsid.diagnosis.candidates import SAME, Candidate, SearchInput, evidence, fit_candidates, ranked
 from gsid.diagnosis.probes import Probe
 from gsid.diagnosis.score_test import Score
 from gsid.plant.linear_response import linear_view
@@ -22,7 +22,7 @@ GEAR = {"gap_deg": 0.0, "stiffness": 4e5, "inertia_ratio": 0.3, "damping": 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class FakeFits(Given):
+class FakeFits(SearchInput):
     """A search's input whose fits are those of `answers`, and which tries a joint from `joints`."""
 
     answers: Callable = None
@@ -62,7 +62,7 @@ def rate_of(model):
 
 
 def candidates(before, several, given):
-    return tried(before, several, Counter(probe.effect for probe, _ in several), given)
+    return fit_candidates(before, several, Counter(probe.effect for probe, _ in several), given)
 
 
 def fitted(cost, n_dof=1000, n_free=5):

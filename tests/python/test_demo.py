@@ -83,7 +83,7 @@ def test_the_answer_was_sealed_before_the_first_measurement_and_told_last(shown,
     first_hidden = next(text for text in said if text.startswith("hidden:"))
     assert seal in first_hidden
     effect = json.loads(answer)["effect"]
-    assert not any(effect in text for text in said[: said.index("hidden: fitting the model as it is")])
+    assert not any(effect in text for text in said[: said.index("hidden: fitting the given model")])
     assert command()[1].splitlines()[-1] == result.search.revealed
     page = result.report.read_text()
     assert seal in page

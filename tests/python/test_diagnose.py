@@ -10,7 +10,7 @@ from plants import plant
 from scipy import stats
 
 from gsid.base.errors import InputError
-from gsid.diagnosis.candidates import Given, Group
+from gsid.diagnosis.candidates import Group, SearchInput
 from gsid.diagnosis.diagnose import Diagnosis, diagnose
 from gsid.diagnosis.next_experiment import next_experiment
 from gsid.diagnosis.probes import GRIDS, Trajectory, dahl_state, locked_rates, nominal_rates
@@ -136,7 +136,7 @@ def test_a_law_of_another_form_asks_for_other_values_at_each_level():
     """Coulomb friction fitted by viscous friction: 3 times the level asks for less of it (DIA-9)."""
     for coulomb, constant in ((0.0, True), (2.0, False)):
         records = list(measured(coulomb))
-        p = Search(Given(null(), records, None, 0.05, print), 0).p_constant(fit_plant(null(), records))
+        p = Search(SearchInput(null(), records, None, 0.05, print), 0).p_constant(fit_plant(null(), records))
         assert (p > 0.05) == constant, p
 
 
@@ -145,7 +145,7 @@ def test_a_law_that_no_draw_excuses_is_unknown_at_any_false_alarm_rate(monkeypat
     monkeypatch.setattr(Search, "p_constant", lambda self, fit: 0.001)
     found = diagnose(null(), measured(2.0), alpha=0.01)
     assert found.verdict == "unknown_effect"
-    assert "Each record asks for other values of the parameters (p = 0.001)" in found.sentence
+    assert "The records need different values of the parameters (p = 0.001)" in found.sentence
 
 
 def test_values_five_per_cent_off_are_no_hindrance():
@@ -339,10 +339,10 @@ def test_rivals_that_came_when_all_effects_were_there_are_shown():
     assert [one.name for one in told(group("a"), group("e")).rounds][3:] == ["end"]  # it was not taken before
     # Bugs: what was refused stood there as found; a last fit that stopped half-way said nothing.
     assert regrouped.notes == [
-        "e would take 1.2% off what is left: too little to be what is missing.",
+        "e would remove 1.2% of the remaining misfit: too little to be the missing effect.",
         "The last fit has NOT converged.",
     ]
-    assert "round end: beside the others found\n    100.0%  b or c" in repr(regrouped)
+    assert "round end: with the other effects found\n    100.0%  b or c" in repr(regrouped)
 
 
 def test_a_model_that_stands_still_is_refused():

@@ -125,7 +125,7 @@ def test_undo_goes_back_step_by_step(added, records, tmp_path):
     assert one.to_dict() == added.model.to_dict()
     none = undo(one)
     assert none.to_dict() == start().to_dict()
-    with pytest.raises(InputError, match="no step to take back"):
+    with pytest.raises(InputError, match="no step to remove"):
         undo(none)
     json.dumps(second.to_dict(), allow_nan=False)
 

@@ -121,7 +121,7 @@ def test_sensitivities_of_own_laws_are_those_of_the_answer(records):
     ],
 )
 def test_a_law_that_cannot_be_simulated_is_refused(records, law, what):
-    with pytest.raises(InputError, match="can be fitted from no start") as refused:
+    with pytest.raises(InputError, match="fails from every start") as refused:
         gsid.add(effects.expression(law, {"c": 1.0}), start(), records)
     assert re.search(what, str(refused.value)), refused.value
     assert refused.value.hint

@@ -305,5 +305,5 @@ def test_diagnosis(friction):
     assert page.tags.count("svg") == 4
     nothing = diagnose(found.model, measured)
     page = Page(Report("t").add_diagnosis("d", measured, nothing).html())
-    assert "Nothing is missing" in page.text
+    assert "no missing effect" in page.text
     assert page.tags.count("svg") == 1

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gsid.diagnosis.score_test import (
-    apart,
+    columns_by_record,
     family_wise_p,
     orthonormal,
     project_out,
@@ -50,7 +50,7 @@ def test_columns_apart_are_a_fit_of_each_record():
         own = np.linalg.lstsq(columns[rows], data[rows], rcond=None)[0]
         after += np.sum((data[rows] - columns[rows] @ own) ** 2)
         first += m
-    got = score(residual, orthonormal(columns), apart(columns, n_lines))
+    got = score(residual, orthonormal(columns), columns_by_record(columns, n_lines))
     assert got.drop == pytest.approx(residual @ residual - after, rel=1e-8)
     assert got.basis.shape[1] == 6  # three sets of three values, less the one shared
 
@@ -60,7 +60,7 @@ def test_what_one_record_alone_tells_is_no_direction_of_its_own():
     rng = np.random.default_rng(SEED)
     columns = rng.standard_normal((400, 3))
     columns[np.r_[:100, 200:300], 2] = 0.0  # a stop that the first of two records does not reach
-    got = score(rng.standard_normal(400), orthonormal(columns), apart(columns, [100, 100]))
+    got = score(rng.standard_normal(400), orthonormal(columns), columns_by_record(columns, [100, 100]))
     assert got.basis.shape[1] == 2
     assert np.max(np.abs(got.size)) < 10
 

@@ -8,7 +8,7 @@ import pytest
 from plants import BareStack
 from scipy import stats
 
-from gsid.diagnosis.candidates import Candidate, Given
+from gsid.diagnosis.candidates import Candidate, SearchInput
 from gsid.diagnosis.search import Search
 
 N_DOF = 100
@@ -20,11 +20,11 @@ def model(effects):
 
 
 def given(measured):
-    return Given(None, measured, None, 0.05, lambda text: None)
+    return SearchInput(None, measured, None, 0.05, lambda text: None)
 
 
 @dataclass(frozen=True, eq=False)
-class KnownCosts(Given):
+class KnownCosts(SearchInput):
     """A search's input whose fits are looked up: `costs` by the sorted letters of the effects.
 
     `names` are the ids of the effects that a letter stands for, where that is not the letter itself.
@@ -188,7 +188,7 @@ def test_a_rival_is_tried_with_the_values_that_went_with_it():
         cost = 100.0 if model.effects[0].params["p"] == 2 else 900.0
         return SimpleNamespace(cost=cost, model=model, converged=True)
 
-    class Springs(Given):
+    class Springs(SearchInput):
         fit = staticmethod(fitted)
 
     rival = Candidate("cogging", fitted(axis(2, "cogging")), 0.0)

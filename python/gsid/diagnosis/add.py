@@ -1,9 +1,10 @@
-"""Add an effect to a plant and watch the error fall: the ladder of models, judged on data not fitted.
+"""Add an effect to a plant model and validate the result on data that were not fitted.
 
-A rung is fitted on some realisations and judged on others (or, with less than three records, fitted on the
-first half of the periods and judged on the second). `Rung.judged_on` states how new these data are: only
-records that the caller keeps out, and that no earlier step has used, are called kept out. The model keeps its
-ladder in its history, so that a step can be taken back, and with each step the digests of the records used.
+Each added effect is one rung of a ladder. A rung is fitted to some realisations and validated on others. With
+less than three records it is fitted to the first half of the periods and validated on the second half.
+`Rung.judged_on` states how independent the validation data are. Only records that the caller keeps out, and
+that no earlier step has used, are called kept out. The history of the model contains the ladder, so that a
+step can be removed. It also contains the digests of the records used in each step.
 """
 
 from __future__ import annotations
@@ -43,26 +44,26 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 STARTS = 3  # points of an effect's grid that are fitted
-STEPS_TRIED = 15  # of each of these fits: a start that needs more is not near
-WORTH = 10.0  # drop of the cost (-2 log likelihood) from which on an unfinished fit is worth more steps
-SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects that have no grid
+STEPS_TRIED = 15  # iterations of each of these fits: a start that needs more is too far from the minimum
+WORTH = 10.0  # drop of the cost (-2 log likelihood) above which an unfinished fit is continued
+SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects without a grid
 HELD_OUT_SHARE = 3  # one realisation in three
-PERIODS_LEAST = 2  # for a variance, on either side
+PERIODS_LEAST = 2  # least number of periods on either side, needed for a variance
 
 OUTSIDE_SEEN = {"w": "rate", "theta": "angle"}  # variables of tables, in a prediction
-OUTSIDE_NOTED = 1e-3  # share of the time beyond a table's ends that is worth a note
+OUTSIDE_NOTED = 1e-3  # share of the time beyond the ends of a table above which a warning is logged
 
 Records = Record | Spectra | Sequence[Record | Spectra]
 
 
 @dataclass(eq=False, repr=False)
 class Addition:
-    """What :func:`add` did.
+    """Result of :func:`add`.
 
     Attributes
     ----------
     model : PlantModel
-        With the effect, fitted; its history has the step.
+        The fitted model with the effect; its history contains the step.
     rung : Rung
     fit : PlantFit
     """
@@ -73,16 +74,16 @@ class Addition:
 
     @property
     def ladder(self) -> Ladder:
-        """This step and those before it."""
+        """The ladder with this step and all earlier ones."""
         return ladder(self.model)
 
     def plot(self) -> matplotlib.figure.Figure:
-        """The ladder up to this step."""
+        """Plot the ladder up to this step."""
         return self.ladder.plot()
 
     @property
     def undetermined(self) -> list[str]:
-        """Parameters that the data do not tell."""
+        """Parameters that the data do not determine."""
         return self.fit.undetermined
 
     def to_dict(self) -> dict[str, Any]:
@@ -105,28 +106,28 @@ def add(
     band: tuple[float, float] | None = None,
     on_step: Callable[[str], None] = lambda text: None,
 ) -> Addition:
-    """Add an effect, fit again, and judge on data that the fit has not seen.
+    """Add an effect, fit the model again, and validate it on data that were not fitted.
 
     Parameters
     ----------
     effect : str or EffectType
-        Id of the catalogue, or an effect of your own: `gsid.effects.expression`, `table` or `load`.
+        Name of an effect of the catalogue, or a custom effect: `gsid.effects.expression`, `table` or `load`.
     model : PlantModel
         Its free parameters are fitted with and without the effect.
     records : Record or Spectra, or a sequence of them
-        Realisations. Where they do not state their hold, all steps take the assumption that is
-        the likelier for the model as it was given.
+        Realisations. If they do not state their hold, all steps use the assumption that is more likely for
+        the given model.
     params : dict of float, optional
-        Where the fit starts; those not given are typical ones. Default: the best of several sizes and
-        shapes, found along the model's own path; for an effect of your own, its typical values.
+        Starting values; parameters not given start at typical values. Default: the best of several sizes and
+        shapes along the simulated trajectory of the model. A custom effect starts at its typical values.
     held_out : Record or Spectra, or a sequence of them, optional
-        Judged on, never fitted: realisations that have not helped to choose the effect either. Default: the
-        last third of the realisations of each level; with less than three records, or one of each level, the
-        second half of the periods of each.
+        Validation data. They are not fitted and should not have been used to choose the effect. Default: the
+        last third of the realisations of each level. With less than three records, or one of each level, the
+        default is the second half of the periods of each.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
     on_step : callable
-        Told in words what comes next.
+        Called with a short description of each step before it starts.
 
     Returns
     -------
@@ -137,20 +138,21 @@ def add(
     ValueError
         As `gsid.fit_plant`.
     InputError
-        No such effect or parameter, a value out of its bounds, or an effect that no plant is without; too
-        few periods to keep any out; the effect can be fitted from no start; as `gsid.fit_plant`.
+        The effect or a parameter is unknown; a value is out of its bounds; every plant already has the
+        effect; there are too few periods to keep any out; the fit fails from every start; as
+        `gsid.fit_plant`.
     """
     check_plant(model)
     known = effect if isinstance(effect, EffectType) else find(effect)
     if known.null_kind == "never":
         hint = "write it into the model file, with its values"
-        raise InputError("this effect is what a plant starts with, not one to add", known.id, None, hint)
+        raise InputError("every plant starts with this effect, so it cannot be added", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
     kept = None if held_out is None else spectra_of(held_out)
     split = _split(spectra_of(records), kept, used_records(model))
-    fitted = silent = split.fitted
-    on_step("fitting the model as it is")
+    fitted = undeclared = split.fitted
+    on_step("fitting the given model")
     start = model if model.fit is not None else linear_start(model, fitted)
     before = fit_plant(start, fitted, band=band)
     require_motion(before)
@@ -163,7 +165,7 @@ def add(
     rung = _rung(-1, before, after, split, band)
     step = _step(known.id, rung, undo_state(model), fitted)
     if before.hold_assumed:
-        other = read_as(silent, other_reading(before.hold))
+        other = read_as(undeclared, other_reading(before.hold))
         as_assumed(after, _fit_or_none(after.model, other, band))
     after.model.history = [*copy.deepcopy(model.history), step]
     return Addition(after.model, rung, after)
@@ -184,7 +186,7 @@ def _check(known: EffectType, name: str, value: float) -> None:
         raise InputError("unknown parameter", f"{known.id}.{name}", None, hint)
     lower, upper = known[name].lower, known[name].upper
     if not lower <= value <= upper:
-        hint = f"it lies in {lower:g} .. {upper:g} {known[name].unit}".rstrip()
+        hint = f"the range is {lower:g} .. {upper:g} {known[name].unit}".rstrip()
         raise InputError("a value is out of its bounds", f"{known.id}.{name}", f"{value:g}", hint)
 
 
@@ -196,20 +198,21 @@ def with_history(
     order: Sequence[str] = (),
     band: tuple[float, float] | None = None,
 ) -> PlantModel:
-    """Give a model that a diagnosis found the ladder of its steps, each judged on data that were not fitted.
+    """Add the ladder of its steps to a model found by a diagnosis.
 
-    The diagnosis has chosen the effects by all records, so that those which judge are not new:
-    `Rung.judged_on` is "search_records".
+    Each step is fitted to some of the data and validated on the rest. The diagnosis used all records to
+    choose the effects, so that the validation data are not independent: `Rung.judged_on` is
+    "search_records".
 
     Parameters
     ----------
     given : PlantModel
-        Where the diagnosis started.
+        The model with which the diagnosis started.
     found : PlantModel
-        The same with more effects at its end, fitted to all records. Its values stay as they are.
+        The same model with further effects appended, fitted to all records. Its values are not changed.
     records : Record or Spectra, or a sequence of them
     order : sequence of str, optional
-        Ids of the effects found in the order of the steps; default: as they stand in the model.
+        Names of the effects found, in the order of the steps; default: their order in the model.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
 
@@ -220,38 +223,39 @@ def with_history(
     Raises
     ------
     ValueError
-        An effect found is not in `order`; as :func:`add`.
+        An effect found is not in `order`; as for :func:`add`.
     InputError
-        As :func:`add`.
+        As for :func:`add`.
     """
     searched = spectra_of(records)
     split = _split_of_search(searched)
     fitted = split.fitted
-    steps = list(range(len(given.effects), len(found.effects)))  # places in the stack: there they stay
+    steps = list(range(len(given.effects), len(found.effects)))  # indices in the stack, which do not change
     if order:
         missing = [found.effects[place].id for place in steps if found.effects[place].id not in order]
         if missing:
             raise ValueError(f"order has {', '.join(order)}, but not {missing[0]}, which was found")
         steps.sort(key=lambda place: order.index(found.effects[place].id))
-    # What diagnose began with: the values found are bent by the effects that are not in it yet.
-    told, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
-    told.history, previous = copy.deepcopy(given.history), undo_state(given)
+    # Start like `diagnose`: the values found are biased for a model without the effects added later.
+    model, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
+    model.history, previous = copy.deepcopy(given.history), undo_state(given)
     for i, place in enumerate(steps):
         after = _fit_of_part(found, set(steps[i + 1 :]), fitted, band)
         at = place - sum(later < place for later in steps[i + 1 :])
         rung = _rung(at, before, after, split, band)
-        told.history.append(_step(found.effects[place].id, rung, previous, searched))
+        model.history.append(_step(found.effects[place].id, rung, previous, searched))
         previous, before = undo_state(after.model), after
-    return told
+    return model
 
 
 def _fit_of_part(
     found: PlantModel, without: set[int], fitted: list[Spectra], band: tuple[float, float] | None
 ) -> PlantFit:
-    """The model fitted without the effects at some places.
+    """Fit the model without the effects at some indices of the stack.
 
-    These have bent the values found: a refresh has taken half its period from the delay. Where the linear
-    part fits the measured response, the fit may end in a lower minimum, and the lower one counts.
+    The values found are biased for this model: a sample and hold, for instance, has taken half its period
+    from the delay. A second fit therefore starts with a linear part fitted to the measured response, and the
+    fit with the lower cost is returned.
     """
     part = copy.deepcopy(found)
     part.effects = [effect for place, effect in enumerate(part.effects) if place not in without]
@@ -259,22 +263,22 @@ def _fit_of_part(
     fits = [fit_plant(part, fitted, band=band)]
     moved = linear_start(part, fitted) if without else part
     if moved is not part:
-        with contextlib.suppress(GsidError, InputError):  # a start that cannot be simulated is none
+        with contextlib.suppress(GsidError, InputError):  # a start that cannot be simulated is skipped
             fits.append(fit_plant(moved, fitted, band=band))
     return min(fits, key=lambda fit: fit.cost)
 
 
 def _step(effect: str, rung: Rung, previous: dict[str, Any], used: list[Spectra]) -> dict[str, Any]:
-    """An entry of the history; `used` are the records that were fitted, or searched for the effect."""
+    """An entry of the history; `used` are the records of the fit, or of the search for the effect."""
     digests = [one.digest for one in used if one.digest]
     return {"add": effect, "rung": rung.to_dict(), "previous": previous, "used_records": digests}
 
 
-# ---- data to fit and data to judge on ----------------------------------------------------------------------
+# ---- data to fit and data for validation -------------------------------------------------------------------
 
 
 class _Split(NamedTuple):
-    """Data to fit, data to judge on, the latter in words, and which of `JUDGED_ON` they are."""
+    """Data to fit; validation data, their description, and their kind in `JUDGED_ON`."""
 
     fitted: list[Spectra]
     kept: list[Spectra]
@@ -285,24 +289,24 @@ class _Split(NamedTuple):
 def _split(
     measured: list[Spectra], held_out: list[Spectra] | None = None, used: Collection[str] = ()
 ) -> _Split:
-    """What is fitted, and what judges; `used` are digests of the records of earlier steps."""
+    """Split into data to fit and validation data; `used` are digests of the records of earlier steps."""
     if held_out is not None:
         require_not_fitted(measured, held_out)
         return _split_of_records(measured, held_out, "kept_out", used)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:
         kept = [measured[i] for i in chosen]
-        _log.info("left out of the fit, to judge on: %s", ", ".join(s.name or "a record" for s in kept))
+        _log.info("kept out of the fit for validation: %s", ", ".join(s.name or "a record" for s in kept))
         fitted = [s for i, s in enumerate(measured) if i not in chosen]
         return _split_of_records(fitted, kept, "not_fitted", used)
-    _log.info("fitted to the first half of the periods, judged on the second")
+    _log.info("fitted to the first half of the periods, validated on the second half")
     halves = [_halves(s) for s in measured]
     words = f"the later periods of the same realisation{'s' * (len(measured) > 1)}"
     return _Split([first for first, _ in halves], [second for _, second in halves], words, "later_periods")
 
 
 def _split_of_search(measured: list[Spectra]) -> _Split:
-    """The same of records that a search has used, all of them."""
+    """Split records that were all used by a search."""
     split = _split(measured)
     if split.judged_on == "later_periods":
         words = "later periods (used in the search)"
@@ -319,7 +323,7 @@ def _split_of_records(
     before = [one.name or "a record" for one in kept if one.digest in used]
     if before:
         judged_on = "used_before"
-        _log.info("used in an earlier step of the model, so not kept out: %s", ", ".join(before))
+        _log.info("an earlier step of the model used these records: %s", ", ".join(before))
     kind = JUDGED_ON[judged_on]
     if len(kept) > 1:
         words = f"{len(kept)} records {kind}"
@@ -331,7 +335,7 @@ def _split_of_records(
 
 
 def _last_third(measured: list[Spectra]) -> set[int]:
-    """Indices of the last third, at least one, of the records of each level that has more than one."""
+    """Indices of the last third, at least one, of the records of each level with more than one record."""
     levels: list[list[int]] = []
     for i, one in enumerate(measured):
         for level in levels:
@@ -348,7 +352,7 @@ def _last_third(measured: list[Spectra]) -> set[int]:
 def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
     half = one.n_periods // 2
     if half < PERIODS_LEAST:
-        hint = "name records to judge on with --held-out, or measure more periods or realisations"
+        hint = "give validation records with --held-out, or measure more periods or realisations"
         raise InputError(
             "too few periods to keep half of them out", one.name, f"{one.n_periods} of at least 4", hint
         )
@@ -360,7 +364,7 @@ def _halves(one: Spectra) -> tuple[Spectra, Spectra]:
 
 
 def _title(model: PlantModel, at: int) -> str:
-    """An effect's label by its place; with the law, where the label does not say it."""
+    """Label of the effect at an index of the stack, with its law if the label does not contain it."""
     label, effect = model.labels()[at]
     law = effect.type.definition.get("torque")
     return f"{label} {law}" if isinstance(law, str) else label
@@ -369,7 +373,7 @@ def _title(model: PlantModel, at: int) -> str:
 def _starts(
     fit: PlantFit, effect: EffectType, measured: list[Spectra], params: Mapping[str, float] | None
 ) -> list[PlantModel]:
-    """The model with the effect at the points to fit from: the likeliest of its grid, or typical ones."""
+    """The model with the effect at each starting point: the best grid points, or typical values."""
     if effect.definition:
         return [fit.model.with_effect(effect, dict(params or {}))]
     tries = _likeliest(fit, effect.id, measured)
@@ -387,21 +391,23 @@ def _starts(
 
 
 def _note_places_outside(fit: PlantFit) -> None:
-    """A table's line beyond its ends is no measurement: say when the motion spends time there."""
+    """Warn if the motion leaves the range of a table, beyond which its law is extrapolated."""
     table = fit.model.effects[-1].type.definition
     if table.get("variable") not in OUTSIDE_SEEN:
         return
     path = np.concatenate([getattr(r.prediction, OUTSIDE_SEEN[table["variable"]]) for r in fit.records])
     at = np.array(table["at"])
-    margins = np.diff(at)[[0, -1]] * [-1, 1]  # the bins of a curve reach beyond their middles
+    margins = np.diff(at)[[0, -1]] * [-1, 1]  # the bins of a curve extend beyond their centres
     low, high = at[[0, -1]] + margins
     share = float(np.mean((path < low) | (path > high)))
     if share > OUTSIDE_NOTED:
-        _log.warning("%.1f %% of the time the motion is outside the table: there it is a line", 100 * share)
+        _log.warning(
+            "%.1f %% of the time the motion is outside the table, which is extrapolated there", 100 * share
+        )
 
 
 def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:
-    """Of a model that is not fitted, with the weights of a fit; infinite when it cannot be simulated."""
+    """Cost of a model with the weights of a given fit; infinite if the model cannot be simulated."""
     try:
         return sum(
             float(np.sum(np.abs(r.weight * (one.y - model.predict(one).Y)[r.line]) ** 2))
@@ -431,15 +437,17 @@ def _best_fit(
     for i, start in enumerate(starts, 1):
         on_step(f"fitting {effect.id}, start {i} of {len(starts)}")
         try:
-            tried = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
+            fitted = fit_plant(start, measured, band=band, max_iter=STEPS_TRIED)
         except (GsidError, InputError) as error:
             failure = error
             continue
-        if best is None or tried.cost < best.cost:
-            best = tried
+        if best is None or fitted.cost < best.cost:
+            best = fitted
     if best is None:
-        hint = getattr(failure, "hint", "") or "give values to start from with --param"
-        raise InputError(f"{effect.id} can be fitted from no start", measured[0].name, str(failure), hint)
+        hint = getattr(failure, "hint", "") or "give starting values with --param"
+        raise InputError(
+            f"the fit of {effect.id} fails from every start", measured[0].name, str(failure), hint
+        )
     promising = before.cost - best.cost > WORTH
     return fit_plant(best.model, measured, band=band) if promising and not best.converged else best
 
@@ -451,11 +459,11 @@ def _rung(
     split: _Split,
     band: tuple[float, float] | None,
 ) -> Rung:
-    """The step that brought the effect at this place of the stack."""
+    """The step that added the effect at this index of the stack."""
 
     def level(fit: PlantFit) -> dict[str, float]:
-        seen = compare(fit.model, split.fitted, band=band)
-        return {"cost_per_dof": fit.cost_per_dof} | _sizes(seen)
+        comparison = compare(fit.model, split.fitted, band=band)
+        return {"cost_per_dof": fit.cost_per_dof} | _sizes(comparison)
 
     without, with_it = (compare(fit.model, split.kept, band=band) for fit in (before, after))
     return Rung(
@@ -477,8 +485,8 @@ def _rung(
     )
 
 
-def _sizes(seen: Comparison) -> dict[str, float]:
-    return {"rms_error": seen.rms_error, "noise_floor_rms": seen.noise_floor_rms}
+def _sizes(comparison: Comparison) -> dict[str, float]:
+    return {"rms_error": comparison.rms_error, "noise_floor_rms": comparison.noise_floor_rms}
 
 
 def _plain(param: Param) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""Candidates: effects of the catalogue added to a model, fitted for real, and ranked by evidence."""
+"""Candidates: effects of the catalogue, each added to a model, fitted by simulation and ranked."""
 
 from __future__ import annotations
 
@@ -19,67 +19,69 @@ from gsid.plant.linear_response import JOINT
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
-REFITTED = 5  # effects fitted for real in each round, at most
-REFITTED_BESIDE_JOINT = 2  # each from one start: a joint makes simulations ten times dearer
-RIVAL = 0.5  # and only those that promise this share of what another brought, or nearly all of a small drop
+REFITTED = 5  # largest number of effects fitted in each round
+REFITTED_BESIDE_JOINT = 2  # the same with backlash in the model, which makes a simulation ten times slower
+RIVAL = 0.5  # least predicted drop of a further effect, as a share of the drop that another effect achieved
 RIVAL_THRESHOLD = 0.1  # the same for threshold laws
-STARTS = 2  # of each, the second when the first does not keep its promise
-STARTS_FIXED = 5  # of those whose shape the fit cannot move
-WHOLE = 0.25  # of a law that is there or not, this share has to be seen; the nearest of a grid shows half
-KEPT = 0.9  # of the predicted drop: the promise is kept
-BEYOND = 1.2  # the same where the shape is held: each has a promise of its own, and may bring more
-CONVERGED_BY = 50  # steps, of the best candidate
-STEPS_MAX = 15  # of each fit: a start that needs more is not near
-STEPS_LOOK = 3  # of the first fit of a joint or a held shape, which says whether more are worth their time
-STEPS_ALONE = 10  # of the fit of one record with a joint
-WALLS = 3  # times that a fit with a joint is begun again from one record
-FORGIVEN = 0.5  # of the cost without a joint: a joint that leaves more is not followed past the walls
-SAME = 10.0  # costs (-2 log likelihood) that differ by less do not tell two effects apart
+STARTS = 2  # starts of each fit; the second is used if the first does not reach the predicted drop
+STARTS_FIXED = 5  # the same for an effect with a fixed shape parameter
+WHOLE = 0.25  # least coefficient of a law without a size of its own; the nearest grid point shows about 0.5
+KEPT = 0.9  # share of the predicted drop at which no second start is needed
+BEYOND = 1.2  # the same for a fixed shape parameter: another grid point may achieve more
+CONVERGED_BY = 50  # iterations of the best candidate's fit
+STEPS_MAX = 15  # iterations of each fit: a start that needs more is too far from the minimum
+STEPS_LOOK = 3  # iterations of the first fit with backlash or a fixed shape, which selects what is continued
+STEPS_ALONE = 10  # iterations of the fit of one record with backlash
+WALLS = 3  # restarts of a fit with backlash from one record
+FORGIVEN = 0.5  # share of the cost without backlash: a fit with backlash that leaves more is not restarted
+SAME = 10.0  # costs (-2 log likelihood) that differ by less do not distinguish two effects
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
-    """What a search is given, and whom it tells in words what comes next."""
+class SearchInput:
+    """Input of a search: the model, the records, the settings, and a callback that reports progress."""
 
-    model: PlantModel  # before it was fitted
+    model: PlantModel  # before the fit
     measured: list[Spectra]
     band: tuple[float, float] | None  # Hz
-    alpha: float  # level of the tests
-    on_step: Callable[[str], None]
-    untried: dict[str, str] = field(default_factory=dict)  # effects that no start could be fitted of, and why
+    alpha: float  # significance level of the tests
+    on_step: Callable[[str], None]  # called with a description of the next step
+    untried: dict[str, str] = field(
+        default_factory=dict
+    )  # effects whose fits failed from all starts, and why
 
     def fit(
         self, model: PlantModel, max_iter: int = CONVERGED_BY, only: Sequence[int] | None = None
     ) -> PlantFit:
-        """Fit to all records, or to some."""
+        """Fit a model to all records, or to the records with the indices `only`."""
         records = self.measured if only is None else [self.measured[i] for i in only]
         return fit_plant(model, records, band=self.band, max_iter=max_iter)
 
     def started_anew(self, model: PlantModel) -> PlantModel:
-        """The model with new starting values of its linear part, from the records."""
+        """The model with new starting values of its linear part, estimated from the records."""
         return linear_start(model, self.measured)
 
     def joint_starts(self, fit: PlantFit) -> list[tuple[PlantModel, float]]:
-        """The model of a fit with a joint added, and by how much that lowers the error of the response."""
+        """The model of a fit with backlash added, and how much this lowers the error of the response."""
         return joint_starts(fit, self.measured, self.model)
 
     def noise_p_value(self, fit: PlantFit) -> float:
-        """Probability of a misfit as large or larger by noise alone, of a fit of all records."""
+        """Probability that noise alone gives a misfit this large or larger, for a fit to all records."""
         return noise_p_value(fit, self.measured)
 
     def is_noise(self, fit: PlantFit) -> bool:
-        """Whether what a fit of all records leaves may be noise."""
+        """Whether the residual of a fit to all records is consistent with noise."""
         return self.noise_p_value(fit) > self.alpha
 
 
 @dataclass(eq=False)
 class Candidate:
-    """An effect added to the model and fitted."""
+    """An effect that was added to the model and fitted."""
 
     effect: str
     fit: PlantFit
     predicted_drop: float
-    n_shapes: int = 1  # of the grid that the start was chosen from
+    n_shapes: int = 1  # number of grid points from which the start was chosen
 
     @property
     def params(self) -> dict[str, Param]:
@@ -90,7 +92,7 @@ class Candidate:
 
 @dataclass(eq=False)
 class Group:
-    """Effects that the data cannot tell apart, best first."""
+    """Effects that the data cannot distinguish, best first."""
 
     candidates: list[Candidate]
     probability: float
@@ -111,7 +113,7 @@ class Group:
 
 
 def shortlist(scored: Scored) -> dict[str, Scored]:
-    """The effects of the largest predicted drops, each with its best points of the grid as starts."""
+    """The effects with the largest predicted drops, each with its best grid points as starts."""
     by_effect: dict[str, Scored] = {}
     for probe, item in sorted(scored, key=lambda pair: -pair[1].drop):
         if item.drop > 0 and not (probe.fixed and item.size[0] < WHOLE):
@@ -124,27 +126,32 @@ def _starts(tries: Scored) -> int:
 
 
 def _share_wanted(effect: str) -> float:
-    """Of the largest drop seen, for an effect to be fitted: a threshold law is only roughly a direction."""
+    """Least predicted drop of an effect to be fitted, as a share of the largest drop achieved so far.
+
+    It is smaller for threshold laws, because linear sensitivities describe them only roughly.
+    """
     return RIVAL_THRESHOLD if find(effect).null_kind == "threshold" else RIVAL
 
 
-def tried(
+def fit_candidates(
     fit: PlantFit,
     scored: Scored,
     n_shapes: Mapping[str, int],
-    given: Given,
+    given: SearchInput,
 ) -> list[Candidate]:
-    """The shortlist fitted, best promise first; once one leaves only noise, no small promise is tried.
+    """Fit the shortlisted effects, in the order of their predicted drops.
+
+    Once a candidate leaves only noise, effects with a much smaller predicted drop are skipped.
 
     Parameters
     ----------
     fit : PlantFit
-        Of the model without them.
+        Fit of the model without the candidates.
     scored : list of (Probe, Score)
         See `gsid.diagnosis.scan.scan`.
     n_shapes : mapping
-        Of each effect, how many shapes were looked at.
-    given : Given
+        Number of grid points scored for each effect.
+    given : SearchInput
 
     Returns
     -------
@@ -176,15 +183,15 @@ def tried(
     return candidates
 
 
-def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candidate | None:
-    """The effect fitted from each start; None when no start can be fitted.
+def _refitted(fit: PlantFit, effect: str, tries: Scored, given: SearchInput) -> Candidate | None:
+    """The best fit of an effect over its starts; None if the fit fails from every start.
 
-    Where the shape is held, a few steps tell the shapes apart, and only the best goes on.
+    With a fixed shape parameter, a few iterations compare the grid points, and only the best is continued.
     """
     best: Candidate | None = None
     for probe, item in tries:
         enough = (BEYOND if probe.fixed else KEPT) * item.drop
-        # Of a held shape an unfinished fit will do: the cost only falls further.
+        # With a fixed shape an unfinished fit is sufficient, because further iterations only lower its cost.
         settled = best is not None and (probe.fixed or best.fit.converged)
         if settled and fit.cost - best.fit.cost > enough:
             break
@@ -193,29 +200,29 @@ def _refitted(fit: PlantFit, effect: str, tries: Scored, given: Given) -> Candid
             larger = given.fit(start, STEPS_LOOK if probe.fixed else STEPS_MAX)
         except (GsidError, InputError) as error:
             given.untried[effect] = str(error)
-            continue  # a start that cannot be simulated is no candidate
+            continue  # a start that cannot be simulated is skipped
         if best is None or larger.cost < best.fit.cost:
             best = Candidate(effect, larger, item.drop)
     if best is not None:
-        given.untried.pop(effect, None)  # of an earlier start, or round
+        given.untried.pop(effect, None)  # entry of an earlier start or round
     if best is not None and tries[0][0].fixed and not best.fit.converged:
         best = _further(best, given, STEPS_MAX)
     return best
 
 
-def _further(candidate: Candidate, given: Given, max_iter: int) -> Candidate:
-    """The candidate with its fit carried on."""
+def _further(candidate: Candidate, given: SearchInput, max_iter: int) -> Candidate:
+    """The candidate after further iterations of its fit."""
     try:
         fit = given.fit(candidate.fit.model, max_iter)
     except (GsidError, InputError):
-        return candidate  # begun again, it may not find the steady state that the first fit followed
+        return candidate  # a restarted fit may miss the steady state that the first fit tracked
     return replace(candidate, fit=fit) if fit.cost < candidate.fit.cost else candidate
 
 
-def _joint(fit: PlantFit, given: Given, beaten: float) -> list[Candidate]:
-    """A joint with play, the dearest to simulate: tried when nothing else leaves only noise.
+def _joint(fit: PlantFit, given: SearchInput, beaten: float) -> list[Candidate]:
+    """Fit backlash, the slowest effect to simulate; used only if no other effect leaves only noise.
 
-    Followed to its end only where the first steps lead below the least cost of the others.
+    The fit is completed only if its first iterations reach a lower cost than all other effects.
     """
     found = []
     for start, gain in given.joint_starts(fit):
@@ -231,11 +238,12 @@ def _joint(fit: PlantFit, given: Given, beaten: float) -> list[Candidate]:
     return found
 
 
-def _beyond_the_walls(fit: PlantFit, given: Given) -> PlantFit:
-    """Fit one record alone, then with it one more at a time.
+def _beyond_the_walls(fit: PlantFit, given: SearchInput) -> PlantFit:
+    """Fit one record alone, then add the other records one at a time.
 
-    Where a collision more or less begins, a record's cost has a wall, which stops the fit of all. The walls
-    of other records stand elsewhere, and a record alone has the fewest.
+    The cost of a record has a steep step wherever the number of collisions changes, and such a step stops the
+    fit. The steps of different records lie at different values, so that the cost of a single record has the
+    fewest steps.
     """
     n_records = len(given.measured)
     for _ in range(WALLS if n_records > 1 else 0):
@@ -255,23 +263,24 @@ def _beyond_the_walls(fit: PlantFit, given: Given) -> PlantFit:
     return fit
 
 
-def _converged(candidate: Candidate, given: Given) -> Candidate:
-    """The candidate with its fit carried on until it has converged; one with a joint seldom gets further."""
+def _converged(candidate: Candidate, given: SearchInput) -> Candidate:
+    """The candidate with its fit continued to convergence, except backlash, whose fit rarely improves."""
     if candidate.fit.converged or candidate.effect == JOINT:
         return candidate
     return _further(candidate, given, CONVERGED_BY)
 
 
 def evidence(fit: PlantFit, candidate: Candidate) -> float:
-    """-2 log of the candidate's evidence over that of the model without it: negative speaks for it (DIA-5).
+    """-2 log of the evidence ratio of the models with and without the candidate (DIA-5).
 
-    With n residuals a parameter has to lower the cost by ln n to earn its place (Schwarz), and the best of m
-    shapes by 2 ln m more, which is what the best of m directions of noise does.
+    A negative value favours the candidate. With n residuals, each parameter has to lower the cost by ln n
+    (Schwarz). A shape chosen as the best of m has to lower it by 2 ln m more, the drop that noise gives in
+    the best of m directions.
 
     Parameters
     ----------
     fit : PlantFit
-        Of the model without it.
+        Fit of the model without the candidate.
     candidate : Candidate
     """
     n = fit.n_dof + len(fit.model.free_names)
@@ -280,9 +289,10 @@ def evidence(fit: PlantFit, candidate: Candidate) -> float:
 
 
 def ranked(fit: PlantFit, candidates: list[Candidate]) -> list[Group]:
-    """Groups of candidates whose costs differ by less than the data can tell, most probable first.
+    """Groups of candidates that the data cannot distinguish by their costs, most probable first.
 
-    The price of parameters puts the simpler law first; it does not speak against the richer one being true.
+    The penalty for parameters ranks the simpler law first. It is no evidence against the law with more
+    parameters.
     """
     if not candidates:
         return []
@@ -290,7 +300,7 @@ def ranked(fit: PlantFit, candidates: list[Candidate]) -> list[Group]:
     ordered = sorted(candidates, key=lambda c: value[id(c)])
     least = min(value[id(ordered[0])], 0.0)
     weight = {id(c): np.exp(-(value[id(c)] - least) / 2) for c in candidates}
-    total = sum(weight.values()) + np.exp(least / 2)  # the model without any is a candidate too
+    total = sum(weight.values()) + np.exp(least / 2)  # the model without a further effect is a candidate too
     groups: list[list[Candidate]] = []
     for candidate in ordered:
         mine = [g for g in groups if candidate.fit.cost - g[0].fit.cost < SAME]

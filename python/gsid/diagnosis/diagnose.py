@@ -1,18 +1,18 @@
-"""Which physical effect is missing from a model of a plant?
+"""Find the physical effect that is missing from a model of a plant.
 
-1. The free parameters are fitted, and what is left is tested in two ways at half the false-alarm rate
-   each: is it more than noise (CMP-1), and does it point along an effect of the catalogue more than
-   chance allows (DIA-1, DIA-2)? With few periods chance allows anything, and the first test is the only one.
-2. Every effect that the model does not have is scored over a grid of its shapes (`gsid.diagnosis.probes`);
-   the few best are added and fitted for real, from several starts.
-3. They are ranked by evidence: the cost after the fit and a price for each parameter. Effects whose
-   costs after the fit differ by less than the data can tell form one group.
-4. The best is kept and the search goes on, until what is left is noise or nothing helps; then every
-   effect found is tried to be left out again, and exchanged for its best rivals. What that changes is
-   tested and searched again: the verdict is on the model that comes out. The search is
-   `gsid.diagnosis.search`'s.
-5. When the best leaves too much of the misfit, or clearly more than noise, or each record asks for other
-   values of the parameters (DIA-9), something is missing that is not in the catalogue.
+1. The free parameters are fitted, and the residual is tested in two ways, each at half the false-alarm rate.
+   The first test is whether the residual is larger than noise (CMP-1). The second is whether it correlates
+   with an effect of the catalogue more than chance allows (DIA-1, DIA-2). With too few periods only the first
+   test is made.
+2. Every effect that the model does not contain is scored over a grid of its shape parameters
+   (`gsid.diagnosis.probes`). The few best are added and fitted by simulation, from several starts.
+3. The candidates are ranked by evidence: the cost after the fit plus a penalty for each parameter. Effects
+   that the data cannot distinguish by their costs form one group.
+4. The best effect is added and the search continues until only noise remains or no effect helps. Then each
+   effect found is removed on trial, and exchanged for its best rivals. If this changes the model, the search
+   runs once more. The verdict applies to the final model. `gsid.diagnosis.search` implements this search.
+5. The catalogue lacks the missing effect if the final model leaves too much of the misfit, or clearly more
+   than noise, or if the records need different values of the parameters (DIA-9).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 
 from gsid.base.hold import fit_readings
 from gsid.base.plottable import Plottable
-from gsid.diagnosis.candidates import Given, Group
+from gsid.diagnosis.candidates import Group, SearchInput
 from gsid.diagnosis.hold_cases import Case, settle
 from gsid.diagnosis.next_experiment import advice
 from gsid.diagnosis.search import DRAWS, EFFECTS_MAX, Ranking, Search, Step
@@ -37,54 +37,55 @@ from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 
 ALPHA = 0.05
-EXPLAINED = 0.9  # share of the misfit above noise that the catalogue has to explain to be believed
-LEFT = 0.1  # misfit above the scatter of noise that may be left, over the noise
-P_LEAST = 1 / (DRAWS + 1)  # that draws can show
-SHOWN = 4  # groups of each round, for people
-SURE = 0.1  # of alpha: level at which what is left is more than noise, however little it is
+EXPLAINED = 0.9  # share of the misfit above noise that the effects found have to explain
+LEFT = 0.1  # largest remaining misfit above the scatter of noise, relative to the noise
+P_LEAST = 1 / (DRAWS + 1)  # smallest p-value of the bootstrap
+SHOWN = 4  # groups shown for each round
+SURE = 0.1  # times alpha: level at which even a small remaining misfit counts as more than noise
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round of the search, as it is shown."""
+    """One round of the search, as shown to the user."""
 
     name: str  # 1, 2, .. or "end"
-    before: float | None  # cost per degree of freedom; None in the end
+    before: float | None  # cost per degree of freedom at the start of the round; None for "end"
     ranking: Ranking
-    taken: bool  # whether the search went on with the first
+    taken: bool  # whether the first of the ranking was added to the model
 
 
 @dataclass(eq=False, repr=False)
 class Diagnosis(Plottable):
-    """What :func:`diagnose` found.
+    """Result of :func:`diagnose`.
 
     Attributes
     ----------
     verdict : {"adequate", "missing_effect", "unknown_effect"}
     p_value : float
-        Probability of a misfit like this by chance when nothing is missing.
+        Probability of a misfit this large by chance if no effect is missing.
     cost_per_dof, cost_per_dof_after : float
-        Of the model as it was given (its free parameters fitted), and with what was found.
+        Cost per degree of freedom of the given model with its free parameters fitted, and of the model with
+        the effects found.
     explained : float
         Share of the misfit above noise that the effects found explain.
     p_constant : float or None
-        Probability that noise alone makes the records ask for other values of the final model's parameters
-        than those that they share; a law of another form than the true one asks for others at each level of
+        Probability that noise alone makes the parameters of the final model differ this much between the
+        records. It is small if a law has the wrong form, because its parameters then depend on the level of
         the excitation. None with one record or too few periods.
     rankings : list of lists of Group
-        Of each effect found, in the order of the search: it and its rivals, most probable first, beside
-        whatever else was found.
+        One ranking for each effect found, in the order of the search: the effect and its rivals, most
+        probable first, with the other effects found in the model.
     steps : list of Step
     model : PlantModel
-        With the best effect of each group found added, and fitted.
+        The given model with the best effect of each group found added, and fitted.
     converged : bool
-        Whether that fit has.
+        Whether the last fit converged.
     next_experiment : str
-        What would tell the members of a group apart; empty where there is nothing to tell.
+        An experiment that would distinguish the members of a group; empty if each group has one member.
     names : list of str
-        Of the records.
+        Names of the records.
     untried : dict of str
-        Effects that could not be fitted from any start in the last round that asked for them, and why.
+        Effects whose fits failed from every start, with the reason.
     hold : {"zoh", "none"} or None
         As in `gsid.PlantFit`.
     hold_assumed : bool
@@ -94,7 +95,7 @@ class Diagnosis(Plottable):
     other_delay_s : float or None
         The model's delay [s] under the other assumption; None where the hold is stated or there is no delay.
     hold_notes : list of str
-        What was not named because it is missing under one assumption only.
+        Effects that were not named because they are missing under one assumption only.
     """
 
     verdict: str
@@ -118,29 +119,29 @@ class Diagnosis(Plottable):
 
     @property
     def delay_hold_uncertainty_s(self) -> float | None:
-        """By how much the delay depends on the hold that was assumed [s]; None where it was stated."""
+        """Difference of the delay between the two assumptions of the hold [s]; None if the hold is stated."""
         if self.other_delay_s is None:
             return None
         return abs(transport_delay_s(self.model) - self.other_delay_s)
 
     def read(self, measured: Sequence[Spectra]) -> list[Spectra]:
-        """The records as the diagnosis read them.
+        """The records with the hold that the diagnosis assumed.
 
         Parameters
         ----------
         measured : sequence of Spectra
-            Those that were diagnosed.
+            The records of the diagnosis.
         """
         return read_as(measured, self.hold) if self.hold_assumed else list(measured)
 
     @property
     def found(self) -> list[Group]:
-        """The effects found, in the order of the search; each the first group of its ranking."""
+        """The effects found, in the order of the search: the first group of each ranking."""
         return [ranking[0] for ranking in self.rankings]
 
     @property
     def ranking(self) -> Ranking:
-        """Of the first effect found; when nothing was found, what was tried in the first round."""
+        """Ranking of the first effect found; without one, the candidates of the first round."""
         return self.rankings[0] if self.rankings else self.steps[0].ranking
 
     @property
@@ -150,7 +151,7 @@ class Diagnosis(Plottable):
 
     @property
     def named(self) -> bool:
-        """Whether the effects found explain the misfit, be it that something else is missing too."""
+        """Whether the effects found explain the misfit, even if another effect is missing too."""
         most = self.verdict == "unknown_effect" and self.explained >= EXPLAINED
         return self.verdict == "missing_effect" or (bool(self.found) and most)
 
@@ -160,49 +161,51 @@ class Diagnosis(Plottable):
 
     @property
     def sentence(self) -> str:
-        """The verdict for people."""
+        """The verdict as a sentence."""
         if self.adequate:
-            return f"Nothing is missing that these data show ({self._p_words})."
+            return f"These data show no missing effect ({self._p_words})."
         names = ", then ".join(_in_words(group.effects) for group in self.found)
         if not self.named:
-            best = f" The nearest is {names}, which explains {self.explained:.0%}." if names else ""
-            return f"Something is missing that the catalogue does not have ({self._p_words}).{best}"
+            best = f" The nearest effect is {names}, which explains {self.explained:.0%}." if names else ""
+            return f"An effect is missing that is not in the catalogue ({self._p_words}).{best}"
         after = f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
-        said = f"Missing: {names} ({after}, {self.explained:.0%} of the misfit explained, {self._p_words})."
+        missing = (
+            f"Missing: {names} ({after}, {self.explained:.0%} of the misfit explained, {self._p_words})."
+        )
         if self.verdict == "missing_effect":
-            return said
-        return f"{said} {self._why_not_all}: the catalogue does not have all that is missing."
+            return missing
+        return f"{missing} {self._why_not_all}: another effect is missing that is not in the catalogue."
 
     @property
     def _why_not_all(self) -> str:
         if self.steps[-1].p_value < self.alpha:
-            return "What is left is more than noise"
-        return f"Each record asks for other values of the parameters (p = {self.p_constant:.2g})"
+            return "The remaining misfit is larger than noise"
+        return f"The records need different values of the parameters (p = {self.p_constant:.2g})"
 
     @property
     def rounds(self) -> list[Round]:
-        """Each round that tried effects, with its best groups.
+        """The rounds that fitted candidates, with their best groups.
 
-        Last, without a cost before, each effect found that has other rivals once all are there, and those
-        rivals: `sentence` has these.
+        The rounds named "end" follow: the effects whose rivals changed once all effects were in the model.
+        `sentence` uses these rivals.
         """
-        tried = [
+        fitted = [
             Round(str(i), s.fit.cost_per_dof, s.ranking[:SHOWN], s.taken)
             for i, s in enumerate(self.steps, 1)
             if s.ranking
         ]
-        at_first = [one.ranking[0].effects for one in tried if one.taken]
+        at_first = [one.ranking[0].effects for one in fitted if one.taken]
         in_the_end = [ranking for ranking in self.rankings if ranking[0].effects not in at_first]
-        return [*tried, *(Round("end", None, ranking, True) for ranking in in_the_end)]
+        return [*fitted, *(Round("end", None, ranking, True) for ranking in in_the_end)]
 
     @property
     def notes(self) -> list[str]:
-        """What to know about the answer besides."""
+        """Remarks on the result, one sentence each."""
         notes = [*self.hold_notes]
-        notes += [f"{effect} could not be tried: {why}." for effect, why in self.untried.items()]
+        notes += [f"{effect} could not be fitted: {why}." for effect, why in self.untried.items()]
         notes += [
-            f"{' or '.join(step.ranking[0].effects)} would take {step.too_small:.1%} off what is left: "
-            "too little to be what is missing."
+            f"{' or '.join(step.ranking[0].effects)} would remove {step.too_small:.1%} of the remaining "
+            "misfit: too little to be the missing effect."
             for step in self.steps
             if step.too_small is not None
         ]
@@ -225,7 +228,11 @@ class Diagnosis(Plottable):
     def __repr__(self) -> str:
         lines = [self.sentence]
         for one in self.rounds:
-            cost = f"cost per degree of freedom {one.before:.4g}" if one.before else "beside the others found"
+            cost = (
+                f"cost per degree of freedom {one.before:.4g}"
+                if one.before
+                else "with the other effects found"
+            )
             lines.append(f"  round {one.name}: {cost}")
             for group in one.ranking:
                 after = group.candidates[0].fit.cost_per_dof
@@ -245,23 +252,23 @@ def diagnose(
     seed: int = 0,
     on_step: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """Find out whether a physical effect is missing from a model, and which.
+    """Find out whether a physical effect is missing from a model, and which one.
 
     Parameters
     ----------
     model : PlantModel
         What is believed so far; its free parameters are fitted first.
     records : Record or Spectra, or a sequence of them
-        Realisations, best at two levels of the excitation. Where they do not state their hold, both
-        assumptions are tried (`gsid.diagnosis.hold_cases`).
+        Realisations, preferably at two levels of the excitation. If they do not state their hold, the
+        diagnosis is made under both assumptions (`gsid.diagnosis.hold_cases`).
     band : (lo, hi), optional
         Hz; default from the first to the last excited line, the lines between them that are not excited too.
     alpha : float
         False-alarm rate.
     seed : int
-        Of the bootstrap.
+        Random seed of the bootstrap.
     on_step : callable
-        Told in words what comes next.
+        Called with a short description of each step before it starts.
 
     Returns
     -------
@@ -276,12 +283,12 @@ def diagnose(
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     measured = spectra_of(records)
     check_plant(model)
-    on_step("fitting the model as it is")
+    on_step("fitting the given model")
 
     def case(measured: list[Spectra]) -> Case:
         first = fit_plant(linear_start(model, measured), measured, band=band)
         require_motion(first)
-        return Case(first, Search(Given(model, measured, band, alpha, on_step), seed))
+        return Case(first, Search(SearchInput(model, measured, band, alpha, on_step), seed))
 
     is_assumed = is_open(measured) and not model.has_controller
     if is_assumed:
@@ -316,11 +323,11 @@ def diagnose(
 
 def _in_words(effects: list[str]) -> str:
     others = " or ".join(effects[1:])
-    return f"{effects[0]} (these data do not tell it from {others})" if others else effects[0]
+    return f"{effects[0]} (these data cannot distinguish it from {others})" if others else effects[0]
 
 
 def _advice(found: list[Group], measured: list[Spectra]) -> str:
-    """How to tell the members of the first group that has several apart."""
+    """An experiment that distinguishes the members of the first group with several."""
     for group in found:
         if len(group.candidates) > 1:
             a, b = group.candidates[:2]

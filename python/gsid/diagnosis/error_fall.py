@@ -1,11 +1,10 @@
-"""Does the error fall? A paired test of two plants on the same records (CMP-3).
+"""Paired test of whether the error falls between two plant models, on the same records (CMP-3).
 
-At a line the models differ by what their answers differ, which the noise does not touch. The difference
-of the squares of their errors is therefore linear in the noise. Its variance follows from the noise of
-the lines, and Student's t judges whether its sum over lines and records is above 0. The noise that both
-errors have in common does not count, so that the test finds a fall much smaller than the scatter of
-either error. The answers must not depend on the noise of these records: they must not have served the
-fit.
+The difference of the two predictions at a line does not depend on the noise. The difference of the squared
+errors is therefore linear in the noise. Its variance follows from the noise of the lines, and Student's t
+tests whether its sum over lines and records is positive. The noise common to both errors cancels, so that
+the test detects a fall much smaller than the scatter of either error. The predictions must not depend on the
+noise of these records: the records must not have been fitted.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from gsid.greybox.weights import lines_used
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
-FALL_ALARM = 0.05  # level at which a fall is believed
+FALL_ALARM = 0.05  # significance level of a fall
 
 
 def fall_p_value(
@@ -29,14 +28,14 @@ def fall_p_value(
     *,
     band: tuple[float, float] | None = None,
 ) -> float:
-    """Probability of a fall of the error this large when the second model is no nearer to the truth.
+    """Probability of a fall of the error this large if the second model is no nearer to the truth.
 
     Parameters
     ----------
     before, after : PlantModel
-        Fitted to other periods than those of `records`.
+        Models fitted to other periods than those of `records`.
     records : sequence of Spectra
-        Each with two good periods at least.
+        Each with at least two good periods.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
 
@@ -48,7 +47,7 @@ def fall_p_value(
     Raises
     ------
     GsidError
-        A plant cannot be simulated.
+        A model cannot be simulated.
     """
     parts = []
     for s in records:
@@ -62,14 +61,14 @@ def fall_p_value(
 
 
 def fall_by_line(first: np.ndarray, second: np.ndarray, real: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How much smaller the mean square of the second error is, and how the noise moves that.
+    """Reduction of the mean square error at each line, and its sensitivity to the noise.
 
     Parameters
     ----------
     first, second : (k,) complex ndarrays
         Errors of the mean output.
     real : (k,) bool ndarray
-        The line at 0.
+        True for the line at frequency 0.
 
     Returns
     -------
@@ -78,7 +77,7 @@ def fall_by_line(first: np.ndarray, second: np.ndarray, real: np.ndarray) -> tup
     """
     power = np.where(real, 1.0, 0.5)  # of a line in the mean square
     fall = power * (np.abs(first) ** 2 - np.abs(second) ** 2)
-    # Of complex noise only the part in phase with the difference counts: half of the variance.
+    # Only the part of complex noise in phase with the difference has an effect: half of the variance.
     return fall, 2 * power * np.abs(second - first) * np.where(real, 1.0, np.sqrt(0.5))
 
 

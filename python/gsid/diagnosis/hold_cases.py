@@ -1,9 +1,10 @@
-"""A diagnosis of records that do not state their hold: an effect has to be missing under both assumptions.
+"""Diagnosis of records that do not state their hold: an effect has to be missing under both assumptions.
 
-The given model is fitted under both; if it is adequate under either it is adequate. Otherwise the search
-runs under the likelier assumption. Only if that search settles nothing, and the other assumption then fits
-what was found better, it runs under the other too. A lag, a delay, a sampler or a far mode can stand in for a
-hold: what was found of these has to be missing under the other assumption beside all else that was found.
+The given model is fitted under both assumptions. It is adequate if it is adequate under either. Otherwise the
+search runs under the more likely assumption. It runs under the other one too if the first search does not
+leave only noise and the model found fits better under the other assumption. A lag, a delay, a sample and hold
+or a mode above the band can imitate a hold. Such an effect is named only if it is also missing under the
+other assumption, with all other effects found in the model.
 """
 
 from __future__ import annotations
@@ -16,25 +17,25 @@ from gsid.diagnosis.search import Ranking, Search
 from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
-# For a hold; the mode where it lies above the band.
+# Effects that can imitate a hold; the mode only if it lies above the band.
 STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold", "flexible_mode"}
 
 
 @dataclass(eq=False)
 class Case:
-    """A search on records of a known hold, or under one assumption of those that do not state it.
+    """A search of records with a known hold, or under one assumption about their hold.
 
     Attributes
     ----------
     first : PlantFit
-        Of the model as it was given.
+        Fit of the given model.
     search : Search
     rankings : list of Ranking
-        Of the effects found.
+        Rankings of the effects found.
     fit : PlantFit
-        With the first of each ranking.
+        Fit with the first effect of each ranking.
     notes : list of str
-        What was not named, and why.
+        Effects that were not named, and why.
     """
 
     first: PlantFit
@@ -44,34 +45,34 @@ class Case:
     notes: list[str] = field(default_factory=list)
 
     def run(self) -> Case:
-        """Search for what is missing."""
+        """Search for missing effects."""
         self.rankings, self.fit = self.search.run(self.first)
         return self
 
     @property
     def is_adequate(self) -> bool:
-        """Whether the model as it was given leaves noise only."""
+        """Whether the given model leaves only noise."""
         return self.search.test(self.first).p_value >= self.search.given.alpha
 
     @property
     def is_settled(self) -> bool:
-        """Whether what was found leaves noise only."""
+        """Whether the model found leaves only noise."""
         return self.search.steps[-1].p_value >= self.search.given.alpha
 
     def refit(self, model: PlantModel) -> PlantFit | None:
-        """Another model fitted to these records; None where it cannot be."""
+        """Fit another model to these records; None if the fit fails."""
         return self.search.fit_or_none(model, anew=True)
 
     def take(self, rankings: list[Ranking], fit: PlantFit) -> None:
-        """Take what was found under the other assumption, with the fit under this one."""
-        if not rankings:  # a better minimum of the model as it was given
+        """Adopt the effects found under the other assumption, with the fit under this one."""
+        if not rankings:  # a better minimum of the given model
             self.first = fit
         before = [self.first] if rankings else []
         self.search.steps = [self.search.test(each) for each in [*before, fit]]
         self._keep(rankings, fit)
 
     def leave_out(self, rankings: list[Ranking], fit: PlantFit) -> None:
-        """Go back to the fit without some effects that were found."""
+        """Adopt a fit without some of the effects found."""
         self.search.steps.append(self.search.test(fit))
         self._keep([ranking for ranking in self.rankings if ranking not in rankings], fit)
 
@@ -83,19 +84,19 @@ class Case:
 
 
 def settle(cases: dict[str, Case]) -> tuple[Case, PlantFit | None]:
-    """Search under the assumptions of records that do not state their hold.
+    """Search records that do not state their hold, under one assumption or both.
 
     Parameters
     ----------
     cases : dict of Case
-        By assumption, one at least, not run yet.
+        At least one case, by assumption; not searched yet.
 
     Returns
     -------
     Case
-        Of the assumption taken.
+        The case of the assumption adopted.
     PlantFit or None
-        The same model under the other assumption.
+        Fit of the same model under the other assumption.
     """
     taken = likelier({reading: case.first.cost for reading, case in cases.items()})
     for reading in (taken, other_reading(taken)):
@@ -113,7 +114,10 @@ def settle(cases: dict[str, Case]) -> tuple[Case, PlantFit | None]:
 
 
 def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit | None]:
-    """Without what is missing under one assumption only; the other's model where that needs none of it."""
+    """Remove effects that are missing under one assumption only.
+
+    If the model under the other assumption needs none of the doubtful effects, that case is returned.
+    """
     doubtful = [ranking for ranking in case.rankings if STAND_IN & set(ranking[0].effects)]
     if not doubtful:
         return case, other.refit(case.fit.model)
@@ -138,7 +142,7 @@ def _checked(case: Case, other: Case, other_hold: str) -> tuple[Case, PlantFit |
 
 
 def _is_missing(case: Case, found: PlantModel, ranking: Ranking) -> bool:
-    """Whether an effect earns its place beside all others that were found."""
+    """Whether the evidence favours an effect, with all other effects found in the model."""
     best = ranking[0].candidates[0]
     whole, part = case.refit(found), case.refit(found.without_effect(best.effect))
     return whole is not None and part is not None and evidence(part, replace(best, fit=whole)) < 0

@@ -1,10 +1,10 @@
-"""The fit of a joint with play without the plant's feedback: from the load's motion as it was measured.
+"""Fit of backlash from the measured motion of the load, without simulating the feedback of the plant.
 
-A simulated play collides at its own times; each collision enlarges what came before, so that the cost of a
-simulation is rough, with narrow minima about a steep one. What the joint transmits is also known from the
-other side: it is what moved the load as measured. Driven by that torque, the twist of a spring with play and
-damping is an equation of first order that forgets where it began, and the cost has one minimum. Noise in the
-torque leaves a few per cent of error in play and stiffness, which the fit by simulation takes out.
+In a simulation of backlash each collision amplifies earlier errors, so that the cost has many narrow local
+minima. The torque that the joint transmits also follows from the measured motion of the load. Driven by this
+torque, the twist of a spring with backlash and damping is a stable differential equation of first order, and
+the cost has one minimum. Noise of the torque leaves an error of a few per cent in gap and stiffness, which
+the later fit by simulation removes.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from gsid.spectrum.spectra import Spectra
 
 GEAR = ("gap_deg", "stiffness", "damping")
 SHAPES = (f"{JOINT}.gap_deg", f"{JOINT}.inertia_ratio")
-WIDE = 2.3  # times the highest excited line: as far as the torque's harmonics are worth their noise
-OVERSAMPLING = 2  # of the twist, per sample
-WARM = 8  # this part of a period comes first: the twist forgets its start in one contact
+WIDE = 2.3  # times the highest excited line: upper limit of the harmonics of the torque that are used
+OVERSAMPLING = 2  # time steps of the twist per sample
+WARM = 8  # the simulation starts 1/WARM of a period early: the twist loses its initial state in one contact
 STEPS_MAX = 12
-# Over the last one, and tried at once: together they cost little more than one.
+# Relative to the last damping. All are evaluated in one call, which takes little longer than one of them.
 DAMPINGS = 10.0 ** np.arange(-2, 4)
-STIFFEST = 1e-3  # of the stiffness: with less damping / step the twist follows the torque at once
-DIFFERENCE = 1e-4  # of a parameter's size, for its slope
-LARGEST_STEP = (-0.5, 1.0)  # of a parameter's size
-GAIN_LEAST = 1e-3  # of the cost: a smaller gain ends the search
+STIFFEST = 1e-3  # least damping / time step, relative to the stiffness
+DIFFERENCE = 1e-4  # relative change of a parameter for a finite difference
+LARGEST_STEP = (-0.5, 1.0)  # relative to a parameter
+GAIN_LEAST = 1e-3  # relative reduction of the cost below which the search ends
 
 
 def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) -> PlantModel:
-    """The joint and the linear part that explain the output best, given the load's measured motion (DIA-10).
+    """Fit backlash and the linear part to the output, given the measured motion of the load (DIA-10).
 
     Parameters
     ----------
     starts : list of PlantModel
-        One stack with a joint, open loop, with different values; the best is where the search begins.
+        The same open-loop model with backlash, at different values; the fit starts from the best one.
     fit : PlantFit
-        Gives lines and weights.
+        Provides lines and weights.
     measured : list of Spectra
 
     Returns
@@ -63,12 +63,12 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) 
             break
         e, jacobian = errors[0], (errors[1:] - errors[0]).T / DIFFERENCE
         steps = [_step(e, jacobian, damping * more) * size for more in DAMPINGS]
-        tried = np.clip(x + np.array(steps), lower, upper)
-        costs = problem.costs(tried)
+        trials = np.clip(x + np.array(steps), lower, upper)
+        costs = problem.costs(trials)
         best = int(np.argmin(costs))
         if not costs[best] < e @ e:
             break
-        x, damping = tried[best], max(damping * DAMPINGS[best], 1e-6)
+        x, damping = trials[best], max(damping * DAMPINGS[best], 1e-6)
         if costs[best] > (1 - GAIN_LEAST) * (e @ e):
             break
     better = dict(zip(problem.names, x, strict=True))
@@ -80,7 +80,7 @@ def _values(model: PlantModel, names: list[str]) -> np.ndarray:
 
 
 def _step(e: np.ndarray, jacobian: np.ndarray, damping: float) -> np.ndarray:
-    """Levenberg-Marquardt's, in parameters over their sizes."""
+    """Levenberg-Marquardt step in relative parameters."""
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     rows = np.vstack([jacobian / scale, np.sqrt(damping) * np.eye(len(scale))])
@@ -90,7 +90,10 @@ def _step(e: np.ndarray, jacobian: np.ndarray, damping: float) -> np.ndarray:
 
 @dataclass(eq=False)
 class _Parts:
-    """Responses around a joint: command to motor's torque, sensor, load alone, structure; and the joint."""
+    """Responses around the backlash: command to motor torque, sensor, load alone, flexible modes.
+
+    `gear` has the parameters of the backlash.
+    """
 
     drive: np.ndarray
     sensor: np.ndarray
@@ -100,7 +103,7 @@ class _Parts:
 
 
 class _Problem:
-    """Weighted errors of the records that share the first one's period and rate, for many values at once."""
+    """Weighted errors for many parameter sets, of the records with the period and rate of the first one."""
 
     def __init__(self, model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> None:
         self.model, first = model, measured[0]
@@ -117,15 +120,15 @@ class _Problem:
         self.least_sizes = [least_size(model.parameter(name)) for name in self.names]
         self.n, self.fs_hz = first.period_samples, first.fs_hz
         self.s = 2j * np.pi * np.where(first.f_hz > 0, first.f_hz, 1.0)
-        self.heard = [_heard(one) for one in self.measured]
+        self.signal_shares = [_signal_share(one) for one in self.measured]
 
     def costs(self, many: np.ndarray) -> np.ndarray:
-        """(n_sets,), infinite where a set has no answer."""
+        """(n_sets,) costs, infinite where the error is not finite."""
         costs = np.sum(self.errors(many) ** 2, axis=1)
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def errors(self, many: np.ndarray) -> np.ndarray:
-        """(n_sets, rows), one row for each set of values."""
+        """(n_sets, rows) errors, one row for each set of values."""
         parts = [self._parts(values) for values in many]
         torque = np.array([self._torque(part, i) for part in parts for i in range(len(self.measured))])
         gear = np.repeat([[part.gear[name] for name in GEAR] for part in parts], len(self.measured), axis=0)
@@ -154,27 +157,27 @@ class _Problem:
         return _Parts(view.drive, sensor, load, view.command / sensor - view.drive * load, gear)
 
     def _torque(self, part: _Parts, i: int) -> np.ndarray:
-        """What moved the load, over one period."""
+        """Torque on the load over one period."""
         one = self.measured[i]
-        lines = (one.y / part.sensor - part.modes * one.u) / part.load * self.heard[i]
+        lines = (one.y / part.sensor - part.modes * one.u) / part.load * self.signal_shares[i]
         fine = np.zeros(self.n * OVERSAMPLING // 2 + 1, complex)
         fine[1 : len(lines)] = lines[1:]
         return period_of(fine, self.n * OVERSAMPLING)
 
     def _error(self, part: _Parts, twist: np.ndarray) -> np.ndarray:
-        """With the twist x known, motor and load move as one: (r s + 1 / load) w = torque - r s^2 x."""
+        """For a given twist x, motor and load follow (r s + 1 / load) w = torque - r s^2 x."""
         ratio = part.gear["inertia_ratio"]
         rows = []
         for one, record, x in zip(self.measured, self.records, twist, strict=True):
             rate = (part.drive * one.u - ratio * self.s**2 * x) / (1 / part.load + ratio * self.s)
-            weight = np.where(record.line > 0, record.weight, 0)  # of line 0 a linear part knows nothing
+            weight = np.where(record.line > 0, record.weight, 0)  # the linear part does not determine line 0
             e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * weight
             rows += [e.real, e.imag]
         return np.concatenate(rows)
 
 
-def _heard(one: Spectra) -> np.ndarray:
-    """Share of each line that is not noise (Wiener), up to where the harmonics end."""
+def _signal_share(one: Spectra) -> np.ndarray:
+    """Wiener weight of each line, 0 above `WIDE` times the highest excited line."""
     noise = 2 * one.var_y / one.n_periods
     power = np.maximum(np.abs(one.y) ** 2, np.finfo(float).tiny)
     return np.clip(1 - noise / power, 0, 1) * (one.f_hz <= WIDE * one.f_hz[one.excited].max())
@@ -183,12 +186,12 @@ def _heard(one: Spectra) -> np.ndarray:
 def twist_of(
     torque: np.ndarray, gap: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, h: float
 ) -> np.ndarray:
-    """Twist of springs with play and damping, by the trapezoidal rule, which a piecewise line solves exactly.
+    """Twist of springs with backlash and damping, by the trapezoidal rule, solved exactly in each step.
 
     Parameters
     ----------
     torque : (n_lanes, n) ndarray
-        One period of the torque that each transmits, over the load's inertia.
+        One period of the transmitted torque, divided by the inertia of the load.
     gap, stiffness, damping : (n_lanes,) ndarray
     h : float
         Step [s].

@@ -1,10 +1,11 @@
-"""Where the fit of a joint with play between motor and load begins.
+"""Starting values of a fit with backlash between motor and load.
 
-A joint changes the linear part too: two masses on a spring, softer the more of the time the play is open. So
-that part is fitted first, to the frequency response measured at the highest level, where the play matters
-least. Its spring is softer than the true one: stiffer ones with more play go as starts into a fit that takes
-the load's motion as measured (`gsid.diagnosis.joint_fit`). In closed loop, and behind a sensor that holds,
-the play is looked for by simulation.
+Backlash changes the linear part too: to two masses with a spring, whose effective stiffness falls with the
+share of time in the gap. The linear part is therefore fitted first, to the frequency response at the highest
+level, where backlash has the least influence. The spring found is softer than the true one. Stiffer springs
+with a larger gap are the starts of a fit that uses the measured motion of the load
+(`gsid.diagnosis.joint_fit`). In closed loop, and with a sample and hold in the sensor, the gap is searched by
+simulation.
 """
 
 from __future__ import annotations
@@ -22,42 +23,42 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
-FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # of the joint, over the highest excited line
-LOUD = 0.95  # of the largest input: records of the highest level
-GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # over the twist that the motor's torque makes
-RATIOS = (0.4, 0.15)  # of the inertias: the response does not tell them
-STIFFER = (1.0, 2.5, 6.0, 20.0)  # the spring in contact, over the one that the response shows
-DAMPING = 0.1  # over the critical one
-FALL = 0.9  # of the response's error, for a joint to be worth its simulations
+FREQUENCIES = (0.4, 0.6, 0.9, 1.6)  # resonance of the joint, relative to the highest excited line
+LOUD = 0.95  # least input of the records of the highest level, relative to the largest input
+GAPS = (0.1, 0.3, 1.0, 3.0, 10.0)  # relative to the twist due to the torque of the motor
+RATIOS = (0.4, 0.15)  # of the inertias, which the response does not determine
+STIFFER = (1.0, 2.5, 6.0, 20.0)  # stiffness in contact, relative to that of the response
+DAMPING = 0.1  # damping ratio
+FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
 
 
 def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> list[tuple[PlantModel, float]]:
-    """Models with a joint added, and by how much each lowers the response's error.
+    """Models with backlash added, and how much each lowers the error of the response.
 
     Parameters
     ----------
     fit : PlantFit
-        Of the model without it.
+        Fit of the model without backlash.
     measured : list of Spectra
     given : PlantModel
-        The model before it was fitted. Without a joint a fit may bend a mode far away to stand for it, and
-        the way back leads past other minima.
+        The model before the fit. A fit without backlash may move the frequency of a mode to imitate it, and
+        a fit that starts there may end in a local minimum.
 
     Returns
     -------
     list of (PlantModel, float)
-        At most one, of the frequencies tried the best; none when a joint does not help the response.
+        At most one model, with the best of `FREQUENCIES`; none if backlash does not improve the response.
     """
     largest = max(float(np.linalg.norm(one.u)) for one in measured)
     loud = [one for one in measured if np.linalg.norm(one.u) > LOUD * largest]
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
     before = linear_error(linear_start(fit.model, loud), loud)
-    tried = []
+    trials = []
     for origin in (fit.model, _as_given(fit.model, given)):
         for share in FREQUENCIES:
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
-            tried.append((linear_error(model, loud), origin, share, model))
-    least, origin, share, soft = min(tried, key=lambda one: one[0])
+            trials.append((linear_error(model, loud), origin, share, model))
+    least, origin, share, soft = min(trials, key=lambda one: one[0])
     if not least < FALL * before:
         return []
     others = [linear_start(_with_joint(origin, share * highest, ratio), loud) for ratio in RATIOS[1:]]
@@ -71,13 +72,13 @@ def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> l
 
 
 def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:
-    """The linear part's free parameters at the values that were given, as far as there are any."""
+    """Reset the free parameters of the linear part to the given values, where there are any."""
     known = set(given.free_names) & LINEAR
     return model.with_values([(given if name in known else model)[name].value for name in model.free_names])
 
 
 def _with_play(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:
-    """Stiffer springs with play, each of which may look like the soft one of the response."""
+    """Models with stiffer springs and a gap, which may have the same response as the soft spring."""
     twist = _largest_twist(fit, model, measured)
     starts = []
     for stiffer in STIFFER:
@@ -114,7 +115,7 @@ def _refer_to_load(model: PlantModel, inertia: float) -> None:
 
 
 def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tuple[float, PlantModel] | None:
-    """Cost, and the model with the play that costs least; None when none can be simulated."""
+    """Lowest cost over `GAPS`, and the model with that gap; None if no gap can be simulated."""
     least, best = np.inf, None
     for gap in _largest_twist(fit, model, measured) * np.array(GAPS):
         model[f"{JOINT}.gap_deg"].value = float(gap)
@@ -134,7 +135,7 @@ def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tupl
 
 
 def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> float:
-    """Of all records."""
+    """Largest twist over all records."""
     commands = [
         fit.model.drive_command(one, record.prediction)
         for record, one in zip(fit.records, measured, strict=True)
@@ -143,7 +144,7 @@ def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) ->
 
 
 def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
-    """Root mean square of the twist that the motor's torque would make of the spring."""
+    """Root mean square of the twist of the spring due to the torque of the motor."""
     view = model.linear_response(one)
     torque = np.linalg.norm(view.drive * lines_of(command)) / np.sqrt(2)
     return float(torque / model[f"{JOINT}.stiffness"].value)

@@ -1,4 +1,4 @@
-"""The ladder of effects added to a model: what each step did to the error."""
+"""The ladder of effects added to a model, with the error before and after each step."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gsid.base.plottable import Plottable
 from gsid.diagnosis.error_fall import FALL_ALARM
 from gsid.plant.model import PlantModel
 
-SAME_FIT = 0.02  # relative, between the end of a rung and the begin of the next
+SAME_FIT = 0.02  # largest relative difference between the end of a rung and the start of the next
 
-# Data that judge a step, and what a column of their errors is called. None is in files of older versions.
+# Kinds of validation data, and the heading of the column of their errors. Files of old versions have None.
 JUDGED_ON = {
     "kept_out": "kept out",
     "not_fitted": "not fitted",
@@ -28,12 +28,12 @@ JUDGED_ON = {
     None: "judged",
 }
 
-STATE = ("effects", "covariance", "fit")  # of a model file: what a step changes
+STATE = ("effects", "covariance", "fit")  # keys of a model file that a step changes
 
 
 @dataclass(frozen=True)
 class Rung:
-    """One step up the ladder.
+    """One step of the ladder.
 
     Attributes
     ----------
@@ -42,24 +42,25 @@ class Rung:
     params : dict of {"value": float, "std": float or None}
         Its parameters, in the units of the catalogue.
     before, after : dict
-        On the data fitted, without and with the effect: cost_per_dof, rms_error, noise_floor_rms (unit of y).
+        Errors on the fitted data, without and with the effect: cost_per_dof, rms_error, noise_floor_rms (unit
+        of y).
     held_out : dict
-        Rms error on the data that judge, "before" and "after" (unit of y).
+        Rms error on the validation data, "before" and "after" (unit of y).
     noise_floor_rms : float
-        What noise alone leaves of that error (unit of y).
+        Rms error of a perfect model on the validation data, due to noise alone (unit of y).
     kept_out : str
-        Which data judge, in words.
+        Description of the validation data.
     y_unit : str
     data : dict or None
         Names of the records "fitted" and "kept_out" of this fit, and "band_hz"; None in old files.
     judged_on : {"kept_out", "not_fitted", "used_before", "later_periods", "search_records"} or None
-        What kind of data judge: records that the caller keeps out; some of the records, left out of this fit,
-        which may have helped to choose the effect; records that an earlier step of the model has fitted or
-        searched; later periods of the realisations that were fitted; or records that the search of this
-        effect has used. None in old files.
+        Kind of validation data. "kept_out": records that the caller keeps out. "not_fitted": records left
+        out of this fit that may have been used to choose the effect. "used_before": records that an earlier
+        step of the model used. "later_periods": later periods of the fitted realisations. "search_records":
+        records that the search for this effect used. None in old files.
     fall_p_value : float or None
-        Probability of a fall this large when the effect brings the model no nearer to the truth (CMP-3). It
-        does not allow for the choice of the effect by a search. None in old files.
+        Probability of a reduction this large if the effect does not bring the model nearer to the truth
+        (CMP-3). It does not account for the selection of the effect by a search. None in old files.
     """
 
     effect: str
@@ -80,12 +81,12 @@ class Rung:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Rung:
-        """A step out of a model file.
+        """Read a step from a model file.
 
         Raises
         ------
         ValueError
-            A value is missing or of another kind.
+            A value is missing or has the wrong type.
         """
         judged_on, used = text(data, "judged_on", None), data.get("data")
         floor = number(data, "noise_floor_rms")
@@ -110,13 +111,13 @@ class Rung:
 
     @property
     def falls(self) -> bool:
-        """Whether the error on the data that judge falls by more than noise makes it fall (at 5 %)."""
+        """Whether the error on the validation data falls significantly (at 5 %)."""
         falls = self.held_out["after"] < self.held_out["before"]
         return falls and (self.fall_p_value is None or self.fall_p_value <= FALL_ALARM)
 
     @property
     def sentence(self) -> str:
-        """How much the error fell, for people."""
+        """The reduction of the error as a sentence."""
         floor = f"{self.noise_floor_rms:.3g} {self.y_unit}".rstrip()
         held = f"{self.held_out['before']:.3g} -> {self.held_out['after']:.3g}"
         cost = f"{self.before['cost_per_dof']:.4g} -> {self.after['cost_per_dof']:.4g}"
@@ -129,12 +130,12 @@ class Rung:
         )
 
     def same_data(self, other: Rung) -> bool:
-        """Whether both are fitted to and judged on the same, as far as files tell."""
-        told = self.data is not None and other.data is not None
-        return self.kept_out == other.kept_out and (not told or self.data == other.data)
+        """Whether both steps use the same data to fit and validate, as far as their files state this."""
+        stated = self.data is not None and other.data is not None
+        return self.kept_out == other.kept_out and (not stated or self.data == other.data)
 
     def leads_to(self, other: Rung) -> bool:
-        """Whether a rung begins where this one ends: on the same data, within what another fit may change."""
+        """Whether another rung starts where this one ends: same data, and errors equal within `SAME_FIT`."""
         ends = (self.after["cost_per_dof"], self.held_out["after"], self.noise_floor_rms)
         begins = (other.before["cost_per_dof"], other.held_out["before"], other.noise_floor_rms)
         return self.same_data(other) and np.allclose(begins, ends, rtol=SAME_FIT, atol=0)
@@ -142,27 +143,27 @@ class Rung:
 
 @dataclass(eq=False, repr=False)
 class Ladder(Plottable):
-    """All steps by which a model came to be, first one first."""
+    """All steps of a model, in the order in which they were added."""
 
     rungs: list[Rung]
 
     @property
     def judged_on(self) -> str:
-        """What the column of errors on the data that judge is called."""
+        """Heading of the column of errors on the validation data."""
         kinds = {rung.judged_on for rung in self.rungs}
         return JUDGED_ON[kinds.pop() if len(kinds) == 1 else None]
 
     def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Step; cost per degree of freedom; rms error fitted, judged, and of noise alone (unit of y)."""
+        """Step; cost per degree of freedom; rms error of fitted data, of validation data, and of noise."""
         return [
             (step, f"{fitted['cost_per_dof']:.4g}", *(f"{x:.4g}" for x in (fitted["rms_error"], held, floor)))
             for step, fitted, held, floor in self.levels()
         ]
 
     def levels(self) -> list[tuple[str, dict[str, float], float, float]]:
-        """Step; `before` or `after` of its rung; rms error judged, and of noise alone (unit of y).
+        """Step; `before` or `after` of its rung; rms error on validation data and of noise alone (unit of y).
 
-        A step on other data than the one before it, or of another fit, begins at a level of its own.
+        A step with other data than the previous step, or from another fit, gets a row for its start.
         """
         levels, last = [], None
         for r in self.rungs:
@@ -189,7 +190,7 @@ class Ladder(Plottable):
 
 
 def undo(model: PlantModel) -> PlantModel:
-    """Take back the last step of the ladder.
+    """Remove the last step of the ladder.
 
     Parameters
     ----------
@@ -198,23 +199,23 @@ def undo(model: PlantModel) -> PlantModel:
     Returns
     -------
     PlantModel
-        As it was given to :func:`add`.
+        The model that was given to :func:`add`.
 
     Raises
     ------
     InputError
-        There is no step to take back.
+        The ladder has no step.
     """
     if not model.history or not isinstance(model.history[-1].get("previous"), dict):
-        hint = "its history is empty: `gsid add` writes one"
-        raise InputError("the model has no step to take back", "", None, hint)
+        hint = "its history is empty; `gsid add` adds a step"
+        raise InputError("the model has no step to remove", "", None, hint)
     data = {key: value for key, value in model.to_dict().items() if key not in STATE}
     data |= copy.deepcopy(model.history[-1]["previous"]) | {"history": copy.deepcopy(model.history[:-1])}
     return PlantModel.from_dict(data)
 
 
 def ladder(model: PlantModel) -> Ladder:
-    """The ladder that a model's history tells of.
+    """The ladder of a model, from its history.
 
     Parameters
     ----------
@@ -223,14 +224,14 @@ def ladder(model: PlantModel) -> Ladder:
     Raises
     ------
     InputError
-        The history is not what `add` writes.
+        The history does not have the format that `add` writes.
     """
     with _history_of_file():
         return Ladder([Rung.from_dict(entry["rung"]) for entry in model.history if "rung" in entry])
 
 
 def used_records(model: PlantModel) -> set[str]:
-    """Digests of the records that earlier steps have fitted, or searched for their effect."""
+    """Digests of the records that earlier steps fitted, or used to search for an effect."""
     with _history_of_file():
         return {digest for entry in model.history for digest in texts(entry, "used_records") if digest}
 
@@ -240,17 +241,17 @@ def _history_of_file() -> Iterator[None]:
     try:
         yield
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        hint = "take it out of the model file, or write the model again by `gsid add`"
+        hint = "delete the history from the model file, or write the model again with `gsid add`"
         raise InputError("the model's history cannot be read", "", error, hint) from error
 
 
 def _again(last: Rung, new: Rung) -> str:
-    """What a level is called at which a step begins that does not begin where the last one ended."""
+    """Label of the start of a step that does not start where the last step ended."""
     if last.same_data(new):
         return "same, fitted again"
     return f"same, on {new.kept_out if new.kept_out != last.kept_out else 'other data'}"
 
 
 def undo_state(model: PlantModel) -> dict[str, Any]:
-    """What `undo` needs."""
+    """The part of a model that `undo` restores."""
     return {key: value for key, value in model.to_dict().items() if key in STATE}

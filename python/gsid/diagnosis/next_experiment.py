@@ -1,7 +1,8 @@
-"""Which experiment would tell two effects apart? The rivals, as fitted, are simulated under a menu.
+"""Choose an experiment that distinguishes two effects, by simulating both fitted models for several commands.
 
-The expected difference of their costs is the squared distance of their outputs in units of the noise, less
-what the free parameters of one could imitate of the other (after Atkinson and Fedorov's T-criterion; DIA-6).
+The expected difference of their costs is the squared distance of their outputs in units of the noise. The
+part that the free parameters of one model can imitate is projected out (after the T-criterion of Atkinson
+and Fedorov; DIA-6).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gsid.plant.periodic import PeriodicPlant, input_period
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
-ENOUGH = 10.0  # an expected difference in cost that tells two effects apart
+ENOUGH = 10.0  # expected difference in cost that distinguishes two effects
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,14 @@ class Experiment:
 
 
 def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
-    """Commands that could be tried next, as changes of the one that was.
+    """Candidate commands of the next experiment, as variations of the present command.
 
     Parameters
     ----------
     u : (N,) ndarray
         One period of the command.
     limit : float
-        Largest command allowed; larger ones are left out.
+        Largest allowed command; experiments with larger commands are left out.
 
     Returns
     -------
@@ -72,20 +73,20 @@ def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
 def next_experiment(
     first: PlantModel, second: PlantModel, measured: Spectra, *, limit: float = np.inf
 ) -> list[Experiment]:
-    """Rank the menu by how well it tells two fitted rivals apart.
+    """Rank the menu by how well each experiment distinguishes two fitted models.
 
     Parameters
     ----------
     first, second : PlantModel
     measured : Spectra
-        Gives the excitation to change, the number of periods, and the noise.
+        Provides the excitation, the number of periods, and the noise.
     limit : float
         Largest command allowed.
 
     Returns
     -------
     list of Experiment
-        Best first; what cannot be simulated is left out.
+        Best first; experiments that cannot be simulated are left out.
     """
     u = input_period(measured, 1)
     lines = np.flatnonzero(measured.excited)
@@ -107,21 +108,21 @@ def next_experiment(
 
 
 def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tuple[str, str]) -> str:
-    """The best of the menu in a sentence, and what it asks of the rig: whose limits are not known here.
+    """Describe the best experiment of the menu, with its command and travel, to be checked against the rig.
 
     Parameters
     ----------
     first, second, measured
-        As `next_experiment`.
+        As for `next_experiment`.
     names : (str, str)
-        Of the rivals.
+        Names of the two effects.
     """
     ranked = next_experiment(first, second, measured)
     if not ranked or ranked[0].separation < ENOUGH:
-        return f"No experiment of the menu tells {names[0]} from {names[1]} at this noise."
+        return f"No experiment of the menu distinguishes {names[0]} from {names[1]} at this noise level."
     best = ranked[0]
     return (
-        f"To tell {names[0]} from {names[1]}: {best.words} (command up to {best.peak:.3g}, travel of "
+        f"To distinguish {names[0]} from {names[1]}: {best.words} (command up to {best.peak:.3g}, travel of "
         f"{best.travel:.3g} {first.angle_unit}; expected difference in cost {best.separation:.0f} over "
         f"{measured.n_periods} periods)."
     )

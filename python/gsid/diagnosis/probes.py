@@ -1,11 +1,11 @@
-"""Candidate effects as directions in the space of the measurement: what each would add to the output.
+"""Candidate effects as directions in the space of the measurement: the change of the output due to each.
 
-To first order a torque law n(angle, rate) adds -G_tau N to the output, N the lines of the law along the
-fitted model's own trajectory, and a law on the command adds G_u times the lines of what it changes (DIA-3).
-So a dense grid over the parameters that have no meaning at the null (speeds, lengths, pitches, thresholds)
-costs one transform each; threshold laws are taken at a size where they act, never by a derivative at zero.
-The few best are then fitted for real, by simulation: these directions only choose and give the starting
-values.
+To first order a torque law n(angle, rate) adds -G_tau N to the output, where N are the lines of the law along
+the simulated trajectory of the fitted model. A law on the command adds G_u times the lines of the change of
+the command (DIA-3). One point of a grid over the shape parameters (speeds, lengths, pitches, thresholds)
+therefore costs one transform. Threshold laws are evaluated at a finite size, because their derivative at zero
+does not exist. The directions only select candidates and give their starting values. The few best candidates
+are then fitted by simulation.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from gsid.spectrum.lines import lines_of, period_of
 
 Params = dict[str, float]
 
-SOFTEST_STOP = 10.0  # 1/s^2: what is softer pushes an axis back for seconds, and is a spring
+SOFTEST_STOP = 10.0  # 1/s^2: a softer stop is in contact for seconds and is better modelled as a spring
 
 
 @dataclass(eq=False)
 class Trajectory:
-    """One record's excitation and the fitted model's answer to it, over one period.
+    """One record's excitation and the simulated motion of the fitted model, over one period.
 
     Parameters
     ----------
     fs_hz : float
     command, angle, rate, output : (N,) ndarrays
-        Command as the drive gets it, and the model's angle, rate and output.
+        Command at the drive, and the model's angle, rate and output.
     f_hz : (K,) ndarray
         All lines, 0 .. N/2.
     excited : (K,) ndarray of bool
     torque_response, change_response, direct_response : (K,) complex ndarrays
-        Of the model's linear part, to the output: from torque / inertia, from a change of the command, and
-        from the command past the rigid body (gain, hold, delay, lags).
+        Responses of the model's linear part to the output: from torque / inertia, from a change of the
+        command, and from the command without the rigid body (gain, hold, delay, lags).
     radians_per_unit : float
-        Of the angle: pi/180 when angles are degrees.
+        Unit of the angle: pi/180 for degrees.
     spare_delay_s : float
-        Delay that the model could give up: the larger part of what a lag does looks like one.
+        Delay of the model that a lag can replace.
     """
 
     fs_hz: float
@@ -61,39 +61,39 @@ class Trajectory:
 
     @cached_property
     def spline(self) -> CubicSpline:
-        """Output between the samples, over their number."""
+        """Output as a function of the sample index, interpolated between samples."""
         n = len(self.output)
         return CubicSpline(np.arange(n + 1), np.append(self.output, self.output[0]), bc_type="periodic")
 
     def of_torque(self, law: np.ndarray) -> np.ndarray:
-        """(K,) what a torque law along the trajectory adds to the output."""
+        """(K,) change of the output due to a torque law along the trajectory."""
         return -self.torque_response * lines_of(law)
 
     def of_command(self, change: np.ndarray) -> np.ndarray:
-        """(K,) what a change of the command adds to the output."""
+        """(K,) change of the output due to a change of the command."""
         return self.change_response * lines_of(change)
 
 
 @dataclass(eq=False)
 class Probe:
-    """One candidate at one point of its grid.
+    """One candidate effect at one grid point.
 
     Parameters
     ----------
     effect : str
     columns : list of (q, K) complex ndarrays
-        What it adds to the output, one entry per trajectory.
+        Changes of the output due to the effect, one entry per trajectory.
     start : callable
-        From the coefficients of the columns to starting values of the effect's parameters.
+        Returns starting values of the effect's parameters for given coefficients of the columns.
     one_sided : bool
         Only coefficients >= 0 are physical.
     limits : dict of (lo, hi)
-        What a shape may become in a fit and still deserve the effect's name with these data: presliding
-        within a thousandth of the travel is Coulomb friction, for instance.
+        Bounds of shape parameters in a fit, within which these data can distinguish the effect from simpler
+        ones. Presliding within a thousandth of the travel is Coulomb friction, for instance.
     fixed : tuple of str
-        Parameters without a derivative: left at their point of the grid.
+        Parameters without a derivative, which are kept at their grid point.
     less_delay_s : callable
-        From the coefficients to how much shorter the model's own delay is when the effect is there.
+        Returns by how much the effect shortens the model's own delay, for given coefficients.
     """
 
     effect: str
@@ -106,13 +106,13 @@ class Probe:
 
 
 def probes(trajectories: list[Trajectory], effects: list[str]) -> Iterator[Probe]:
-    """Candidates of the effects named, over their grids.
+    """Candidates of the given effects, over their grids.
 
     Parameters
     ----------
     trajectories : list of Trajectory
     effects : list of str
-        Catalogue names; those without a direction along the path give nothing (torque_bias,
+        Catalogue names; effects without a direction along the trajectory are skipped (torque_bias,
         gear_backlash).
     """
     for effect in effects:
@@ -137,7 +137,7 @@ def _torque(
 
 
 def _single(effect: str, parameter: str, law: Callable[[Trajectory], np.ndarray], one_sided: bool = False):
-    """Grid of a law with one parameter, its size."""
+    """Candidates of a law whose only parameter is its size."""
 
     def make(trajectories: list[Trajectory]) -> Iterator[Probe]:
         yield _torque(effect, trajectories, lambda t: [law(t)], lambda c: {parameter: c[0]}, one_sided)
@@ -150,7 +150,7 @@ def _largest(trajectories: list[Trajectory], signal: str) -> float:
 
 
 def _grid(effect: str, parameter: str) -> Grid:
-    """Where the search for an effect begins, as its descriptor says."""
+    """Search grid of a parameter, from the descriptor of the effect."""
     return find(effect)[parameter].grid
 
 
@@ -173,7 +173,7 @@ def _stribeck(trajectories: list[Trajectory]) -> Iterator[Probe]:
 
 
 def dahl_state(angle: np.ndarray, stiffness: float) -> np.ndarray:
-    """Presliding state on a periodic path, after a round: dz/dtheta = stiffness (1 - z sign(dtheta)).
+    """Periodic presliding state along a trajectory: dz/dtheta = stiffness (1 - z sign(dtheta)).
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def _unbalance(trajectories: list[Trajectory]) -> Iterator[Probe]:
         return [np.sin(angle), np.cos(angle) - 1]
 
     def start(c: np.ndarray) -> Params:
-        # The even part alone: the odd one is a spring's too, so its size would start far off.
+        # Only the even part, because the odd part is similar to a spring and its coefficient is unreliable.
         return {"level": float(np.abs(c[1])), "angle_deg": float(np.copysign(90.0, c[1]))}
 
     yield _torque("mass_unbalance", trajectories, laws, start)
@@ -276,7 +276,7 @@ def _rounded(u: np.ndarray, step: float) -> np.ndarray:
 
 
 def quantization_at(trajectories: list[Trajectory], steps: np.ndarray) -> Iterator[Probe]:
-    """Rounding of the command to the steps given.
+    """Quantization of the command with the given steps.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def quantization_at(trajectories: list[Trajectory], steps: np.ndarray) -> Iterat
 
 
 def quantization_spacing(trajectories: list[Trajectory], step: float) -> float:
-    """Distance of neighbours in the grid."""
+    """Distance of neighbouring grid points."""
     return _grid("drive_quantization", "step").gap(_largest(trajectories, "command"), step)
 
 
@@ -305,7 +305,7 @@ def _dead_zone(trajectories: list[Trajectory]) -> Iterator[Probe]:
         sizes,
         lambda u, s: np.sign(u) * np.maximum(np.abs(u) - s, 0),
     ):
-        # What a small dead zone takes away grows with its width: the coefficient says how much wider it is.
+        # The effect of a small dead zone is proportional to its width, so the coefficient scales the width.
         width = probe.start(np.zeros(1))["half_width"]
         probe.start = lambda c, w=width: {"half_width": float(w * np.clip(c[0], 0.2, 5))}
         yield probe
@@ -327,7 +327,7 @@ def _lag(effect: str):
             less = min(time_constant, spare)
             columns = [_lag_less_delay(t, time_constant, less)[None, :] for t in trajectories]
 
-            # The phase of a short lag, which a delay imitates, grows with T; the gain, which tells, with T^2.
+            # The phase of a short lag grows with T, but a delay imitates it; its gain falls with T^2.
             def longer(c: np.ndarray, T: float = time_constant) -> float:
                 return float(T * np.sqrt(np.clip(c[0], 0.04, 25)))
 
@@ -343,7 +343,7 @@ def _lag(effect: str):
 
 
 def _lag_less_delay(t: Trajectory, time_constant: float, less_delay_s: float) -> np.ndarray:
-    """(K,) what a lag instead of a part of the delay adds to the output."""
+    """(K,) change of the output if a lag replaces a part of the delay."""
     lag = 1 / (1 + 2j * np.pi * t.f_hz * time_constant)
     return lag * lines_of(_earlier(t, less_delay_s)) - lines_of(t.output)
 
@@ -379,14 +379,14 @@ def _mode_probe(trajectories: list[Trajectory], f_mode: float, zeta: float) -> P
 
 
 def held_output(t: Trajectory, rate_hz: float, less_delay_s: float = 0.0) -> np.ndarray:
-    """Output refreshed only rate_hz times a second, from the model's samples by periodic cubic interpolation.
+    """Output of a sample and hold at rate_hz, by periodic cubic interpolation of the model's samples.
 
     Parameters
     ----------
     t : Trajectory
     rate_hz : float
     less_delay_s : float
-        The output comes so much earlier.
+        Time by which the output is advanced.
 
     Returns
     -------
@@ -404,7 +404,7 @@ def _earlier(t: Trajectory, less_delay_s: float) -> np.ndarray:
 def sample_hold_at(
     trajectories: list[Trajectory], rates: Iterable[float], *, exact: bool = False
 ) -> Iterator[Probe]:
-    """A sensor refreshed at the rates given. A hold looks like a delay of half its time first of all.
+    """Candidates of a sample and hold at the given rates; half a hold time is taken off the model's delay.
 
     Parameters
     ----------
@@ -412,15 +412,15 @@ def sample_hold_at(
     rates : iterable of float
         Hz.
     exact : bool
-        The rate itself, for its images, which a fit could not follow; else start where the droop of the gain
-        would be as large as seen.
+        True: start at the rate itself, to match its images, which a fit cannot track. False: start at the
+        rate for which the droop of the gain is as large as measured.
     """
     spare = trajectories[0].spare_delay_s
     for rate in rates:
         less = min(0.5 / rate, spare)
         columns = [lines_of(held_output(t, rate, less) - t.output)[None, :] for t in trajectories]
 
-        # What is left beside the delay, the droop of the hold's gain, goes with the square of its time.
+        # Without the delay, the droop of the gain remains, which is proportional to the hold time squared.
         def slower(c: np.ndarray, r: float = rate) -> float:
             return float(r if exact else r / np.sqrt(np.clip(c[0], 0.04, 100)))
 
@@ -435,9 +435,9 @@ def sample_hold_at(
 
 
 def locked_rates(t: Trajectory) -> np.ndarray:
-    """Rates whose refreshes repeat with the period, a 3000th of the sampling rate apart at least.
+    """Rates whose refreshes repeat with the period, spaced by at least 1/3000 of the sampling rate.
 
-    Others leave no images in the mean.
+    Other rates have no images in the mean period.
 
     Parameters
     ----------
@@ -446,7 +446,7 @@ def locked_rates(t: Trajectory) -> np.ndarray:
     Returns
     -------
     (k,) ndarray
-        From the slowest of the grid to 0.7 of the sampling rate.
+        From the lowest rate of the grid to 0.7 of the sampling rate.
     """
     slowest = _grid("sensor_sample_hold", "rate_hz").first
     once = t.fs_hz / len(t.output)
@@ -455,7 +455,7 @@ def locked_rates(t: Trajectory) -> np.ndarray:
 
 
 def nominal_rates(fs_hz: float) -> list[float]:
-    """Usual rates of sensors, for a sampling rate."""
+    """Common sensor rates for a given sampling rate."""
     return _grid("sensor_sample_hold", "rate_hz").at(fs_hz).tolist()
 
 

@@ -1,4 +1,4 @@
-"""What a fit leaves, and every effect of the catalogue scored against it over a grid of its shapes."""
+"""Score every effect of the catalogue against the residual of a fit, over a grid of its shape parameters."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from gsid.spectrum.spectra import Spectra
 
 NOT_SEARCHED = frozenset(effect.id for effect in catalogue().values() if effect.not_searched)
 TURNS_ONLY = frozenset(effect.id for effect in catalogue().values() if effect.turns_only)
-ZOOMS, ZOOM_POINTS = 4, 8  # refinements of a step's grid, points on each side: to one sample in 10 000
-SAMPLER, RATES = "sensor_sample_hold", 5  # effect; rates that are looked at in all records
+ZOOMS, ZOOM_POINTS = 4, 8  # refinements of the grid of quantization steps, and points on each side
+SAMPLER, RATES = "sensor_sample_hold", 5  # effect; number of rates scored in all records
 
 Scored = list[tuple[Probe, Score]]
 
 
 def with_probe(model: PlantModel, probe: Probe, size: np.ndarray) -> PlantModel:
-    """A copy of a model with a probe's effect, and as much less delay as the effect brings itself.
+    """Copy a model, add the effect of a probe, and reduce the model's delay by the delay of the effect.
 
     Parameters
     ----------
     model : PlantModel
     probe : Probe
     size : ndarray
-        Coefficients of its columns.
+        Coefficients of the probe's columns.
     """
     larger = model.with_effect(probe.effect, probe.start(size), probe.limits, probe.fixed)
     less_delay_s = probe.less_delay_s(size)
@@ -51,13 +51,13 @@ def with_probe(model: PlantModel, probe: Probe, size: np.ndarray) -> PlantModel:
 
 
 def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
-    """Path of a fitted model under one record's excitation.
+    """Simulated trajectory of a fitted model with the excitation of one record.
 
     Parameters
     ----------
     model : PlantModel
     record : RecordFit
-        Of the model's fit.
+        Result of the model's fit for this record.
     one : Spectra
         The record.
     """
@@ -90,16 +90,16 @@ def _absent(model: PlantModel) -> list[str]:
 
 
 def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None = None) -> Scored:
-    """Every probe of some effects; default: of all that the model does not have."""
+    """Score every probe of some effects; default: of all effects that the model does not contain."""
     absent = _absent(fit.model) if effects is None else effects
     trajectories = [
         trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
     ]
-    tried = list(probes(trajectories, absent))
+    several = list(probes(trajectories, absent))
     if "torque_bias" in absent:
         bias = _bias_probe(fit.model, measured)
         if find("torque_bias")["level"].typical * np.linalg.norm(whitened(fit, bias.columns)) > 1:
-            tried.append(bias)  # else a linear plant: a constant torque is not seen at all
+            several.append(bias)  # otherwise the plant is linear, and a constant torque has no effect
     residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
 
     def judged(several: Iterable[Probe]) -> Scored:
@@ -108,17 +108,18 @@ def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None =
             for probe in several
         ]
 
-    scored = judged(tried)
+    scored = judged(several)
     for _ in range(ZOOMS):
         scored += judged(_nearer_step(trajectories, scored))
     return scored
 
 
 def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
-    """A sensor's refresh at nominal rates, and at those rates of all that the loudest record speaks for.
+    """Score the sample and hold of a sensor at nominal rates, and at the best rates of a dense grid.
 
-    Images of a refresh that repeats with the period fall on lines of their own, so a rate is missed by as
-    little as one over the period: every whole rate is looked at, in one record, and the best in all.
+    If the refreshes repeat with the period, their images lie on lines of their own. A rate that is wrong by
+    one over the period then misses these lines. Every rate that repeats with the period is therefore scored
+    in the record with the largest input, and the best rates in all records.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
     Returns
     -------
     list of (Probe, Score), int
-        And how many rates were looked at: that many shapes the best is the best of.
+        The scores, and the number of rates from which the best was chosen.
     """
     if any(effect.id == SAMPLER for effect in fit.model.effects):
         return [], 0
@@ -153,13 +154,13 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
 
 
 def _as_it_is(item: Score) -> Score:
-    """The drop of a candidate whose size is fixed: of c times its column only one is to be had."""
+    """Score of a candidate with coefficient 1 in place of c, because the size of its effect is fixed."""
     c = float(item.size[0])
     return replace(item, drop=item.drop * (2 * c - 1) / c**2 if c > 0 else 0.0)
 
 
 def _nearer_step(trajectories: list[Trajectory], scored: Scored) -> Iterator[Probe]:
-    """Points between the best step of a rounding and its neighbours: it has no slope for a fit to follow."""
+    """Grid points around the best quantization step, which a fit cannot refine for lack of a derivative."""
     steps = [
         (item.drop, probe.start(item.size)["step"]) for probe, item in scored if probe.fixed == ("step",)
     ]
@@ -174,7 +175,7 @@ def _nearer_step(trajectories: list[Trajectory], scored: Scored) -> Iterator[Pro
 
 
 def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
-    """A constant torque shifts where the other laws work: it shows only through them, so it is simulated."""
+    """Probe of a constant torque by simulation, because it acts only through the nonlinear laws."""
     biased = copy.deepcopy(model)
     for effect in biased.effects:
         for param in effect.params.values():

@@ -1,9 +1,10 @@
-"""Which of many directions explains a residual: score statistics with nuisance projection.
+"""Score tests of candidate directions against a residual, with nuisance projection.
 
-r is the whitened residual of a fitted model, N(0, I) when the model is right; S the whitened sensitivities of
-its free parameters; D those of a candidate at its null value. What D says beyond S is its part orthogonal to
-S, Dp = D - Q Q'D. Then LM = |projection of r on Dp|^2 is the drop in cost (-2 log likelihood) that
-the candidate could bring, chi-square with as many degrees of freedom as columns (DIA-1).
+r is the whitened residual of a fitted model; it is N(0, I) if the model is right. S are the whitened
+sensitivities of the free parameters, D those of a candidate at its null value. Dp = D - Q Q'D is the part of
+D orthogonal to S, with Q an orthonormal basis of S. LM = |projection of r on Dp|^2 is the predicted drop of
+the cost (-2 log likelihood). Under the null hypothesis it is chi-square with as many degrees of freedom as
+Dp has columns (DIA-1).
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# A column of which less than this share survives the projection says nothing of its own.
+# Columns of which a smaller share remains after the projection are treated as dependent on the nuisances.
 SURVIVAL_LEAST = 1e-3
-ROUNDING = 1e-6  # of one of several columns: what is left of it is no direction
+ROUNDING = 1e-6  # the same for one of several columns
 
 
 @dataclass(eq=False)
 class Score:
-    """What a candidate direction could bring.
+    """Score of a candidate direction.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ class Score:
     survival : float
         Length of the columns after the projection over their length before.
     basis : (n, q') ndarray
-        Orthonormal basis of what the candidate says beyond the nuisances; empty when it says nothing.
+        Orthonormal basis of the candidate's part orthogonal to the nuisances; empty if that part vanishes.
     """
 
     drop: float
@@ -40,7 +41,7 @@ class Score:
 
 
 def orthonormal(columns: np.ndarray) -> np.ndarray:
-    """Basis of the span of columns, each scaled to unit length first; dependent ones are dropped.
+    """Orthonormal basis of the span of columns. They are scaled to unit length; dependent ones are dropped.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
 
 
 def project_out(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Part of the columns orthogonal to an orthonormal basis; done twice, so that rounding does not stay."""
+    """Part of the columns orthogonal to an orthonormal basis; projected twice to remove rounding errors."""
     once = columns - basis @ (basis.T @ columns)
     return once - basis @ (basis.T @ once)
 
@@ -78,7 +79,7 @@ def score(
     columns : (n, q) ndarray
         Whitened sensitivities of the candidate.
     one_sided : bool
-        Only coefficients >= 0 are physical; columns that want to be negative are left out.
+        Only coefficients >= 0 are physical; columns with a negative coefficient are left out.
 
     Returns
     -------
@@ -106,8 +107,8 @@ def score(
     return Score(0.0, size, survival, np.empty((len(residual), 0)))
 
 
-def apart(columns: np.ndarray, n_lines: list[int]) -> np.ndarray:
-    """Columns of all records as columns of each: what would be free if no record shared them with another.
+def columns_by_record(columns: np.ndarray, n_lines: list[int]) -> np.ndarray:
+    """Split the sensitivities so that every record has parameters of its own.
 
     Parameters
     ----------
@@ -125,19 +126,19 @@ def apart(columns: np.ndarray, n_lines: list[int]) -> np.ndarray:
 
 
 def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) -> np.ndarray:
-    """Probability that the best of all candidates scores so high by chance (DIA-2).
+    """Probability that chance alone gives the best of all candidates a score this high (DIA-2).
 
-    The largest score over all candidates and grids is noted in each residual drawn under a right model: so
-    the price of having looked at many is paid, and correlations between candidates are kept. One-sided
-    candidates are left out where the residual points the other way, about half of them, and those left are
-    treated as two-sided, which makes up for it: `make blind` counts the rate.
+    For each residual drawn under a right model the largest score over all candidates and grid points is
+    taken. This accounts for the number of candidates and for their correlations. One-sided candidates whose
+    coefficient would be negative are left out, about half of them, and the remaining ones are treated as
+    two-sided, which compensates for it. `make blind` measures the resulting false-alarm rate.
 
     Parameters
     ----------
     residual : (n,) ndarray
-        Whitened; only its length is looked at.
+        Whitened; only its length is used.
     drawn : (n, draws) ndarray
-        Residuals of a right model, see `random_phases` and `random_periods`.
+        Residuals drawn under a right model; see `random_phases` and `random_periods`.
     scores : list of Score
 
     Returns
@@ -155,7 +156,7 @@ def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) 
 
 
 def random_phases(residual: np.ndarray, draws: int, seed: int) -> np.ndarray:
-    """Residuals as noise independent from line to line would make them: sizes kept, phases drawn.
+    """Draw residuals of noise that is independent from line to line: amplitudes kept, phases random.
 
     Parameters
     ----------
@@ -174,15 +175,15 @@ def random_phases(residual: np.ndarray, draws: int, seed: int) -> np.ndarray:
 
 
 def random_periods(deviations: list[np.ndarray], draws: int, seed: int) -> np.ndarray:
-    """Residuals as the scatter of the periods would make them, with its correlation from line to line.
+    """Draw residuals from the scatter of the periods, with its correlation between lines.
 
-    A gain that flutters or a clock that jitters moves all lines of a period together: their mean error is
-    then a smooth function of frequency, which random phases would take for an effect.
+    A fluctuating gain or clock jitter changes all lines of a period together. The mean error is then a smooth
+    function of frequency, which would look like an effect if phases were drawn independently.
 
     Parameters
     ----------
     deviations : list of (P, m_r) complex ndarrays
-        For each record each period's lines less their mean, whitened as the residual of the mean is.
+        For each record, the lines of each period less their mean, whitened like the residual of the mean.
     draws, seed : int
 
     Returns
@@ -193,7 +194,7 @@ def random_periods(deviations: list[np.ndarray], draws: int, seed: int) -> np.nd
     parts = []
     for one in deviations:
         p = len(one)
-        # Real weights: a flutter moves real and imaginary parts together, and complex ones would halve it.
+        # Real weights: a fluctuation moves real and imaginary parts together; complex weights would halve it.
         parts.append((rng.standard_normal((draws, p)) @ one).T / np.sqrt(p * (p - 1)))
     together = np.vstack(parts)
     return np.vstack([together.real, together.imag])

@@ -1,4 +1,4 @@
-"""Search for the effects that a model lacks: one after the other, then each again beside the others."""
+"""Stepwise search for the effects that a model lacks: forward steps, then backward steps and exchanges."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from gsid.diagnosis.candidates import (
     CONVERGED_BY,
     STEPS_LOOK,
     Candidate,
-    Given,
     Group,
+    SearchInput,
     evidence,
+    fit_candidates,
     ranked,
-    tried,
 )
 from gsid.diagnosis.scan import SAMPLER, Scored, scan, scan_rates
 from gsid.diagnosis.score_test import (
     Score,
-    apart,
+    columns_by_record,
     family_wise_p,
     orthonormal,
     random_periods,
@@ -33,34 +33,34 @@ from gsid.effects.types import catalogue
 from gsid.greybox.fit import PlantFit, stacked
 from gsid.plant.model import PlantModel
 
-EFFECTS_MAX = 3  # effects looked for, one after the other
-SEARCHES = 2  # the second when leaving out or exchanging has changed the model
-SHARE_LEAST = 0.03  # of the misfit that the effects found before have left
-RIVALS = 2  # of each effect found, tried in its place at the end, beside the others found
-# What a law is at one end of its shapes: tried in its place though it did not stand out alone.
+EFFECTS_MAX = 3  # largest number of effects added
+SEARCHES = 2  # the second runs if backward steps or exchanges have changed the model
+SHARE_LEAST = 0.03  # share of the remaining misfit that a further effect has to remove
+RIVALS = 2  # rivals that are fitted in place of each effect found, at the end of the search
+# The special case that a law contains. It is fitted in place of the law even without a high score of its own.
 SIMPLER = {effect.id: effect.simpler for effect in catalogue().values() if effect.simpler}
-DRAWS = 999  # of the bootstrap
-SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; drawn from fewer, no score is ever rare
+DRAWS = 999  # number of bootstrap draws
+SCATTER_LEAST = 7  # degrees of freedom of the scatter over periods; with fewer, no score is significant
 
 Ranking = list[Group]  # most probable first
 
 
 @dataclass(eq=False)
 class Step:
-    """One round of the search: the fit it started from, its tests, and how the candidates came out."""
+    """One round of the search: the fit it starts from, the tests of this fit, and the ranked candidates."""
 
     fit: PlantFit
     p_noise: float
-    p_score: float | None  # None: too few periods to draw what chance does
+    p_score: float | None  # None: too few periods for the bootstrap
     ranking: Ranking
-    taken: bool = False  # whether the search went on with the first of the ranking
+    taken: bool = False  # whether the first of the ranking was added to the model
     too_small: float | None = (
-        None  # share of the misfit that it takes off, where that is why it was not taken
+        None  # share of the misfit that the best candidate removes, if it was rejected because this is small
     )
 
     @property
     def p_value(self) -> float:
-        """Of both tests together (Bonferroni)."""
+        """Combined p-value of both tests (Bonferroni)."""
         if self.p_score is None:
             return self.p_noise
         return min(1.0, 2 * min(self.p_noise, self.p_score))
@@ -68,16 +68,16 @@ class Step:
 
 @dataclass(eq=False)
 class Search:
-    """What a search looks at, and the rounds it has made; see `gsid.diagnose` for the arguments."""
+    """Input of a search and the rounds completed so far; see `gsid.diagnose` for the arguments."""
 
-    given: Given
+    given: SearchInput
     seed: int  # of the bootstrap
     steps: list[Step] = field(default_factory=list)
     _tested: dict[int, tuple[Step, Scored]] = field(default_factory=dict)
     _smaller: dict[frozenset[str], PlantFit | None] = field(default_factory=dict)
 
     def run(self, fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
-        """Rankings of the effects found, and the fit with the first of each; the last step tests that fit."""
+        """Rankings of the effects found, and the fit with the best of each; the last step tests this fit."""
         rankings: list[Ranking] = []
         for _ in range(SEARCHES):
             grown, fit = self._forward(rankings, fit)
@@ -91,7 +91,7 @@ class Search:
         return rankings, fit
 
     def _forward(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
-        """The best effect added, round after round, until what is left is noise or none earns its place."""
+        """Add the best effect in each round until only noise remains or no effect improves the evidence."""
         grown = list(rankings)
         while self._round(fit, explore=len(grown) < EFFECTS_MAX):
             grown.append(self.steps[-1].ranking)
@@ -99,7 +99,7 @@ class Search:
         return grown, fit
 
     def _round(self, fit: PlantFit, *, explore: bool) -> bool:
-        """Test a fit, score the catalogue, fit the best few; whether the best earns its place."""
+        """Test a fit, score the catalogue, and fit the best candidates. True if the best one was accepted."""
         step, scored = self._test(fit)
         self.steps.append(step)
         if not explore or step.p_value >= self.given.alpha:
@@ -110,22 +110,22 @@ class Search:
         return step.taken
 
     def scan(self, fit: PlantFit) -> Scored:
-        """Every effect that the model does not have, scored."""
+        """Score every effect that the model does not contain."""
         return scan(fit, self.given.measured)
 
     def candidates(self, fit: PlantFit, scored: Scored) -> list[Candidate]:
-        """The best of them, fitted; a sensor's refresh is scored over a grid of rates of its own."""
+        """Fit the effects with the best scores; the sample and hold of a sensor has its own grid of rates."""
         n_shapes = Counter(probe.effect for probe, _ in scored)
         rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
         scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
-        return tried(fit, scored, n_shapes, self.given)
+        return fit_candidates(fit, scored, n_shapes, self.given)
 
     def test(self, fit: PlantFit) -> Step:
-        """The tests of a fit, made once."""
+        """The tests of a fit, computed once and kept."""
         return self._test(fit)[0]
 
     def _test(self, fit: PlantFit) -> tuple[Step, Scored]:
-        if id(fit) not in self._tested:  # a step has its fit, so that no other gets its id
+        if id(fit) not in self._tested:  # the step keeps its fit alive, so that the id stays unique
             scored = self.scan(fit)
             p_score = self._score_p_value(fit, [item for _, item in scored])
             step = Step(fit, self.given.noise_p_value(fit), p_score, [])
@@ -133,8 +133,10 @@ class Search:
         return self._tested[id(fit)]
 
     def _judge(self, step: Step) -> None:
-        """By evidence; and beside others by what is taken off the misfit, for a law of another form than what
-        is missing always takes a little."""
+        """Accept the best candidate by its evidence and, after the first round, by its share of the misfit.
+
+        The share is tested because a law of the wrong form always removes a little of the misfit.
+        """
         best = step.ranking[0].candidates[0]
         if evidence(step.fit, best) > 0:
             return
@@ -147,7 +149,7 @@ class Search:
         return sum(one.n_periods - 1 for one in self.given.measured) < SCATTER_LEAST
 
     def _score_p_value(self, fit: PlantFit, scores: list[Score]) -> float | None:
-        """Of the best score, by the more cautious of two ways to draw what noise alone would do (DIA-2)."""
+        """p-value of the best score: the larger one of two bootstraps of the noise (DIA-2)."""
         if self._few_periods:
             return None
         if not scores:
@@ -164,7 +166,7 @@ class Search:
         return random_periods(deviations, DRAWS, self.seed)
 
     def p_constant(self, fit: PlantFit) -> float | None:
-        """That noise alone makes the records ask for other values than those that they share (DIA-9).
+        """Probability that noise alone makes the parameters differ this much between the records (DIA-9).
 
         Parameters
         ----------
@@ -173,17 +175,17 @@ class Search:
         Returns
         -------
         float or None
-            None with one record, or too few periods to draw what chance does.
+            None with one record, or with too few periods for the bootstrap.
         """
         if len(self.given.measured) < 2 or self._few_periods:
             return None
         residual, jacobian = stacked(fit, "residual")[:, 0], stacked(fit, "jacobian")
-        own = apart(jacobian, [len(record.line) for record in fit.records])
+        own = columns_by_record(jacobian, [len(record.line) for record in fit.records])
         item = score(residual, orthonormal(jacobian), own)
         return float(family_wise_p(residual, self._scatter(fit), [item])[0])
 
     def _without_the_needless(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
-        """Leave out again what later effects have made needless: a forward search can be led astray."""
+        """Backward step: remove effects that later effects have made unnecessary."""
         for ranking in rankings[:-1]:
             needless = ranking[0].candidates[0]
             self.given.on_step(f"trying without {needless.effect}")
@@ -194,7 +196,7 @@ class Search:
         return rankings, fit
 
     def _exchanged(self, rankings: list[Ranking], fit: PlantFit) -> tuple[list[Ranking], PlantFit]:
-        """Rank each effect found again beside the others: its rivals were fitted while those were missing."""
+        """Rank each effect again, together with its rivals, with all other effects in the model."""
         if not rankings or (len(rankings) == 1 and rankings[0][0].candidates[0].fit is fit):
             return rankings, fit
         again: list[Ranking] = []
@@ -208,7 +210,7 @@ class Search:
                 if exchanged is not None:
                     now.append(replace(rival, fit=exchanged))
             now += self._simpler(fit.model, own, others | {candidate.effect for candidate in now})
-            # Without a fit that lacks this effect alone, the one that lacks them all stands in.
+            # If the fit without this effect fails, the fit without any added effect replaces it.
             again.append(ranked(self._without_or_none(fit, own.effect) or self.steps[0].fit, now))
             fit = again[-1][0].candidates[0].fit
         for ranking in again:
@@ -217,16 +219,16 @@ class Search:
         return again, fit
 
     def _rivals(self, own: Candidate, taken: set[str]) -> list[Candidate]:
-        """The next best of the last round that tried an effect, if they helped there and were not found."""
+        """The next best candidates of the last round that fitted an effect, if they lowered the cost."""
         rounds = [
             [c for group in step.ranking for c in group.candidates if c.fit.cost < step.fit.cost]
             for step in self.steps
         ]
-        beside = [tried for tried in rounds if own.effect in [c.effect for c in tried]][-1]
+        beside = [fitted for fitted in rounds if own.effect in [c.effect for c in fitted]][-1]
         return [c for c in beside if c.effect not in taken][:RIVALS]
 
     def _simpler(self, model: PlantModel, own: Candidate, known: set[str]) -> list[Candidate]:
-        """The law that an effect contains, in its place, where it has not been looked at."""
+        """The special case that an effect contains, fitted in its place if it has not been fitted yet."""
         effect = SIMPLER.get(own.effect)
         if effect is None or effect in known:
             return []
@@ -236,7 +238,7 @@ class Search:
         return [Candidate(effect, fit, own.predicted_drop)] if fit else []
 
     def _without_or_none(self, fit: PlantFit, effect: str) -> PlantFit | None:
-        """Fit with an effect left out, once for each set of effects."""
+        """Fit without an effect, computed once for each set of effects."""
         model = fit.model.without_effect(effect)
         left = frozenset(each.id for each in model.effects)
         if left not in self._smaller:
@@ -244,8 +246,10 @@ class Search:
         return self._smaller[left]
 
     def with_rival(self, model: PlantModel, effect: str, rival: Candidate) -> PlantFit | None:
-        """Fit with the rival in an effect's place, from the better of two starts: the rival's values in this
-        model, whose others suit the effect, or this model's other effects beside the rival as it was fitted.
+        """Fit with a rival in place of an effect, from the better of two starts.
+
+        The first start is this model with the rival's values. The second is the rival's fitted model with the
+        other effects of this model added.
         """
         here, there = model.without_effect(effect), rival.fit.model.without_effect(effect)
         here.effects.append(copy.deepcopy(rival.fit.model.effects[-1]))
@@ -261,8 +265,10 @@ class Search:
     def fit_or_none(
         self, model: PlantModel, max_iter: int = CONVERGED_BY, *, anew: bool = False
     ) -> PlantFit | None:
-        """From the values at hand, or with the linear part started anew: a sampler brings a delay with it,
-        which the values at hand lack without it."""
+        """Fit a model, optionally with new starting values of its linear part; None if the fit fails.
+        New starting values are needed when a sample and hold is added or removed, because its delay is then
+        missing from the present values.
+        """
         try:
             return self.given.fit(self.given.started_anew(model) if anew else model, max_iter)
         except (GsidError, InputError):

@@ -1,10 +1,10 @@
-"""The torque that is missing, against rate, angle, command and time: where to look, not a verdict.
+"""The missing torque against rate, angle, command and time: a hint at the missing law, not a verdict.
 
-The output's mean error is taken back through the model's linear part, as far as noise allows (DIA-7; Wiener):
-tau = conj(G) E / (|G|^2 + s^2 / (P S)), G from torque to output, s^2 / P the variance of the mean, S the
-power of a line of the torque, from the error's excess over noise. In time, and averaged in bins of one
-coordinate of the model's own path after the other, it shows the law that is missing as a curve. Rate, angle
-and command go together, and the fit has already taken what its own parameters can imitate.
+The mean error of the output is deconvolved by the model's linear part with a Wiener filter (DIA-7):
+tau = conj(G) E / (|G|^2 + s^2 / (P S)). G is the response from torque to output, s^2 / P the variance of the
+mean, and S the power of a line of the torque, estimated from the excess of the error over noise. The torque
+is shown against time, and averaged over bins of rate, angle or command along the simulated trajectory. Rate,
+angle and command are correlated, and the free parameters of the fit have absorbed what they can imitate.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gsid.spectrum.spectra import Spectra
 
 BINS = 30
 BINS_OF_TIME = 100
-OCCUPIED = 1e-3  # share of the samples that a bin has to hold
+OCCUPIED = 1e-3  # least share of the samples in a bin
 
 
 @dataclass(eq=False)
@@ -37,15 +37,15 @@ class Curve:
     Attributes
     ----------
     name, unit : str
-        Of the coordinate.
+        Name and unit of the coordinate.
     at : (b,) ndarray
-        Middle of each bin.
+        Centre of each bin.
     torque, std : (b,) ndarrays
-        Mean over the bin, and what noise makes of it, in the unit of :class:`TorqueResidual`.
+        Mean over the bin, and its standard deviation due to noise, in the unit of :class:`TorqueResidual`.
     share : (b,) ndarray
-        Of the samples.
+        Share of the samples in each bin.
     explained : float
-        Share of the mean square of the torque that the curve holds: of a law of this coordinate, most.
+        Share of the mean square of the torque that the curve explains; large for a law of this coordinate.
     """
 
     name: str
@@ -57,13 +57,13 @@ class Curve:
     explained: float
 
     def to_effect(self) -> EffectType:
-        """The law that the curve shows, as an effect to add: the missing torque turned round, since laws
-        count torque against the motion."""
+        """Convert the curve into an effect, with reversed sign: a law gives the torque against the motion."""
         return table((self.name, self.at, -self.torque), unit=self.unit)
 
     def save(self, path: str | Path) -> None:
-        """Write that law as a CSV file, for `gsid.effects.table` and `gsid add --table`; a curve against
-        the time is none.
+        """Write the curve as a CSV file for `gsid.effects.table` and `gsid add --table`.
+
+        A curve against time is not a law and cannot be used in this way.
 
         Parameters
         ----------
@@ -76,14 +76,14 @@ class Curve:
 
 @dataclass(eq=False, repr=False)
 class TorqueResidual(Plottable):
-    """What :func:`torque_residual` found.
+    """Result of :func:`torque_residual`.
 
     Attributes
     ----------
     rate, angle, command, time : Curve
-        Over all records, but for the time: that of the first record's period.
+        Curves over all records, except `time`, which is over one period of the first record.
     rms : float
-        Of the torque / inertia, in `unit`.
+        Rms of torque / inertia, in `unit`.
     unit : str
         Angle / s^2.
     """
@@ -102,16 +102,16 @@ class TorqueResidual(Plottable):
 
     @property
     def best(self) -> Curve:
-        """The curve that holds most of the torque, of those that can be a law."""
+        """The curve that explains most of the torque, without the curve against time."""
         return max((self.rate, self.angle, self.command), key=lambda curve: curve.explained)
 
     @property
     def sentence(self) -> str:
-        """What it depends on, for people."""
+        """The size of the missing torque and the coordinate it depends on, as a sentence."""
         best = self.best
         others = ", ".join(f"{c.name} {c.explained:.0%}" for c in self.curves[:3] if c is not best)
-        share = f"{best.explained:.0%} of it goes with the {best.name} ({others})"
-        return f"The torque that is missing has an rms of {self.rms:.3g} {self.unit}; {share}."
+        share = f"{best.explained:.0%} of it depends on the {best.name} ({others})"
+        return f"The missing torque has an rms of {self.rms:.3g} {self.unit}; {share}."
 
     def __repr__(self) -> str:
         shares = ", ".join(f"{curve.name} {curve.explained:.0%}" for curve in self.curves)
@@ -120,7 +120,7 @@ class TorqueResidual(Plottable):
 
 @dataclass(eq=False)
 class _Path:
-    """One record: its torque's lines with their variance, and the model's path."""
+    """Torque lines of one record with their variance, and the model's trajectory."""
 
     n: int
     line: np.ndarray
@@ -135,12 +135,12 @@ def torque_residual(
     *,
     band: tuple[float, float] | None = None,
 ) -> TorqueResidual:
-    """Torque that would close the gap between a plant and the measurement (DIA-7).
+    """Estimate the torque that explains the difference of model and measurement (DIA-7).
 
     Parameters
     ----------
     model : PlantModel
-        Fitted to the records: what its free parameters can explain is not missing.
+        A model fitted to the records.
     records : Record or Spectra, or a sequence of them
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`. The mean torque is left out.
@@ -176,7 +176,7 @@ def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float
     answer = model.predict(s)
     error, noise = (s.y - answer.Y)[use], variance[use] / s.n_periods
     g = model.linear_response(s, use).torque
-    # At least as much torque as noise would make: where there is no excess the noise is halved, not blown up.
+    # The assumed torque is at least that of noise: without an excess, noise is halved and not amplified.
     excess = max(float(np.sum(np.abs(error) ** 2 - noise)), float(np.sum(noise)))
     back = np.conj(g) / (np.abs(g) ** 2 + noise * np.sum(np.abs(g) ** 2) / excess)
     delay = model.stack().get("transport_delay", {}).get("delay_s", 0.0)
@@ -198,7 +198,7 @@ def _curve(name: str, unit: str, paths: list[_Path], n_bins: int) -> Curve:
     for path, value in zip(paths, values, strict=True):
         index = np.clip(np.digitize(value, edges) - 1, 0, n_bins - 1)
         inside = index[None, :] == np.arange(n_bins)[:, None]
-        # Sum of the torque over the samples of a bin, line by line, so that its noise can be summed too.
+        # Sum of the torque over the samples of a bin, for each line, so that the variance can be summed too.
         sums = np.conj(np.fft.rfft(inside, axis=1)[:, path.line])
         count += inside.sum(axis=1)
         total += (sums @ path.torque).real
