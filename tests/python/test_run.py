@@ -254,7 +254,7 @@ def test_a_record_that_cannot_be_written_leaves_the_journal(folder):
     ("arguments", "code", "words"),
     [
         (("--recover", "none.journal"), 3, "none.journal"),
-        (("--recover", "text.journal"), 3, "no journal of gsid run"),
+        (("--recover", "text.journal"), 3, "not a journal of gsid run"),
         (("--recover", "text.journal", "--period", "600"), 2, "leave out --period"),
         (("--recover", "text.journal", "--port", "nowhere"), 2, "leave out --port"),
         (("--recover", "text.journal", "-o", "text.journal"), 3, "text"),
@@ -437,8 +437,8 @@ def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, wo
         (("--set", "gain"), 2, "not NAME=VALUE"),
         (("--set", "gain=x"), 2, "is not a number"),
         (("--coulomb", "-1"), 2, "out of its range"),
-        (("--link", "."), 3, "there is a file of that name"),
-        (("--link", "mine"), 3, "there is a link of that name, and not of this simulation"),
+        (("--link", "."), 3, "a file of that name exists"),
+        (("--link", "mine"), 3, "a link of that name exists, which this simulation did not create"),
     ],
 )
 def test_what_is_wrong_with_the_simulator_is_said(folder, arguments, code, words):

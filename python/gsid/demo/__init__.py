@@ -1,4 +1,4 @@
-"""The whole job on the simulated axis: measured over a serial line, fitted, compared; something found."""
+"""Demonstration on a simulated axis: measure over a serial line, fit, compare, and find a hidden effect."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gsid.rig.run import Progress
 
 @dataclass
 class Demo:
-    """What was measured and found, what it should have shown, and where the report is."""
+    """Results of the demo, the checks of these results, and the path of the report."""
 
     linear: Experiment
     friction: Experiment
@@ -59,13 +59,13 @@ def demo(
     Parameters
     ----------
     folder : path-like
-        Where records, models and the report are written; made when it is not there.
+        Folder of the records, models and report; created if it does not exist.
     seed : int
-        Of the axis's noise, and of what is hidden in it.
+        Random seed of the noise and of the hidden effect.
     on_step : callable
-        Told in words what comes next.
+        Called with a short description of each step before it starts.
     on_progress : callable, optional
-        Told how far a run over the serial line is.
+        Called with the progress of a run over the serial line.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The simulated axis in a process of its own, measured over a serial line as a real one would be."""
+"""A simulated axis in a separate process, measured over a serial line like a real axis."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ SETTLE_PERIODS = 2
 
 @dataclass
 class Bench:
-    """Where files go, and who is told how far things are.
+    """Folder of the files, and callbacks for the progress.
 
     Attributes
     ----------
     folder : Path
     on_step : callable
-        Told in words what comes next.
+        Called with a short description of each step before it starts.
     on_progress : callable or None
-        Told how far a run over the serial line is.
+        Called with the progress of a run over the serial line.
     """
 
     folder: Path
@@ -54,13 +54,13 @@ class Bench:
         name : str
         excitation : Multisine
         periods : int
-            Good ones, after two that settle.
+            Good periods, after two periods of settling.
         seed : int
-            Of the axis's noise.
+            Random seed of the noise.
         effect, params
-            Hidden in the axis, as `gsid simulate --effect --param`.
+            Effect hidden in the axis, as in `gsid simulate --effect --param`.
         truth_file : Path, optional
-            Where the axis writes its parameters.
+            File to which the axis writes its parameters.
         """
         with simulated_axis(seed, effect, params or {}, truth_file) as port:
             record = run(
@@ -79,7 +79,7 @@ class Bench:
 def simulated_axis(
     seed: int, effect: str, params: Mapping[str, float], truth_file: Path | None
 ) -> Iterator[str]:
-    """Serve a simulated axis in a process of its own, as `gsid simulate` does; gives the port's path."""
+    """Serve a simulated axis in a separate process, like `gsid simulate`; yields the path of the port."""
     command = [sys.executable, "-m", "gsid.cli.main", "simulate", "--once", "--seed", str(seed)]
     if effect:
         command += ["--effect", effect]
@@ -96,6 +96,6 @@ def simulated_axis(
             if not port:
                 raise RuntimeError(f"the simulated axis did not start: {process.stderr.read()}")
             yield port
-            process.wait(timeout=10)  # it ends by itself when the port is closed
+            process.wait(timeout=10)  # it ends when the port is closed
         finally:
             process.terminate()

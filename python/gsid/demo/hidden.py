@@ -1,7 +1,7 @@
-"""An effect drawn by a seed, to be hidden in the simulated axis, and its sealed answer.
+"""An effect chosen by a random seed, to be hidden in the simulated axis, and the hash of the answer.
 
-The seal is the SHA-256 of the answer's file: shown before anything is measured, it lets everybody check at
-the end (`sha256sum`) that the answer was there from the start.
+The SHA-256 of the file with the answer is shown before the measurement. At the end, `sha256sum` shows that
+the answer was not changed after the search.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Hidden:
-    """What is hidden.
+    """The hidden effect.
 
     Attributes
     ----------
     effect : str
         Id of the catalogue.
     params : dict of float
-        By the catalogue's names, in its units.
+        Parameters, with the names and units of the catalogue.
     seed : int
-        That it was drawn by.
+        Seed by which the effect was drawn.
     """
 
     effect: str
@@ -36,7 +36,7 @@ class Hidden:
 
     @property
     def answer(self) -> str:
-        """Text of the file that is sealed; salted, so that the seal of a guess cannot be looked up."""
+        """Text of the file that is hashed, with a salt, so that a guess cannot be verified by its hash."""
         salt = hashlib.sha256(f"gsid demo, hidden effect of seed {self.seed}".encode()).hexdigest()
         data = {"effect": self.effect, "params": self.params, "seed": self.seed, "salt": salt}
         return json.dumps(data, indent=1) + "\n"
@@ -66,7 +66,7 @@ def _between(rng: Rng, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-# What a gimbal of 7.4 deg/s^2 per command that moves by +-3 deg may have without anybody noticing.
+# Sizes that may remain unnoticed in a gimbal with 7.4 deg/s^2 per command and a travel of +-3 deg.
 SIZES: dict[str, Callable[[Rng], dict[str, float]]] = {
     "drive_dead_zone": lambda rng: {"half_width": _between(rng, 0.3, 3)},
     "drive_saturation": lambda rng: {"limit": rng.uniform(60, 90)},

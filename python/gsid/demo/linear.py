@@ -21,7 +21,7 @@ from gsid.spectrum.realisation import spectra
 from gsid.spectrum.spectra import Spectra
 
 BAND_HZ = (0.5, 250.0)
-AMPLITUDE = 3.0  # command per line, as the source's Schroeder multisine
+AMPLITUDE = 3.0  # command per line, as in the Schroeder multisine of the thesis
 PERIODS = 12  # not a multiple of 5, over which the fan's 61.8 turns per period would cancel from the mean
 ORDER = "5/3"  # rigid body on a spring, flexible mode, gyro lag
 COULOMB_LEVEL = 2.0  # deg/s^2, about 1 % of the torque that the excitation peaks at
@@ -34,7 +34,7 @@ ALPHA = 0.01  # of the comparison: at 5 % one seed in twenty would fail by chanc
 
 @dataclass
 class Experiment:
-    """One run of the axis and what was made of it."""
+    """One run of the axis, and the models and results from it."""
 
     name: str
     story: str
@@ -82,7 +82,7 @@ def both(bench: Bench, excitation: Multisine, seed: int) -> tuple[Experiment, Ex
 
 
 def add_to(page: Report, linear: Experiment, friction: Experiment, excitation: Multisine) -> None:
-    """Put both on the page."""
+    """Add both experiments to the page."""
     for one in (linear, friction):
         page.add_experiment(
             one.name,
@@ -151,7 +151,7 @@ def _raised(power: int) -> str:
 
 
 def checks(linear: Experiment, friction: Experiment) -> dict[str, bool]:
-    """What the two runs have to show."""
+    """Criteria that the two runs have to meet."""
     delay, mode = linear.truth[0], linear.truth[1]
     where = friction.comparison.where
     return {

@@ -1,4 +1,4 @@
-"""The demo's second half: an effect is hidden in the axis, looked for, added, and at last revealed."""
+"""The demo's second half: an effect is hidden in the axis, searched for, added, and finally revealed."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis tra
 BAND_HZ = (0.5, 194.5)
 PERIODS = 8  # not a multiple of 5, as in the first half
 FITTED, KEPT_OUT = 2, 2  # realisations of each level; the error on four kept out scatters by 4 % of the noise
-WRONG_BY = 0.05  # every value that is believed
-FLOOR_RATIO = 1.1  # error on the records kept out, over what noise alone leaves
+WRONG_BY = 0.05  # relative error of each parameter of the initial model
+FLOOR_RATIO = 1.1  # largest error on the records kept out, relative to noise alone
 
-# What is believed of the axis: parameters of the catalogue, and what the simulated axis calls them.
+# Initial model of the axis: parameters of the catalogue, and their names in the simulated axis.
 BELIEVED = {
     "rigid_body": {"gain": "gain"},
     "viscous_friction": {"rate": "viscous_rate"},
@@ -45,18 +45,18 @@ TURNS = {"phase_rad": 2 * np.pi, "angle_deg": 360.0}  # parameters that repeat
 
 @dataclass(eq=False)
 class Search:
-    """What was found in the records of an axis with something hidden in it.
+    """Result of the search in the records of an axis with a hidden effect.
 
     Attributes
     ----------
     hidden : Hidden
-        The answer, which nothing of the search has seen.
+        The answer, which the search did not use.
     fitted : list of Spectra
     comparison : Comparison
-        Of what is believed, its parameters fitted, on the records fitted.
+        Comparison of the initial model, its parameters fitted, with the fitted records.
     diagnosis : Diagnosis
     model : PlantModel
-        With the effects found.
+        Model with the effects found.
     """
 
     hidden: Hidden
@@ -67,17 +67,17 @@ class Search:
 
     @property
     def ladder(self) -> Ladder:
-        """From what was believed to the model."""
+        """Steps from the initial model to the final one."""
         return ladder(self.model)
 
     @property
     def named(self) -> bool:
-        """Whether the hidden effect is the first one found, or in one group with it."""
+        """Whether the hidden effect is in the first group found."""
         return bool(self.diagnosis.found) and self.hidden.effect in self.diagnosis.found[0].effects
 
     @property
     def over_floor(self) -> float:
-        """Error of the model on the records kept out, over what noise alone leaves."""
+        """Error of the model on the records kept out, relative to noise alone."""
         if not self.ladder.rungs:
             return np.inf
         last = self.ladder.rungs[-1]
@@ -85,7 +85,7 @@ class Search:
 
     @property
     def revealed(self) -> str:
-        """The answer, and whether it was found, for people."""
+        """The answer, and whether it was found, as a sentence."""
         hidden = Effect(
             self.hidden.effect, {name: Param(value) for name, value in self.hidden.params.items()}
         )
@@ -107,7 +107,7 @@ class Search:
         return f"The hidden effect was {self.hidden.effect} ({params}): {end}."
 
     def beside_truth(self) -> list[Truth]:
-        """Parameters of the hidden effect beside those found; nothing when another was added."""
+        """True and estimated parameters of the hidden effect; empty if it was not added to the model."""
         rows = []
         for effect in self.model.effects:
             if effect.id != self.hidden.effect:
@@ -134,11 +134,11 @@ class Search:
 
 
 def hide_and_seek(bench: Bench, seed: int) -> Search:
-    """Hide an effect, measure, search, and write the answer down only then."""
+    """Hide an effect, measure, search, and write the file with the answer at the end."""
     hidden = draw(seed)
     answer = bench.folder / "hidden.json"
     answer.unlink(missing_ok=True)
-    bench.on_step(f"hidden: an effect drawn by seed {seed}; SHA-256 of the sealed answer {hidden.seal}")
+    bench.on_step(f"hidden: an effect drawn by seed {seed}; SHA-256 of the answer {hidden.seal}")
     measured = []
     seeds = np.random.SeedSequence(seed).generate_state(len(LEVELS) * (FITTED + KEPT_OUT))
     for i, excitation in enumerate(excitations(seeds), 1):
@@ -182,7 +182,7 @@ def excitations(seeds: Sequence[int]) -> list[Multisine]:
 
 
 def believed(seed: int) -> PlantModel:
-    """The axis without anything hidden, each value 5 % off, up or down as the seed has it."""
+    """Model of the axis without the hidden effect, each parameter wrong by 5 %, with a random sign."""
     rng = np.random.default_rng(seed)
     true = SimulatedAxis().parameters
     return PlantModel(
@@ -202,7 +202,7 @@ def believed(seed: int) -> PlantModel:
 def search(
     model: PlantModel, fitted: list[Spectra], kept_out: list[Spectra], on_step: Callable[[str], None]
 ) -> tuple[Comparison, Diagnosis, PlantModel]:
-    """Compare, diagnose, and add what is found; the records kept out only judge."""
+    """Compare, diagnose, and add the effects found; the records kept out are used for validation only."""
     diagnosis = diagnose(model, fitted, on_step=lambda text: on_step(f"hidden: {text}"))
     comparison = compare(diagnosis.steps[0].fit.model, fitted, fitted=True)
     for group in diagnosis.found:
@@ -212,13 +212,13 @@ def search(
 
 
 def add_to(page: Report, found: Search) -> None:
-    """Put the search on the page."""
+    """Add the search to the page."""
     story = (
-        f"Seed {found.hidden.seed} has hidden one effect of the catalogue in the axis. The answer was sealed "
-        f"before anything was measured (SHA-256 {found.hidden.seal} of the file hidden.json) and stands at "
-        "the end of this page. The model that is believed has the linear parts of the axis, every value 5 % "
-        f"off. It is fitted to {FITTED} records of each of {len(LEVELS)} levels; {KEPT_OUT} more of each are "
-        "kept out, to judge."
+        f"One effect of the catalogue, chosen by seed {found.hidden.seed}, was hidden in the axis. The "
+        f"answer was hashed before the measurement (SHA-256 {found.hidden.seal} of the file hidden.json) "
+        "and is shown at the end of this page. The initial model has the linear parts of the axis, each "
+        f"parameter wrong by 5 %. It is fitted to {FITTED} records of each of {len(LEVELS)} levels; "
+        f"{KEPT_OUT} more of each are kept out for validation."
     )
     page.add_diagnosis(
         "hidden",
@@ -232,7 +232,7 @@ def add_to(page: Report, found: Search) -> None:
 
 
 def checks(found: Search) -> dict[str, bool]:
-    """What the search has to show."""
+    """Criteria that the search has to meet."""
     return {
         "something is found missing": not found.diagnosis.adequate,
         "the hidden effect is named": found.named,

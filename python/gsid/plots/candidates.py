@@ -1,4 +1,4 @@
-"""Picture of a diagnosis: how far each effect that was tried brings the cost down."""
+"""Picture of a diagnosis: the cost with each candidate effect."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     """
     rounds = [one for one in diagnosis.rounds if one.before is not None]
     if not rounds:
-        raise ValueError("no effect was tried: there is nothing to draw")
+        raise ValueError("no candidate effect was fitted, so there is nothing to draw")
     rows = [(one, one.before, group) for one in rounds for group in one.ranking]
     figure = new_figure(1.6 + 0.42 * len(rows))
     ax = figure.subplots()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from gsid.comparison import Comparison
     from gsid.diagnosis.ladder import Ladder
 
-# Legend of the errors that judge a ladder, by the name of their column.
+# Legend of the validation errors of a ladder, by the heading of their column.
 JUDGED = {
     "kept out": "the data kept out",
     "not fitted": "the records not fitted",
@@ -49,7 +49,7 @@ BOUND_OF_BOTH = "95 % bound, noise and model"
 
 @styled
 def comparison(comparison: Comparison) -> Figure:
-    """Error at the output against noise and the model's uncertainty: excited, odd and even lines apart,
+    """Error at the output against noise and model uncertainty, separately for excited, odd and even lines,
     failing bands shaded.
 
     Parameters
@@ -74,7 +74,7 @@ def comparison(comparison: Comparison) -> Figure:
             ax.plot(f[use], db(y[use]), color=NOISE, linewidth=0.9, label="|Y measured|")
         draw_error(ax, f[use], error[use], bound[use], "|Y measured − model|", label)
         for band in comparison.where:
-            if band["lines"] == name and band["f_hi_hz"] > 0.0:  # a log axis has no place for an offset
+            if band["lines"] == name and band["f_hi_hz"] > 0.0:  # a log axis cannot show an offset
                 _draw_failing_band(ax, band)
         counted = above_text(error[use], bound[use], right)
         ax.set_title(f"{name.capitalize()} lines: {counted}" if use.any() else "No lines")
@@ -88,7 +88,7 @@ def comparison(comparison: Comparison) -> Figure:
 
 
 def _bound(comparison: Comparison) -> np.ndarray:
-    """95 % bound of each line's error when the model is right, (k,).
+    """(k,) 95 % bound of the error of each line if the model is right.
 
     The sum of an estimated and a known variance has more degrees of freedom than the first (Satterthwaite).
     """
@@ -119,7 +119,7 @@ def _draw_failing_band(ax: Axes, band: dict) -> None:
 
 @styled
 def ladder(ladder: Ladder) -> Figure:
-    """Error after each step, on the data fitted and on those that judge, against the noise floor.
+    """Error after each step, on fitted and on validation data, against the noise floor.
 
     Parameters
     ----------

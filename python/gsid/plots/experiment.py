@@ -1,4 +1,4 @@
-"""Pictures of an experiment: the excitation, the periods laid over each other."""
+"""Pictures of an experiment: the excitation, and the periods overlaid."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def excitation(
     ----------
     source : Multisine (as designed) or Spectra (as applied: the mean period of the record)
     u_unit : str, optional
-        Unit of the input; default: that of the source.
+        Unit of the input; default: the unit in `source`.
     model : RationalModel or PlantModel, optional
     limits : Limits, optional
         Of command and travel, drawn beside them.

@@ -1,4 +1,4 @@
-"""Estimators side by side (source, figures 7.13 and 7.14)."""
+"""Comparison of estimators (source, figures 7.13 and 7.14)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gsid.fitting.estimators import Estimators
     from gsid.response.frf import Frf
 
-# Told apart without colour too: lines of different dashes.
+# Different dashes, so that the lines can be distinguished without colour.
 LOOKS = {
     "ls": ("#D55E00", ":"),
     "iwls": ("#E69F00", "--"),

@@ -88,7 +88,7 @@ def frf(frf: Frf) -> Figure:
 
 
 def _averaged(frf: Frf) -> str:
-    """Over what the response was averaged, and by which method if not by periods."""
+    """What was averaged for the response, and the method if it is not the mean over periods."""
     piece = "window" if frf.method == "windows" else "period"
     words = f"mean of {frf.n_periods} {piece}{'s' * (frf.n_periods != 1)}"
     if frf.n_realisations > 1:
@@ -184,7 +184,7 @@ def piecewise(model: PiecewiseModel, frf: Frf | None = None) -> Figure:
 
 
 def _band_of(model: RationalModel | PiecewiseModel) -> np.ndarray:
-    """Band to draw a model in by itself: that of its fit, else around its roots; below fs/2."""
+    """Band in which a model is drawn without data: the band of its fit, or around its roots; below fs/2."""
     band = model.band_hz
     if band is None:
         roots = np.abs(np.concatenate([model.poles, model.zeros])) / (2.0 * np.pi)
@@ -197,7 +197,7 @@ def _band_of(model: RationalModel | PiecewiseModel) -> np.ndarray:
 
 @styled
 def bode_of_plant(frf: Frf, g_model) -> Figure:
-    """Measured response with 95 % intervals, and output over input of a plant, which has no one response.
+    """Measured response with 95 % intervals, and the simulated output of a plant over its input.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def bode_of_plant(frf: Frf, g_model) -> Figure:
 
 
 def _draw_measured(gain_ax: Axes, phase_ax: Axes, frf: Frf, g_model, phase_model) -> None:
-    """The model tells on which branch the measured phase is: noise needs no unwrapping."""
+    """Unwrap the measured phase with the phase of the model, which is robust to noise."""
     use = line_mask(frf)
     f, g = frf.f_hz[use], frf.g[use]
     phase = phase_model + np.degrees(np.angle(g * np.conj(g_model)))
@@ -272,7 +272,7 @@ def residual(model: RationalModel, frf: Frf) -> Figure:
 
 @styled
 def residual_of_plant(frf: Frf, g_model) -> Figure:
-    """As `residual`, of a plant's output over its input.
+    """As `residual`, for the output of a plant over its input.
 
     Parameters
     ----------

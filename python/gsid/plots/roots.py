@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @styled
 def pole_zero(model: RationalModel) -> Figure:
-    """Pole-zero map of the upper half-plane, and every root close up with its 95 % confidence region.
+    """Pole-zero map of the upper half-plane, and a close-up of each root with its 95 % confidence region.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def pole_zero(model: RationalModel) -> Figure:
 
 
 def _may_be_zero(root: complex, cov) -> bool:
-    """An integrator, as far as the data tell."""
+    """Whether the root may be an integrator within its confidence region."""
     std = np.sqrt(np.trace(cov)) if np.all(np.isfinite(cov)) else 0.0
     return abs(root) <= NORMAL_95 * std
 

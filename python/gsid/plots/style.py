@@ -1,4 +1,4 @@
-"""What the pictures share: colours, axes, points, bands and words."""
+"""Shared style of the pictures: colours, axes, points, bands and texts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gsid.response.frf import Frf
 
 
-# Okabe and Ito's colours, which stay apart for the colour-blind; one meaning each in all pictures.
+# Colours of Okabe and Ito, which colour-blind readers can distinguish; each has one meaning in all pictures.
 MEASURED = "#333333"
 MODEL = "#0072B2"
 NOISE = "#8A8A8A"
@@ -121,7 +121,7 @@ def phase_axis(ax: Axes) -> None:
 
 
 def per_unit(y_unit: str, u_unit: str) -> str:
-    """Unit of y/u as one writes it: (deg/s)/A."""
+    """Unit of y/u, for example (deg/s)/A."""
     if not y_unit and not u_unit:
         return ""
     top = f"({y_unit})" if "/" in y_unit else y_unit or "1"
@@ -137,7 +137,7 @@ def with_unit(what: str, unit: str) -> str:
 
 
 def plain_text(value: str) -> str:
-    """Names and units come from files: a dollar sign in them is no mathematics."""
+    """Escape dollar signs of names and units from files, so that they do not start a formula."""
     return str(value).replace("$", r"\$")
 
 
@@ -147,19 +147,19 @@ def draw_points(ax: Axes, x, y, colour: str, label: str | None, **style) -> None
 
 
 def draw_error_bars(ax: Axes, x, low, high, label: str | None) -> None:
-    """All bars as one broken line: a tenth of the size of separate ones in an SVG."""
+    """Draw all bars as one interrupted line, which makes an SVG ten times smaller than separate lines."""
     gap = np.full(len(x), np.nan)
     bars = np.column_stack([low, high, gap]).ravel()
     ax.plot(np.repeat(x, 3), bars, color=MEASURED, alpha=0.35, linewidth=0.8, label=label)
 
 
 def shade_band(ax: Axes, f_lo: float, f_hi: float, label: str | None = None, colour: str = EXCESS) -> None:
-    """At least a hair wide, so that a band of one line is seen on a log axis."""
+    """Shade a band, with a minimum width, so that a band of one line is visible on a log axis."""
     ax.axvspan(f_lo / 1.006, f_hi * 1.006, color=colour, alpha=0.13, linewidth=0.0, label=label, zorder=0.5)
 
 
 def limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
-    """Limits from the curves that matter; isolated deep nulls do not squeeze the rest."""
+    """Axis limits from the main curves, without isolated deep nulls."""
     values = np.concatenate([np.atleast_1d(np.asarray(c, dtype=float)) for c in curves])
     values = values[np.isfinite(values)]
     if len(values):
@@ -169,7 +169,7 @@ def limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
 
 
 def degrees_of_freedom(frf: Frf) -> int | None:
-    """Degrees of freedom of the variance; None: it is taken as exact."""
+    """Degrees of freedom of the variance; None: the variance is assumed exact."""
     return frf.n_dof if 0 < frf.n_dof < np.inf else None
 
 
@@ -197,7 +197,7 @@ def with_interval(value: float, std: float | None) -> str:
 
 
 def order_text(model: RationalModel) -> str:
-    """Order as the command line takes it: poles/zeros."""
+    """Order in the format of the command line: poles/zeros."""
     return f"{len(model.den) - 1}/{len(model.num) - 1}"
 
 
@@ -214,7 +214,7 @@ def draw_error(ax: Axes, f, error, bound, label: str, bound_label: str = BOUND_O
 
 
 def above_text(error, bound, right: str = "noise alone") -> str:
-    """How many lines lie above their bound, beside what is left by noise, or by what `right` says."""
+    """Number of lines above their bound, and the share expected from `right`, by default noise alone."""
     if not np.any(np.isfinite(bound)):
         return "the noise is not known"
     above = error > bound

@@ -1,4 +1,4 @@
-"""Picture of the torque that a model misses."""
+"""Picture of the missing torque of a model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def torque_residual(residual: TorqueResidual) -> Figure:
     Figure
     """
     figure = new_figure(5.8)
-    best = residual.best if residual.best.explained > 0.1 else None  # noise gives every curve a little
+    best = residual.best if residual.best.explained > 0.1 else None  # noise alone gives a small share
     for ax, curve in zip(figure.subplots(2, 2).ravel(), residual.curves, strict=True):
         colour = EXCESS if curve is best else MODEL
         low, high = curve.torque - 2 * curve.std, curve.torque + 2 * curve.std
@@ -48,7 +48,7 @@ def torque_residual(residual: TorqueResidual) -> Figure:
 
 
 def _draw_occupancy(ax: Axes, curve: Curve) -> None:
-    """How often each bin is visited, along the bottom."""
+    """Draw the share of samples in each bin along the bottom."""
     if np.ptp(curve.share) > 0.5 * curve.share.max():
         width = np.min(np.diff(curve.at)) if len(curve.at) > 1 else 1.0
         height = 0.12 * curve.share / curve.share.max()

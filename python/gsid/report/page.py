@@ -1,4 +1,4 @@
-"""The page: experiments gathered, and written with everything they need inside."""
+"""The report page: collects experiments and writes them as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ class _Experiment:
     tables: Sequence[Table]
     pictures: Sequence[Picture]
     closing: Sequence[Table]  # after the pictures
-    answer: str = ""  # the last word
+    answer: str = ""  # closes the section
 
 
 class Report:
-    """Experiments gathered for one page.
+    """Collection of experiments for one page.
 
     Parameters
     ----------
     title : str
     command : str, optional
-        Command line to state at the end; default: that of this process.
+        Command line shown at the end of the page; default: that of this process.
     """
 
     def __init__(self, title: str, *, command: str | None = None) -> None:
@@ -95,29 +95,30 @@ class Report:
         truth: Sequence[Truth] | None = None,
         story: str = "",
     ) -> Report:
-        """Add one experiment; what is not there is left out of the page.
+        """Add one experiment. Sections without data are omitted.
 
         Parameters
         ----------
         name : str
             Heading on the page.
         record, spectra : one or one per realisation, optional
-            Of several, the pictures show the first, that of the excitation the largest.
+            With several, the pictures show the first one, except the picture of the excitation, which shows
+            the one with the largest input.
         frf : Frf, optional
         model : RationalModel, PiecewiseModel or PlantModel, optional
-            A plant is shown beside the measured response where there are spectra, and with its ladder.
+            A plant is compared with the measured response if there are spectra, and shown with its ladder.
         comparison : Comparison, optional
         multisine : Multisine, optional
-            The excitation as designed; without it the applied one is shown, from the spectra.
+            The excitation as designed; default: the excitation as applied, from the spectra.
         distortion : Distortion, optional
-            Shown where it could be told from noise.
+            Shown if it is distinguishable from noise.
         noise : Noise, optional
-            Of the first record.
+            Noise of the first record.
         limits : Limits, optional
-            Of command and travel, drawn beside the excitation.
+            Limits of command and travel, drawn with the excitation.
         truth : sequence of Truth, optional
         story : str, optional
-            A sentence or two on what was done and why.
+            One or two sentences on the experiment and its purpose.
 
         Returns
         -------
@@ -159,24 +160,24 @@ class Report:
         answer: str = "",
         truth: Sequence[Truth] = (),
     ) -> Report:
-        """Add what a diagnosis found: where the model fails, which effect is missing, how sure that is.
+        """Add the result of a diagnosis: where the model fails, which effect is missing, how certain this is.
 
         Parameters
         ----------
         name : str
             Heading on the page.
         spectra : Spectra or sequence of Spectra
-            What was diagnosed.
+            Records of the diagnosis.
         diagnosis : Diagnosis
         ladder : Ladder, optional
-            How much the error fell with each step, on data that its fit left out.
+            Error after each step, on data that were not fitted.
         band : (lo, hi), optional
-            Hz; that of the diagnosis.
+            Hz; the band of the diagnosis.
         story : str, optional
         answer : str, optional
-            What was missing in truth, where that is known; it ends the section.
+            The true missing effect, if it is known; shown at the end of the section.
         truth : sequence of Truth, optional
-            Its parameters beside what was found.
+            True parameters of the effect, with their estimates.
 
         Returns
         -------
@@ -214,14 +215,14 @@ class Report:
         return self
 
     def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
-        """Add what each estimator made of the same response (source, section 7.10).
+        """Add the models that several estimators fitted to one response (source, section 7.10).
 
         Parameters
         ----------
         name : str
             Heading on the page.
         frf : Frf
-            What they were fitted to.
+            The response fitted.
         found : Estimators
         story : str, optional
 
@@ -255,7 +256,7 @@ class Report:
         return self
 
     def _drawn(self, pictures: Sequence[tuple[str, Callable[[], Figure]]]) -> list[Picture]:
-        """Pictures of the next experiment, with ids that are the page's alone."""
+        """Pictures of the next experiment, with ids that are unique on the page."""
         number = len(self._experiments) + 1
         return [
             Picture(title, CAPTIONS[title], inline_svg(draw(), f"e{number}p{i}-", title))
@@ -263,7 +264,7 @@ class Report:
         ]
 
     def html(self) -> str:
-        """Return the page, with everything it needs inside."""
+        """Return the page as self-contained HTML."""
         loader = jinja2.PackageLoader("gsid", "templates")
         environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
         now = datetime.datetime.now().astimezone()
@@ -274,7 +275,7 @@ class Report:
         )
 
     def write(self, path: str | os.PathLike) -> Path:
-        """Write the page; an old one stays whole until the new one is complete.
+        """Write the page. An existing file is replaced only when the new one is complete.
 
         Parameters
         ----------
@@ -287,7 +288,7 @@ class Report:
         Raises
         ------
         OSError
-            When the folder cannot be written.
+            The folder cannot be written.
         """
         text = self.html()
         write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Pictures of a report: which there are, how to read them, and how they stand in a page."""
+"""Pictures of a report: their selection, their captions, and their inline SVG."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing as it stands in the page."""
+    """A drawing of the page, with title and caption."""
 
     title: str
     caption: str  # how to read it, one sentence
@@ -52,13 +52,13 @@ CAPTIONS = {
     "region in which the root lies with 95 % confidence.",
     "Where it fails": "The error of the model as it was, its free parameters fitted, beside the noise, for "
     "lines that were excited and for those that were not.",
-    "Torque that is missing": "The error taken back through the model, averaged over places of equal rate, "
-    "angle, command or time; positive drives forwards. A curve far off 0, for its band of ±2 σ, is a hint at "
-    "the law that is missing.",
-    "With what was found": "The same with the effects found: where they are right only noise is left.",
-    "Ladder": "Every step is fitted on some of the data and judged on the rest: an effect that is there "
-    "brings the error on data not fitted down to the noise, one that is not leaves it where it was. Where "
-    "the search used these data too, the error on new ones may be larger.",
+    "Torque that is missing": "The error of the output converted to torque by the inverse of the model, and "
+    "averaged over equal rate, angle, command or time; positive torque drives forwards. A curve outside its "
+    "band of ±2 σ is a hint at the missing law.",
+    "With what was found": "Same plot after adding the effects found: if they are right, only noise remains.",
+    "Ladder": "Each step is fitted to some of the data and validated on the rest. A true effect reduces the "
+    "error on the validation data to the noise; a wrong effect does not reduce it. If the search used the "
+    "validation data too, the error on new data may be larger.",
     "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
     "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
     "Noise and distortion": "Above, the response with its uncertainty by noise alone, which averaging "
@@ -70,7 +70,7 @@ CAPTIONS = {
 def pictures_of(
     record, all_spectra, frf, model, comparison, multisine, *, noise=None, limits=None
 ) -> list[tuple[str, Callable[[], Figure]]]:
-    """Title and drawing of each picture there is data for, in the order of reading."""
+    """Title and drawing of each picture for which there are data, in the order of the page."""
     spectra = all_spectra[0] if all_spectra else None
     u_unit = next((s.u_unit for s in (frf, spectra) if s is not None), "")
     has_fit = frf is not None and model is not None and not isinstance(model, PlantModel)
@@ -115,7 +115,7 @@ _LONG_NUMBER = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is below a
 
 
 def inline_svg(figure: Figure, prefix: str, title: str) -> Markup:
-    """SVG element to stand in a page: no prologue, no fixed size, and ids that no other picture has."""
+    """SVG element for an HTML page: no prologue, no fixed size, and ids that are unique on the page."""
     text = io.StringIO()
     with matplotlib.rc_context(plots.STYLE):
         figure.savefig(text, format="svg", metadata={"Date": None})

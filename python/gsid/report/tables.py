@@ -1,4 +1,4 @@
-"""Tables of a report: the model, its roots and parameters, what ranks first, where the model fails."""
+"""Tables of a report: the model, its roots and parameters, the ranking of effects, and failing bands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ESTIMATORS_NOTE = (
 
 @dataclass(frozen=True)
 class Truth:
-    """A quantity whose true value is known, beside its estimate.
+    """A quantity with known true value, and its estimate.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts under a head."""
+    """Rows of text under a heading."""
 
     title: str
     head: Sequence[str]
@@ -68,7 +68,7 @@ def _number(value: float, digits: int = 6) -> str:
 def model_tables(
     model: RationalModel | PiecewiseModel | PlantModel | None, truth: Sequence[Truth] | None
 ) -> list[Table]:
-    """What is told of a model, its truth first where that is known."""
+    """Tables of a model; the first one compares it with the true values, if they are known."""
     tables = []
     if truth:
         tables.append(truth_table(truth))
@@ -76,7 +76,7 @@ def model_tables(
         tables.append(plant_table(model))
     elif isinstance(model, PiecewiseModel):
         head, rows = model.table()
-        note = "A jump is what the response does at the break to the piece below."
+        note = "A jump is the discontinuity of the response at the boundary to the piece below."
         tables.append(Table("Models of adjoining bands", tuple(head), [tuple(row) for row in rows], note))
     elif model is not None:
         tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
@@ -84,7 +84,7 @@ def model_tables(
 
 
 def distortion_table(bands: Sequence[DistortedBand]) -> Table:
-    """What limits in which band."""
+    """Whether noise or distortion limits the accuracy in each band."""
     rows = []
     for band in bands:
         low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
@@ -96,7 +96,7 @@ def distortion_table(bands: Sequence[DistortedBand]) -> Table:
 
 
 def truth_table(truth: Sequence[Truth]) -> Table:
-    """Quantities whose true value is known, beside their estimates."""
+    """Quantities with known true values, and their estimates."""
     rows = [
         (t.name, t.unit, _number(t.truth), _number(t.estimate), _number(t.std, 2), _signed(t.n_sigma))
         for t in truth
@@ -205,7 +205,7 @@ def _sigma(param: Param) -> str:
 
 
 def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
-    """One table for each round of the search that tried effects, and for what became of those found."""
+    """One table for each round of the search, and one for each final ranking that differs from its round."""
     tables = []
     head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
     for one in diagnosis.rounds:
@@ -219,8 +219,8 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
             for group in one.ranking
         ]
         if one.before is None:
-            note = "Ranked again when all were there."
-            tables.append(Table("Which effect, beside the others found", head, rows, note))
+            note = "Ranked again with all effects in the model."
+            tables.append(Table("Which effect, with the other effects found", head, rows, note))
         else:
             title = "Which effect" if one.name == "1" else f"Which effect, round {one.name}"
             tables.append(Table(title, head, rows, f"Without it: {one.before:.4g}."))

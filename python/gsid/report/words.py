@@ -1,4 +1,4 @@
-"""What a report says in words: verdict, how it was measured, what made the page."""
+"""Texts of a report: verdict, facts of the measurement, versions of the software."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def verdict_of(
     frf: Frf | None, model: RationalModel | PiecewiseModel | PlantModel | None, comparison: Comparison | None
 ) -> tuple[str, str]:
-    """A sentence on what was found, and its colour: "good", "bad" or "none"."""
+    """A sentence on the result, and its grade: "good", "bad" or "none"."""
     if comparison is not None:
         return comparison.verdict, "good" if comparison.adequate else "bad"
     if isinstance(model, PlantModel):
@@ -44,7 +44,7 @@ def verdict_of(
 
 
 def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -> list[tuple[str, str]]:
-    """How it was measured: name and value of each fact."""
+    """Facts of the measurement, as name and value."""
     source = frf or (spectra[0] if spectra else None)
     facts = []
     names = [r.name for r in records if r.name] or ([source.name] if source and source.name else [])
@@ -94,7 +94,7 @@ def command_line() -> str:
 
 
 def versions() -> list[tuple[str, str]]:
-    """Name and version of what made the page."""
+    """Names and versions of the software that made the page."""
 
     def library(name: bytes) -> str:
         return ffi.string(lib.gsid_build_library_version(name)).decode() or "left out of this build"

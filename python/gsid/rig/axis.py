@@ -61,7 +61,7 @@ def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, flo
 
 
 class SimulatedAxis:
-    """The source's inner azimuth axis, or one of your own.
+    """Simulated axis: by default the inner azimuth axis of the thesis, or one with other parameters.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class SimulatedAxis:
         return self.parameters["fs_hz"]
 
     def reset(self) -> None:
-        """Come to rest at tick 0, with the noise started anew."""
+        """Reset the axis to rest at tick 0, and restart the noise."""
         lib.gsid_axis_reset(self._axis)
 
     def with_noise_of_run(self, n: int) -> SimulatedAxis:

@@ -129,7 +129,7 @@ class Receiver:
         )
 
     def decode(self, data: bytes) -> np.ndarray:
-        """Take bytes off the line.
+        """Decode received bytes.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Receiver:
         found = np.zeros((self._link.n_held + len(data)) // FRAME_BYTES + 1, FRAME)
         source, target = ffi.from_buffer("uint8_t[]", data), ffi.from_buffer("gsid_frame[]", found)
         used, n_found, n_new = 0, 0, ffi.new("size_t *")
-        while used < len(data):  # more than once when there is a HELLO in it
+        while used < len(data):  # repeats after each HELLO in the data
             used += lib.gsid_link_decode(
                 self._link, len(data) - used, source + used, len(found) - n_found, target + n_found, n_new
             )

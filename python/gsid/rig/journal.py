@@ -1,4 +1,4 @@
-"""The journal of a run: samples on the disk while they come, for a record when the run is cut off."""
+"""Journal of a run: samples written to disk as they arrive, so that an interrupted run leaves a record."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ SAMPLE = np.dtype([("u", "<f4"), ("y", "<f4"), ("valid", "u1")])
 DESCRIPTION_MAX = 1 << 20  # bytes
 BLOCK_MAX = 1024  # samples
 SAMPLES_MAX = 1 << 31
-LOST_MAX = 64, 1 << 22  # samples that a journal may lack: so many for each byte, and so many more
+LOST_MAX = 64, 1 << 22  # samples that a journal may lack: this number for each byte, plus a constant number
 SYNC_S = 1.0  # between two syncs
 CLOSE_S = 10.0  # for a disk that does not answer
 
 
 @dataclass
 class RunDescription:
-    """What a record needs besides its samples.
+    """Description of a record without its samples.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class RunDescription:
     meta: dict[str, str] = field(default_factory=dict)
 
     def record(self, u: np.ndarray, y: np.ndarray, valid: np.ndarray, meta: dict[str, str]) -> Record:
-        """Make a record of whole periods; of everything when there is not one.
+        """Make a record of the whole periods, or of all samples if there is no whole period.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class JournalError(InputError):
 
 
 class Journal:
-    """Samples appended to a new file by a thread of its own, so that a slow disk never delays the line.
+    """Append samples to a new file in a separate thread, so that a slow disk never delays the line.
 
     A sample is safe from the end of this process as soon as it is written, and from the end of the computer's
     power when it is synced: once a second.
@@ -156,7 +156,7 @@ class Journal:
             thread.start()
 
     def append(self, first: int, u: np.ndarray, y: np.ndarray, valid: np.ndarray) -> None:
-        """Append samples from tick `first` on; those of ticks that are there already replace them.
+        """Append samples from tick `first` on. They replace samples of the same ticks.
 
         Parameters
         ----------
@@ -178,13 +178,15 @@ class Journal:
             self._blocks.put(_block(first + at, block.tobytes(), len(block)))
 
     def close(self) -> None:
-        """Write what waits, and sync; JournalError when that fails."""
+        """Write all pending samples and sync the file; raises JournalError if this fails."""
         self._blocks.put(None)
         end = time.monotonic() + CLOSE_S
         for thread in self._threads:
             thread.join(max(0.0, end - time.monotonic()))
             if thread.is_alive():
-                raise self._failed(OSError(errno.ETIMEDOUT, f"the disk does not answer in {CLOSE_S:g} s"))
+                raise self._failed(
+                    OSError(errno.ETIMEDOUT, f"the disk does not respond within {CLOSE_S:g} s")
+                )
         os.close(self._file)
         if self._error is not None:
             raise self._failed(self._error)
@@ -207,7 +209,7 @@ class Journal:
         self._sync_due.set()
 
     def _sync_all(self) -> None:
-        """In a thread of its own: samples are written while the disk works."""
+        """Body of the thread: write pending samples until the journal is closed or the disk fails."""
         ended = False
         while not ended:
             self._sync_due.wait()
@@ -248,7 +250,7 @@ def _sync_folder(folder: Path) -> None:
 
 @dataclass
 class Recovered:
-    """What a journal gave.
+    """Result of reading a journal.
 
     Attributes
     ----------
@@ -265,7 +267,7 @@ class Recovered:
 
 
 def recover(path: str | os.PathLike) -> Recovered:
-    """Make a record of a journal.
+    """Make a record from a journal.
 
     Parameters
     ----------
@@ -329,7 +331,7 @@ def _read_block(data: bytes, at: int, limit: int, blocks: list[tuple[int, np.nda
 def _read_description(name: str, data: bytes) -> tuple[RunDescription, int]:
     """The description, and where the blocks begin."""
     if not data.startswith(MAGIC):
-        raise InputError("no journal of gsid run", name, None, "name REC.journal of a run that was cut off")
+        raise InputError("not a journal of gsid run", name, None, "give REC.journal of an interrupted run")
     damaged = InputError(
         "the description of the journal is damaged",
         name,
@@ -352,7 +354,7 @@ def _read_description(name: str, data: bytes) -> tuple[RunDescription, int]:
 
 
 def _check_description(run: RunDescription) -> None:
-    """ValueError or TypeError for values that no run has."""
+    """Raise ValueError or TypeError for values that no run can have."""
     counts = (run.period_samples, run.settle_samples, run.capacity)
     texts = (run.u_unit, run.y_unit, run.name, *run.meta, *run.meta.values())
     if not (

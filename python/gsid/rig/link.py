@@ -1,4 +1,4 @@
-"""The host's end of a serial line to an axis: transports, sessions, and what can go wrong."""
+"""Host side of a serial line to an axis: transports, sessions and errors."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gsid.records.record import Record
 from gsid.rig.frames import HELLO, SESSION_MAX, STOP, VERSION, Receiver, encode, frames, hello_frame
 
 BAUD = 921600
-QUIET_S = 2.0  # without a reply for so long, what is under way is sent again
-SILENT_S = 10.0  # without a reply for so long, the axis is given up
-SILENCE_STOP_S = 0.2  # an axis that gets no frame for so long sets its command to zero
+QUIET_S = 2.0  # time without a reply after which the pending frames are sent again
+SILENT_S = 10.0  # time without a reply after which the run ends with an error
+SILENCE_STOP_S = 0.2  # time without a frame after which the axis sets its command to zero
 STOP_WAIT_S = 0.5  # for the answer to STOP
 
 
 class LinkError(InputError):
-    """The line, or what is at its other end, does not let a measurement be finished.
+    """The line or the axis prevents the measurement from being finished.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class LinkError(InputError):
 
 
 class LimitError(LinkError):
-    """The planned command, or what the axis does, passes a limit of the run; the command is zero."""
+    """The planned command or the motion of the axis exceeds a limit of the run; the command is zero."""
 
 
 class Stopped(KeyboardInterrupt):
@@ -49,16 +49,16 @@ class Stopped(KeyboardInterrupt):
 
 
 class Transport(Protocol):
-    """Anything that carries bytes both ways; what goes wrong is an OSError."""
+    """A bidirectional byte stream. Its methods raise OSError if they fail."""
 
     def read(self) -> bytes:
-        """Return what has come, at once if anything has; b"" after a twentieth of a second without a byte."""
+        """Return the received bytes without waiting for more; b"" after 50 ms without a byte."""
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
 
 
 class SerialTransport:
@@ -104,7 +104,7 @@ def new_session(last: int) -> int:
 
 
 class Link:
-    """The host's end of the line.
+    """Host side of the line.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Link:
             raise self._gone(error) from error
 
     def check_stop(self) -> None:
-        """Raise `Stopped` when `should_stop` says so."""
+        """Raise `Stopped` if `should_stop` returns true."""
         if self._should_stop is not None and self._should_stop():
             raise Stopped("stopped")
 
@@ -188,11 +188,11 @@ class Link:
             f"the axis does not answer within {SILENT_S:g} s",
             self.name,
             f"{self.receiver!r}",
-            "is it powered, at 921600 baud, and is nobody else using the port?",
+            "check its power, its baud rate (921600), and that no other program uses the port",
         )
 
     def _is_answer(self, hello: np.void) -> bool:
-        """Whether a HELLO answers ours; an axis of another version does not know of sessions."""
+        """Whether a HELLO is the reply to ours; an axis of another version has no sessions."""
         return hello["tick"] == self.receiver.session or hello["flags"] != VERSION
 
     def _read_hello(self, answer: np.void) -> tuple[float, int]:

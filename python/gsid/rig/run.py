@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from gsid.response.streaming import StreamingFrf
     from gsid.rig.link import Transport
 
-WINDOW = 512  # commands under way: 170 ms at 3 kHz, more than an operating system sleeps
-KEEP_ALIVE_S = 0.05  # the host sends something at least so often
-REST_S = 0.5  # of command zero before a run with a limit on travel: what the gyro shows then is its offset
+WINDOW = 512  # commands in flight: 170 ms at 3 kHz, longer than an operating system suspends a process
+KEEP_ALIVE_S = 0.05  # longest interval between two frames from the host
+REST_S = 0.5  # command zero before a run with a limit on travel, to measure the offset of the gyro
 
 
 @dataclass
 class Progress:
-    """How far a run is: ticks measured, good and lost periods, good periods asked for."""
+    """Progress of a run: ticks measured, good and lost periods, and good periods requested."""
 
     ticks: int
     good: int
@@ -55,7 +55,7 @@ def run(
     should_stop: Callable[[], bool] | None = None,
     limits: RunLimits | None = None,
 ) -> Record:
-    """Drive an axis with a periodic excitation until so many good periods are measured.
+    """Drive an axis with a periodic excitation until the requested number of good periods is measured.
 
     A lost or damaged sample spoils its period only; so does one whose echo of the command differs from that
     of other periods. A lost command (the axis holds the one before, and reports it) disturbs the axis: the
@@ -144,7 +144,7 @@ def run(
 
 
 def _check_plan(table: np.ndarray, limits: RunLimits | None, name: str) -> None:
-    """LimitError when the planned command passes its limit."""
+    """Raise LimitError if the planned command exceeds its limit."""
     peak = np.abs(table).max()
     if limits and limits.command is not None and peak > limits.command * ROUNDING:
         raise LimitError(
@@ -164,7 +164,7 @@ def _drive(
     should_stop: Callable[[], bool] | None,
     consumers: _Consumers,
 ) -> tuple[BaseException | None, dict[str, str]]:
-    """Fill `samples`, and set the command to zero: what went wrong, and how the line behaved."""
+    """Fill `samples`, then set the command to zero; returns the failure, if any, and the statistics."""
     n_ahead = int(SILENT_S * fs_hz)
     statistics: dict[str, str] = {}
     try:
@@ -188,7 +188,7 @@ def _now() -> str:
 
 
 def _close(journal: Journal | None, samples: Samples) -> BaseException | None:
-    """Finish the journal; why it is not whole."""
+    """Finish the journal. Returns the reason if it is incomplete."""
     if journal is None:
         return None
     try:
@@ -205,7 +205,7 @@ def _close(journal: Journal | None, samples: Samples) -> BaseException | None:
 
 
 def _keep(journal: Journal, samples: Samples) -> None:
-    """Append what the journal does not have yet."""
+    """Append the samples that are not in the journal yet."""
     new = slice(samples.kept, samples.end)
     if new.start < new.stop:
         journal.append(new.start, samples.u[new], samples.y[new], samples.valid[new])
@@ -214,7 +214,7 @@ def _keep(journal: Journal, samples: Samples) -> None:
 
 @dataclass
 class _Consumers:
-    """Who takes the samples as they come."""
+    """Consumers of the samples as they arrive."""
 
     name: str
     journal: Journal | None
@@ -225,7 +225,7 @@ class _Consumers:
     n_fed: int = 0
 
     def take(self, samples: Samples) -> None:
-        """Pass on what is new; LimitError when a limit is passed."""
+        """Pass on new samples; raises LimitError if a limit is exceeded."""
         if self.journal is not None:
             _keep(self.journal, samples)
         if self.watch is not None:
@@ -251,7 +251,7 @@ class _Consumers:
 
 
 def _watch(link: Link, limits: RunLimits, fs_hz: float) -> Watch:
-    """Limits, and for the travel the rate that the gyro shows at rest."""
+    """Limits and, for the travel, the rate that the gyro measures at rest."""
     if limits.travel_deg is None:
         return Watch(limits, fs_hz)
     n_queue = _start(link, fs_hz)
@@ -283,7 +283,7 @@ def _start(link: Link, fs_hz: float) -> int:
 
 
 def _stop(link: Link, samples: Samples | None = None, n_ahead: int = 0) -> bool:
-    """Set the command to zero, and take the samples under way; True when the axis has confirmed it."""
+    """Set the command to zero and receive pending samples; True if the axis has confirmed it."""
 
     def take(got: np.ndarray) -> None:
         if samples is not None and samples.end:  # else they are those of the rest before the run
@@ -304,7 +304,7 @@ def _exchange(
     n_ahead: int,
     take: Callable[[Samples], None],
 ) -> None:
-    """Keep a window of commands under way, and `take` what comes back, until there are enough good periods.
+    """Keep a window of commands in flight and `take` the samples, until there are enough good periods.
 
     A paced axis may have gone on beyond the last command sent while the host was stalled: samples up to
     `n_ahead` ticks further are believed.
@@ -334,7 +334,7 @@ def _exchange(
                 "check the line and the axis, and start again",
             )
         elif time.monotonic() > resend:
-            # Commands may be lost, or their samples: then the axis waits for commands that were never sent.
+            # Commands or samples may be lost; the axis then waits for commands that were never sent.
             sent = _send_commands(link, table, samples.end, min(sent + window, samples.end + n_queue))
             sent_at = time.monotonic()
             resend += QUIET_S
@@ -350,15 +350,15 @@ def _too_many_lost(link: Link, samples: Samples) -> LinkError:
     return LinkError(
         "too many periods are lost on the line",
         link.name,
-        f"{samples.n_good} good of {len(samples.good)}, {samples.asked} asked for; "
+        f"{samples.n_good} good of {len(samples.good)}, {samples.asked} requested; "
         f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost, "
         f"{samples.echo.n_wrong} wrong echoes",
-        "mend the line (cable, grounding, baud rate), or shorten the period: one lost sample spoils it",
+        "check the line (cable, grounding, baud rate) or shorten the period: one lost sample spoils a period",
     )
 
 
 def _statistics(samples: Samples, link: Link, confirmed: bool) -> dict[str, str]:
-    """How the line behaved."""
+    """Statistics of the line."""
     values = {
         "lost_commands": samples.n_held,
         "wrong_echoes": samples.echo.n_wrong,

@@ -1,4 +1,4 @@
-"""Samples of a run as they come: what was lost, and whether the command was the one sent."""
+"""Samples of a run as they arrive: detection of lost samples, and check of the echoed command."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from gsid.rig.link import LinkError
 
 GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
 BAD_IN_A_ROW = 8  # periods
-BAD_FACTOR = 4  # periods measured over periods asked for
+BAD_FACTOR = 4  # periods measured over periods requested
 
 
 class Echo:
-    """The command as the axis reports it: the one sent, clipped and rounded, the same in every period."""
+    """The command as reported by the axis: the one sent, clipped and rounded, the same in every period."""
 
     def __init__(self, table: np.ndarray) -> None:
         self.sent = table.astype(np.float32)
         self.known = np.full(len(table), np.nan, np.float32)  # echo of each sample of the period
-        self.other = np.full(len(table), np.nan, np.float32)  # another one, seen last: twice, and it is right
+        self.other = np.full(len(table), np.nan, np.float32)  # last different echo; it is adopted if repeated
         self.n_wrong = 0
         self.is_judged = False  # whether a whole period was compared with what was sent
 
@@ -83,7 +83,7 @@ def _step_of(values: np.ndarray) -> float:
 
 
 class Samples:
-    """What has come back, by tick, and which periods of it are good."""
+    """Received samples by tick, and which of their periods are good."""
 
     def __init__(self, table: np.ndarray, settle: int, asked: int) -> None:
         capacity = settle + (BAD_FACTOR * asked + 1) * len(table)
@@ -126,7 +126,7 @@ class Samples:
         if not self.echo.is_judged and not np.isnan(self.echo.known).any():
             try:
                 wrong = self.echo.judge()
-            except LinkError:  # nobody knows the input of what was measured
+            except LinkError:  # the input of the measured samples is unknown
                 self.valid[: self.end] = False
                 raise
             for sample in wrong:
@@ -152,6 +152,6 @@ class Samples:
         return len(self.good) - self.n_good
 
     def hopeless(self) -> bool:
-        """Whether too many periods are lost to go on."""
+        """Whether too many periods are lost to continue."""
         in_a_row = len(self.good) >= BAD_IN_A_ROW and not any(self.good[-BAD_IN_A_ROW:])
         return in_a_row or len(self.good) >= BAD_FACTOR * self.asked

@@ -1,4 +1,4 @@
-"""A simulated gimbal axis, and its end of the serial line; docs/reference/protocol.md has its rules."""
+"""Server of a simulated gimbal axis on a serial line; docs/reference/protocol.md defines the protocol."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from gsid.rig.axis import SimulatedAxis
 
 QUEUE = 8192  # commands kept
-LEAD_S = 0.02  # paced: from the first command to tick 0, time for the host to get ahead
+LEAD_S = 0.02  # paced: delay from the first command to tick 0, in which the host sends further commands
 WATCHDOG_S = SILENCE_STOP_S  # paced; 0.25 s with the delays of a desktop
 WAKE_S = 0.002  # paced: ticks are served in bursts
-OUTPUT_MAX = 1 << 18  # bytes waiting for a reader: lock-step waits with them, paced drops them
+OUTPUT_MAX = 1 << 18  # bytes waiting for a reader; above it lock-step mode waits, paced mode drops bytes
 
 
 class Damage:
-    """A bad line: about one frame in 1 / rate is hit somewhere; bytes are flipped, dropped or put in.
+    """A disturbed line: a share `rate` of the frames is damaged by changed, dropped or inserted bytes.
 
     Parameters
     ----------
     rate : float
-        Share of the frames that are hit, 0 .. 1.
+        Share of the frames that are damaged, 0 .. 1.
     seed : int
     """
 
@@ -56,14 +56,14 @@ class Damage:
         self.rate = rate
         self.n_hits = 0
         self._random = np.random.default_rng(seed)
-        self._next = self._frames_ahead()  # whole frames before the next one that is hit
+        self._next = self._frames_ahead()  # whole frames before the next damaged one
         self._at = 0  # bytes of the stream's current frame that have passed
 
     def _frames_ahead(self) -> int:
         return int(self._random.geometric(self.rate)) - 1 if self.rate > 0 else -1
 
     def apply(self, data: bytes) -> bytes:
-        """Pass bytes of a stream of frames on, some of them damaged.
+        """Return the bytes of a stream of frames, with some of them damaged.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Damage:
 
 @dataclass
 class Served:
-    """What a server has done: ticks advanced, commands that never came, latest tick behind the clock [s]."""
+    """Statistics of a server: ticks advanced, commands missing, and the largest delay of a tick [s]."""
 
     ticks: int = 0
     commands_lost: int = 0
@@ -110,7 +110,7 @@ class Served:
 
 
 class Server:
-    """The axis's end of the protocol: bytes in, bytes out.
+    """Axis side of the protocol, from received bytes to sent bytes.
 
     Parameters
     ----------
@@ -148,14 +148,14 @@ class Server:
         self._held = 0.0
         self._n_lost = 0
         self._forget()
-        self._start_s: float | None = None  # when tick 0 is due; None: no command has come yet
+        self._start_s: float | None = None  # time at which tick 0 is due; None: no command received yet
 
     def _forget(self) -> None:
         self._queue = np.zeros(QUEUE)
         self._queue_tick = np.full(QUEUE, -1, np.int64)
 
     def take(self, data: bytes, now_s: float = 0.0) -> bytes:
-        """Take bytes off the line and answer them.
+        """Process received bytes and return the reply.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Server:
         return b"".join(out)
 
     def _control(self, frame: np.void) -> bytes:
-        """Answer HELLO or STOP; a host of another version gets the answer that says so, and no run."""
+        """Reply to HELLO or STOP. The reply tells a host of another version that it cannot start a run."""
         if self.on_applied:
             self.on_applied(self._now_s, self._tick, np.zeros(1))
         if frame["kind"] == HELLO:
@@ -193,7 +193,7 @@ class Server:
         return self._encode(frames(STOP, self._tick))
 
     def _encode(self, block: np.ndarray) -> bytes:
-        return encode(block, self.session & 0xFFFF)  # where the id is none, nothing but HELLO is sent
+        return encode(block, self.session & 0xFFFF)  # without a session only HELLO is sent
 
     def _commands(self, got: np.ndarray, now_s: float) -> bytes:
         tick = got["tick"].astype(np.int64)
@@ -264,7 +264,7 @@ def pseudo_terminal() -> Iterator[tuple[int, int, str]]:
 
 @contextlib.contextmanager
 def symlink(link: str | None, target: str) -> Iterator[None]:
-    """Have a symlink to `target` for a while; InputError when there is something of that name."""
+    """Create a temporary symlink to `target`; raises InputError if the name exists."""
     if link is None:
         yield
         return
@@ -281,13 +281,13 @@ def symlink(link: str | None, target: str) -> Iterator[None]:
 
 def _occupied(link: str) -> InputError:
     if not os.path.islink(link):
-        return InputError("there is a file of that name", link, None, "give --link another path")
+        return InputError("a file of that name exists", link, None, "give --link another path")
     to = os.readlink(link)
     hint = "give --link another path"
     if to.startswith("/dev/pts/") and not os.path.exists(to):
-        hint += ", or remove the link: the pseudo-terminal it led to is gone"
+        hint += ", or remove the link: its pseudo-terminal no longer exists"
     return InputError(
-        "there is a link of that name, and not of this simulation", link, f"leads to {to}", hint
+        "a link of that name exists, which this simulation did not create", link, f"points to {to}", hint
     )
 
 
@@ -314,7 +314,7 @@ def serve_line(
         if ready:
             try:
                 data = os.read(axis_fd, 65536)
-            except OSError:  # EIO: nobody holds the other end any more
+            except OSError:  # EIO: the other side is closed
                 return
             if once and host_fd >= 0:
                 os.close(host_fd)

@@ -1,4 +1,4 @@
-"""Limits of a run, watched on the samples as they come."""
+"""Monitoring of the limits of a run, on the samples as they arrive."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING = 1 + 1e-6  # the line carries single precision
-BLIND_S = 1.0  # without a rate for so long, the axis is not watched
+BLIND_S = 1.0  # longest time without a measured rate
 
 
 @dataclass(frozen=True)
 class RunLimits:
-    """What an axis must not pass during a run; None: not watched.
+    """Limits that an axis must not exceed during a run; None: not monitored.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Watch:
         self._n_blind = 0
 
     def check(self, u: np.ndarray, y: np.ndarray, came: np.ndarray) -> tuple[int, str] | None:
-        """Take the next samples.
+        """Check the next samples.
 
         Parameters
         ----------
