@@ -226,7 +226,7 @@ def test_the_half_fitted_knows_nothing_of_the_other_half():
 @pytest.mark.parametrize(
     ("effect", "params", "what"),
     [
-        ("rigid_body", None, "not one to add"),
+        ("rigid_body", None, "so it cannot be added"),
         ("coulomb", None, "unknown effect"),
         ("coulomb_friction", {"lvel": 1.0}, "unknown parameter"),
         ("coulomb_friction", {"level": -1.0}, "out of its bounds"),
