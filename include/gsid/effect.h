@@ -32,7 +32,7 @@ typedef enum {
 
 typedef struct {
     const char *name, *unit;
-    gsid_real typical;      /* of a gimbal like the source's */
+    gsid_real typical;      /* of a gimbal like that of the thesis */
     gsid_real lower, upper; /* values outside are refused, except null_value */
     gsid_real null_value;   /* the effect vanishes here; NaN: a shape, without meaning when the effect is absent */
 } gsid_effect_parameter;
@@ -130,7 +130,7 @@ struct gsid_effect {
     int looks_at_angle; /* 0: shifting the angle changes nothing */
     int looks_at_command;
     int is_constant;    /* the torque depends on side and zone only */
-    int may_be_steep;   /* nobody knows how steep: steps are halved where the torque turns out different from what the step
+    int may_be_steep;   /* the slope is unknown: steps are halved where the torque turns out different from what the step
                            was made with; where that leads nowhere the plant stops with GSID_E_STEEP */
     int has_memory;     /* the torque has a state of its own, a function of the angle turned between two reversals */
 

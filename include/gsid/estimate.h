@@ -16,7 +16,7 @@ size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
     (2 * GSID_LSQ_MEM_SIZE((n_poles) + (n_zeros) + 2) +                                                                 \
      ((GSID_LSQ_BLOCK + 3) * ((n_poles) + (n_zeros) + 2) + GSID_LSQ_BLOCK) * sizeof(gsid_real))
 
-/** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd says.  Eq: EST-3, EST-8, EST-9
+/** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd states.  Eq: EST-3, EST-8, EST-9
  *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, covariances that contradict each
  *          other, an order or a rate out of range; GSID_E_NONFINITE */

@@ -111,7 +111,7 @@ gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
 /** Add the last whole period at once, when no more samples will come: the ticks over which the spread engine would have
  *  done it are not waited for. The result is the same to the bit; direct: there is nothing to do.
  *  @return GSID_OK there was nothing to add; GSID_DONE; GSID_E_NULL; GSID_E_STATE
- *  Cost: at most that of n_period steps.  Context: background, while nobody calls gsid_frf_step. */
+ *  Cost: at most that of n_period steps.  Context: background, not concurrently with gsid_frf_step. */
 gsid_status gsid_frf_finish(gsid_frf *frf);
 
 /** Add a period whose lines are known already, from a transform of a whole record. Settling is the caller's business.
@@ -130,7 +130,7 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines);
 gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other);
 
 /** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there. Nor is it where
- *  the variance would need squares beyond the range of numbers: var_g is infinite, and the line's other variances say nothing. In
+ *  the variance would need squares beyond the range of numbers: var_g is infinite, and its other variances are undefined. In
  *  float that is so for |U| below 1e-12, for |Y| below 1e-12 with deviations below 1e-19, for lines above 1e19, |g| below 1e-19
  *  and var_g below 1e-38 or above 1e38.
  *  @return GSID_OK; GSID_RANGE a line's squares are beyond the range of numbers: scale u and y; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no

@@ -23,7 +23,7 @@ typedef enum {
     GSID_FRAME_HELLO = 3, /* host to axis: start again at tick 0, at rest; flags = version, tick = id of the session.
                                The axis answers with both, a = ticks per second [Hz], b = commands it can queue */
     GSID_FRAME_STOP = 4, /* host to axis: command zero, forget what is queued; answered with the same */
-    GSID_FRAME_RESULT = 5 /* from a drive that measures by itself: flags = what a and b are, tick = which of them */
+    GSID_FRAME_RESULT = 5 /* from a drive that measures alone: flags = what a and b are, tick = which of them */
 } gsid_frame_kind;
 
 /* Flags of a sample frame. The count tells of a lost command whose own sample was lost too. */

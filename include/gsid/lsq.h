@@ -49,7 +49,7 @@ gsid_status gsid_lsq_add(gsid_lsq *q, const gsid_real *row, gsid_real rhs);
  *  Cost: n_columns + 1 reflections, 2 GSID_LSQ_BLOCK (n_columns + 2)^2 flops. */
 gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block);
 
-/** Solve. A column that its predecessors explain, but for rank_tol of its own length, says nothing more: its
+/** Solve. A column that its predecessors explain, but for rank_tol of its own length, adds no information: its
  *  unknown is pinned to 0. Rows added later do not free it: gsid_lsq_reset does.
  *  @param[in]  rank_tol  >= 0; 0: 8 (n_columns + 1) times the rounding unit
  *  @param[out] x         [n_columns]

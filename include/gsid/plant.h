@@ -41,7 +41,7 @@ typedef struct {
     gsid_plant_layout *layout; /* private: in the caller's memory */
 } gsid_plant;
 
-/** Bytes that gsid_plant_init needs; 0 for a configuration that it refuses, also one that needs more than a size_t can say. */
+/** Bytes that gsid_plant_init needs; 0 for a configuration that it refuses, also one that needs more than a size_t can hold. */
 size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 
 /** Lay a plant out in the caller's memory, at rest.
@@ -52,7 +52,7 @@ gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *
 
 /** Take over changed values of the items. The state is kept, unless it is a different one now.
  *  @return as gsid_plant_init; GSID_E_CONFIG also for another effect than at the start. After a refusal the plant is as it was,
- *          whatever stands in the caller's items.  Context: background, while nobody calls gsid_plant_step. */
+ *          whatever stands in the caller's items.  Context: background, not concurrently with gsid_plant_step. */
 gsid_status gsid_plant_update(gsid_plant *plant);
 
 /** Come to rest, with command 0.

@@ -27,7 +27,7 @@ typedef struct {
 } gsid_prbs;
 
 /** The length nearest to n_chips that this kind has, for gsid_prbs_cfg.
- *  @return a length; 0 for a kind that there is not.  Cost: a few thousand divisions.  Context: background. */
+ *  @return a length; 0 for an unknown kind.  Cost: a few thousand divisions.  Context: background. */
 uint32_t gsid_prbs_nearest(gsid_prbs_kind kind, uint32_t n_chips);
 
 /** Check a sequence and set it to its first sample.
@@ -121,7 +121,7 @@ gsid_status gsid_lines_odd_random(uint32_t line_lo, uint32_t line_hi, uint32_t n
                                   uint32_t capacity, uint32_t *line, uint32_t *n_lines);
 
 /** List odd lines that are spread evenly over the logarithm of frequency, as nearly as odd lines can be.
- *  @param[in]  n_per_decade  lines in a decade asked for, >= 1; fewer where there are no more odd ones
+ *  @param[in]  n_per_decade  requested lines per decade, >= 1; fewer where there are no more odd lines
  *  @return as gsid_lines_odd_random; further arguments, too
  *  Cost: twice line_hi / 2 + min(n_per_decade, 2 line_hi) log10(line_hi / line_lo) steps.  Context: background. */
 gsid_status gsid_lines_quasi_log(uint32_t line_lo, uint32_t line_hi, uint32_t n_per_decade, uint32_t capacity,

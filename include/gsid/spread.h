@@ -77,7 +77,7 @@ gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples);
 
 /** Do at once what is left of the transform, so that the lines of the last whole period are ready.
  *  @return GSID_OK there was nothing left; GSID_DONE; GSID_E_NULL; GSID_E_STATE
- *  Cost: all slices left.  Context: background, while nobody calls gsid_spread_step. */
+ *  Cost: all slices left.  Context: background, not concurrently with gsid_spread_step. */
 gsid_status gsid_spread_finish(gsid_spread *s);
 
 /** Read one line of the last whole period, normalised as by gsid_spectrum_result.

@@ -63,7 +63,7 @@ typedef enum { GSID_STATUS_LIST(GSID_STATUS_ENUM) GSID_STATUS_END_ = 127 } gsid_
  *  Memory: none.  Cost: one pass over the list.  Context: ISR-safe. */
 const char *gsid_status_str(gsid_status status);
 
-/** Say what to do about a status.
+/** Advice on how to resolve a status.
  *  @param[in] status  any value
  *  @return the hint, "" where there is none, never NULL */
 const char *gsid_status_hint(gsid_status status);

@@ -13,7 +13,7 @@ static inline size_t gsid_size_times(size_t a, size_t b, size_t most) {
     return b > 0 && a > most / b ? most : a * b;
 }
 
-/* Without a base it only counts. used == most: more is needed than a size can say. */
+/* Without a base it only counts. used == most: more is needed than a size can hold. */
 typedef struct {
     unsigned char *base;
     size_t used, most;

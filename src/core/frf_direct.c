@@ -22,7 +22,7 @@ static gsid_real count_period(gsid_frf *frf) {
 }
 
 /* The last sample of a period enters the sums, and they the means, line by line: in this tick, the costliest of all, nothing
- * is read or written twice. Two functions, and copies of what the object says, for the reasons of gsid_spectrum_sum. */
+ * is read or written twice. Two functions, and local copies of the object's fields, for the reasons of gsid_spectrum_sum. */
 static gsid_status step_known(gsid_frf *frf, gsid_real u, gsid_real y) {
     const gsid_spectrum *s = &frf->spectrum;
     const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line;

@@ -62,7 +62,7 @@ static int is_known(uint8_t kind) {
     return kind >= GSID_FRAME_COMMAND && kind <= GSID_FRAME_RESULT;
 }
 
-/* HELLO opens a session, so that nobody knows its id before. */
+/* HELLO opens a session, so its id is unknown before. */
 static uint32_t start_of(uint8_t kind, uint16_t session) {
     return kind == GSID_FRAME_HELLO ? 0xFFFFu : session;
 }

@@ -205,7 +205,7 @@ gsid_status gsid_lsq_add_block(gsid_lsq *q, uint32_t n_rows, gsid_real *block) {
     return GSID_OK;
 }
 
-/* Replace the equation whose pivot is only rounding by "unknown = 0"; what it said of later unknowns is kept. */
+/* Replace the equation whose pivot is only rounding by "unknown = 0"; its information on later unknowns is kept. */
 static void pin(gsid_lsq *q, uint32_t column) {
     gsid_real *r = triangle_row(q, column);
     const gsid_real length = column_length(q, column);

@@ -87,7 +87,7 @@ static gsid_real *start(const shooting *s, uint32_t j) {
     return s->l->shooting.start + (size_t)j * s->l->shape.n_columns;
 }
 
-/* Value and free columns come from the start that was found; each further column is one state's derivative by itself. */
+/* Value and free columns come from the start that was found; each further column is the derivative by one state alone. */
 static void enter_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     l->steep.is_given_up = 0;

@@ -133,6 +133,6 @@ gsid_status gsid_prbs_step(gsid_prbs *prbs, gsid_real *u) {
     if (prbs->chip < prbs->cfg.n_chips) {
         return GSID_OK;
     }
-    prbs->chip = 0; /* the register is back at its start by itself */
+    prbs->chip = 0; /* the register has returned to its start */
     return GSID_DONE;
 }

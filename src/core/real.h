@@ -44,7 +44,7 @@
 #define gsid_check_build GSID_NAME(gsid_check_build)
 gsid_status gsid_check_build(void);
 
-/* A count that stays at the most it can say: 0 after 2^32 would be a share of 1/0. */
+/* A count that saturates: a wrap to 0 after 2^32 would be a share of 1/0. */
 static inline uint32_t gsid_count(uint32_t n, uint32_t more) {
     return more > UINT32_MAX - n ? UINT32_MAX : n + more;
 }

@@ -73,7 +73,7 @@ static inline gsid_cplx gsid_spread_read(const gsid_cplx *work, const uint32_t *
     return gsid_cplx_scale(scale, gsid_cplx_minus_j(gsid_cplx_add(z, mirror), odd));
 }
 
-/* What makes lines of samples. Reached through a pointer, so that the linker leaves out the engine that nobody initialises. */
+/* What makes lines of samples. Reached through a pointer, so that the linker leaves out an engine that is not used. */
 struct gsid_frf_engine {
     size_t (*mem_size)(const gsid_spectrum_cfg *cfg); /* 0: refused */
     gsid_status (*init)(gsid_frf *frf, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);

@@ -99,7 +99,7 @@ static void apply(gsid_expression_kind kind, dual *x) {
     }
 }
 
-/* x^y. The slope by y is asked for only where y depends on something. */
+/* x^y. The slope by y is computed only where y is not constant. */
 static void power(dual *x, const dual *y) {
     const gsid_real a = x->value, b = y->value, value = gsid_pow(a, b);
     const gsid_real by_a = b == 0 ? 0 : b * gsid_pow(a, b - 1), by_b = a == 0 && b > 0 ? 0 : value * gsid_log(a);

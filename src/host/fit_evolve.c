@@ -17,7 +17,7 @@ gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
 
 #else
 
-/* The source's settings; its genes were the coefficients. One population of these finds a light resonance every other time:
+/* The settings of the thesis; its genes were the coefficients. One population finds a light resonance every other time:
  * several are bred, from seeds of their own. */
 #define POPULATION 80
 #define GENERATIONS 100

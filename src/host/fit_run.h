@@ -35,7 +35,7 @@ typedef struct {
 double gsid_fit_highest_frequency(const gsid_frd *data);
 uint32_t gsid_fit_n_parameters(const gsid_fit_cfg *cfg);
 int gsid_fit_is_linear(const fit_run *r); /* LS or IWLS */
-int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model); /* stable and late enough, where asked for */
+int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model); /* stable and late enough, if requested */
 
 /* Weight of the output error that a method amounts to: 1/sigma, but |A|^(1 - r) for the linear ones, where LS has r = 0. */
 double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);

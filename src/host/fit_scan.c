@@ -13,7 +13,7 @@
 #define REWEIGHTINGS_MAX 200 /* on the way to the fixed point of IWLS */
 #define FIXED_POINT 1e-9 /* of the response: a reweighting that changes it by less has reached the fixed point */
 #define STARTS_MAX 8
-#define LOW_SHARE_MAX 16 /* of the highest frequency: the lowest band that is scanned by itself */
+#define LOW_SHARE_MAX 16 /* of the highest frequency: the lowest band that is scanned separately */
 #define LOW_BANDS_MAX 4
 #define LOW_STARTS 2
 #define LOW_STEPS 4 /* where parameters are few, the scans of low bands are finer by this, and there are more bands */

@@ -64,7 +64,7 @@ gsid_status gsid_mimo_reduce(mimo_run *r, uint32_t n_shared);
 double gsid_mimo_highest_frequency(uint32_t n_channels, const gsid_frd *channel);
 
 #define GSID_MIMO_SCAN_STEPS 8    /* of delays, in a period of the highest frequency */
-#define GSID_MIMO_FINE_STEPS 32   /* the same, where each is looked for by itself */
+#define GSID_MIMO_FINE_STEPS 32   /* the same, where each is searched separately */
 #define GSID_MIMO_DELAYS_MAX 4096 /* of a scan */
 
 /* Free delays are searched from 0 to here. */

@@ -85,7 +85,7 @@ static gsid_status scan(mimo_run *r, const mimo_candidate *first, uint32_t n_kep
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
 }
 
-/* Each free delay by itself over the whole range, the poles as they are. The numerators of a weak channel can do with
+/* Each free delay separately over the whole range, the poles as they are. The numerators of a weak channel can do with
  * a wrong delay for a while: its minima are narrow. */
 static void scan_each_delay(mimo_run *r, double steps_per_period, mimo_candidate *c) {
     double q[GSID_MIMO_POLES_MAX];

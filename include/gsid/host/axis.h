@@ -1,4 +1,4 @@
-/* A simulated gimbal axis, the source's inner azimuth, to try the tool on. It shares no code with the models that are
+/* A simulated gimbal axis, the inner azimuth axis of the thesis, to try the tool on. It shares no code with the models that are
  * fitted: exact integration between events, stick and slip found by their instants. Laws that are not linear are
  * integrated by a Runge-Kutta method of order 4 around the exact linear part. */
 #ifndef GSID_HOST_AXIS_H
@@ -47,7 +47,7 @@ typedef struct {
 
 typedef struct gsid_axis gsid_axis;
 
-/** The source's inner azimuth axis at 3 kHz, linear but for the limit and steps of the command.
+/** The inner azimuth axis of the thesis at 3 kHz, linear but for the limit and steps of the command.
  *  @return GSID_OK; GSID_E_NULL */
 gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg);
 

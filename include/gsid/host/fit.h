@@ -23,7 +23,7 @@ typedef enum {
 typedef enum { GSID_SOLVER_GAUSS_NEWTON = 0, GSID_SOLVER_NLOPT = 1 } gsid_solver;
 typedef enum { GSID_DELAY_NONE = 0, GSID_DELAY_FIXED = 1, GSID_DELAY_FREE = 2 } gsid_delay_mode;
 
-/* Zero means default unless a field says otherwise. */
+/* Zero means default unless stated otherwise. */
 typedef struct {
     gsid_domain domain;
     gsid_method method;
@@ -40,7 +40,7 @@ typedef struct {
     int allow_unstable;      /* 1: the best model, stable or not */
     int bound_delay;         /* 1: a free delay is at least delay_min_s */
     double delay_min_s;
-    double exponent;         /* IWLS: r of eq. 7.16; below 1 is the source's relaxation; 0: 1 */
+    double exponent;         /* IWLS: r of eq. 7.16; below 1 is the relaxation of the thesis; 0: 1 */
     const double *input;     /* NLS_OUTPUT: [n_lines] amplitude of the input, > 0 */
     gsid_solver solver;      /* of the nonlinear methods */
     const gsid_rational *start; /* nonlinear methods: search from this model only, of the same domain and orders; NULL: find one */
@@ -59,7 +59,7 @@ typedef struct {
     double cov[GSID_RATIONAL_PARAMETERS_MAX * GSID_RATIONAL_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
                                 scaled variable; row length n_parameters */
     double bias[GSID_RATIONAL_PARAMETERS_MAX]; /* [n_parameters] LS and IWLS: how far noise shifts the estimate on average, to
-                                first order (EST-11); beside the roots of the diagonal of cov it says whether cov can be
+                                first order (EST-11); beside the roots of the diagonal of cov it shows whether cov can be
                                 believed. 0 for the others */
     gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
     gsid_cplx zeros[GSID_ORDER_MAX]; /* [n_zeros_found] */

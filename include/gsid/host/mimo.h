@@ -16,7 +16,7 @@ extern "C" {
  * domain s, v = z in domain z (here not its inverse), with S_k = v^2 + q1 v + q0 and N_k = b1 v + b0, or v + q0 and b0
  * when n_poles is odd, last. Together the sections are the common denominator.  Eq: MIM-1 */
 
-/* Zero means default unless a field says otherwise. */
+/* Zero means default unless stated otherwise. */
 typedef struct {
     gsid_domain domain;
     gsid_method method;       /* GSID_METHOD_IWLS, GSID_METHOD_NLS or GSID_METHOD_ML */

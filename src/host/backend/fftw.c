@@ -9,8 +9,8 @@ const char *gsid_fftw_version_str(void) {
     return fftw_version;
 }
 
-/* FFTW makes and destroys plans one at a time in a process, whoever asks, and the plan that is kept has one set of
- * buffers. A fork waits for whoever is inside: in its child nobody would ever leave. */
+/* Only one thread at a time may make or destroy plans of FFTW, and the plan that is kept has one set of buffers.
+ * A fork waits until the lock is free: in the child no thread would ever release it. */
 static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
 static pthread_once_t watched = PTHREAD_ONCE_INIT;
 
