@@ -128,7 +128,7 @@ def test_an_unstable_linear_fit_names_the_method_that_is_right():
         except GsidError as error:
             failures.append(error.hint)
     assert failures
-    assert all("method ml can" in hint for hint in failures)
+    assert all("use method ml" in hint for hint in failures)
 
 
 # ---- noise in the input ----------------------------------------------------------------------------------
