@@ -110,7 +110,7 @@ class SimulatedAxis:
             Number of the run. Each one has noise of its own.
         """
         (seed,) = np.random.SeedSequence([int(self.parameters["seed"]), n]).generate_state(1, np.uint64)
-        return SimulatedAxis(**{**self.parameters, "seed": int(seed)})
+        return type(self)(**{**self.parameters, "seed": int(seed)})
 
     def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by n ticks.
