@@ -192,7 +192,7 @@ def test_the_feedforward_takes_the_friction_away(compiled):
         (RationalModel([1], [1, -2], fs_hz=FS_HZ, hold="zoh"), "not stable"),
         (RationalModel([1, 0, 0], [1, 2], 1, fs_hz=FS_HZ, hold="zoh"), "more zeros than poles"),
         (RationalModel([1], [1, 2], 0, fs_hz=FS_HZ), "delay behind the hold is negative"),
-        (RationalModel([1], [1, 2]), "does not say the rate"),
+        (RationalModel([1], [1, 2]), "does not state the rate"),
         (RationalModel([1], [1, -0.5], 1.4 / FS_HZ, domain="z", fs_hz=FS_HZ), "whole samples"),
         (plant(("hard_stop", {"angle_deg": 1, "stiffness": 1e5})), "not exported as C"),
     ],

@@ -98,7 +98,7 @@ def test_settling_is_that_of_the_slowest_output(slow):
 
 
 def test_more_parameters_than_the_covariance_is_for(exact):
-    with pytest.raises(ValueError, match="16 responses are 1086 parameters"):
+    with pytest.raises(ValueError, match="16 responses have 1086 parameters"):
         fit_mimo(exact, "62/62", domain="z")
 
 

@@ -165,7 +165,7 @@ def test_what_fails_in_every_band_is_said(broken):
 def test_misuse(broken, arguments, what):
     with pytest.raises(ValueError, match=what):
         fit_piecewise(broken, "1/1", **arguments)
-    with pytest.raises(ValueError, match="rising breaks"):
+    with pytest.raises(ValueError, match="ascending breaks"):
         PiecewiseModel((LOW, HIGH), ())
     with pytest.raises(ValueError, match="band"):
         PiecewiseModel((LOW, HIGH), (40.0,))
