@@ -1,4 +1,4 @@
-"""gsid: measure a servo axis, fit a model, and see where the two differ.
+"""gsid: measure a servo axis, fit a model, and find out where the two differ.
 
     record = gsid.read_record("rec.csv")
     response = gsid.frf(record)                       # Frf
@@ -9,8 +9,8 @@
     found = gsid.diagnose(plant, [record])            # Diagnosis
     better = gsid.add("coulomb_friction", plant, [record]).model
 
-Effects of your own are made by `gsid.effects`: `gsid.effects.expression(...)`. Names are loaded when they are
-first used.
+`gsid.effects` makes user-defined effects, for example `gsid.effects.expression(...)`. Each name is loaded
+when it is first used.
 """
 
 import importlib
@@ -118,8 +118,10 @@ __all__ = ["GsidError", "InputError", "__version__", "effects", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name when it is first used: `gsid --help` is quick, `gsid doctor` can report why the C library
-    does not load."""
+    """Load a name when it is first used.
+
+    `gsid --help` starts quickly, and `gsid doctor` can report why the C library does not load.
+    """
     if name == "__version__":
         from gsid._lib import version
 

@@ -1,4 +1,4 @@
-"""The two builds of the C library, and the one place where its status codes become exceptions."""
+"""Load both builds of the C library, and turn its status codes into exceptions."""
 
 from gsid.base.errors import GsidError
 
@@ -18,19 +18,19 @@ def version() -> str:
 
 
 def check(status: int, doing: str = "") -> int:
-    """Raise for a status that means failure.
+    """Raise an exception if a status means failure.
 
     Parameters
     ----------
     status : int
-        What a library function returned.
+        Return value of a library function.
     doing : str
-        What was being done, for the message.
+        The operation that failed, for the message.
 
     Returns
     -------
     int
-        The status: 0 fine, positive worked with a reason.
+        The status: 0 means success, a positive status is success with a remark.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def test_diagnose_of_a_silent_record(gsid, files):
     values = json.loads(result.out)
     assert (values["verdict"], values["found"]) == ("adequate", [])
     assert [values[key] for key in KEYS[:2]] == ["zoh", True]
-    assert "the records do not say whether the input was held" in result.err
+    assert "the records do not state whether the input was held" in result.err
     with open("found.json") as file:
         assert json.load(file)["fit"]["hold_assumed"]
 

@@ -101,7 +101,9 @@ def test_a_compiled_effect(gsid):
     refused = subprocess.run(other, capture_output=True, text=True)
     assert refused.returncode == 3
     assert "library that was not loaded" in refused.stderr
-    hint = "hint: its code runs only when you say so: gsid --library ./harness.so:harness_spring"
+    hint = (
+        "hint: load the library explicitly, which runs its code: gsid --library ./harness.so:harness_spring"
+    )
     assert hint in refused.stderr
     assert gsid(*own, "compare", "--model", "one.json", "r2.npz", "--json").code == 0
 
@@ -122,7 +124,7 @@ def test_a_compiled_effect(gsid):
         (["coulomb_friction", "--torque", "c*w", "--param", "c=1"], 2, "one after the other"),
         (["--table", "nowhere.csv"], 3, "cannot read the table"),
         (["--library", "harness.so"], 2, "is not FILE.so:NAME"),
-        (["--library", "./nowhere.so:own"], 3, "no such shared object"),
+        (["--library", "./nowhere.so:own"], 3, "does not exist"),
         (["coulomb_friction", "--param", "level=1,0:3"], 2, "bounds in --param are for --torque"),
     ],
 )

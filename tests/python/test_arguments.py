@@ -188,7 +188,7 @@ def test_stamps_that_jitter_are_even_where_the_rate_is_given(tmp_path, record):
         read_record(path)
     assert "give the rate with --fs" in caught.value.hint
     assert read_record(path, fs_hz=FS_HZ).fs_hz == FS_HZ
-    with pytest.raises(InputError, match="is not that of the times"):
+    with pytest.raises(InputError, match="does not match the times"):
         read_record(path, fs_hz=2 * FS_HZ)
     write(np.where(t < 0.5, t, t + 1 / FS_HZ))  # a sample is missing
     with pytest.raises(InputError, match="unequal time steps"):

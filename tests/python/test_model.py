@@ -117,7 +117,10 @@ def test_a_file_gives_the_same_model_back(tmp_path):
         ('{"gsid_model": 1, "rational": {"num": [1]}}', "key is missing"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [0, 1]}}', "not usable"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": ["a"]}}', "not usable"),
-        ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "delay_s": NaN}}', "NaN is no number"),
+        (
+            '{"gsid_model": 1, "rational": {"num": [1], "den": [1], "delay_s": NaN}}',
+            "NaN is not a JSON number",
+        ),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [1]}, "fit": [1]}', "not usable"),
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "covariance": [1, 2]}}', "not usable"),
     ],

@@ -171,14 +171,14 @@ def test_a_table_that_the_motion_leaves_is_said(records, caplog):
 @pytest.mark.parametrize(
     ("text", "what", "where"),
     [
-        ("", "no column of torque", ""),
-        ("w,force\n0,1\n1,2\n2,3\n", "no column of torque", ""),
+        ("", "no torque column", ""),
+        ("w,force\n0,1\n1,2\n2,3\n", "no torque column", ""),
         ("t,torque\n0,1\n1,2\n2,3\n", "not a variable", ""),
-        ("w,torque\n0,1\n1,2\n", "as many torques as places", ""),
-        ("w,torque\n0,1\n1,two\n2,3\n", "not a point", "line 3"),
-        ("# unit: deg/s\nw,torque\n0,1\n1\n2,3\n", "not a point", "line 4"),
+        ("w,torque\n0,1\n1,2\n", "two lists of equal length", ""),
+        ("w,torque\n0,1\n1,two\n2,3\n", "invalid row", "line 3"),
+        ("# unit: deg/s\nw,torque\n0,1\n1\n2,3\n", "invalid row", "line 4"),
         ("w,torque\n0,1\n1,nan\n2,3\n", "not finite", ""),
-        ("w,torque\n0,1\n1,2\n1,3\n", "two points at one place", ""),
+        ("w,torque\n0,1\n1,2\n1,3\n", "same abscissa", ""),
     ],
 )
 def test_files_that_are_no_table(tmp_path, text, what, where):
@@ -216,7 +216,7 @@ def test_units_of_a_table(records):
         ({"effect": "expression", "torque": "c*w", "params": {"c": {"free": True}}}, "lacks 'value'"),
         ({"effect": "expression", "torque": "w", "params": {}, "bounds": 3}, "bounds"),
         ({"effect": "table", "variable": "w", "at": [0, 1, 2], "params": {"scale": 1}}, "lacks 'torque'"),
-        ({"effect": "table", "variable": "w", "at": 1, "torque": 2, "params": {"scale": 1}}, "as many"),
+        ({"effect": "table", "variable": "w", "at": 1, "torque": 2, "params": {"scale": 1}}, "two lists"),
         ({"effect": "table", "variable": 1, "at": [0], "torque": [2], "params": {}}, "not a variable"),
         ({"effect": "my_own", "library": "./my.so:my_own", "params": {}}, "library that was not loaded"),
     ],
@@ -287,15 +287,15 @@ def test_the_example_of_the_docs(tmp_path):
         (
             "GSID_SHARE_EFFECT(harness_spring);",
             "const gsid_effect *shared = &harness_spring;",
-            "no such effect",
+            "not contain the effect",
         ),
-        ('.id = "harness_spring"', '.id = "hard_stop"', "one of gsid's own"),
+        ('.id = "harness_spring"', '.id = "hard_stop"', "reserved by gsid"),
         ('.id = "harness_spring"', ".id = 0", "no id"),
         (".n_parameters = 2", ".n_parameters = 9", "9 parameters of at most 4"),
         (".n_parameters = 2", ".n_parameters = 3", "no name or unit"),
         (".stage = GSID_STAGE_TORQUE", ".stage = (gsid_stage)9", "stage or null_kind"),
         (".torque = torque,", "/* none */", "no function"),
-        ("#include <math.h>\n", "#include <math.h>\n#define GSID_SINGLE\n", "no such effect"),
+        ("#include <math.h>\n", "#include <math.h>\n#define GSID_SINGLE\n", "not contain the effect"),
     ],
 )
 def test_shared_objects_that_are_no_effect(tmp_path, old, new, what):
@@ -308,7 +308,7 @@ def test_shared_objects_that_are_no_effect(tmp_path, old, new, what):
 
 
 def test_other_files_are_no_shared_object(tmp_path):
-    with pytest.raises(InputError, match="no such shared object"):
+    with pytest.raises(InputError, match="does not exist"):
         effects.load(tmp_path / "nowhere.so", "x")
     (tmp_path / "text.so").write_text("text")
     with pytest.raises(InputError, match="cannot be loaded"):

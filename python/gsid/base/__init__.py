@@ -1,1 +1,1 @@
-"""What every package uses: errors, arguments, bands, files."""
+"""Errors, argument checks, frequency bands and files, used by all other packages."""

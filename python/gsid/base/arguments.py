@@ -1,4 +1,4 @@
-"""Arguments as people give them: taken where it is clear what is meant, refused in their own words."""
+"""Checks of arguments. An unambiguous value is converted; any other value is refused."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e15  # sample rates: powers of frequencies stay 
 
 
 def whole_samples(name: str, value: Any) -> int | None:
-    """A count of samples; a float is taken when it is a whole number, as one out of a file is.
+    """Convert a number of samples to an integer. A float must be a whole number.
 
     Parameters
     ----------
     name : str
-        Of the argument, for the error's text.
+        Name of the argument, for the error message.
     value : int, float or None
-        None stays None.
+        None is returned as None.
 
     Raises
     ------
     ValueError
-        Not a whole number.
+        The value is not a whole number.
     TypeError
-        No number at all.
+        The value is not a number.
     """
     if value is None:
         return None
@@ -37,14 +37,19 @@ def whole_samples(name: str, value: Any) -> int | None:
 
 
 def real_number(name: str, value: Any, unit: str) -> float:
-    """A number as a float; TypeError where it is none.
+    """Convert a number to a float.
 
     Parameters
     ----------
     name, unit : str
-        Of the argument, for the error's text.
+        Name and unit of the argument, for the error message.
     value : float
-        A text is none, whatever it says.
+        A string is not converted, even if it holds a number.
+
+    Raises
+    ------
+    TypeError
+        The value is not a number.
     """
     try:
         if isinstance(value, str | bytes):
@@ -55,7 +60,7 @@ def real_number(name: str, value: Any, unit: str) -> float:
 
 
 def sample_rate(value: float, where: str) -> float:
-    """A sample rate that can be calculated with.
+    """Check a sample rate.
 
     Parameters
     ----------
@@ -67,23 +72,25 @@ def sample_rate(value: float, where: str) -> float:
     Raises
     ------
     InputError
-        It is not positive, or no rate that anything is sampled with.
+        The rate is not positive, or it is outside 1e-9 .. 1e15 Hz.
     """
     if not (math.isfinite(value) and value > 0):
         raise InputError("the sample rate is not a positive number", where, value, "give it with --fs [Hz]")
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
-        hint = f"it lies in {SLOWEST_HZ:g} .. {FASTEST_HZ:g} Hz: look at its unit, or give it with --fs [Hz]"
+        hint = f"the range is {SLOWEST_HZ:g} .. {FASTEST_HZ:g} Hz: check the unit, or give it with --fs [Hz]"
         raise InputError("the sample rate is out of range", where, f"{value:g} Hz", hint)
     return value
 
 
 def printable_text(name: str, value: Any, where: str) -> str:
-    """A text that comes out of a file and is printed: no codes that a terminal obeys, no line breaks.
+    """Check a text that was read from a file and will be printed.
+
+    Control characters, which a terminal would execute, and line breaks are refused.
 
     Parameters
     ----------
     name : str
-        Of the text, for the error's text.
+        Name of the text, for the error message.
     value : str
     where : str
         File or record.
@@ -91,7 +98,7 @@ def printable_text(name: str, value: Any, where: str) -> str:
     Raises
     ------
     InputError
-        It is no text, is longer than 2000 characters, or has one that cannot be printed.
+        The value is not a text, is longer than 2000 characters, or has a character that cannot be printed.
     """
     if not isinstance(value, str):
         raise InputError(f"{name} is not a text", where, repr(value)[:60], f"write {name} as a text")

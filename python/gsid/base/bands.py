@@ -1,4 +1,4 @@
-"""Which lines lie in a band: an edge that is meant to be on a line is on it, whatever the rounding."""
+"""Select the lines in a frequency band. Rounding does not move an edge off the line it is meant to be on."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from gsid.base.arguments import real_number
 
-#: Edges this near to a line, in spacings of the lines, are meant to be on it.
+#: An edge this close to a line counts as on the line, in units of the line spacing.
 ON_A_LINE = 1e-6
 
 
 def two_frequencies(band: Any) -> tuple[float, float]:
-    """Both edges of a band (lo, hi) [Hz], whatever they are; TypeError where they are not two numbers."""
+    """Convert both edges of a band (lo, hi) [Hz] to floats; TypeError unless they are two numbers."""
     try:
         lo, hi = (real_number("band", edge, "Hz") for edge in band)
     except (TypeError, ValueError) as error:
@@ -22,7 +22,7 @@ def two_frequencies(band: Any) -> tuple[float, float]:
 
 
 def band_edges(band: Any) -> tuple[float, float]:
-    """First and last frequency of a band to look at.
+    """Check a band and return its first and last frequency.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ def band_edges(band: Any) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        The first is above the last, or one is not a number.
+        The first edge is above the last, or an edge is NaN.
     TypeError
-        Not two numbers.
+        The band is not two numbers.
     """
     lo, hi = two_frequencies(band)
     if not lo <= hi:

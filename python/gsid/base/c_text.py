@@ -1,4 +1,4 @@
-"""Text and numbers of others in generated C: comments stay comments, names and literals compile."""
+"""Write user-supplied text, names and numbers into generated C so that it compiles as intended."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ consteval constinit const_cast decltype delete dynamic_cast explicit export frie
 noexcept not not_eq operator or or_eq private protected public reinterpret_cast requires static_cast
 template this throw try typeid typename using virtual wchar_t xor xor_eq
 """
-# What <math.h> and <string.h> declare or define, with the extensions that compilers have by default; and
-# <stdlib.h>, which C++ includes with them. Each function of the first list is there with f and l, too.
+# Names that <math.h> and <string.h> declare or define, including default compiler extensions. C++ includes
+# <stdlib.h> with them. Each function of the first list also exists with the suffixes f and l.
 _MATH = """
 acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh drem erf erfc exp exp2 exp10 expm1 fabs
 fdim finite floor fma fmax fmin fmod frexp gamma hypot ilogb isinf isnan j0 j1 jn ldexp lgamma llrint
@@ -41,7 +41,7 @@ exit free getenv labs ldiv ldiv_t llabs lldiv lldiv_t malloc mblen mbstowcs mbto
 random realloc realpath select srand srandom std strtod strtof strtol strtold strtoll strtoul strtoull
 system wcstombs wctomb main linux unix RAD_PER_DEG
 """
-# A header of this name beside the source would take the place of the system's.
+# A header with one of these names beside the source would replace the system's header.
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
 stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string strings tgmath threads time
@@ -53,12 +53,12 @@ HEADERS = frozenset(_HEADERS.split())
 
 
 def comment(text: str) -> str:
-    """A text that can stand in a comment: printable ASCII that neither ends a comment nor begins one.
+    """Convert a text to printable ASCII that neither ends nor begins a C comment.
 
     Parameters
     ----------
     text : str
-        Other characters become <U+code>; a long text is cut.
+        Other characters become <U+code>. A long text is cut.
 
     Returns
     -------
@@ -66,12 +66,12 @@ def comment(text: str) -> str:
     """
     text = text if len(text) <= COMMENT_MAX else f"{text[:COMMENT_MAX]} ..."
     plain = "".join(c if " " <= c <= "~" and c != "\\" else f"<U+{ord(c):04X}>" for c in text)
-    # */, /*, // and trigraphs are taken apart.
+    # Split */, /*, // and trigraphs by a space.
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=[*/])|(?<=\?)(?=\?)", " ", plain)
 
 
 def refused_name(name: str) -> str:
-    """Why C or C++ does not take a name for a type and the beginning of functions; empty where both do.
+    """Explain why C or C++ rejects a name for a type and as a prefix of functions; empty if both accept it.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def refused_name(name: str) -> str:
 
 
 def literal(value: float) -> str:
-    """A float literal that reads back as the same float.
+    """Write a float literal that reads back as the same float.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def literal(value: float) -> str:
     Raises
     ------
     ValueError
-        Not finite in single precision.
+        The value is not finite in single precision.
     """
     with np.errstate(over="ignore"):
         single = np.float32(value)

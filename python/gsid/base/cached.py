@@ -1,4 +1,4 @@
-"""A property that is computed once, without the lock of the standard library's."""
+"""A property that is computed once. Unlike the standard library's, it holds no lock."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 
 class cached_property:
-    """As `functools.cached_property` from Python 3.12 on.
+    """Equivalent of `functools.cached_property` of Python 3.12 and later.
 
-    That of Python 3.11 holds one lock of the class while it computes: threads wait for each other, and a
-    child forked meanwhile would wait for ever. Here two threads may compute the same value twice.
+    Python 3.11 holds a lock of the class during the computation. Threads wait for each other, and a child
+    process forked at that time would wait for ever. This version may compute a value twice in two threads.
     """
 
     def __init__(self, function: Callable[[Any], Any]) -> None:

@@ -1,4 +1,4 @@
-"""What can go wrong, by whose fault it is; hints on names that there are not."""
+"""Exceptions of gsid by cause, and hints for misspelt names."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Iterable
 
 
 class GsidError(RuntimeError):
-    """The C library refused or failed.
+    """The C library refused a call or failed.
 
     Parameters
     ----------
     code : int
-        Negative status of the library; docs/reference/errors.md lists them.
+        Negative status of the library; docs/reference/errors.md lists the codes.
     message : str
-        What was being done and what went wrong.
+        The operation that failed, and the cause.
     hint : str
-        What to do about it; empty where there is nothing general to say.
+        What to do about it; empty if there is no general advice.
     """
 
     def __init__(self, code: int, message: str, hint: str = "") -> None:
@@ -28,7 +28,7 @@ class GsidError(RuntimeError):
 
     @property
     def of_data(self) -> bool:
-        """Whether the numbers given are at fault: not finite, too few, singular, unstable or too steep."""
+        """Whether the data caused the error: not finite, too few, singular, unstable or too steep."""
         return self.code in (-4, -6, -7, -8, -11)
 
     def __str__(self) -> str:
@@ -36,20 +36,20 @@ class GsidError(RuntimeError):
 
 
 class SimulationError(GsidError):
-    """A plant with the values that it has cannot be simulated: the model is at fault, not the library."""
+    """A plant cannot be simulated with its parameter values. The model is at fault, not the library."""
 
 
 class InputError(ValueError):
-    """A file or a record is not what it should be.
+    """A file or a record is not valid.
 
     Parameters
     ----------
     what : str
         What is wrong.
     where : str
-        File, line, column or sample at fault.
+        File, line, column or sample with the error.
     value : object
-        The offending value; None where there is none.
+        The invalid value; None if no single value is invalid.
     hint : str
         What to do about it.
     """
@@ -74,18 +74,18 @@ class NotPeriodicError(InputError):
 
 
 def _note(error: Exception, hint: str) -> None:
-    """Let a traceback show the hint, as the command does."""
+    """Add the hint to the traceback."""
     if hint:
         error.add_note(f"hint: {hint}")
 
 
 def close(name: str, names: Iterable[str]) -> str:
-    """ "did you mean ...?", or nothing when no name is close."""
+    """Suggest the closest name as "did you mean ...?"; empty if no name is close."""
     matches = difflib.get_close_matches(name, list(names), n=1)
     return f"did you mean {matches[0]}?" if matches else ""
 
 
 def choose(name: str, names: Iterable[str]) -> str:
-    """Hint for a name that is not among `names`: the nearest one, and the list."""
+    """Hint for an unknown name: the closest of `names`, and the list of them."""
     names = list(names)
     return f"{close(name, names)} there are: {', '.join(names) or 'none'}".lstrip()

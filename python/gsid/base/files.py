@@ -1,4 +1,4 @@
-"""The one function that writes every output: a file is written whole or not at all, and only over itself."""
+"""Write output files atomically: a file is replaced completely or not at all."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if
 
 
 def write_atomically(path: str | os.PathLike, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a file of a temporary name, put it on the disk, then rename it to `path`.
+    """Write a temporary file with `write`, synchronise it to the disk, then rename it to `path`.
 
-    An existing file keeps its mode, and its owner where that is permitted. A link stays a link: the file
-    that it leads to is replaced. `-` is the standard output of the process.
+    An existing file keeps its mode, and its owner where that is permitted. A symbolic link is kept, and its
+    target is replaced. `-` is the standard output of the process.
 
     Parameters
     ----------
     path : path_like
     write : callable
-        Called with the temporary name; its extension is that of `path`, in lower case.
+        Called with the temporary name, which has the extension of `path` in lower case.
 
     Raises
     ------
     InputError
-        `path` is neither a regular file nor new (`target_of`).
+        `path` exists and is not a regular file (`target_of`).
     OSError
-        The file cannot be written; an older one is left as it was.
+        The file cannot be written. An existing file is unchanged.
     """
     try:
         if is_stdout(path):
@@ -63,12 +63,12 @@ def write_atomically(path: str | os.PathLike, write: Callable[[Path], None]) -> 
         _sync(target.parent)
     except OSError as error:
         if error.errno is not None:
-            error.filename = str(path)  # the temporary name means nothing to the caller
+            error.filename = str(path)  # the caller does not know the temporary name
         raise
 
 
 def is_stdout(path: str | os.PathLike) -> bool:
-    """Whether a name stands for the standard output; a file of that name is ./- (as text)."""
+    """Whether a name stands for the standard output; write ./- for a file named "-"."""
     return os.fspath(path) == STDOUT
 
 
@@ -113,20 +113,21 @@ def target_of(path: str | os.PathLike) -> Path:
 
 
 def refuse_overwrite(path: str | os.PathLike, used: Iterable[str | os.PathLike], what: str) -> None:
-    """Refuse an output that is one of the files in use, under this name or another.
+    """Refuse an output file that is in use as another file, under the same or another name.
 
     Parameters
     ----------
     path : path_like
         Output.
     used : iterable of path_like
+        Files in use.
     what : str
-        What is wrong when it is one of them, for the message.
+        Message if the output is one of them.
 
     Raises
     ------
     InputError
-        It is the same file.
+        The output is one of the files in use.
     """
     for other in used:
         if _same_file(path, other):
@@ -136,7 +137,7 @@ def refuse_overwrite(path: str | os.PathLike, used: Iterable[str | os.PathLike],
 
 
 def _same_file(one: str | os.PathLike, other: str | os.PathLike) -> bool:
-    """Whether two names are one file (device and inode), or will be one."""
+    """Whether two names are the same file (device and inode), or would become the same file."""
     with contextlib.suppress(OSError):
         return os.path.samefile(one, other)
     return os.path.realpath(one) == os.path.realpath(other)
@@ -144,7 +145,7 @@ def _same_file(one: str | os.PathLike, other: str | os.PathLike) -> bool:
 
 @contextlib.contextmanager
 def _temporary(folder: Path, extension: str, mode: int) -> Iterator[Path]:
-    """A new file of a name that cannot be guessed, removed on every way out (renamed, it is gone)."""
+    """Create a file with a random name. It is removed on exit unless it was renamed."""
     part = folder / f".gsid-{secrets.token_hex(8)}{extension}"
     with _removed_by_signals(part):
         try:
@@ -156,7 +157,7 @@ def _temporary(folder: Path, extension: str, mode: int) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _removed_by_signals(part: Path) -> Iterator[None]:
-    """Remove the file before a signal ends the process; signals with handlers of their own are left alone."""
+    """Remove the file before a signal ends the process. Signals that have a handler are not changed."""
 
     def end(number: int, frame: object) -> None:
         part.unlink(missing_ok=True)
@@ -176,7 +177,7 @@ def _removed_by_signals(part: Path) -> Iterator[None]:
 
 
 def _copy_attributes(old: Path, new: Path) -> None:
-    """Owner where that is permitted, mode and extended attributes."""
+    """Copy the mode and the extended attributes, and the owner where that is permitted."""
     was = os.stat(old)
     for owner in ((-1, was.st_gid), (was.st_uid, -1)):
         with contextlib.suppress(OSError):
@@ -184,12 +185,12 @@ def _copy_attributes(old: Path, new: Path) -> None:
     shutil.copystat(old, new)
     os.utime(new)
     now = os.stat(new)
-    if now.st_gid != was.st_gid:  # another group does not get the rights of the old one
+    if now.st_gid != was.st_gid:  # do not give the old group's permissions to another group
         os.chmod(new, stat.S_IMODE(was.st_mode) & ~0o7070)
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file or a folder is on the disk; some file systems cannot sync folders."""
+    """Wait until a file or a folder is on the disk. Some file systems cannot synchronise folders."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""JSON of files: standard JSON only, of a bounded size and depth."""
+"""Read JSON files: standard JSON only, with limits on size and depth."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from gsid.base.arguments import LONGEST_TEXT
 
 SIZE_MOST = 64 * 2**20  # bytes
-DEPTH_MOST = 32  # lists and objects inside each other; a model file has 7
+DEPTH_MOST = 32  # nested lists and objects; a model file has 7
 LARGEST = 1e100  # of a coefficient
-DIGITS_MOST = 300  # of a whole number: more is no double
+DIGITS_MOST = 300  # of a whole number: a longer one exceeds the range of a double
 
 
 def read_json(path: str | Path) -> Any:
@@ -32,7 +32,7 @@ def read_json(path: str | Path) -> Any:
     OSError
         The file cannot be read.
     ValueError
-        It is too large, no text, nested too deep, or not JSON: numbers that are not finite are none.
+        The file is too large, not text, nested too deeply, or not JSON. JSON has no infinity and no NaN.
     """
     path = Path(path)
     size = path.stat().st_size
@@ -66,7 +66,7 @@ def _items(node: dict | list) -> list:
 
 
 def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _finite(text: str) -> float:
@@ -82,22 +82,22 @@ def _whole(text: str) -> int:
     return int(text)
 
 
-# ---------------------------------------------------------------- values by their kind
+# ---------------------------------------------------------------- values by type
 
 
 def number(data: Any, key: str, default: float | None = None) -> float | None:
-    """A number of an object; `default` where there is none, or null.
+    """Read a number of an object; `default` if the key is missing or null.
 
     Raises
     ------
     ValueError
-        It is no number, or the object is none.
+        The value is not a number, or `data` is not an object.
     """
     return _of_kind(data, key, (int, float), "a number", default)
 
 
 def text(data: Any, key: str, default: str | None = "") -> str | None:
-    """A text of an object that can be printed and is not endless, as `number`."""
+    """Read a printable text of an object, of limited length, as `number`."""
     value = _of_kind(data, key, str, "a text", default)
     if value is not None and len(value) > LONGEST_TEXT:
         raise ValueError(f"{key} has {len(value)} characters, at most {LONGEST_TEXT}")
@@ -107,42 +107,42 @@ def text(data: Any, key: str, default: str | None = "") -> str | None:
 
 
 def flag(data: Any, key: str, default: bool | None = False) -> bool | None:
-    """True or false of an object, as `number`."""
+    """Read true or false of an object, as `number`."""
     return _of_kind(data, key, bool, "true or false", default)
 
 
 def moderate(values: Any, name: str, most: float = LARGEST) -> Any:
-    """Numbers, or lists of them, whose squares are doubles; null as it is.
+    """Check that the squares of numbers, or of lists of numbers, fit into doubles. None is returned as None.
 
     Raises
     ------
     ValueError
-        One is no number, or larger than `most`.
+        A value is not a number, or its magnitude is larger than `most`.
     """
     if values is None:
         return None
     array = np.asarray(values)
     if array.size and array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} has what is no number: {str(values)[:40]!r}")
+        raise ValueError(f"{name} has a value that is not a number: {str(values)[:40]!r}")
     if not np.all(np.abs(array.astype(float)) <= most):
         raise ValueError(f"{name} has a value beyond {most:g}")
     return values
 
 
 def listed(data: Any, key: str) -> list[Any]:
-    """A list of an object; [] where there is none, or no object."""
+    """Read a list of an object; [] if the key is missing or null, or `data` is None."""
     return [] if data is None else _of_kind(data, key, list, "a list", None) or []
 
 
 def texts(data: Any, key: str) -> list[str]:
-    """A list of texts that can be printed; [] where there is none, or null."""
+    """Read a list of printable texts; [] if the key is missing or null."""
     values = listed(data, key)
     return [text({f"{key}[{i}]": value}, f"{key}[{i}]", None) or "" for i, value in enumerate(values)]
 
 
 def _of_kind(data: Any, key: str, kind: type | tuple, words: str, default: Any) -> Any:
     if not isinstance(data, dict):
-        raise ValueError(f"an object with {key} is needed, not {str(data)[:40]!r}")
+        raise ValueError(f"an object with {key} is required, not {str(data)[:40]!r}")
     value = data.get(key)
     if value is None:
         return default
@@ -152,7 +152,7 @@ def _of_kind(data: Any, key: str, kind: type | tuple, words: str, default: Any) 
 
 
 def numbers(data: Any, key: str, needed: tuple[str, ...]) -> dict[str, Any]:
-    """An object of numbers, some of which must be there; others may be null, as a std that is not known."""
+    """Read an object of numbers. Those in `needed` must be present; others may be null, for example a std."""
     values = _of_kind(data, key, dict, "an object of numbers", None)
     if values is None:
         raise ValueError(f"{key} is missing")
@@ -163,7 +163,7 @@ def numbers(data: Any, key: str, needed: tuple[str, ...]) -> dict[str, Any]:
 
 
 def band_of(data: Any) -> dict[str, list[float]]:
-    """{"band_hz": [lo, hi]} where an object has it, else {}."""
+    """Return {"band_hz": [lo, hi]} if the object has the key, else {}."""
     band = _of_kind(data, "band_hz", list, "two numbers", None)
     if band is None:
         return {}
@@ -173,12 +173,12 @@ def band_of(data: Any) -> dict[str, list[float]]:
 
 
 def how_fitted(data: Any) -> dict[str, Any]:
-    """How a model was fitted: the key "fit" of its file, each value of its kind.
+    """Read how a model was fitted from the key "fit" of its file, and check the type of each value.
 
     Raises
     ------
     ValueError
-        A value is of another kind.
+        A value has the wrong type.
     """
     fit = data.get("fit") or {}
     band = band_of(fit).get("band_hz")

@@ -1,4 +1,4 @@
-"""The JSON of a model file, whatever kind of model it holds."""
+"""Read and write the JSON of a model file, for all kinds of models."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ FORMAT = 1
 
 
 def write_model_file(path: str | Path, data: dict[str, Any]) -> None:
-    """Write the JSON of a model file; an existing file is replaced whole or not at all."""
+    """Write the JSON of a model file. An existing file is replaced completely or not at all."""
     text = json.dumps(data, indent=1, allow_nan=False) + "\n"
     write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def read_model_file(path: str | Path) -> Any:
-    """Read the JSON of a model file, whatever kind of model it holds.
+    """Read the JSON of a model file, for all kinds of models.
 
     Raises
     ------

@@ -18,7 +18,7 @@ def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
     ----------
     drawn : object
     *args, **options
-        Of the function for its type.
+        Arguments of the drawing function of its type.
 
     Returns
     -------
@@ -27,9 +27,9 @@ def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
     Raises
     ------
     TypeError
-        There is no drawing of this type.
+        No drawing function is registered for this type.
     """
-    raise TypeError(f"there is no drawing of a {type(drawn).__name__}")
+    raise TypeError(f"a {type(drawn).__name__} cannot be plotted")
 
 
 class Plottable:

@@ -1,4 +1,4 @@
-"""Physical effects: the catalogue, as the C library describes it, and effects of the user's own."""
+"""Physical effects: the catalogue, as described by the C library, and user-defined effects."""
 
 from gsid.effects.custom import expression, load, table
 from gsid.effects.types import EffectParameter, EffectType, catalogue, find

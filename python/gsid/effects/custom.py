@@ -1,4 +1,4 @@
-"""Effects of the user: a torque law as an expression, as a table of points, or compiled."""
+"""User-defined effects: a torque law given as an expression, as a table of points, or as compiled C code."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ from gsid.effects.types import (
 
 
 def entry_keys(effect: str) -> tuple[str, ...]:
-    """Keys that an entry of a model file may have, by the id of its effect."""
+    """Return the keys that an entry of a model file may have, for the id of its effect."""
     own = {EXPRESSION: ("torque", "bounds"), TABLE: ("variable", "unit", "at", "torque")}
     return ("effect", "params", *own.get(effect, ("library",)))
 
 
 def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
-    """The effect of one's own that an entry of a model file describes; None for one of the catalogue.
+    """Make the user-defined effect that an entry of a model file describes; None for a catalogue effect.
 
     Parameters
     ----------
     entry : mapping
         {"effect": id, "params": {name: value or {"value": value}}, ...}.
     where : str
-        For messages.
+        File and entry, for error messages.
 
     Raises
     ------
     InputError
-        The description is wrong, or it is of a library that was not loaded.
+        The description is wrong, or the effect belongs to a library that was not loaded.
     """
     effect = entry["effect"]
     try:
@@ -61,32 +61,32 @@ def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
         raise InputError(error.what, f"{where} {error.where}".strip(), error.value, error.hint) from error
     if "library" in entry and effect not in LOADED:
         typed = shlex.join(["gsid", "--library", str(entry["library"])])
-        hint = f"its code runs only when you say so: {typed} ..., or gsid.effects.load"
-        raise InputError("the effect is of a library that was not loaded", where, effect, hint)
+        hint = f"load the library explicitly, which runs its code: {typed} ..., or gsid.effects.load"
+        raise InputError("the effect belongs to a library that was not loaded", where, effect, hint)
     return LOADED.get(effect)
 
 
-# ---- effects of one's own ------------------------------------------------------------------------------
+# ---- user-defined effects ------------------------------------------------------------------------------
 
 EXPRESSION, TABLE = "expression", "table"
-ANY = 1e9  # bound of what has no natural one
+ANY = 1e9  # bound of a parameter without a natural bound
 TABLE_KINDS = {"w": lib.GSID_TABLE_RATE, "theta": lib.GSID_TABLE_ANGLE, "u": lib.GSID_TABLE_COMMAND}
 
 
 def expression(
     text: str, params: Mapping[str, float], *, bounds: Mapping[str, Sequence[float]] | None = None
 ) -> EffectType:
-    """A torque law written as an expression.
+    """Make an effect from a torque law written as an expression.
 
     Parameters
     ----------
     text : str
-        Torque over inertia against the motion, unit of angle / s^2, for example "c*tanh(w/0.1)"; see
-        `gsid.effects.law_text` for what it may have.
+        Torque over inertia, positive against the motion, unit of angle / s^2, for example "c*tanh(w/0.1)".
+        `gsid.effects.law_text` describes the syntax.
     params : dict of float
-        Its parameters and where a fit starts.
+        Names of the parameters, and their start values for a fit.
     bounds : dict of (lo, hi), optional
-        Limits of parameters.
+        Limits of the parameters.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def expression(
     Raises
     ------
     InputError
-        The text is no such expression, or a parameter is not as it must be.
+        The text is not a valid expression, or a parameter is not valid.
     """
     from gsid.effects.law_text import as_c, is_reserved, parse
 
@@ -110,44 +110,47 @@ def expression(
         raise InputError("a torque law has too many parameters", text, most, "write some as numbers")
     for name in limits:
         if not name.isidentifier() or is_reserved(name) or name not in params:
-            raise InputError("not a name of a parameter", text, name, "w, theta, u and functions have theirs")
+            hint = "w, theta, u and the names of functions are reserved"
+            raise InputError("not a valid parameter name", text, name, hint)
     parameters = tuple(_own_parameter(text, name, params[name], limits[name]) for name in params)
     steps = parse(text, list(params))
     law, tape = as_c(steps, ffi)
     c, keep = _descriptor(EXPRESSION, text, parameters)
     if lib.gsid_expression_effect(law, c) != lib.GSID_OK:
         most = f"{lib.GSID_EXPRESSION_DEPTH_MAX} open terms at a time"
-        raise InputError("the torque law nests too deep", text, None, f"it may have {most}: write it flatter")
+        hint = f"the limit is {most}: write it with fewer levels of parentheses"
+        raise InputError("the torque law is nested too deeply", text, None, hint)
     definition = {"torque": text} | ({"bounds": {k: list(v) for k, v in bounds.items()}} if bounds else {})
     return _own(EXPRESSION, f"Torque {text}.", "smooth", parameters, definition, c, (law, tape, *keep))
 
 
 def table(source: Any, *, unit: str = "") -> EffectType:
-    """A torque law given by points: a cubic between them, a line beyond.
+    """Make an effect from a torque law given by points: cubic interpolation, linear extrapolation.
 
     Parameters
     ----------
     source : path, or (variable, at, torque)
-        A CSV file with a header `w,torque`, `theta,torque` or `u,torque`; what `gsid diagnose --curve`
-        writes; or the name of the variable and the points: torque over inertia against the motion.
+        A CSV file with a header `w,torque`, `theta,torque` or `u,torque`, as `gsid diagnose --curve` writes;
+        or the name of the variable and the points. Torque is over inertia, positive against the motion.
     unit : str
-        Of the variable, where the source does not say; "" is believed to be the model's.
+        Unit of the variable if the file does not state one. "" means the unit of the model.
 
     Returns
     -------
     EffectType
-        Its one parameter is a scale.
+        Its only parameter is a scale.
 
     Raises
     ------
     InputError
-        The file cannot be read, or the points are too few, not numbers, or two at one place.
+        The file cannot be read, there are too few points, a value is not a number, or two points have the
+        same abscissa.
     """
     where = ""
     if isinstance(source, str | Path):
         where = str(source)
-        variable, at, torque, said = read_table(source)
-        unit = said or unit
+        variable, at, torque, unit_of_file = read_table(source)
+        unit = unit_of_file or unit
     else:
         name, at, torque = source
         variable = short_name(name)
@@ -165,17 +168,17 @@ def table(source: Any, *, unit: str = "") -> EffectType:
 
 
 def load(library: str | Path, name: str) -> EffectType:
-    """Load an effect compiled from C; from then on its id is known to model files and to :func:`find`.
+    """Load an effect compiled from C. Model files and :func:`find` then accept its id.
 
-    This runs code of the shared object, in this process and without any guard: load only what you trust. A
-    model file does not load anything by itself.
+    This runs code of the shared object in this process, without protection. Load only code that you trust. A
+    model file alone never loads a library.
 
     Parameters
     ----------
     library : path
         Shared object, made by `cc -shared -fPIC -Iinclude my_effect.c -o my_effect.so`.
     name : str
-        Of the gsid_effect in it, which stands in GSID_SHARE_EFFECT(name).
+        Name of its gsid_effect, the argument of GSID_SHARE_EFFECT(name).
 
     Returns
     -------
@@ -184,26 +187,27 @@ def load(library: str | Path, name: str) -> EffectType:
     Raises
     ------
     InputError
-        It cannot be loaded, has no such effect, or was compiled for another version or precision.
+        The library cannot be loaded, does not contain the effect, or was compiled for another version or
+        precision.
     """
     path = Path(library).expanduser().resolve()
     where = str(library)
     if not path.is_file():
         raise InputError(
-            "there is no such shared object", where, None, "compile it first: cc -shared -fPIC ..."
+            "the shared object does not exist", where, None, "compile it first: cc -shared -fPIC ..."
         )
     try:
         shared = ctypes.CDLL(str(path))
     except OSError as error:
-        hint = "functions of gsid that it calls are linked in with build/double/libgsid_core.a"
+        hint = "if it calls functions of gsid, link it with build/double/libgsid_core.a"
         raise InputError(f"the shared object cannot be loaded: {error}", where, None, hint) from error
     try:
         found = ffi.cast(
             "gsid_shared_effect *", ctypes.addressof(ctypes.c_char.in_dll(shared, f"{name}_shared_f64"))
         )
     except ValueError:
-        hint = f"write GSID_SHARE_EFFECT({name}); behind its definition, and compile it in double precision"
-        raise InputError("the shared object has no such effect", where, name, hint) from None
+        hint = f"write GSID_SHARE_EFFECT({name}); after its definition, and compile it in double precision"
+        raise InputError("the shared object does not contain the effect", where, name, hint) from None
     if found.size != ffi.sizeof("gsid_effect"):
         hint = "compile it again with this version's include/gsid/effect.h"
         raise InputError("the effect was compiled for another version of gsid", where, name, hint)
@@ -214,13 +218,13 @@ def load(library: str | Path, name: str) -> EffectType:
 
 
 def _checked(c: Any, where: str) -> EffectType:
-    """What a descriptor says, when it can be true."""
+    """Check the descriptor of a loaded effect and read it."""
     functions = ("linear", "torque", "command", "control", "refresh_hz", "disturbance")
     wrong = ""
     if ffi.NULL in (c.id, c.sentence) or not read_text(c.id):
         wrong = "it has no id or sentence"
     elif read_text(c.id) in catalogue() or read_text(c.id) in (EXPRESSION, TABLE):
-        wrong = f"its id {read_text(c.id)} is one of gsid's own"
+        wrong = f"its id {read_text(c.id)} is reserved by gsid"
     elif c.n_parameters > lib.GSID_EFFECT_PARAMETERS_MAX:
         wrong = f"it has {c.n_parameters} parameters of at most {lib.GSID_EFFECT_PARAMETERS_MAX}"
     elif any(
@@ -246,21 +250,21 @@ def _own_parameter(text: str, name: str, start: Any, limits: Sequence[float]) ->
         raise InputError("a parameter or its bounds are not numbers", where, start) from None
     if not (math.isfinite(start) and lower <= start <= upper):
         raise InputError(
-            "a value is out of its bounds", where, f"{start:g}", f"it lies in {lower:g} .. {upper:g}"
+            "a value is out of its bounds", where, f"{start:g}", f"the bounds are {lower:g} .. {upper:g}"
         )
-    # A parameter that may be 0 counts as a strength, of the size it starts with; any other is a shape.
+    # A parameter that may be 0 is a strength; its start value gives the typical size. Any other is a shape.
     return EffectParameter(name, "", abs(start) or 1.0, lower, upper, 0.0 if lower <= 0 <= upper else None)
 
 
 def _points(at: Any, torque: Any, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points in ascending order, and the slopes (TAB-1)."""
+    """Sort the points in ascending order, and compute the slopes (TAB-1)."""
     try:
         at, torque = np.asarray(at, float), np.asarray(torque, float)
     except (TypeError, ValueError):
         raise InputError("the points of a table are not numbers", where) from None
     n, least, most = at.size, lib.GSID_TABLE_POINTS_MIN, lib.GSID_TABLE_POINTS_MAX
     if at.ndim != 1 or at.shape != torque.shape or not least <= n <= most:
-        what = "a table needs as many torques as places, in two lists"
+        what = "a table needs two lists of equal length, abscissas and torques"
         raise InputError(what, where, f"{n} and {torque.size}", f"{least} .. {most} points")
     if not np.all(np.isfinite(at) & np.isfinite(torque)):
         bad = int(np.flatnonzero(~(np.isfinite(at) & np.isfinite(torque)))[0])
@@ -269,7 +273,9 @@ def _points(at: Any, torque: Any, where: str) -> tuple[np.ndarray, np.ndarray, n
     at, torque = np.ascontiguousarray(at[order]), np.ascontiguousarray(torque[order])
     if np.any(np.diff(at) == 0):
         twice = at[1:][np.diff(at) == 0][0]
-        raise InputError("a table has two points at one place", where, f"{twice:g}", "leave one of them out")
+        raise InputError(
+            "two points of a table have the same abscissa", where, f"{twice:g}", "remove one of them"
+        )
     slope = np.empty(n)
     arrays = [ffi.from_buffer("double[]", x) for x in (at, torque, slope)]
     check(lib.gsid_table_slopes(n, *arrays), "finding the slopes of a table")
@@ -277,7 +283,7 @@ def _points(at: Any, torque: Any, where: str) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _descriptor(effect: str, sentence: str, parameters: Sequence[EffectParameter]) -> tuple[Any, list[Any]]:
-    """A gsid_effect without its functions, and the texts that it points to."""
+    """Make a gsid_effect without its functions, and the texts that it points to."""
     c = ffi.new("gsid_effect *")
     keep = [ffi.new("char[]", text.encode()) for text in (effect, sentence, "")]
     c.id, c.sentence, c.confused_with = keep

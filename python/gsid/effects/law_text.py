@@ -1,15 +1,16 @@
 """Torque laws as text: `c*tanh(w/0.1)` becomes a list of steps that the C library evaluates.
 
-Python's own parser makes the tree, and only the nodes listed here are let through: nothing of the text is
-ever run as code. A law may look at
+Python's parser builds the syntax tree, and only the node types listed here are accepted. The text is never
+executed as code. The variables of a law are
 
     w      rate of the axis, unit of angle / s
     theta  angle of the axis, unit of angle
-    u      command as it drives the motor: after dead zone and the like, delay and lags
+    u      command that drives the motor: after nonlinearities such as a dead zone, delay and lags
 
-and has numbers, its parameters, + - * / ^, parentheses, pi, rad (radians in a unit of angle, as in
-sin(24*theta*rad)) and the functions abs, sqrt, exp, log, sin, cos, tanh, min and max. It gives a torque over
-inertia against the motion, unit of angle / s^2. Time is no variable: the plant does not change with it.
+A law may also contain numbers, its parameters, + - * / ^, parentheses, pi, rad (radians per unit of angle,
+as in sin(24*theta*rad)) and the functions abs, sqrt, exp, log, sin, cos, tanh, min and max. Its value is a
+torque over inertia, positive against the motion, unit of angle / s^2. Time is not a variable: the plant is
+time-invariant.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ GRAMMAR = f"a law has w, theta, u, numbers, parameters, + - * / ^ ( ), pi, rad a
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the stack machine: kind (gsid_expression_kind), index of a parameter, a number."""
+    """One step of the stack machine: kind (gsid_expression_kind), index of a parameter, number."""
 
     kind: int
     index: int = 0
@@ -48,7 +49,7 @@ class Step:
 
 
 def parse(text: str, parameters: Collection[str]) -> list[Step]:
-    """Steps that evaluate a law.
+    """Parse a law into the steps that evaluate it.
 
     Parameters
     ----------
@@ -63,7 +64,8 @@ def parse(text: str, parameters: Collection[str]) -> list[Step]:
     Raises
     ------
     InputError
-        It is no expression, or has what an expression must not have; where says at which column.
+        The text is not an expression, or it contains something that a law must not contain. `where` names the
+        column.
     """
     return _Parser(text, list(parameters)).steps()
 
@@ -78,7 +80,7 @@ class _Parser:
         self.text = " ".join(text.split())
         self.parameters = parameters
         self.used: set[str] = set()
-        # Python writes a power as **; the columns of its tree are bytes of that text.
+        # Python writes a power as **. The column numbers of its tree count bytes of that text.
         self.python = self.text.replace("^", "**")
         self.origin = [i for i, char in enumerate(self.text) for _ in ("**" if char == "^" else char)]
         self.out: list[Step] = []
@@ -91,13 +93,13 @@ class _Parser:
             tree = ast.parse(self.python, mode="eval")
         except SyntaxError as error:
             at = (error.offset or len(self.python) + 1) - 1  # 0: it ends too early
-            raise self._fault("a torque law is no expression", at, GRAMMAR) from error
+            raise self._fault("a torque law is not an expression", at, GRAMMAR) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise self._fault("a torque law cannot be read", 0, GRAMMAR) from error
         self._visit(tree.body)
         unused = [name for name in self.parameters if name not in self.used]
         if unused:
-            hint = f"it has {', '.join(sorted(self.used)) or 'none'}; leave --param {unused[0]} out"
+            hint = f"its parameters: {', '.join(sorted(self.used)) or 'none'}; remove --param {unused[0]}"
             raise InputError("the torque law has no such parameter", self.text, ", ".join(unused), hint)
         self._check_size()
         return self.out
@@ -120,7 +122,7 @@ class _Parser:
         elif isinstance(node, ast.Call):
             self._call(node)
         else:
-            raise self._fault("a torque law cannot have this", self._column(node), GRAMMAR)
+            raise self._fault("a torque law must not contain this", self._column(node), GRAMMAR)
 
     def _number(self, node: ast.Constant) -> None:
         value = node.value
@@ -144,11 +146,11 @@ class _Parser:
         elif name in FUNCTIONS:
             raise self._fault(f"{name} is a function", self._column(node), f"write {name}(...)")
         elif name == "t":
-            hint = "the plant does not change with time; a fan or the like is periodic_disturbance"
-            raise self._fault("a torque law does not know the time", self._column(node), hint)
+            hint = "the plant is time-invariant; for a fan or similar use periodic_disturbance"
+            raise self._fault("a torque law must not depend on time", self._column(node), hint)
         else:
             known = [*VARIABLES, *CONSTANTS, *self.parameters]
-            hint = close(name, known) or f"there are {', '.join(known)}"
+            hint = close(name, known) or f"known names: {', '.join(known)}"
             hint += f"; --param {name}=VALUE makes it a parameter"
             raise self._fault(f"unknown name {name}", self._column(node), hint)
 
@@ -156,17 +158,19 @@ class _Parser:
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name in JUMPS:
             hint = (
-                "friction that jumps with the direction holds the axis at rest: `gsid add coulomb_friction`; "
-                "a law of your own needs a transition with a width, as in tanh(w/0.1)"
+                "for friction that jumps with the direction and holds the axis at rest use `gsid add "
+                "coulomb_friction`; in a user-defined law use a smooth transition such as tanh(w/0.1)"
             )
-            raise self._fault(f"{name} jumps, and a torque law must not", self._column(node), hint)
+            raise self._fault(
+                f"{name} is discontinuous, which a torque law must not be", self._column(node), hint
+            )
         if name not in FUNCTIONS:
-            hint = close(name, FUNCTIONS) or f"there are {', '.join(FUNCTIONS)}"
+            hint = close(name, FUNCTIONS) or f"known functions: {', '.join(FUNCTIONS)}"
             raise self._fault(f"unknown function {name}".rstrip(), self._column(node), hint)
         plain = not node.keywords and not any(isinstance(arg, ast.Starred) for arg in node.args)
         if not plain or len(node.args) != FUNCTIONS[name]:
             several = f"{FUNCTIONS[name]} arguments" if FUNCTIONS[name] > 1 else "one argument"
-            raise self._fault(f"{name} has {several}", self._column(node), GRAMMAR)
+            raise self._fault(f"{name} takes {several}", self._column(node), GRAMMAR)
         for arg in node.args:
             self._visit(arg)
         self._add(name.upper())
@@ -179,25 +183,25 @@ class _Parser:
             what, most = "a torque law has too many steps", lib.GSID_EXPRESSION_STEPS_MAX
             raise InputError(what, self.text, f"{len(self.out)} of at most {most}", "add it in several parts")
 
-    # ---- where ----
+    # ---- position of an error ----
 
     def _column(self, node: ast.expr) -> int:
         return len(self.python.encode()[: node.col_offset].decode())
 
     def _fault(self, what: str, column: int, hint: str) -> InputError:
-        """With the text, and a caret under a column of the text that Python parsed."""
+        """Make an error that shows the text with a caret under the given column of Python's text."""
         at = self.origin[column] if 0 <= column < len(self.origin) else len(self.text)
         return InputError(what, f"column {at + 1}", f"\n    {self.text}\n    {' ' * at}^", hint)
 
 
 def as_c(steps: list[Step], ffi: Any) -> tuple[Any, Any]:
-    """A gsid_expression and the memory that it points to.
+    """Make a gsid_expression and the memory that it points to.
 
     Parameters
     ----------
     steps : list of Step
     ffi : FFI
-        Of the build in double or single precision.
+        The interface of the double-precision or the single-precision build.
     """
     tape = ffi.new("gsid_expression_step[]", [(s.kind, s.index, s.number) for s in steps])
     return ffi.new("gsid_expression *", {"n_steps": len(steps), "step": tape}), tape

@@ -1,7 +1,7 @@
-"""Torque laws given by points: a line of names, `w,torque`, `theta,torque` or `u,torque`, then numbers.
+"""Torque laws given by points: a header line `w,torque`, `theta,torque` or `u,torque`, then rows of numbers.
 
-Further columns and `# key: value` lines before the names are allowed; `# unit:` is that of the first column.
-Torque is over inertia and against the motion: friction has the sign of the rate.
+Further columns, and `# key: value` lines before the header, are allowed. `# unit:` is the unit of the first
+column. Torque is over inertia and positive against the motion: friction has the sign of the rate.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ TORQUE = "torque"
 
 
 def short_name(name: str, where: str = "") -> str:
-    """The short name of a variable, "w" for "rate".
+    """Return the short name of a variable, for example "w" for "rate".
 
     Raises
     ------
     InputError
-        It is none.
+        The name is not a variable.
     """
     for short, long in VARIABLES.items():
         if name in (short, long):
             return short
-    raise InputError("not a variable of a torque law", where, name, f"it is one of {', '.join(VARIABLES)}")
+    raise InputError("not a variable of a torque law", where, name, f"use one of {', '.join(VARIABLES)}")
 
 
 def write_table(path: str | Path, columns: dict[str, np.ndarray], notes: dict[str, str]) -> None:
@@ -41,9 +41,9 @@ def write_table(path: str | Path, columns: dict[str, np.ndarray], notes: dict[st
     ----------
     path : path
     columns : dict of (n,) arrays
-        By their names, the variable first.
+        Columns by name, the variable first.
     notes : dict of str
-        Lines before the names.
+        Keys and values of the lines before the header.
     """
 
     def write(part: Path) -> None:
@@ -69,24 +69,24 @@ def read_table(path: str | Path) -> tuple[str, list[float], list[float], str]:
         "w", "theta" or "u".
     at, torque : lists of float
     unit : str
-        Of the variable; "" where the file does not say.
+        Unit of the variable; "" if the file does not state it.
 
     Raises
     ------
     InputError
-        It cannot be read or is no such file; where says at which line.
+        The file cannot be read, or is not a table. `where` names the line.
     """
     try:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError("cannot read the table", str(path), None, "it is a text file of points") from error
+        raise InputError("cannot read the table", str(path), None, "give a text file of points") from error
     notes = dict(line[1:].partition(":")[::2] for line in lines if line.startswith("#"))
     unit = {key.strip(): value.strip() for key, value in notes.items()}.get("unit", "")
     rows = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     names = [name.strip() for name in rows[0][1].split(",")] if rows else []
     if TORQUE not in names[1:]:
-        hint = f"its first line of names is `w,{TORQUE}`, `theta,{TORQUE}` or `u,{TORQUE}`"
-        raise InputError("the table has no column of torque", str(path), ",".join(names), hint)
+        hint = f"write the header as `w,{TORQUE}`, `theta,{TORQUE}` or `u,{TORQUE}`"
+        raise InputError("the table has no torque column", str(path), ",".join(names), hint)
     short, column = short_name(names[0], str(path)), names.index(TORQUE)
     points = [_point(line, column, len(names), f"{path}: line {i}") for i, line in rows[1:]]
     return short, [x for x, _ in points], [y for _, y in points], unit
@@ -99,4 +99,4 @@ def _point(line: str, column: int, n_columns: int, where: str) -> tuple[float, f
             return float(cells[0]), float(cells[column])
     except ValueError:
         pass
-    raise InputError("not a point of the table", where, line.strip(), f"a line has {n_columns} numbers")
+    raise InputError("invalid row in the table", where, line.strip(), f"write {n_columns} numbers in a row")

@@ -1,8 +1,8 @@
-"""Physical effects: the catalogue, as the C library describes it, and those of the user's own.
+"""Physical effects: the catalogue, as described by the C library, and user-defined effects.
 
-An effect of your own is an expression, a table (a curve that was measured, or that `gsid diagnose` left
-unexplained), or a descriptor compiled from C, see include/gsid/effect.h. All three are simulated and fitted
-by the same C code as the catalogue's.
+A user-defined effect is an expression, a table (a measured curve, or a residual torque curve of `gsid
+diagnose`), or a descriptor compiled from C (include/gsid/effect.h). The C code that simulates and fits the
+effects of the catalogue also simulates and fits these three.
 """
 
 from __future__ import annotations
@@ -69,21 +69,22 @@ SCALES = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Points of a parameter at which the search for missing effects begins; include/gsid/effect_facts.h.
+    """Start values of a parameter in the search for missing effects (include/gsid/effect_facts.h).
 
     Attributes
     ----------
     spacing : str
-        How the points lie, of `SPACINGS`.
+        Spacing of the points, one of `SPACINGS`.
     of : str
-        What they are shares of, of `SCALES`.
+        Quantity that the points are relative to, one of `SCALES`.
     first, last, step : float
-        In units of `of`; meaning by the spacing.
+        In units of `of`; the meaning depends on the spacing.
     n : int
-        Number of points; 0 where `step` gives it.
+        Number of points; 0 if `step` determines it.
     points : tuple of float
-        Of a list.
+        The points of the spacing "list".
     reason : str
+        Reason for this choice.
     """
 
     spacing: str
@@ -96,12 +97,12 @@ class Grid:
     reason: str
 
     def at(self, scale: float) -> np.ndarray:
-        """The points, for the size of what they are shares of.
+        """Compute the points for a given scale.
 
         Parameters
         ----------
         scale : float
-            Of this motion, in the unit of `of`.
+            Value of the quantity `of` in this motion.
 
         Returns
         -------
@@ -127,7 +128,7 @@ class Grid:
         return scale * shares if self.spacing == "geometric" else 1 / (scale * shares)
 
     def gap(self, scale: float, point: float) -> float:
-        """Distance of neighbours of the spacing "rounding".
+        """Distance between neighbours for the spacing "rounding".
 
         Parameters
         ----------
@@ -144,17 +145,17 @@ class EffectParameter:
     ----------
     name, unit : str
     typical : float
-        Of a gimbal, in `unit`.
+        Typical value of a gimbal, in `unit`.
     lower, upper : float
-        Values outside are refused, except `null_value`; infinite where there is no bound.
+        Values outside are refused, except `null_value`. Infinite means no bound.
     null_value : float or None
-        The effect vanishes here; None: a shape, without meaning when the effect is absent.
+        Value at which the effect vanishes. None: a shape parameter, which has no meaning without the effect.
     in_response : bool
-        The response of the linear part determines it.
+        Whether the response of the linear part determines it.
     axis_field : str or None
-        What the simulated axis calls it (include/gsid/host/axis.h); None: the axis has no such law.
+        Its name in the simulated axis (include/gsid/host/axis.h); None: the axis does not have this law.
     grid : Grid or None
-        Where the search for missing effects begins.
+        Start values in the search for missing effects.
     """
 
     name: str
@@ -168,7 +169,7 @@ class EffectParameter:
     grid: Grid | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Its part of the entry of `gsid effects --json`."""
+        """Return the parameter as in the output of `gsid effects --json`."""
         entry = dict(vars(self))
         del entry["axis_field"]
         return entry | {"grid": self.grid and vars(self.grid) | {"points": list(self.grid.points)}}
@@ -176,35 +177,36 @@ class EffectParameter:
 
 @dataclass(frozen=True, repr=False)
 class EffectType:
-    """One effect of the catalogue, or one of your own: :func:`expression`, :func:`table`, :func:`load`.
+    """An effect of the catalogue, or a user-defined one: :func:`expression`, :func:`table`, :func:`load`.
 
     Attributes
     ----------
     id, sentence : str
+        Name of the effect, and a description in one sentence.
     confused_with : tuple of str
-        Effects that it is easily taken for.
+        Effects with a similar signature in the data.
     stage : {"controller", "actuator", "torque", "structure", "sensor"}
-        Where in the chain from command to output it acts.
+        Place in the chain from command to output.
     null_kind : {"smooth", "one_sided", "threshold", "never"}
-        What the derivative by its strength is worth where it vanishes; "never": the plant is not one
-        without it, or it is known.
+        Validity of the derivative with respect to its strength at the null value. "never": a plant always has
+        the effect, or the effect is known.
     parameters : tuple of EffectParameter
     law : str
-        For a reader: u command, w rate, theta angle, y output; "" where none is written.
+        The law in readable form: u command, w rate, theta angle, y output; may be empty.
     as_c : str or None
-        The law in C, with {parameter} for values; None: it is not exported, or by its linear part.
+        The law in C, with {parameter} for values. None: it is not exported, or its linear part is exported.
     linear_part : str or None
-        Form of its linear part in the frequency domain, of `LINEAR_PARTS`.
+        Form of its linear part in the frequency domain, one of `LINEAR_PARTS`.
     turns_only : bool
-        The law takes an angle: it has no meaning for an axis whose unit is a length.
+        Whether the law requires an angle. Such a law has no meaning for an axis whose unit is a length.
     simpler : str or None
-        The law that it becomes at one end of its shapes.
+        Simpler law that it approaches at one end of its shape parameters.
     not_searched : str or None
-        Why the search for missing effects leaves it out; None: it is searched.
+        Why the search for missing effects omits it; None: the search includes it.
     definition : dict
-        What a model file says of an effect of your own besides its id and parameters; empty in the catalogue.
+        Keys of a user-defined effect in a model file besides id and parameters; empty in the catalogue.
     c, data : cffi pointers
-        The gsid_effect, and what its functions need besides the values.
+        The gsid_effect, and the data that its functions need besides the values.
     """
 
     id: str
@@ -225,7 +227,7 @@ class EffectType:
     keep: tuple = field(default=(), compare=False)  # memory that c and data point to
 
     def __deepcopy__(self, memo: dict) -> EffectType:
-        return self  # never changed; and memory of C cannot be copied
+        return self  # immutable, and C memory cannot be copied
 
     def __getitem__(self, name: str) -> EffectParameter:
         for parameter in self.parameters:
@@ -239,7 +241,7 @@ class EffectType:
         return tuple(parameter.name for parameter in self.parameters)
 
     def to_dict(self) -> dict[str, Any]:
-        """The entry of `gsid effects --json`."""
+        """Return the effect as in the output of `gsid effects --json`."""
         return {
             "effect": self.id,
             "stage": self.stage,
@@ -284,13 +286,13 @@ class EffectType:
 
 @functools.cache
 def catalogue() -> dict[str, EffectType]:
-    """Every effect that the library knows, by id, in the order of the chain from command to output."""
+    """Return all effects of the library by id, in the order of the chain from command to output."""
     types = [_with_facts(lib.gsid_catalogue_facts[i]) for i in range(lib.gsid_n_catalogue)]
     return {effect.id: effect for effect in types}
 
 
 def linear_part(effect: str) -> EffectType | None:
-    """The effect of an id if it has a linear part, else None; an id outside the catalogue has none.
+    """Return an effect of the catalogue if it has a linear part, else None.
 
     Parameters
     ----------
@@ -301,30 +303,32 @@ def linear_part(effect: str) -> EffectType | None:
 
 
 def find(effect: str, where: str = "") -> EffectType:
-    """Look an effect up.
+    """Find an effect by its id.
 
     Parameters
     ----------
     effect : str
     where : str
-        What named it, for the message.
+        File or place that names it, for the error message.
 
     Raises
     ------
     InputError
-        There is no such effect; the hint names close ones.
+        The effect is unknown. The hint names the closest one.
     """
     known = catalogue() | LOADED
     if effect in known:
         return known[effect]
-    hint = close(effect, known) or "`gsid effects` lists what there is; `gsid add --help` how to add others"
+    hint = (
+        close(effect, known) or "`gsid effects` lists all effects; `gsid add --help` shows how to add others"
+    )
     raise InputError("unknown effect", where, effect, hint)
 
 
 LOADED: dict[str, EffectType] = {}
 
 
-# ---- reading the library ---------------------------------------------------------------------------------
+# ---- conversion from C ---------------------------------------------------------------------------------
 
 
 def read_type(effect: Any) -> EffectType:
@@ -342,7 +346,7 @@ def read_type(effect: Any) -> EffectType:
 
 
 def _with_facts(facts: Any) -> EffectType:
-    """An effect of the catalogue: its descriptor, and the facts that stand beside it."""
+    """Make an effect of the catalogue from its descriptor and its further facts."""
     known = read_type(facts.effect)
     parameters = tuple(
         dataclasses.replace(

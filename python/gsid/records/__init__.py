@@ -1,1 +1,1 @@
-"""Records: samples of input and output, the files they are read from, and their periods."""
+"""Records of input and output samples: data structure, files, and division into periods."""

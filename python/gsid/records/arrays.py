@@ -1,4 +1,4 @@
-"""Records as files of arrays: .npz, .mat (v5 and v7.3), .h5."""
+"""Read and write records as files of arrays: .npz, .mat (v5 and v7.3), .h5."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gsid.records.record import Record
 
 
 def _raw_arrays(path: Path, entries: dict[str, object], names: list[str]) -> Raw:
-    """Sort what was read of a file of arrays into columns (arrays) and keys (single numbers and texts)."""
+    """Sort the entries of a file into columns (arrays) and keys (single numbers and texts)."""
     columns: dict[str, np.ndarray] = {}
     keys: dict[str, object] = {}
     for name, value in entries.items():
@@ -28,7 +28,7 @@ def _raw_arrays(path: Path, entries: dict[str, object], names: list[str]) -> Raw
             columns[name] = array
         elif array.dtype.kind in "fiub":
             keys[name] = array.item()
-    with contextlib.suppress(AttributeError, TypeError, ValueError):  # someone else's entry called meta
+    with contextlib.suppress(AttributeError, TypeError, ValueError):  # an entry named meta of another program
         keys.update({str(key): str(value) for key, value in json.loads(keys.get("meta", "")).items()})
         del keys["meta"]
     listed = [name for name in names if name not in (*KEYS, "meta")]

@@ -1,4 +1,4 @@
-"""From what a file holds to a record: the same checks for every format."""
+"""Make a record from the contents of a file, with the same checks for every format."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from gsid.records.record import LARGEST, Record
 
 _log = logging.getLogger(__name__)
 LEAST = {"period_samples": 1, "settle_samples": 0}
-SAMPLES_MOST = 2**53  # beyond it a double does not count
+SAMPLES_MOST = 2**53  # a double does not represent every larger integer
 
 
 def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Record:
-    """Check what a file holds, and make the record."""
+    """Check the contents of a file, and make the record."""
     time_name = next((name for name in TIME_NAMES if name in raw.columns), None)
     length_of = {name: _vector(path, raw, name, option) for name, option in ((u, "--u"), (y, "--y"))}
     n = len(length_of[u])
@@ -74,7 +74,7 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
 
 
 def _unit_in(name: str) -> str:
-    """The unit that a column's name ends with, as in "gyro [deg/s]"; "" where it has none."""
+    """Return the unit at the end of a column's name, as in "gyro [deg/s]"; "" if it has none."""
     found = re.search(r"\[([^][]+)\]$", name)
     return found[1].strip() if found else ""
 
@@ -136,7 +136,7 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
     measured = _rate_of_times(raw, np.asarray(t, np.float64), fs_hz is not None)
     if stated is not None and abs(measured - stated) > 1e-3 * stated:
         raise InputError(
-            "the sample rate given is not that of the times",
+            "the given sample rate does not match the times",
             str(path),
             f"{stated:g} Hz given, {measured:g} Hz in the file",
             "correct --fs or the times",
@@ -145,10 +145,10 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
 
 
 def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
-    """Rate of equally spaced times; rounded to a whole number where the times' resolution allows that.
+    """Compute the rate of equally spaced times, rounded to a whole number if their resolution allows it.
 
-    Where the user states the rate, their jitter is believed to be that of a clock beside the samples'; a gap
-    is one all the same.
+    If the user states the rate, jitter of the times is attributed to the clock that wrote them. A gap is an
+    error in any case.
     """
     with np.errstate(over="ignore"):  # differences of huge times are checked below
         step = float(np.median(np.diff(t)))
@@ -178,7 +178,7 @@ def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
 
 
 def _resolution(t: np.ndarray) -> float:
-    """Step of the last decimal that the times use, or the rounding of their floating point."""
+    """Resolution of the times: their last decimal digit, or their floating-point rounding."""
     rounding = (
         4 * float(np.abs(t).max()) * np.finfo(np.float32 if np.all(t == t.astype(np.float32)) else float).eps
     )
@@ -202,21 +202,21 @@ def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | Non
     except (TypeError, ValueError, OverflowError):
         expected = "a number" if kind is float else f"a whole number of samples, {LEAST[key]} or more"
         raise InputError(
-            f"{key} is not {expected}", str(path), raw.keys[key], f"write `# {key}: ...` anew"
+            f"{key} is not {expected}", str(path), raw.keys[key], f"correct the line `# {key}: ...`"
         ) from None
 
 
 def add_keys_from_beside(
     path: Path, raw: Raw, u: str, y: str, fs_hz: float | None, period: int | None
 ) -> None:
-    """Take rate, period and units from a meta.json in the same folder where it names this file."""
+    """Read rate, period and units from a meta.json in the same folder if it lists this file."""
     place = path.parent / "meta.json"
     try:
         beside = read_json(place)
         if path.name not in beside["files"]:
             return
     except (OSError, ValueError, KeyError, TypeError):
-        return  # there is none, or it is somebody else's
+        return  # there is no such file, or it has another purpose
     has_time = any(name in raw.columns for name in TIME_NAMES)
     for key, given in (("fs_hz", fs_hz is not None or has_time), ("period_samples", period is not None)):
         if key in beside and key not in raw.keys and not given:
@@ -229,7 +229,7 @@ def add_keys_from_beside(
 
 
 def _units_of(channels: object, place: str) -> dict[str, str]:
-    """Units of the channels by their names."""
+    """Return the units of the channels by name."""
     units = {}
     for channel in channels if isinstance(channels, list) else [channels]:
         name, unit = (

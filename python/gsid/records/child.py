@@ -1,11 +1,11 @@
 """Worker process that reads foreign binary files: .npz, .mat (v5 and v7.3), .h5 and ULog.
 
-The readers of these formats trust what a file says: one wrong byte can crash the process, allocate gigabytes
-or make HDF5 open other files. So they run here, under limits of memory and time, and never in the process of
-the command. `gsid.records.foreign` starts this file as a script and talks to it over stdin and stdout: a
-request is one line of JSON; an answer is the length of a JSON header (8 bytes, little endian), the header,
-then the bytes of its arrays in their order. Only the standard library, numpy and the reader of the format are
-imported, so that the start is quick.
+The readers of these formats trust the contents of a file. One wrong byte can crash the process, allocate
+gigabytes or make HDF5 open other files. They therefore run in this process, with limits on memory and time,
+and never in the process of the command. `gsid.records.foreign` starts this file as a script and communicates
+over stdin and stdout. A request is one line of JSON. An answer is the length of a JSON header (8 bytes,
+little endian), the header, then the bytes of its arrays in order. To start quickly, it imports only the
+standard library, numpy and the reader of the format.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ import sys
 
 NUMBERS = "fiubc"
 SIZE_OF_KEY = 65536  # bytes: a key is one number or a short text
-N_NAMES = 200  # names listed where the one asked for is missing
-DEFLATE_MAX = 1032  # largest ratio of deflate: what a file holds cannot be larger than this
-STORED_LEAST = 64e6  # bytes: below it the ratio is not looked at
+N_NAMES = 200  # names listed if the requested one is missing
+DEFLATE_MAX = (
+    1032  # largest compression ratio of deflate: an array cannot be larger than this times its storage
+)
+STORED_LEAST = 64e6  # bytes: the ratio is not checked for smaller arrays
 
 
 class Refused(Exception):
-    """A file that is not read: what, value and hint of the error."""
+    """A file is refused: message, value and hint of the error."""
 
 
 def not_real(name, kind):
@@ -35,11 +37,11 @@ def not_real(name, kind):
 
 
 class Missing(Exception):
-    """A name that the file does not have: the names that it has."""
+    """A requested name is not in the file. The argument lists the names in the file."""
 
 
 class Request:
-    """What to read: names of the arrays and keys, and the memory that may be used."""
+    """What to read: names of the arrays and keys, and the memory limit."""
 
     def __init__(self, line):
         fields = json.loads(line)
@@ -59,7 +61,7 @@ class Request:
             )
 
     def has_room(self, size):
-        """Whether a further column still fits beside what was claimed."""
+        """Whether another column still fits into the memory left."""
         return size <= self.left / 2
 
 
@@ -78,7 +80,7 @@ def read_npz(request):
         }
 
         def head(name):
-            """Shape and type, when the member can hold them."""
+            """Read shape, type and size of a member, and check the size against the member."""
             with archive.open(members[name]) as file:
                 version = npy.read_magic(file)
                 read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
@@ -119,7 +121,7 @@ def read_npz(request):
 
 
 def is_column(request, entries, shape, dtype):
-    """Whether an array has as many real numbers as the input."""
+    """Whether an array holds real numbers and has the length of the input."""
     like = entries.get(request.like)
     return like is not None and dtype.kind in "fiub" and 0 < math.prod(shape) == like.size and like.ndim > 0
 
@@ -196,7 +198,7 @@ def read_h5(request):
 
 
 def h5_node(file, name, depth=0):
-    """The object of a name, by links inside the file alone; None where there is none."""
+    """Find an object by name, following links inside the file only; None if it does not exist."""
     import h5py
 
     node, parts = file, [part for part in name.split("/") if part and part != "."]
@@ -208,7 +210,7 @@ def h5_node(file, name, depth=0):
             raise Refused(f"{name} is a link to another file", link.filename, "copy the data into one file")
         if isinstance(link, h5py.SoftLink):
             if depth > 8:
-                raise Refused(f"{name} is a link in a circle", link.path, "write the file again")
+                raise Refused(f"{name} is a circular link", link.path, "write the file again")
             base = "" if link.path.startswith("/") else "/".join(parts[:i])
             return h5_node(file, "/".join([base, link.path, *parts[i + 1 :]]), depth + 1)
         node = node[part]
@@ -216,14 +218,14 @@ def h5_node(file, name, depth=0):
 
 
 def is_plain(node):
-    """Whether all data of a dataset stand in the file itself."""
+    """Whether all data of a dataset are stored in the file itself."""
     return hasattr(node, "nbytes") and not node.external and not node.is_virtual
 
 
 def h5_check(request, name, node):
     if not is_plain(node):
         where = "external storage" if node.external else "a virtual dataset"
-        raise Refused(f"{name} is kept in other files", where, "copy the data into one file")
+        raise Refused(f"{name} is stored in other files", where, "copy the data into one file")
     if node.dtype.kind not in NUMBERS + "SU":
         raise Refused(
             f"{name} does not hold real numbers", f"type {node.dtype}", "save it as an array of numbers"
@@ -231,7 +233,7 @@ def h5_check(request, name, node):
     stored = node.id.get_storage_size()
     if node.nbytes > max(DEFLATE_MAX * stored, STORED_LEAST):
         raise Refused(
-            f"array {name} is larger than what its file holds",
+            f"array {name} is larger than its file allows",
             f"{node.nbytes / 1e9:.3g} GB declared, {stored} bytes stored",
             "write the file again with all its samples",
         )
@@ -256,7 +258,7 @@ def h5_names(file, h5py):
             names.append(name)
         return len(names) >= N_NAMES or None  # anything but None ends the visit
 
-    with contextlib.suppress(Exception):  # names serve as hints, and other columns are not needed
+    with contextlib.suppress(Exception):  # the names serve only as hints and for optional columns
         file.visititems(note)
     return names
 
@@ -284,7 +286,7 @@ READERS = {"npz": read_npz, "mat": read_mat, "h5": read_h5, "ulg": read_ulg}
 
 
 def limit(request):
-    """Bound the memory, and the time should the parent die; a system without rlimits has time alone."""
+    """Limit the memory, and the time in case the parent dies. Without rlimits, limit the time only."""
     with contextlib.suppress(ImportError, AttributeError, ValueError, OSError):
         import resource
 
@@ -296,10 +298,10 @@ def limit(request):
 
 
 def answer(request):
-    """Header and arrays that answer a request."""
+    """Make the header and the arrays that answer a request."""
     notes = io.StringIO()
     try:
-        with contextlib.redirect_stdout(notes):  # readers print what they find odd
+        with contextlib.redirect_stdout(notes):  # readers print their warnings
             entries, names = READERS[request.kind](request)
     except Refused as error:
         return {"refused": error.args}, []
@@ -309,7 +311,7 @@ def answer(request):
         return {"memory": True}, []
     except ImportError as error:
         return {"import": str(error)}, []
-    except BaseException as error:  # on damaged files the readers raise what they will
+    except BaseException as error:  # the readers may raise any exception on a damaged file
         return {"damaged": f"{type(error).__name__}: {error}"[:200]}, []
     import numpy as np
 
@@ -341,7 +343,7 @@ def serve():
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints must not come between the answers
+    os.dup2(2, 1)  # text that a library prints must not mix with the answers
     for line in sys.stdin.buffer:
         request = Request(line)
         limit(request)

@@ -1,4 +1,4 @@
-"""Records as CSV: `# key: value` lines, a header row, rows of numbers."""
+"""Read and write records as CSV: `# key: value` lines, a header row, rows of numbers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _columns_hint(missing: str, y: str, names: list[str]) -> str:
 
 
 def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str]]:
-    """`# key: value` lines, then the names of the columns."""
+    """Read the `# key: value` lines and the names of the columns."""
     keys: dict[str, object] = {}
     for line in file:
         if line.startswith("#"):
@@ -74,7 +74,8 @@ def _read_rows(
         if names[i] not in needed and field and not _is_number(field)
     }
     if texts:
-        _log.info("%s: left out, not numbers: %s", path.name, ", ".join(names[i] for i in sorted(texts)))
+        names_of_texts = ", ".join(names[i] for i in sorted(texts))
+        _log.info("%s: columns without numbers are ignored: %s", path.name, names_of_texts)
     columns = [i for i in range(len(names)) if i not in texts]
     try:
         table = np.loadtxt(
@@ -97,13 +98,13 @@ def _read_rows(
 
 
 def _read_blanks(path: Path, columns: list[int]) -> np.ndarray:
-    """The slow way: a blank, as in the row of a lost sample, is not a number."""
+    """Read rows with empty fields, as in the row of a lost sample, as NaN (slow)."""
     rows = (line.split(",") for _, line in _data_lines(path))
     return np.array([[float(row[i].strip() or "nan") for i in columns] for row in rows])
 
 
 def _data_lines(path: Path) -> Iterable[tuple[int, str]]:
-    """Line number and text of the rows, as the fast reader counts them: without blank lines."""
+    """Yield line number and text of each row. Like the fast reader, it skips blank lines."""
     with open(path, encoding="utf-8-sig") as file:
         lines = ((number, line) for number, line in enumerate(file, 1) if line.strip())
         rows = itertools.dropwhile(lambda item: item[1].startswith("#"), lines)
@@ -116,7 +117,7 @@ def _line_of_sample(path: Path, sample: int) -> int:
 
 
 def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputError | None:
-    """Find what the fast reader stumbled over; a blank is no fault where lost samples are marked."""
+    """Find the row that the fast reader refused. An empty field is valid if lost samples are marked."""
     for number, line in _data_lines(path):
         place, fields = f"{path} line {number}", line.rstrip("\r\n").split(",")
         if len(fields) != len(names):
@@ -144,16 +145,16 @@ def _is_number(text: str) -> bool:
 
 
 def _check_writable(record: Record, keys: dict[str, object]) -> None:
-    """Refuse texts that would be read as other lines, columns or keys."""
+    """Refuse names and texts that a reader would take for other lines, columns or keys."""
     hint = "rename it, or write .npz, .mat or .h5"
     for name in record.columns:
         if not name.isprintable() or name != name.strip().strip('"') or set(name) & set(',"') or not name:
-            raise InputError("CSV cannot hold the name of a column", record.name, repr(name), hint)
+            raise InputError("CSV cannot store the name of a column", record.name, repr(name), hint)
     for key, value in keys.items():
         if not str(value).isprintable():
-            raise InputError(f"CSV cannot hold the value of {key}", record.name, repr(value)[:60], hint)
+            raise InputError(f"CSV cannot store the value of {key}", record.name, repr(value)[:60], hint)
         if not key.isprintable() or ":" in key or not key.strip():
-            raise InputError("CSV cannot hold the name of a key", record.name, repr(key), hint)
+            raise InputError("CSV cannot store the name of a key", record.name, repr(key), hint)
 
 
 def write_csv(path: Path, record: Record) -> None:

@@ -1,7 +1,7 @@
 """Read and write records: CSV, .npz, .mat (v5 and v7.3), .h5, PX4 ULog.
 
-Every reader gives a `Raw`; `to_record` checks it and makes the `Record`, the same way for all formats. What
-is wrong with a file is an `InputError` that names the line or the sample, the column and the value.
+Every reader returns a `Raw`. `to_record` checks it and makes the `Record`, in the same way for all formats.
+An error in a file is an `InputError` that names the line or the sample, the column and the value.
 """
 
 from __future__ import annotations
@@ -52,18 +52,18 @@ def read_record(
     path : path_like
         .csv, .npz, .mat, .h5 or .ulg.
     u, y : str, optional
-        Names of the input's and the output's column or array; default "u" and "y". In .h5 a path inside the
-        file, in ULog `topic.field`, both in one topic.
+        Names of the columns or arrays of input and output; default "u" and "y". In .h5, a path inside the
+        file. In ULog, `topic.field`, both in one topic.
     fs_hz : float, optional
-        Sample rate [Hz], where the file has neither times nor the rate, or its times jitter by less than half
-        of a step.
+        Sample rate [Hz]. Required if the file states neither times nor a rate, or if its times jitter by up
+        to half a step.
     period, settle : int, optional
-        Samples; take the place of what the file states.
+        Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional
-        Whether the input was held over each sample; takes the place of what the file states. Where neither
-        states it, it is not known (None).
+        Whether the input was held over each sample; replaces the value in the file. The hold is unknown
+        (None) if neither states it.
     zero_input : bool
-        A file without an input has one of zero; else the input must be there.
+        Whether a file without an input is read with zero input. If False, the input is required.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def read_record(
     Raises
     ------
     InputError
-        The file cannot be read, or is not a sound record.
+        The file cannot be read, or is not a valid record.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -86,7 +86,7 @@ def read_record(
     _check_readable(path)
     is_optional, u, y = zero_input and u is None, u or "u", y or "y"
     raw = reader(path, y if is_optional else u, y, fs_hz)
-    if is_optional and u not in raw.columns and u in raw.listed:  # there, but not as y is: the error says why
+    if is_optional and u not in raw.columns and u in raw.listed:  # present but unlike y: raise the error
         raw = reader(path, u, y, fs_hz)
     if is_optional and u not in raw.columns and y in raw.columns:
         raw.columns[u] = np.zeros(np.size(raw.columns[y]))
@@ -100,7 +100,7 @@ def read_record(
 
 
 def write_record(path: str | os.PathLike, record: Record) -> None:
-    """Write a record, the numbers exactly; the extension decides the format: .csv, .npz, .mat (v5) or .h5.
+    """Write a record without loss of precision as .csv, .npz, .mat (v5) or .h5, by the extension.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def write_record(path: str | os.PathLike, record: Record) -> None:
     Raises
     ------
     InputError
-        Another extension, or no regular file.
+        The extension is unknown, or the path exists and is not a regular file.
     OSError
-        The file cannot be written; an older one is left as it was.
+        The file cannot be written. An existing file is unchanged.
     """
     path = Path(path)
     writer = _WRITERS.get(kind_of(path, stream=".csv"))
@@ -130,12 +130,12 @@ def write_record(path: str | os.PathLike, record: Record) -> None:
 def _check_readable(path: Path) -> None:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
-            raise OSError(0, "it is no regular file")
+            raise OSError(0, "not a regular file")
         with open(path, "rb") as file:
             empty = not file.read(1)
     except OSError as error:
         raise InputError(
-            "cannot read the file", str(path), error.strerror, "check the name and the rights"
+            "cannot read the file", str(path), error.strerror, "check the name and the permissions"
         ) from error
     if empty:
         raise InputError("the file is empty", str(path), "0 bytes", DAMAGED_HINT)

@@ -1,7 +1,7 @@
-"""Foreign binary files are read in a process of their own, under limits of memory and time.
+"""Read foreign binary files in a separate process, with limits on memory and time.
 
-One worker (`child.py`) serves all files of a command. When a file ends it, the error names that file, and the
-next file has a new worker.
+One worker (`child.py`) serves all files of a command. If a file crashes the worker, the error names that
+file, and the next file gets a new worker.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from gsid.records.raw import DAMAGED, DAMAGED_HINT, KEYS, TIME_NAMES
 
 _log = logging.getLogger(__name__)
 
-MEMORY_BYTES = 10**9  # address space of the worker, its own start included ...
-MEMORY_PER_BYTE = 4  # ... and this for each byte of the file
-SECONDS = 60.0  # time to read a file ...
-BYTES_PER_SECOND = 20e6  # ... and a second for each of these
-HEADER_MOST = 2**24  # bytes: a longer answer is none of ours
+MEMORY_BYTES = 10**9  # address space of the worker, including its start
+MEMORY_PER_BYTE = 4  # additional address space for each byte of the file
+SECONDS = 60.0  # time to read a file
+BYTES_PER_SECOND = 20e6  # one additional second for each such number of bytes
+HEADER_MOST = 2**24  # bytes: a longer header is not valid
 _KEYS = (*KEYS, "meta")
 
 
@@ -41,18 +41,18 @@ def read_foreign(kind: str, path: Path, u: str, y: str) -> tuple[dict[str, Any],
     kind : {"npz", "mat", "h5", "ulg"}
     path : Path
     u, y : str
-        Names of the arrays. Times, `valid`, the keys of a record and other arrays of u's length are read too.
+        Names of the arrays. Times, `valid`, the keys of a record and other arrays as long as u are also read.
 
     Returns
     -------
     entries : dict of ndarrays and str
     names : list of str
-        Arrays in the file, as far as they were listed.
+        Names of the arrays in the file; a long list is cut.
 
     Raises
     ------
     InputError
-        The file is damaged, refused, or its reader crashed, took too long or needed too much memory.
+        The file is damaged or refused, or its reader crashed, took too long or needed too much memory.
     """
     size = os.stat(path).st_size
     request = {
@@ -93,7 +93,7 @@ _worker: subprocess.Popen | None = None
 
 
 def _ask(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
-    """Header and arrays that the worker answers; it is ended where it does not answer whole."""
+    """Send a request and receive the header and the arrays. A worker that fails to answer is stopped."""
     worker = _running()
     late = threading.Event()
     timer = threading.Timer(request["seconds"], lambda: (late.set(), worker.kill()))
@@ -109,10 +109,10 @@ def _ask(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
         raise _died(path, worker.returncode, late.is_set(), request) from error
     finally:
         timer.cancel()
-        if not answered or late.is_set():  # what it may still send would be taken for the next answer
+        if not answered or late.is_set():  # its remaining output would mix with the next answer
             _stop()
     if "memory" in header:
-        _stop()  # what it holds is not known
+        _stop()  # the state of its memory is unknown
         raise _too_large(path, request)
     return header, arrays
 
@@ -181,13 +181,13 @@ def _running() -> subprocess.Popen:
     if _worker is None or _worker.poll() is not None:
         _stop()
         _worker = subprocess.Popen(
-            # -P: this folder has a csv.py, which must not stand before the standard library's
+            # -P: the csv.py of this folder must not hide the standard library's
             [sys.executable, "-P", str(Path(__file__).with_name("child.py"))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            bufsize=0,  # buffered pipes have locks, which a fork may leave locked
-            # idle threads of BLAS would take address space; the group keeps Ctrl-C of the terminal away
+            bufsize=0,  # a fork may leave the locks of buffered pipes locked
+            # one BLAS thread saves address space; a separate process group ignores Ctrl-C of the terminal
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             process_group=0 if os.name == "posix" else None,
         )
@@ -209,12 +209,12 @@ def _close(worker: subprocess.Popen) -> None:
 
 
 def _forget_after_fork() -> None:
-    """The worker belongs to the process that started it; its lock may be held by a thread that is gone."""
+    """Drop the worker, which belongs to the parent process, and the lock, which a lost thread may hold."""
     global _worker, _lock
     worker, _worker, _lock = _worker, None, threading.Lock()
     if worker is not None:
         _close(worker)
-        worker.returncode = 0  # its exit is for the other process to wait for
+        worker.returncode = 0  # the parent process waits for its exit
 
 
 atexit.register(_stop)

@@ -28,9 +28,9 @@ class MimoRecord:
     inputs, outputs : list of str, optional
         Names; default u1, u2, ... and y1, y2, ...
     settle_samples : int, optional
-        Default: until no channel stands out of its later periods (`gsid.records.periods.find_settling`).
+        Default: until no channel deviates from its later periods (`gsid.records.periods.find_settling`).
     u_units, y_units : list of str, optional
-        Unit of each input and output; default none.
+        Unit of each input and output; default: no unit.
     period_samples, valid, hold, name
         As in `gsid.Record`.
 
@@ -70,12 +70,12 @@ class MimoRecord:
         self.pairs()
 
     def pairs(self) -> list[Record]:
-        """Every channel in a record at least."""
+        """Return pairs of input and output as records; each channel occurs at least once."""
         n_u, n_y = len(self.inputs), len(self.outputs)
         return [self.pair(min(i, n_u - 1), min(i, n_y - 1)) for i in range(max(n_u, n_y))]
 
     def pair(self, i: int, j: int) -> Record:
-        """Input i and output j as a record of their own."""
+        """Return input i and output j as a record."""
         return Record(
             self.u[:, i],
             self.y[:, j],
@@ -115,7 +115,7 @@ def read_mimo_record(
     fs_hz : float, optional
         Sample rate [Hz], where the file has neither times nor the rate.
     period, settle : int, optional
-        Samples; take the place of what the file states.
+        Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional
         As `gsid.read_record`.
 

@@ -1,4 +1,4 @@
-"""The periods of a record: their length, where the plant has settled, and which are good."""
+"""Divide a record into periods: period length, settling time, and periods without lost samples."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
 
 _log = logging.getLogger(__name__)
-MIN_PERIOD = 4  # samples: the shortest period with an excited line below N/2 and one beside it
-SHARE_FOUND = 0.75  # share of u's power that must repeat before a period is believed
-SHARE_GIVEN = 0.5  # the same for a period that the user states: unrelated data have a share near 0
-N_CANDIDATES = 12  # deepest minima of the lag difference that are looked at closely
+MIN_PERIOD = 4  # samples: the shortest period with an excited line below N/2 and a neighbouring line
+SHARE_FOUND = 0.75  # share of u's power that must repeat for a detected period to be accepted
+SHARE_GIVEN = 0.5  # the same for a period that the user states; unrelated data have a share near 0
+N_CANDIDATES = 12  # number of the deepest minima of the lag difference that are examined
 ALPHA = 1e-4  # false-alarm rate of one F test below
 RATIO_CONTENT = (
-    4.0  # a bench's scatter comes in bursts: lines this little above it are not proof of a longer period
+    4.0  # noise of a test bench comes in bursts: lines below this ratio do not prove a longer period
 )
 
 
 @dataclass(frozen=True, repr=False)
 class Periods:
-    """A record cut into its whole, undamaged periods after settling.
+    """The complete periods of a record after settling, without those with lost samples.
 
     Attributes
     ----------
     u, y : (P, N) float64
+        Input and output, one row per period.
     number : (P,) int
-        Which period after settling each row is.
+        Number of each row's period after settling, from 0.
     n_spoiled : int
-        Periods left out because samples of them were lost.
+        Periods omitted because they have lost samples.
     period_samples, settle_samples : int
     u_repeats : bool
-        To the bit: the input is known exactly, without noise.
+        Whether all periods of the input are identical: the input is then known exactly, without noise.
     """
 
     u: np.ndarray
@@ -58,25 +59,26 @@ class Periods:
 
 
 def split_periods(record: Record, *, period: int | None = None, settle: int | None = None) -> Periods:
-    """Cut a record into periods.
+    """Divide a record into periods.
 
     Parameters
     ----------
     record : Record
     period, settle : int, optional
-        Samples. Default: what the record states, else what the data show (`find_period`, `find_settling`).
+        Period and settling [samples]. Default: the values of the record, else found from the data
+        (`find_period`, `find_settling`).
 
     Returns
     -------
     Periods
-        Samples after the last whole period are not used. A lost sample spoils its own period only.
+        Samples after the last complete period are not used. A lost sample excludes only its own period.
 
     Raises
     ------
     InputError
-        u does not repeat, or fewer than two good periods are left after settling.
+        u does not repeat, or fewer than two good periods remain after settling.
     TypeError, ValueError
-        A period or settling that is no whole number.
+        The period or the settling is not a whole number.
     """
     period = record.period_samples if period is None else whole_samples("period", period)
     settle = record.settle_samples if settle is None else whole_samples("settle", settle)
@@ -91,7 +93,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
     if settle is None:
         settle = find_settling(record, period)
         if len(record) < 3 * period:
-            _log.info("%s: fewer than three periods do not show whether it has settled: all is used", label)
+            _log.info("%s: fewer than three periods: settling cannot be checked, all samples are used", label)
         else:
             _log.info("%s: settling of %d samples found from the data", label, settle)
     u, y, good = _rows(record, period, settle)
@@ -100,7 +102,7 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
         raise _too_few_periods(record, period, settle, len(good) - n_good)
     n_spoiled = len(good) - n_good
     kept = np.flatnonzero(good)
-    if n_spoiled:  # only then: choosing rows copies the record
+    if n_spoiled:  # selecting rows copies the record, so do it only if needed
         u, y = u[good], y[good]
     u_repeats = np.array_equal(u[1:], u[:-1])
     share = float(np.ptp(u[0]) > 0) if u_repeats else _share_that_repeats(u)
@@ -124,12 +126,12 @@ def require_period(period: int, settle: int | None, name: str) -> None:
     period, settle : int
         Samples; the settling may be None.
     name : str
-        Of the record.
+        Name of the record.
 
     Raises
     ------
     InputError
-        It is out of range.
+        The period or the settling is out of range.
     """
     if period < MIN_PERIOD or (settle is not None and settle < 0):
         raise InputError(
@@ -154,12 +156,12 @@ def _other_period(record: Record) -> str:
     try:
         found = find_period(record.u, valid=record.valid)
     except InputError:
-        return "excite with a periodic signal (gsid design), or name the command itself with --u"
-    return f"u repeats every {found} samples: leave --period out, or give that"
+        return "excite with a periodic signal (gsid design), or select the command as input with --u"
+    return f"u repeats every {found} samples: omit --period, or give this value"
 
 
 def _rows(record: Record, period: int, settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """u and y as (P, N) rows, and which rows hold no lost sample."""
+    """Reshape u and y to (P, N) rows, and mark the rows without lost samples."""
     n_periods = max(0, len(record) - settle) // period
     part = slice(settle, settle + n_periods * period)
     shape = (n_periods, period)
@@ -173,20 +175,20 @@ def _rows(record: Record, period: int, settle: int) -> tuple[np.ndarray, np.ndar
 def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "") -> int:
     """Find the smallest period of u.
 
-    Candidates are the deepest minima of the power of u[n+N] - u[n] over the lag N. Each is judged on the
-    second half of the record (two periods at least), so that a transient or a rest at the start does no harm:
-    the share of u's power that repeats decides. A candidate is a multiple of the true period, and is divided
-    by a prime p, when the lines that are not multiples of p carry no more than the scatter between periods
-    explains (F test, and a ratio below 4). Where a neighbouring lag explains u as well, the period is not
-    guessed but asked for.
+    Candidates are the deepest minima of the power of u[n+N] - u[n] over the lag N. The criterion is the share
+    of u's power that repeats. It is computed over the second half of the record (at least two periods), so
+    that a transient or a pause at the start does not matter. A candidate is a multiple of the true period,
+    and is divided by a prime p, if the lines that are not multiples of p have no more power than the scatter
+    between periods explains (F test, and a ratio below 4). If a neighbouring lag explains u equally well, an
+    error asks the user to state the period.
 
     Parameters
     ----------
     u : (n,) array_like
     valid : (n,) array_like of bool, optional
-        False where a sample was lost.
+        False for a lost sample.
     name : str
-        Of the record, for the error's text.
+        Name of the record, for the error message.
 
     Returns
     -------
@@ -196,7 +198,7 @@ def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "
     Raises
     ------
     InputError
-        u is constant, does not repeat, repeats too vaguely to tell N from N + 1, or the record holds less
+        u is constant, does not repeat, is too noisy to distinguish N from N + 1, or the record is shorter
         than two periods.
     """
     u = np.asarray(u, dtype=np.float64)
@@ -208,10 +210,10 @@ def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "
         )
     if np.ptp(u[n // 2 :]) == 0:
         raise InputError(
-            "u is constant in the second half of the record: no period to find",
+            "u is constant in the second half of the record: it has no period",
             name,
             float(u[-1]),
-            "name the excitation with --u",
+            "select the excitation with --u",
         )
     difference = _lag_difference(np.where(valid, u - u[valid].mean(), 0.0))
     minima = _local_minima(difference)
@@ -225,16 +227,16 @@ def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "
     neighbours = {lag: _share_at(u, valid, lag) for lag in (period - 1, period, period + 1) if lag <= n // 2}
     if _tied(neighbours, period, n):
         raise InputError(
-            "u is too noisy to tell its period",
+            "u is too noisy to determine its period",
             name,
-            f"{period} samples or one beside it",
-            "give the period with --period, or name the command itself with --u",
+            f"{period} samples or a neighbouring value",
+            "give the period with --period, or select the command as input with --u",
         )
     return period
 
 
 def _lag_difference(x: np.ndarray) -> np.ndarray:
-    """Power of x[n+N] - x[n] over that of both stretches, for each lag N < 0.9 n; 1 when unrelated."""
+    """Power of x[n+N] - x[n] relative to that of both segments, for each lag N < 0.9 n; 1 if unrelated."""
     from scipy import fft
 
     n = len(x)
@@ -255,7 +257,7 @@ def _local_minima(difference: np.ndarray) -> np.ndarray:
 
 
 def _good_rows(u: np.ndarray, valid: np.ndarray, period: int) -> np.ndarray:
-    """Undamaged periods of the second half, counted from the end; all when fewer than two are good."""
+    """Good periods of the second half, counted from the end; all periods if fewer than two are good."""
     n_periods = len(u) // period
     rows = u[len(u) - n_periods * period :].reshape(n_periods, period)
     good = valid[len(u) - n_periods * period :].reshape(n_periods, period).all(axis=1)
@@ -268,7 +270,7 @@ def _share_at(u: np.ndarray, valid: np.ndarray, period: int) -> float:
 
 
 def _share_that_repeats(rows: np.ndarray) -> float:
-    """Share of the power of (P, N) rows that is the same in every row; unbiased, so near 0 when unrelated."""
+    """Share of the power of (P, N) rows that repeats in every row; unbiased, near 0 for unrelated rows."""
     away = rows - rows.mean()
     total = float(np.einsum("pn,pn->", away, away))
     mean = away.mean(axis=0)
@@ -277,11 +279,10 @@ def _share_that_repeats(rows: np.ndarray) -> float:
 
 
 def _near_multiple_to_base(scores: dict[int, float], n: int) -> int:
-    """Best candidate; where it is nearly, not exactly, k times a shorter one that is as good, the shorter
-    one.
+    """Return the best candidate, or an equally good shorter one of which it is nearly a multiple.
 
-    The neighbour of a long multiple can win by chance when u is smooth; the shorter candidate has more
-    periods to judge by.
+    If u is smooth, a neighbour of a long multiple can have the best score by chance. The score of the shorter
+    candidate uses more periods.
     """
     best = max(scores, key=scores.get)
     tolerance = _share_tolerance(scores[best], n)
@@ -293,7 +294,7 @@ def _near_multiple_to_base(scores: dict[int, float], n: int) -> int:
 
 
 def _share_tolerance(share: float, n: int) -> float:
-    """By how much two shares estimated from n samples, half of them used, may differ by chance (3 sigma)."""
+    """Random difference (3 sigma) of two shares that are estimated from half of n samples."""
     return 3 * (1 - share) * np.sqrt(8 / n) + 1e-12
 
 
@@ -320,7 +321,7 @@ def _prime_factors(n: int) -> list[int]:
 
 
 def _repeats_within(rows: np.ndarray, p: int) -> bool:
-    """Whether each row is p equal parts, but for the scatter between rows."""
+    """Whether each row consists of p equal parts, within the scatter between rows."""
     spectra = np.fft.rfft(rows, axis=1)
     line = np.arange(spectra.shape[1])
     ratio, limit = _excess(spectra.mean(axis=0), spectra, line % p != 0, 1 / len(rows), np.abs(rows).max())
@@ -330,12 +331,11 @@ def _repeats_within(rows: np.ndarray, p: int) -> bool:
 def _excess(
     deviation: np.ndarray, spectra: np.ndarray, lines: np.ndarray, share: float, peak: float
 ) -> tuple[float, float]:
-    """F ratio: power of `deviation` [K] over what the scatter of `spectra` [P][K] explains on the chosen
-    lines; its limit.
+    """Return an F ratio and its limit: power of `deviation` (K,) over that expected from `spectra` (P, K).
 
     A deviation that is only noise has `share` times the variance of one period. The number of independent
-    lines is taken from how evenly the variance is spread (Satterthwaite), so that a few noisy lines are not
-    taken for many.
+    lines follows from the distribution of the variance over the lines (Satterthwaite), so that a few noisy
+    lines do not count as many.
     """
     from scipy.special import fdtri
 
@@ -361,7 +361,7 @@ def _no_period(
         )
     best = max(scores, key=scores.get, default=None)
     value = (
-        "no lag comes near"
+        "no lag repeats any of it"
         if best is None
         else f"best lag {best}: {max(scores[best], 0):.0%} of the power repeats"
     )
@@ -369,18 +369,19 @@ def _no_period(
         "u is not periodic",
         name,
         value,
-        "excite with a periodic signal (gsid design), or give --period where the noise hides it",
+        "excite with a periodic signal (gsid design), or give --period if noise hides the period",
     )
 
 
 def find_settling(record: Record, period: int) -> int:
-    """Find how many samples at the start have not settled, in whole periods.
+    """Find the settling at the start of a record, in whole periods.
 
-    The second half of the good periods (two at least) is taken as settled. From the first period on, the
-    spectra of u and y are compared with the mean of those, in units of their scatter, in each octave of lines
-    and in each stretch of octaves from line 1 up, where a decay has most of its power (F test, false alarm
-    1e-4 per band). A period that stands out in any band is settling; the first that does not ends it. With
-    fewer than three good periods nothing can be told, and nothing is thrown away.
+    The second half of the good periods (at least two) is assumed to be settled. Starting with the first
+    period, the spectra of u and y are compared with the mean of the settled ones, relative to their scatter.
+    The bands are each octave of lines, and each group of octaves from line 1 up, where a decay has most of
+    its power (F test, false-alarm rate 1e-4 per band). A period that deviates in any band belongs to the
+    settling. The first period that does not deviate ends it. With fewer than three good periods the settling
+    cannot be determined, and no period is discarded.
 
     Parameters
     ----------
@@ -391,7 +392,7 @@ def find_settling(record: Record, period: int) -> int:
     Returns
     -------
     int
-        Samples to throw away: a multiple of the period, at most half of the record.
+        Samples to discard: a multiple of the period, at most half of the record.
     """
     u, y, good = _rows(record, period, 0)
     candidates = np.flatnonzero(good)
@@ -407,9 +408,9 @@ def find_settling(record: Record, period: int) -> int:
 
 
 def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
-    """Whether period x differs from the settled spectra in a band of lines; `find_settling` has the rule."""
+    """Whether period x deviates from the settled spectra in a band of lines, see `find_settling`."""
     deviation = np.fft.rfft(x) - settled.mean(axis=0)
-    if not np.any(deviation):  # as of a channel at rest, which has no scatter to compare with
+    if not np.any(deviation):  # a channel at rest has no scatter to compare with
         return False
     line = np.arange(len(deviation))
     tops = 2 ** np.arange(1, int(np.log2(len(line))) + 2)

@@ -1,4 +1,4 @@
-"""What a reader of any format gives, before it is checked; what a writer of any format takes."""
+"""Unchecked contents of a file, common to the readers and writers of all formats."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from gsid.records.record import Record
 
 KEYS = ("fs_hz", "period_samples", "settle_samples", "u_unit", "y_unit", "hold")
 TIME_NAMES = ("t_s", "t")
-RESERVED = (*TIME_NAMES, "u", "y", "valid", "meta")  # names that no other column or note may have
-STEP_TOLERANCE = 0.01  # of a step, beyond the resolution the times were written with
-JITTER_STATED = 0.5  # of a step, where the user states the rate: times are then those of writing
+RESERVED = (*TIME_NAMES, "u", "y", "valid", "meta")  # not allowed as names of other columns or notes
+STEP_TOLERANCE = 0.01  # of a step, in addition to the resolution of the written times
+JITTER_STATED = 0.5  # of a step, if the user states the rate: the times may then be those of writing
 DAMAGED = "the file is damaged, cut short, or not of this kind"
 DAMAGED_HINT = "write or copy it again"
 
 
 @dataclass
 class Raw:
-    """What a file holds, before any of it is checked."""
+    """Contents of a file before any check."""
 
     columns: dict[str, np.ndarray]
     keys: dict[str, object]
-    where: Callable[[str, int], str]  # column, sample -> place in the file
-    what: str = "array"  # what the file calls a column
-    listed: list[str] = field(default_factory=list)  # names of the columns in the file, read or not
+    where: Callable[[str, int], str]  # column, sample -> position in the file
+    what: str = "array"  # term for a column in this format
+    listed: list[str] = field(default_factory=list)  # names of all columns in the file, read or not
 
 
 def keys_of(record: Record) -> dict[str, object]:
-    """What is written beside the columns: the keys that the record has.
+    """Return the keys of a record, which are written in addition to the columns.
 
     Raises
     ------
     InputError
-        A column or a note would be read as something else.
+        A column or a note has a reserved name.
     """
     for name in record.columns:
         if name in RESERVED:

@@ -1,7 +1,7 @@
-"""One measured realisation, and how it is cut into periods.
+"""The record of one measured realisation.
 
-A record is what one file holds: the samples of input and output, the sample rate and, where they are known,
-the period of the excitation and the settling at its start. What is not known is found from the data.
+A record is the contents of one file: the samples of input and output, the sample rate and, if known, the
+period of the excitation and the settling at the start. Unknown values are determined from the data.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gsid.base.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
-LARGEST = 1e100  # of a sample: beyond it, and below its inverse, squares and their sums leave the doubles
+LARGEST = 1e100  # of a sample: above it, and below its inverse, sums of squares exceed the range of doubles
 
 
 @dataclass(repr=False)
@@ -27,31 +27,32 @@ class Record:
     Attributes
     ----------
     u, y : (n,) float64
-        Input and output, units `u_unit` and `y_unit`; finite everywhere.
+        Input and output, units `u_unit` and `y_unit`. All values are finite.
     fs_hz : float
         Sample rate [Hz], > 0.
     period_samples, settle_samples : int or None
-        As the file or the user states them; None: found from the data.
+        Values from the file or the user; None: determined from the data.
     valid : (n,) bool
-        False where the sample was lost: u and y hold a filler there, not data (0 for what is not finite).
+        False for a lost sample. There, u and y are placeholders, not data (0 if the value was not finite).
         Default: all True.
     u_unit, y_unit : str
     hold : {"zoh", "none"} or None
-        "zoh": u is a command that was held over each sample; "none": u is a signal without lines above half
-        the sample rate; None: not known, and what depends on it is fitted both ways (`gsid.base.hold`).
+        "zoh": u is a command that was held over each sample. "none": u is a signal without lines above half
+        the sample rate. None: unknown; results that depend on the hold are fitted both ways
+        (`gsid.base.hold`).
     name : str
     columns : dict of (n,) arrays
-        Other columns of the file, `theta_deg` for instance.
+        Other columns of the file, for example `theta_deg`.
     meta : dict of str
         Other `# key: value` lines of the file.
 
     Raises
     ------
     InputError
-        Unequal lengths, a shape other than (n,), what is not a number, not real or not finite, a sample rate
-        that is not positive.
+        The lengths differ, a shape is not (n,), a value is not a finite real number, or the sample rate is
+        not positive.
     TypeError, ValueError
-        A sample rate that is no number; a period or settling that is no whole one.
+        The sample rate is not a number, or the period or the settling is not a whole number.
     """
 
     u: np.ndarray
@@ -91,7 +92,10 @@ class Record:
     def _samples(self, label: str, values: np.ndarray) -> np.ndarray:
         if np.iscomplexobj(values):
             raise InputError(
-                f"{label} is complex", self.name, None, "samples are real; lines are gsid.Frf.from_arrays"
+                f"{label} is complex",
+                self.name,
+                None,
+                "give real samples; for a frequency response use gsid.Frf.from_arrays",
             )
         try:
             array = np.asarray(values, dtype=np.float64)
@@ -144,23 +148,23 @@ class Record:
         fs_hz: float | None = None,
         **facts: object,
     ) -> Record:
-        """Make a record of a frame with one row per sample.
+        """Make a record from a frame with one row per sample.
 
         Parameters
         ----------
         frame : pandas.DataFrame
-            A column `valid` marks lost samples; columns that are neither u, y nor valid are kept.
+            The column `valid` marks lost samples. Other columns are kept.
         u, y : str
             Names of the columns.
         fs_hz : float, optional
-            Sample rate [Hz]; default from the index, which then holds equally spaced times [s].
+            Sample rate [Hz]; default: from the index, which must then hold equally spaced times [s].
         **facts
             Other fields of Record: period_samples, u_unit, hold, ...
 
         Raises
         ------
         InputError
-            A column is missing, the times are not equally spaced, or as Record.
+            A column is missing, the times are not equally spaced, or the data are not valid for Record.
         """
         missing = [name for name in (u, y) if name not in frame.columns]
         if missing:
@@ -183,7 +187,7 @@ class Record:
 
 
 def check_range(record: Record) -> None:
-    """Refuse samples whose squares leave the range of doubles.
+    """Refuse samples whose squares exceed the range of doubles.
 
     Raises
     ------

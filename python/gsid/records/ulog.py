@@ -1,4 +1,4 @@
-"""Records out of PX4 ULog, by topic."""
+"""Read records from PX4 ULog files, by topic."""
 
 from __future__ import annotations
 
