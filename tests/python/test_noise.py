@@ -320,3 +320,5 @@ def test_refusals():
     valid = np.arange(4000) % 100 != 0
     with pytest.raises(InputError, match="without lost samples"):
         noise(zero_input(white(14, 4000), valid=valid))
+    with pytest.raises(InputError, match="no valid samples"):  # ended in a ValueError of an empty array
+        noise(zero_input(white(14, 4000), valid=np.zeros(4000, bool)))

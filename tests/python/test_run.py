@@ -430,6 +430,15 @@ def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, wo
     assert not list(folder.iterdir())
 
 
+def test_bug_a_command_beyond_single_precision_was_a_usage_error(folder):
+    """Its spectrum is not finite, and no line of it was found."""
+    (folder / "u.csv").write_text("t_s,u\n" + "".join(f"{n / 3000:.9f},1e308\n" for n in range(600)))
+    done = gsid("run", "--port", "nowhere", "--u", "u.csv", "-o", "rec.csv")
+    assert done.returncode == 3
+    assert "u is too large for the line" in done.stderr
+    assert "Warning" not in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

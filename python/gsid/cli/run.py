@@ -274,6 +274,9 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
         raise click.UsageError(f"--u brings the whole excitation: leave out {', '.join(given)}", context)
     record = read_record(path, u="u", y="u", fs_hz=fs_hz if is_given(context, "fs_hz") else None)
     u = record.u[: record.period_samples]
+    if (peak := float(np.max(np.abs(u)))) > float(np.finfo(np.float32).max):
+        hint = "scale u to the range of the axis's command"
+        raise InputError("u is too large for the line", path, f"peak {peak:g}, single precision", hint)
     spectrum = np.fft.rfft(u) * (2 / len(u))
     excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):

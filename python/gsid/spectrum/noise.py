@@ -233,6 +233,8 @@ def _noise_alone(record: Record, period: int | None, settle: int | None) -> tupl
     """Samples to look at, the period to take off (0: zero input), and the length of the windows."""
     stated = record.period_samples if period is None else whole_samples("period", period)
     start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
+    if not record.valid.any():
+        raise InputError("no valid samples", record.name, "valid is 0 everywhere", "measure again")
     if np.ptp(record.u[record.valid]) == 0:
         return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
     try:
