@@ -80,7 +80,7 @@ def test_the_story(gsid):
     assert added["held_out"]["after"] < 1.15 * added["noise_floor_rms"]
     level = added["params"]["level"]
     assert abs(level["value"] - LEVEL) < 4 * level["std"]
-    assert "kept out of the fit for validation: r1.npz, r3.npz" in result.err
+    assert "not fitted, used for validation: r1.npz, r3.npz" in result.err
 
     compared = json.loads(gsid("compare", "--model", "one.json", *RECORDS, "--json").out)
     assert compared["cost_per_dof"] < 1.3
@@ -115,7 +115,7 @@ def test_in_words(gsid):
     )
     assert "later periods [deg/s]" in result.out
     assert "note: fitted to the first half of the periods, validated on the second half\n" in result.err
-    assert "only a new one can judge it: --held-out NEW.csv\n" in result.err
+    assert "judge it on a new record: --held-out NEW.csv\n" in result.err
     assert "hint: gsid diagnose --model one.json r0.npz r1.npz" in result.err
 
 
@@ -133,7 +133,7 @@ def test_records_of_the_search_are_not_called_kept_out(gsid, n_records):
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:n_records], "-o", "found.json")
     assert "kept out" not in result.out + result.err
     assert "search records [deg/s]" in result.out
-    assert "only new ones show what the model is worth" in result.out
+    assert "Only new records show how well the model predicts" in result.out
     (step,) = json.loads(Path("found.json").read_text())["history"]
     assert step["rung"]["judged_on"] == "search_records"
     assert step["rung"]["fall_p_value"] < 1e-3
@@ -145,7 +145,7 @@ def test_records_that_chose_the_effect_are_not_called_kept_out_by_add(gsid):
     result = gsid("add", "coulomb_friction", *given)
     assert "kept out" not in result.out + result.err
     assert "not fitted [deg/s]" in result.out
-    assert "only a new one can judge it: --held-out NEW.csv\n" in result.err
+    assert "judge it on a new record: --held-out NEW.csv\n" in result.err
     assert gsid("diagnose", *given).code == 0
     next_step = ["torque_bias", "--model", "found.json", *RECORDS[:2], "-o", "next.json"]
     result = gsid("add", *next_step, "--held-out", RECORDS[2], "--plot", "ladder.png")

@@ -296,7 +296,7 @@ def _split(
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:
         kept = [measured[i] for i in chosen]
-        _log.info("kept out of the fit for validation: %s", ", ".join(s.name or "a record" for s in kept))
+        _log.info("not fitted, used for validation: %s", ", ".join(s.name or "a record" for s in kept))
         fitted = [s for i, s in enumerate(measured) if i not in chosen]
         return _split_of_records(fitted, kept, "not_fitted", used)
     _log.info("fitted to the first half of the periods, validated on the second half")
