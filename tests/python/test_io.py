@@ -172,7 +172,7 @@ BAD_CSV = {
     "semicolons": (rows().replace(",", ";"), "no column named u", ""),
     "twice": (rows(line1="u,u,y\n"), "same name", ""),
     "fs not a number": ("# fs_hz: fast\n" + rows(), "fs_hz is not", ""),
-    "fs not that of the times": ("# fs_hz: 200\n" + rows(), "not that of the times", ""),
+    "fs does not match the times": ("# fs_hz: 200\n" + rows(), "not match the times", ""),
     "period not whole": ("# period_samples: 2.5\n" + rows(), "period_samples", ""),
     "no rate": ("u,y\n1,2\n3,4\n", "sample rate is not known", ""),
     "negative rate": ("# fs_hz: -5\nu,y\n1,2\n3,4\n", "sample rate", ""),
@@ -190,7 +190,7 @@ def test_bad_csv_is_refused_with_its_place(tmp_path, kind):
     assert caught.value.hint
 
 
-@pytest.mark.parametrize(("fs_hz", "words"), [(200.0, "not that of the times"), (0.0, "not a positive")])
+@pytest.mark.parametrize(("fs_hz", "words"), [(200.0, "not match the times"), (0.0, "not a positive")])
 def test_bad_rate_given(tmp_path, fs_hz, words):
     with pytest.raises(InputError, match=words):
         csv(tmp_path, rows(), fs_hz=fs_hz)
