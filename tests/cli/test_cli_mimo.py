@@ -139,7 +139,7 @@ def test_an_order_found(gsid, experiments):
     [
         (("--order", "4/1"), "give as many zeros as poles or one fewer"),
         (("--order", "70/70"), "common poles must be 1 to 64"),
-        (("--order", "4/3", "--method", "log"), "method is one of iwls, nls, ml"),
+        (("--order", "4/3", "--method", "log"), "method must be one of iwls, nls, ml"),
         (("--order", "4/3", "--piecewise", "2"), "one input and one output"),
         (("--order", "4/3", "-o", "m.mat"), "written as .json"),
         (("--order", "4/3", "--plot", "m.txt"), ".png, .svg, .pdf only"),

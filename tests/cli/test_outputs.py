@@ -96,7 +96,7 @@ def test_the_header_does_not_replace_the_model(gsid, model):
 def test_a_source_is_not_replaced_by_its_header(gsid, files):
     result = gsid("export-c", "tf.json", "-o", "x.h")
     assert result.code == 2
-    assert "names the source" in result.err
+    assert "-o names the C file" in result.err
     assert not Path("x.h").exists()
 
 

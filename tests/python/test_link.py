@@ -197,14 +197,14 @@ def test_too_many_lost_periods_end_the_run():
         run(line, multisine(N), periods=12)
     record = caught.value.record
     assert (record.meta["good_periods"], record.meta["spoiled_periods"]) == ("0", "8")
-    assert "0 good of 8, 12 asked for" in str(caught.value)
+    assert "0 good of 8, 12 requested" in str(caught.value)
     assert isinstance(caught.value, InputError)
     assert line.stopped
 
     every_other = Loopback(
         Server(quiet_axis()), lambda kind, tick: kind == SAMPLE and tick // N % 6 and not tick % N
     )
-    with pytest.raises(LinkError, match="2 good of 12, 3 asked for"):
+    with pytest.raises(LinkError, match="2 good of 12, 3 requested"):
         run(every_other, multisine(N), periods=3)
 
 
