@@ -49,6 +49,21 @@ def mutants(file: str, text: str) -> list[Mutant]:
     return made
 
 
+def meaning(text: str) -> str:
+    """The tokens without comments, a line each."""
+    source, tokens = text.encode(), []
+    to_do = [PARSER.parse(source).root_node]
+    while to_do:
+        node = to_do.pop()
+        if node.type == "comment":
+            continue
+        if node.children:
+            to_do += reversed(node.children)
+        else:
+            tokens.append(node.text.decode())
+    return "\n".join(tokens)
+
+
 def _nodes(node: Node) -> Iterator[Node]:
     if node.type in NOT_RUN:
         return

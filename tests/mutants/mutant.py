@@ -23,6 +23,8 @@ class Mutant:
         The lines that differ.
     text : str
         The whole file with the change.
+    number : int
+        Which of the equal changes of equal lines of the file, from 1.
     """
 
     file: str
@@ -31,6 +33,7 @@ class Mutant:
     before: str
     after: str
     text: str = field(repr=False, compare=False)
+    number: int = 1
 
     @classmethod
     def of(cls, file: str, line: int, operator: str, old: str, new: str) -> Mutant:
@@ -45,3 +48,8 @@ class Mutant:
     def key(self) -> str:
         """What it is known by as long as the line stays as it is, wherever it stands."""
         return f"{Path(self.file).name}: {self.before} => {self.after}"
+
+    @property
+    def name(self) -> str:
+        """Unique, and the same as long as the line stays as it is."""
+        return f"{self.file}: {self.before} => {self.after} ({self.number})"

@@ -37,7 +37,7 @@ def mutants(file: str, text: str) -> list[Mutant]:
     -------
     list of Mutant
     """
-    made, meaning = [], _meaning(text)
+    made, unchanged = [], meaning(text)
     provider, nodes = OperatorProvider(), list(ast_nodes(get_ast(text)))
     for name in provider:
         replaced = REPLACEMENT.fullmatch(name)
@@ -47,13 +47,13 @@ def mutants(file: str, text: str) -> list[Mutant]:
         places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
         for occurrence, (line, _) in enumerate(places):
             changed = mutate_code(text, operator, occurrence)
-            if changed is not None and _meaning(changed) not in (None, meaning):
+            if changed is not None and meaning(changed) not in (None, unchanged):
                 made.append(Mutant.of(file, line, name, text, changed))
     return made
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes out what is not run: annotations, and what only a type checker reads."""
+    """Removes what is not run: annotations, docstrings, and what only a type checker reads."""
 
     def visit_arg(self, node: ast.arg) -> ast.arg:
         node.annotation = None
@@ -67,14 +67,19 @@ class _Bare(ast.NodeTransformer):
         node.annotation = ast.Constant(0)
         return self.generic_visit(node)
 
+    def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
+        """A docstring."""
+        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        return None if is_text else self.generic_visit(node)
+
     def visit_If(self, node: ast.If) -> ast.AST | None:
         if "TYPE_CHECKING" in ast.unparse(node.test):
             return None
         return self.generic_visit(node)
 
 
-def _meaning(text: str) -> str | None:
-    """The syntax tree without what is not run; None where there is none."""
+def meaning(text: str) -> str | None:
+    """The syntax tree without what is not run; None where the text has none."""
     try:
         return ast.dump(_Bare().visit(ast.parse(text)))
     except SyntaxError:

@@ -16,10 +16,13 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock
+from types import ModuleType
 
 import c_mutants
 import mutants_page
@@ -44,13 +47,28 @@ def sources(target: str) -> list[str]:
 
 
 def drawn(target: str, seed: int) -> list[Mutant]:
-    """All mutants of a target in an order drawn from a seed."""
-    found: list[Mutant] = []
+    """All mutants of a target in an order drawn from a seed.
+
+    The place of a mutant depends on its own line only, so that an edit elsewhere leaves the sample as it is.
+    """
+    placed: list[tuple[float, Mutant]] = []
     for file in sources(target):
-        make = python_mutants.mutants if file.endswith(".py") else c_mutants.mutants
-        found += make(file, (ROOT / file).read_text(encoding="utf-8"))
-    random.Random(f"{seed} {target}").shuffle(found)
-    return found
+        made = numbered(tools_of(file).mutants(file, (ROOT / file).read_text(encoding="utf-8")))
+        placed += [(random.Random(f"{seed} {target} {one.name}").random(), one) for one in made]
+    return [one for _, one in sorted(placed, key=lambda pair: pair[0])]
+
+
+def tools_of(file: str) -> ModuleType:
+    """What makes the mutants of a file's language, and knows which texts mean the same in it."""
+    return python_mutants if file.endswith(".py") else c_mutants
+
+
+def numbered(mutants: Iterable[Mutant]) -> Iterator[Mutant]:
+    """Equal changes of equal lines, distinguished by a number."""
+    known: Counter[str] = Counter()
+    for one in mutants:
+        known[one.name] += 1
+        yield replace(one, number=known[one.name])
 
 
 def copied(folder: Path) -> Path:
@@ -94,11 +112,7 @@ class Results:
 
     def __init__(self, path: Path) -> None:
         self.path, self._lock = path, Lock()
-        self._versions = {
-            file: hashlib.sha256((ROOT / file).read_bytes()).hexdigest()[:16]
-            for target in TARGETS
-            for file in sources(target)
-        }
+        self._versions = {file: version(file) for target in TARGETS for file in sources(target)}
         lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
         known = [json.loads(line) for line in lines]
         self.known = {
@@ -109,13 +123,14 @@ class Results:
 
     def get(self, target: str, mutant: Mutant) -> dict | None:
         """What is known of a mutant."""
-        return self.known.get((target, identity(mutant)))
+        found = self.known.get((target, mutant.name))
+        return found and found | {"line": mutant.line}
 
     def add(self, target: str, mutant: Mutant, status: str, by: str, n_tests: int, seconds: float) -> dict:
         """Keep what came out."""
         one = {
             "target": target,
-            "id": identity(mutant),
+            "id": mutant.name,
             "version": self._versions[mutant.file],
             "file": mutant.file,
             "line": mutant.line,
@@ -134,9 +149,10 @@ class Results:
         return one
 
 
-def identity(mutant: Mutant) -> str:
-    """By the whole text: two places of one line may change alike."""
-    return f"{mutant.file} {hashlib.sha256(mutant.text.encode()).hexdigest()[:16]}"
+def version(file: str) -> str:
+    """Of the program that a source stands for: comments do not count."""
+    meaning = tools_of(file).meaning((ROOT / file).read_text(encoding="utf-8"))
+    return hashlib.sha256(str(meaning).encode()).hexdigest()[:16]
 
 
 def run(

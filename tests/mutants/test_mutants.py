@@ -139,11 +139,35 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     first = again(4)
     assert len(first) == 4
     assert len(again(4)) == len(judged) == 4
-    assert again(6)[:4] == first
+    six = again(6)
+    assert six[:4] == first
+    assert len(judged) == 6
+    (tmp_path / "law.py").write_text('"""Doc."""  # and a comment\n' + LAW)
+    assert again(6) == [one | {"line": one["line"] + 1} for one in six]
     assert len(judged) == 6
     (tmp_path / "law.py").write_text(LAW.replace("spare", "other"))
     again(4)
     assert len(judged) == 10
+
+
+def test_an_edit_elsewhere_leaves_the_sample_as_it_is(tmp_path, monkeypatch):
+    """Of 200 mutants drawn again after an edit of one line those of the other lines are drawn again."""
+    monkeypatch.setattr(run_mutants, "ROOT", tmp_path)
+    monkeypatch.setattr(run_mutants, "TARGETS", {"law": ["law.py"]})
+
+    def drawn(text):
+        (tmp_path / "law.py").write_text(text)
+        return [one.name for one in run_mutants.drawn("law", 7) if "spare" not in one.before]
+
+    before = drawn(LAW)
+    after = drawn("FURTHER = 5\n" + LAW)
+    assert len(set(before)) == len(before) > 10
+    assert [name for name in after if "FURTHER" not in name] == before
+
+
+def test_comments_do_not_change_the_meaning_of_c():
+    assert c_mutants.meaning("int a; /* b */\n\n  int c; // d\n") == c_mutants.meaning("int a;int c;")
+    assert c_mutants.meaning("int a;") != c_mutants.meaning("int b;")
 
 
 def test_what_a_stopped_command_started_is_ended(tmp_path):
