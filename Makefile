@@ -215,6 +215,7 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 	else echo "skipped: the C tests under valgrind, since there is no valgrind"; fi
 
 include tests/blind/blind.mk
+include tests/first_stage/first_stage.mk
 include tests/false_alarms/false_alarms.mk
 include tests/interrupted/interrupted.mk
 include tests/mutants/mutants.mk

@@ -9,6 +9,7 @@
 #include "gsid/host/build_info.h"
 #include "gsid/host/fit.h"
 #include "gsid/host/greybox.h"
+#include "gsid/host/law_columns.h"
 #include "gsid/host/mimo.h"
 #include "gsid/host/optimise_excitation.h"
 

@@ -26,5 +26,6 @@ const gsid_effect_facts FACTS(coulomb_friction) = {
     .effect = &EFFECT(coulomb_friction),
     .law = "level sign(w)",
     .as_c = "{level} * (rate > 0 ? 1.0f : rate < 0 ? -1.0f : 0.0f)",
+    .enlarged = "c*w/sqrt(abs(w)+1e-9)",
     .parameter = {{.axis_field = "coulomb_level"}},
 };

@@ -23,5 +23,6 @@ const gsid_effect_facts FACTS(cubic_spring) = {
     .effect = &EFFECT(cubic_spring),
     .law = "stiffness theta^3",
     .as_c = "{stiffness} * angle * angle * angle",
+    .enlarged = "c*theta*abs(theta); c*theta^5",
     .parameter = {{.axis_field = "cubic_stiffness"}},
 };

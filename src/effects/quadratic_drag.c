@@ -22,5 +22,6 @@ const gsid_effect_facts FACTS(quadratic_drag) = {
     .effect = &EFFECT(quadratic_drag),
     .law = "rate w |w|",
     .as_c = "{rate} * rate * fabsf(rate)",
+    .enlarged = "c*w*sqrt(abs(w)); c*w^3",
     .parameter = {{.axis_field = "drag_rate"}},
 };

@@ -201,6 +201,9 @@ class EffectType:
         Whether the law requires an angle. Such a law has no meaning for an axis whose unit is a length.
     simpler : str or None
         Simpler law that it approaches at one end of its shape parameters.
+    enlarged : tuple of str
+        Similar laws from outside the catalogue, as expressions with the coefficient c. If one of them
+        explains the data better, this law is not the missing one.
     not_searched : str or None
         Why the search for missing effects omits it; None: the search includes it.
     definition : dict
@@ -220,6 +223,7 @@ class EffectType:
     linear_part: str | None = None
     turns_only: bool = False
     simpler: str | None = None
+    enlarged: tuple[str, ...] = ()
     not_searched: str | None = None
     definition: Mapping[str, Any] = field(default_factory=dict)
     c: Any = field(default=None, compare=False)
@@ -252,6 +256,7 @@ class EffectType:
             "linear_part": self.linear_part,
             "turns_only": self.turns_only,
             "simpler": self.simpler,
+            "enlarged": list(self.enlarged),
             "not_searched": self.not_searched,
             "parameters": [parameter.to_dict() for parameter in self.parameters],
         }
@@ -365,6 +370,7 @@ def _with_facts(facts: Any) -> EffectType:
         linear_part=LINEAR_PARTS[facts.linear_part],
         turns_only=bool(facts.turns_only),
         simpler=read_text(facts.simpler) or None,
+        enlarged=tuple(law.strip() for law in read_text(facts.enlarged).split(";") if law.strip()),
         not_searched=read_text(facts.not_searched) or None,
     )
 

@@ -1,0 +1,231 @@
+"""Whether the best law has earned a name: none, named, nearest or unknown.
+
+A name needs a large share of the misfit kept out of the fit, a clear lead over the best other family, a
+coefficient that is the same in all realisations, and no better rival from outside the catalogue. Rather
+unknown than wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsid.diagnosis.missing_torque.ranking import Candidate
+from gsid.diagnosis.missing_torque.settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """Result of the decisions.
+
+    Attributes
+    ----------
+    kind : {"none", "named", "nearest", "unknown"}
+    effects : tuple of str
+        The law named or nearest; several where only their family is certain. Empty else.
+    reasons : tuple of str
+        What kept a law from being named, one sentence each.
+    """
+
+    kind: str
+    effects: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The linear part alone.
+
+    Attributes
+    ----------
+    cost, cost_per_dof, kept : float
+    n_rows : int
+        Whitened numbers.
+    n_periods : int
+        Of a single record; 0 with several.
+    """
+
+    cost: float
+    cost_per_dof: float
+    kept: float
+    n_rows: int
+    n_periods: int
+
+    @property
+    def noise(self) -> float:
+        """Two standard deviations of a mean of n_rows squares: less than this above 1 is noise."""
+        return 2 * math.sqrt(2 / self.n_rows)
+
+    def excess(self, kept: float) -> float:
+        """Kept-out cost above noise.
+
+        Parameters
+        ----------
+        kept : float
+        """
+        return max(kept - 1 - self.noise, 0.0)
+
+    def share(self, kept: float) -> float:
+        """Share of the misfit that is explained, on what is kept out.
+
+        Parameters
+        ----------
+        kept : float
+        """
+        left = self.excess(kept)
+        if left == 0:
+            return 1.0
+        return 1 - left / (self.kept - 1) if self.kept > 1 else 0.0
+
+
+def choose(candidates: Sequence[Candidate], misfit: Misfit, settings: SearchSettings) -> Candidate:
+    """The best of the candidates: the least kept-out cost, or a simpler law of its family that is as good.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Refitted ones, at least one.
+    misfit : Misfit
+    settings : SearchSettings
+    """
+    kept = min(candidates, key=lambda one: one.kept)
+    family = [one for one in candidates if one.family == kept.family]
+    best = min(family, key=lambda one: one.cost)
+    good = [one for one in family if not _is_worse(one, best, misfit, settings)]
+    return min(good, key=lambda one: (one.n_parameters, one.cost))
+
+
+def equals(
+    best: Candidate, candidates: Sequence[Candidate], misfit: Misfit, settings: SearchSettings
+) -> list[str]:
+    """Other laws of the family that the data cannot tell from the best one.
+
+    A law with more parameters that is not significantly better is none of them. Where noise is not all that
+    is left, errors of the motion weigh more than noise: only a simulation can tell the members then.
+
+    Parameters
+    ----------
+    best, candidates, misfit, settings
+        As `choose`.
+    """
+    others = [one for one in candidates if one.family == best.family and one is not best]
+    if best.kept > settings.member_cost:
+        return [one.name for one in others if one.kept - 1 < 2 * (best.kept - 1)]
+    return [
+        one.name
+        for one in others
+        if one.n_parameters <= best.n_parameters and not _is_worse(one, best, misfit, settings)
+    ]
+
+
+def _is_worse(one: Candidate, best: Candidate, misfit: Misfit, settings: SearchSettings) -> bool:
+    scale = max(best.cost / misfit.n_rows, 1.0)
+    needed = settings.member_gain + settings.member_share * (misfit.cost - best.cost) / scale
+    return (one.cost - best.cost) / scale > needed
+
+
+def margin(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> float:
+    """Kept-out excess of the best rival of another family, over that of the best law.
+
+    Parameters
+    ----------
+    best : Candidate
+    rivals : sequence of Candidate
+        Refitted ones, the best among them.
+    misfit : Misfit
+    """
+    others = [one.kept for one in rivals if one.family != best.family]
+    least = misfit.noise / 2
+    return max(min([*others, misfit.kept]) - 1, 0.0) / max(best.kept - 1, least)
+
+
+def lead(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> float:
+    """Drop of the cost against the best rival of another family, or nothing missing.
+
+    Parameters
+    ----------
+    best, rivals, misfit
+        As `margin`.
+    """
+    others = [one.cost for one in rivals if one.family != best.family]
+    return min([*others, misfit.cost]) - best.cost
+
+
+def conclude(
+    best: Candidate,
+    rivals: Sequence[Candidate],
+    enlarged: Sequence[Candidate],
+    misfit: Misfit,
+    settings: SearchSettings,
+) -> Conclusion:
+    """Judge the best law.
+
+    Parameters
+    ----------
+    best : Candidate
+        As `choose` gives it.
+    rivals : sequence of Candidate
+        All that were refitted, the best among them.
+    enlarged : sequence of Candidate
+        Refitted rivals from outside the catalogue.
+    misfit : Misfit
+    settings : SearchSettings
+    """
+    gain = misfit.cost - min([best.cost, *(one.cost for one in enlarged)])
+    needed = best.n_parameters * math.log(misfit.n_rows) + settings.null_gain
+    if gain < needed and misfit.cost_per_dof < settings.null_cost:
+        return Conclusion("none")
+    share = misfit.share(best.kept)
+    reasons = _against(best, rivals, enlarged, misfit, settings)
+    if best.kept > settings.verdict_cost or share < settings.nearest_share or gain < needed:
+        return Conclusion("unknown", (), tuple(reasons))
+    if not reasons:
+        return Conclusion("named", (best.name, *equals(best, rivals, misfit, settings)))
+    beaten = any(one.cost < best.cost - settings.enlarged_gain for one in enlarged)
+    if beaten or not _steady(best, settings.nearest_scatter, settings):
+        return Conclusion("unknown", (), tuple(reasons))
+    effects = (best.name, *equals(best, rivals, misfit, settings))
+    return Conclusion("nearest", effects, tuple(reasons))
+
+
+def _against(
+    best: Candidate,
+    rivals: Sequence[Candidate],
+    enlarged: Sequence[Candidate],
+    misfit: Misfit,
+    settings: SearchSettings,
+) -> list[str]:
+    """What keeps a law from being named."""
+    reasons = []
+    share, lead_over = misfit.share(best.kept), margin(best, rivals, misfit)
+    if share < settings.named_share:
+        reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
+    adequate = misfit.excess(best.kept) == 0
+    ahead = lead(best, rivals, misfit)
+    if lead_over < settings.named_margin and not (adequate and ahead >= settings.named_lead):
+        reasons.append(
+            f"The best other family leaves {lead_over:.2g} times as much, and its cost is {ahead:.0f} "
+            "higher: too little to exclude it."
+        )
+    if not adequate and not best.along_motion and share < settings.exact_share:
+        reasons.append(
+            f"Nothing but noise should be left of a linear law or a command, but {1 - share:.2%} is."
+        )
+    if not _steady(best, settings.named_scatter, settings):
+        reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")
+    reasons += [
+        f"{one.name} explains more, and is not in the catalogue."
+        for one in enlarged
+        if one.cost < best.cost - settings.enlarged_gain
+    ]
+    if 0 < misfit.n_periods < settings.periods_least:
+        reasons.append(f"One record of {misfit.n_periods} periods shows no scatter.")
+    return reasons
+
+
+def _steady(best: Candidate, most: float, settings: SearchSettings) -> bool:
+    noise = settings.scatter_errors * best.scatter_error
+    return bool(best.scatter <= max(most, noise)) and bool(np.isfinite(best.scatter))

@@ -1,0 +1,233 @@
+"""Laws as columns: what a unit of each adds to the whitened error, for shapes over a grid.
+
+A law is linear in some of its parameters, its coefficients: those that vanish at 0. Its other parameters are
+its shape. A shape with a grid is searched. One without is a phase, and the law at a phase of 0 and of a
+quarter of a turn spans all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import rfft
+
+from gsid._lib import check, ffi, lib
+from gsid.diagnosis.missing_torque.linear_fit import Problem
+from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.effects.types import EffectParameter, EffectType
+
+QUARTER = {"rad": math.pi / 2, "deg": 90.0}  # of a turn, by the unit of a phase
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A torque law or a map of the command, as the first stage looks at it.
+
+    Attributes
+    ----------
+    effect : EffectType
+    name : str
+        Id of the effect, or the text of an enlarged law.
+    family : str
+        Laws of one family are easily taken for each other: "dry friction", "drag", "position", "command",
+        "spring", "damping", "mode" or "lag".
+    enlarges : str
+        Id of the law whose rival from outside the catalogue this is; "" for one of the catalogue.
+    """
+
+    effect: EffectType
+    name: str
+    family: str
+    enlarges: str = ""
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it maps the command."""
+        return self.effect.c.command != ffi.NULL
+
+    @property
+    def shape(self) -> EffectParameter | None:
+        """The parameter that is searched; of a map of the command its only one."""
+        searched = [p for p in self.effect.parameters if p.grid is not None]
+        return searched[0] if searched else None
+
+    @property
+    def coefficients(self) -> list[EffectParameter]:
+        """Parameters in which the torque is linear."""
+        if self.is_command:
+            return []
+        return [p for p in self.effect.parameters if p.null_value == 0]
+
+    @property
+    def phase(self) -> EffectParameter | None:
+        """A shape that needs no search."""
+        found = [p for p in self.effect.parameters if p.null_value is None and p.grid is None]
+        return found[0] if found else None
+
+    @property
+    def n_columns(self) -> int:
+        """Columns of one shape."""
+        return len(self.coefficients) * (2 if self.phase else 1)
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers that a fit adjusts."""
+        return len(self.effect.parameters)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(n_columns,) least coefficients: friction does not push."""
+        if self.phase:
+            return np.full(self.n_columns, -np.inf)
+        return np.array([p.lower if p.lower == 0 else -np.inf for p in self.coefficients])
+
+    def unit_values(self, shape: float) -> np.ndarray:
+        """(n_columns, parameters of the C library) values of each column for a shape.
+
+        Parameters
+        ----------
+        shape : float
+        """
+        rows = []
+        for quarter in (0.0, 1.0) if self.phase else (0.0,):
+            for one in self.coefficients:
+                row = np.zeros(lib.GSID_EFFECT_PARAMETERS_MAX)
+                for i, p in enumerate(self.effect.parameters):
+                    if p is one:
+                        row[i] = 1.0
+                    elif p is self.shape:
+                        row[i] = shape
+                    elif p is self.phase:
+                        row[i] = quarter * quarter_turn(p)
+                rows.append(row)
+        return np.array(rows)
+
+    def params(self, shape: float, coefficients: Sequence[float]) -> dict[str, float]:
+        """Values of the effect's parameters by name.
+
+        Parameters
+        ----------
+        shape : float
+        coefficients : (n_columns,) sequence of float
+        """
+        values = {self.shape.name: float(shape)} if self.shape else {}
+        if self.phase:
+            in_phase, quadrature = coefficients
+            turned = math.atan2(quadrature, in_phase) / (math.pi / 2)
+            values[self.coefficients[0].name] = math.hypot(in_phase, quadrature)
+            values[self.phase.name] = turned * quarter_turn(self.phase)
+        else:
+            values |= {p.name: float(c) for p, c in zip(self.coefficients, coefficients, strict=True)}
+        return values
+
+    def points(self, scales: dict[str, float]) -> np.ndarray:
+        """Grid of its shape for this motion; one meaningless point for a law without.
+
+        Parameters
+        ----------
+        scales : dict of float
+            The quantities that grids are relative to.
+        """
+        shape = self.shape
+        if shape is None:
+            return np.zeros(1)
+        turns = shape.grid.spacing == "turns"  # of a sine, whose argument is in rad
+        points = np.sort(shape.grid.at(scales["travel in rad" if turns else shape.grid.of]))
+        return points[(points >= shape.lower) & (points <= shape.upper)]
+
+
+def quarter_turn(phase: EffectParameter) -> float:
+    """A quarter of a turn in the unit of a phase.
+
+    Parameters
+    ----------
+    phase : EffectParameter
+    """
+    return QUARTER[phase.unit[:3]]
+
+
+def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.ndarray:
+    """Torque of a law along a motion, (n_sets, n).
+
+    Parameters
+    ----------
+    law : Law
+    values : (n_sets, parameters) ndarray
+    motion : Motion
+    radians : float
+        In a unit of angle.
+    """
+    n, values = len(motion.angle), np.ascontiguousarray(values, float)
+    out = np.empty((len(values), n))
+    keep = [ffi.from_buffer("double[]", x) for x in (motion.angle, motion.rate, motion.side)]
+    along = ffi.new(
+        "gsid_law_motion *",
+        {"n": n, "step_s": motion.step_s, "unit_rad": radians}
+        | dict(zip(("angle", "rate", "side"), keep, strict=True)),
+    )
+    status = lib.gsid_law_torques(
+        law.effect.c,
+        law.effect.data,
+        along,
+        len(values),
+        ffi.from_buffer("double[]", values),
+        ffi.from_buffer("double[]", out),
+    )
+    check(status, f"torque of {law.name}")
+    return out
+
+
+def torque_lines(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> list[np.ndarray]:
+    """Lines of a law's torque for unit coefficients, (shapes, n_columns, K) of each record.
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (s,) ndarray
+    problem : Problem
+    moved : sequence of Motion
+    """
+    values = np.concatenate([law.unit_values(shape) for shape in shapes])
+    found = []
+    for r, motion in zip(problem.records, moved, strict=True):
+        lines = motion.lines(torques(law, values, motion, problem.radians), r.line)
+        found.append(lines.reshape(len(shapes), law.n_columns, -1))
+    return found
+
+
+def mapped(law: Law, shapes: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """A command after a law's map, (shapes, n).
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (s,) ndarray
+    u : (n,) ndarray
+    """
+    values = np.zeros((len(shapes), lib.GSID_EFFECT_PARAMETERS_MAX))
+    values[:, 0] = shapes
+    u, out = np.ascontiguousarray(u, float), np.empty((len(shapes), len(u)))
+    arrays = [ffi.from_buffer("double[]", x) for x in (u, values, out)]
+    effect = law.effect
+    status = lib.gsid_law_commands(effect.c, effect.data, len(u), arrays[0], len(shapes), *arrays[1:])
+    check(status, f"command of {law.name}")
+    return out
+
+
+def command_lines(law: Law, shapes: np.ndarray, problem: Problem) -> list[np.ndarray]:
+    """Lines of the mapped command, (shapes, K) of each record.
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (s,) ndarray
+    problem : Problem
+    """
+    found = []
+    for r in problem.records:
+        change = mapped(law, shapes, r.command) - r.command
+        found.append(r.U + rfft(change)[:, r.line] * (2 / len(r.command)))
+    return found

@@ -1,0 +1,493 @@
+"""Fit of a plant's linear part to records, in the frequency domain and on all lines of the band.
+
+    E = Y - Gd(p) U - P(p) T
+
+Y and U are the means over the periods, Gd the response to the held command, P that to a torque. T are the
+lines of torques along the measured motion, none in the fit of the linear part alone. A real number of the
+whitened E has a variance of 1 where only noise is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gsid.diagnosis.missing_torque.settings import SearchSettings
+from gsid.greybox.weights import lines_used, pooled_variance
+from gsid.plant.linear_response import LinearView, linear_view
+from gsid.plant.model import PlantModel
+from gsid.plant.periodic import input_period
+from gsid.plant.units import RADIANS
+from gsid.spectrum.spectra import Spectra
+
+STEP = 1e-6  # relative step of a derivative: the responses are smooth, and rounding is 1e-10 of it
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """One record on the lines of the fit.
+
+    Attributes
+    ----------
+    spectra : Spectra
+    u, y : (N/2 + 1,) complex ndarray
+        Means over the periods of all lines.
+    line : (K,) int
+    U, Y : (K,) complex ndarray
+        The same on the lines of the fit.
+    weight : (K,) ndarray
+        Makes the real and the imaginary part of Y's noise have unit variance.
+    variance : (N/2 + 1,) ndarray
+        Of the mean of all lines of the output.
+    command : (N,) ndarray
+        One period of the mean input.
+    group : int
+        Records of one group have the same lines, rate and hold, and so the same responses.
+    """
+
+    spectra: Spectra
+    u: np.ndarray
+    y: np.ndarray
+    line: np.ndarray
+    U: np.ndarray
+    Y: np.ndarray
+    weight: np.ndarray
+    variance: np.ndarray
+    command: np.ndarray
+    group: int
+
+    @property
+    def f_hz(self) -> np.ndarray:
+        """Frequencies of the lines [Hz]."""
+        return self.spectra.f_hz[self.line]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPart:
+    """Structure of the linear part and its values; `names` are the free ones, as "effect.parameter"."""
+
+    stack: dict[str, dict[str, float]]
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """(n,) values of `names`."""
+        return np.array([self.stack[label][name] for label, name in map(split, self.names)])
+
+    def at(self, values: np.ndarray) -> LinearPart:
+        """The same structure with other values.
+
+        Parameters
+        ----------
+        values : (n,) ndarray
+        """
+        stack = {label: dict(params) for label, params in self.stack.items()}
+        for name, value in zip(self.names, values, strict=True):
+            label, parameter = split(name)
+            stack[label][parameter] = float(value)
+        return replace(self, stack=stack)
+
+
+def split(name: str) -> tuple[str, str]:
+    """Label of the effect, and name of the parameter."""
+    label, _, parameter = name.rpartition(".")
+    return label, parameter
+
+
+def linear_part(model: PlantModel) -> LinearPart:
+    """Linear part of a model: its effects with a linear part, and their free parameters.
+
+    Parameters
+    ----------
+    model : PlantModel
+    """
+    linear = {label for label, effect in model.labels() if effect.type.linear_part}
+    lower, upper = model.bounds()
+    free = [(i, name) for i, name in enumerate(model.free_names) if split(name)[0] in linear]
+    chosen = [i for i, _ in free]
+    return LinearPart(model.stack(), tuple(name for _, name in free), lower[chosen], upper[chosen])
+
+
+class Problem:
+    """Records, lines and weights of a fit of the linear part.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Defines the output, and the default of the band.
+    measured : sequence of Spectra
+    band : (lo, hi) or None
+        Hz.
+    settings : SearchSettings
+    """
+
+    def __init__(
+        self,
+        model: PlantModel,
+        measured: Sequence[Spectra],
+        band: tuple[float, float] | None,
+        settings: SearchSettings,
+    ) -> None:
+        self.settings = settings
+        self.output_angle = model.output == "angle"
+        self.radians = RADIANS[model.angle_unit]
+        self.closed_loop = model.has_controller
+        kinds: list[tuple] = []
+        self.records: list[Lines] = []
+        for one, (variance, dof) in zip(measured, pooled_variance(measured), strict=True):
+            variance = (
+                variance * dof / max(dof - 1, 1)
+            )  # the mean of 1 / variance is then that of the true one
+            used = lines_used(model, one, band)
+            used[0] = False  # an offset of the sensor
+            kind = (one.fs_hz, one.period_samples, one.hold, np.flatnonzero(used).tobytes())
+            if kind not in kinds:
+                kinds.append(kind)
+            self.records.append(_lines(one, np.flatnonzero(used), variance, kinds.index(kind)))
+        self.n_groups = len(kinds)
+        self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
+        self.n_rows = 2 * sum(len(r.line) for r in self.records)
+
+    # ---- responses ----
+
+    def view(self, part: LinearPart, group: int, images: int = 0) -> LinearView:
+        """Responses of a linear part at the lines of a group of records, image after image.
+
+        Parameters
+        ----------
+        part : LinearPart
+        group : int
+        images : int
+            On each side.
+        """
+        lines = self.first[group]
+        fs_hz = lines.spectra.fs_hz
+        shifts = np.arange(-images, images + 1)
+        f_hz = (lines.f_hz + shifts[:, None] * fs_hz).ravel()
+        held = lines.spectra.hold != "none" or self.closed_loop
+        return linear_view(
+            part.stack,
+            f_hz,
+            fs_hz,
+            output_angle=self.output_angle,
+            radians_per_unit=self.radians,
+            held=held,
+        )
+
+    def responses(self, part: LinearPart, images: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(Gd, P) of each group: response to the sampled command, and to a torque.
+
+        Parameters
+        ----------
+        part : LinearPart
+        images : int
+            Of the held command, on each side.
+        """
+        found = []
+        for group, lines in enumerate(self.first):
+            is_held = lines.spectra.hold != "none"
+            view = self.view(part, group, images if is_held else 0)
+            n_images = len(view.command) // len(lines.line)
+            command = view.command.reshape(n_images, -1).sum(axis=0)
+            found.append((command, view.torque.reshape(n_images, -1)[n_images // 2]))
+        return found
+
+    def whiten(self, errors: Sequence[np.ndarray]) -> np.ndarray:
+        """Errors of each record, (..., K), whitened and put together as real numbers, (..., n_rows).
+
+        Parameters
+        ----------
+        errors : sequence of complex ndarray
+        """
+        parts = [error * record.weight for error, record in zip(errors, self.records, strict=True)]
+        together = np.concatenate(parts, axis=-1)
+        return np.concatenate([together.real, together.imag], axis=-1)
+
+    def rows_of(self, record: int) -> np.ndarray:
+        """Rows of `whiten` that belong to one record, (n_rows,) bool.
+
+        Parameters
+        ----------
+        record : int
+        """
+        sizes = [len(r.line) for r in self.records]
+        of = np.repeat(np.arange(len(sizes)), sizes) == record
+        return np.concatenate([of, of])
+
+    def error(
+        self, part: LinearPart, commands: Sequence[np.ndarray], torques: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
+        """Whitened E.
+
+        Parameters
+        ----------
+        part : LinearPart
+        commands : sequence of (K,) complex ndarray
+            Lines of the command of each record, after the static maps of the drive.
+        torques : sequence of (K,) complex ndarray, optional
+            Lines of a torque against the motion.
+        """
+        found = self.responses(part, self.settings.images)
+        answers = [found[r.group][0] * u for r, u in zip(self.records, commands, strict=True)]
+        if torques is not None:
+            answers = [
+                y - found[r.group][1] * t for y, r, t in zip(answers, self.records, torques, strict=True)
+            ]
+        return self.whiten([r.Y - y for r, y in zip(self.records, answers, strict=True)])
+
+    def tangent(
+        self, part: LinearPart, commands: Sequence[np.ndarray], torques: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
+        """Derivative of the whitened E by the free values, (n_rows, n); the images move with their line.
+
+        Parameters
+        ----------
+        part, commands, torques
+            As `error`.
+        """
+        at, values = self.responses(part), part.values
+        columns = []
+        for i, value in enumerate(values):
+            step = STEP * max(abs(value), 1e-3 * abs(part.upper[i]) if part.upper[i] < 1 else 1e-6)
+            moved = values.copy()
+            moved[i] += step
+            there = self.responses(part.at(moved))
+            slopes = [((g - a) / step, (p - b) / step) for (g, p), (a, b) in zip(there, at, strict=True)]
+            parts = [-slopes[r.group][0] * u for r, u in zip(self.records, commands, strict=True)]
+            if torques is not None:
+                parts = [
+                    e + slopes[r.group][1] * t for e, r, t in zip(parts, self.records, torques, strict=True)
+                ]
+            columns.append(self.whiten(parts))
+        return np.array(columns).T.reshape(self.n_rows, len(values))
+
+    @property
+    def commands(self) -> list[np.ndarray]:
+        """Lines of the command of each record, as given."""
+        return [r.U for r in self.records]
+
+
+def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int) -> Lines:
+    mean_variance = variance / one.n_periods
+    weight = np.sqrt(2 / np.maximum(mean_variance[line], np.finfo(float).tiny))
+    u, y = one.u, one.y
+    return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group)
+
+
+# ---- fits ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """A fit of the linear part, with torques or without.
+
+    Attributes
+    ----------
+    part : LinearPart
+    coefficients : (c,) ndarray
+        Of the torque columns; empty without.
+    error : (n_rows,) ndarray
+        Whitened E.
+    jacobian : (n_rows, n + c) ndarray
+        Its derivative by the free values and the coefficients.
+    """
+
+    part: LinearPart
+    coefficients: np.ndarray
+    error: np.ndarray
+    jacobian: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the whitened error."""
+        return float(self.error @ self.error)
+
+    @property
+    def cost_per_dof(self) -> float:
+        """The same per degree of freedom; 1 where only noise is left."""
+        return self.cost / (self.jacobian.shape[0] - self.jacobian.shape[1])
+
+
+def fit_linear_part(
+    problem: Problem,
+    start: LinearPart,
+    commands: Sequence[np.ndarray] | None = None,
+    torques: Sequence[np.ndarray] | None = None,
+    first: np.ndarray | None = None,
+    lower: np.ndarray | None = None,
+) -> LinearFit:
+    """Fit the free values of a linear part, and the coefficients of torque columns, by least squares.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : LinearPart
+        With the values to begin from.
+    commands : sequence of (K,) complex ndarray, optional
+        Default: as measured.
+    torques : sequence of (c, K) complex ndarray, optional
+        Lines of the torque of each record for a unit coefficient.
+    first : (c,) ndarray, optional
+        Coefficients to begin from; default 0.
+    lower : (c,) ndarray, optional
+        Least coefficients; default none.
+
+    Returns
+    -------
+    LinearFit
+    """
+    given = problem.commands if commands is None else commands
+    columns = torques or [np.zeros((0, len(r.line)), complex) for r in problem.records]
+    n, n_columns = len(start.names), columns[0].shape[0]
+    values = start.values
+    c = np.zeros(n_columns) if first is None else np.array(first, float)
+    scale = np.concatenate([np.where(values != 0, np.abs(values), 1.0), np.where(c != 0, np.abs(c), 1.0)])
+    least = np.concatenate([start.lower, np.full(n_columns, -np.inf) if lower is None else lower])
+    most = np.concatenate([start.upper, np.full(n_columns, np.inf)])
+
+    def total(coefficients: np.ndarray) -> list[np.ndarray] | None:
+        return [coefficients @ t for t in columns] if n_columns else None
+
+    def error(x: np.ndarray) -> np.ndarray:
+        return problem.error(start.at(x[:n] * scale[:n]), given, total(x[n:] * scale[n:]))
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        part = start.at(x[:n] * scale[:n])
+        slopes = problem.tangent(part, given, total(x[n:] * scale[n:]))
+        return np.hstack([slopes, torque_columns(problem, part, columns)]) * scale
+
+    x0 = np.clip(np.concatenate([values, c]), least, most) / scale
+    if not len(x0):
+        return LinearFit(start, c, error(x0), np.zeros((problem.n_rows, 0)))
+    ends = (least / scale, most / scale)
+    found = least_squares(
+        error,
+        x0,
+        jacobian,
+        bounds=ends,
+        x_scale="jac",
+        ftol=problem.settings.tolerance,
+        xtol=1e-9,
+        gtol=1e-12,
+        max_nfev=problem.settings.steps,
+    )
+    x = found.x * scale
+    return LinearFit(start.at(x[:n]), x[n:], found.fun, found.jac / scale)
+
+
+def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivative of the whitened E by the coefficients of torques, (n_rows, c).
+
+    Parameters
+    ----------
+    problem : Problem
+    part : LinearPart
+    torques : sequence of (c, K) complex ndarray
+    """
+    entries = [p for _, p in problem.responses(part)]
+    return problem.whiten([entries[r.group] * t for r, t in zip(problem.records, torques, strict=True)]).T
+
+
+# ---- starts --------------------------------------------------------------------------------------------
+
+
+def fit_null(problem: Problem, start: LinearPart) -> LinearFit:
+    """Fit the linear part alone; where the given values lead to a bad fit, from other starts as well.
+
+    The fit without its modes begins at several delays; then each mode is scanned over its frequency and
+    damping, and all are fitted together.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : LinearPart
+
+    Returns
+    -------
+    LinearFit
+    """
+    direct = fit_linear_part(problem, start)
+    if direct.cost_per_dof <= problem.settings.good_cost:
+        return direct
+    modes = [label for label in start.stack if label.partition("#")[0] == "flexible_mode"]
+    bare = _without(start, modes)
+    fits = [fit_linear_part(problem, each) for each in _delayed(bare, problem.settings.delays)]
+    best = min(fits, key=lambda fit: fit.cost)
+    part = best.part
+    for label in modes:
+        part = _scanned(problem, part, start, label)
+    again = fit_linear_part(problem, start.at([part.stack[a][b] for a, b in map(split, start.names)]))
+    return min(direct, again, key=lambda fit: fit.cost)
+
+
+def _without(part: LinearPart, labels: Sequence[str]) -> LinearPart:
+    keep = [i for i, name in enumerate(part.names) if split(name)[0] not in labels]
+    stack = {label: params for label, params in part.stack.items() if label not in labels}
+    return LinearPart(stack, tuple(part.names[i] for i in keep), part.lower[keep], part.upper[keep])
+
+
+def _delayed(part: LinearPart, shares: Sequence[float]) -> list[LinearPart]:
+    name = "transport_delay.delay_s"
+    if name not in part.names:
+        return [part]
+    i, values = part.names.index(name), part.values
+    return [part.at(np.where(np.arange(len(values)) == i, values * share, values)) for share in shares]
+
+
+def _scanned(problem: Problem, part: LinearPart, start: LinearPart, label: str) -> LinearPart:
+    """The part with one more mode, where its column explains most of the error."""
+    given, settings = start.stack[label], problem.settings
+    q = basis(problem.tangent(part, problem.commands))
+    error = problem.error(part, problem.commands)
+    rest = error - q @ (q.T @ error)
+    f_hz = given["f_hz"] * np.geomspace(1 / settings.mode_spread, settings.mode_spread, settings.mode_points)
+    most, best = 0.0, dict(given)
+    for zeta in settings.mode_dampings:
+        columns = mode_columns(problem, part, f_hz, zeta)
+        columns -= q @ (q.T @ columns)
+        share = (rest @ columns) / np.sum(columns**2, axis=0)
+        gains = share * (rest @ columns)
+        i = int(np.argmax(gains))
+        if gains[i] > most:
+            most, best = gains[i], {"f_hz": f_hz[i], "zeta": zeta, "residue": -share[i]}
+    return replace(part, stack=part.stack | {label: best})
+
+
+def mode_columns(problem: Problem, part: LinearPart, f_hz: np.ndarray, zeta: float) -> np.ndarray:
+    """Derivative of the whitened E by the residue of further modes, (n_rows, len(f_hz)).
+
+    Parameters
+    ----------
+    problem : Problem
+    part : LinearPart
+    f_hz : (m,) ndarray
+        Frequencies of the modes [Hz].
+    zeta : float
+        Their damping ratio.
+    """
+    views = [problem.view(part, group) for group in range(problem.n_groups)]
+    w0 = 2 * np.pi * f_hz[:, None]
+    columns = []
+    for r in problem.records:
+        s = 2j * np.pi * r.f_hz
+        columns.append(-views[r.group].direct * r.U * s / (s**2 + 2 * zeta * w0 * s + w0**2))
+    return problem.whiten(columns).T
+
+
+def basis(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of columns, without those that others nearly repeat, (n_rows, m).
+
+    Parameters
+    ----------
+    columns : (n_rows, n) ndarray
+    """
+    if not columns.shape[1]:
+        return columns
+    size = np.linalg.norm(columns, axis=0)
+    left, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return left[:, values > 1e-7 * values[0]]

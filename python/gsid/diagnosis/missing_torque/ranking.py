@@ -1,0 +1,598 @@
+"""Scan of all laws beside the linear part, and joint refit of the best.
+
+The whitened error of the null is freed of the linear part's tangent. A law's gain is what its columns, freed
+of it too, explain of the rest. The best laws are fitted together with the linear part. What is kept out is
+one realisation after the other: fitted to the others, linearised, and judged on the one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from gsid._lib import ffi
+from gsid.diagnosis.missing_torque.catalogue import family as effect_family
+from gsid.diagnosis.missing_torque.law_columns import Law, command_lines, mapped, torque_lines, torques
+from gsid.diagnosis.missing_torque.linear_fit import (
+    LinearFit,
+    LinearPart,
+    Problem,
+    basis,
+    fit_linear_part,
+    mode_columns,
+    torque_columns,
+)
+from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.effects.types import EffectType
+
+GOLDEN = 0.381966  # 1 - 1 / golden ratio
+
+
+@dataclass(eq=False)
+class Candidate:
+    """One law with the linear part.
+
+    Attributes
+    ----------
+    name, family : str
+    effect : EffectType
+    gain : float
+        Drop of the cost in the scan.
+    law : Law or None
+        None: a linear effect, which is in the linear part.
+    shape : float
+    fit : LinearFit or None
+        Joint fit; None if it was not refitted.
+    kept : float
+        Kept-out cost per whitened number; 1 is noise.
+    coefficients, errors : (c,) ndarray
+        Of the joint fit, and their standard errors.
+    scatter, scatter_error : float
+        Scatter of the coefficient over realisations, relative to it, and what noise makes of it.
+    """
+
+    name: str
+    family: str
+    effect: EffectType
+    gain: float
+    law: Law | None = None
+    shape: float = 0.0
+    bracket: tuple[float, float] = (0.0, 0.0)
+    start: LinearPart | None = None
+    points: tuple[float, ...] = ()
+    fit: LinearFit | None = None
+    kept: float = np.inf
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    scatter: float = np.inf
+    scatter_error: float = 0.0
+
+    @property
+    def along_motion(self) -> bool:
+        """Whether its column comes from the measured motion, whose errors it has."""
+        return self.law is not None and not self.law.is_command
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of the joint fit's whitened error."""
+        return self.fit.cost if self.fit is not None else np.inf
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers that it adds to the linear part."""
+        return len(self.effect.parameters)
+
+    @property
+    def params(self) -> dict[str, float]:
+        """Values of the effect's parameters: starts of a fit by simulation."""
+        if self.law is not None:
+            if self.law.is_command:
+                return {self.effect.parameters[0].name: self.shape}
+            return self.law.params(self.shape, self.coefficients)
+        label = next(label for label in reversed(self.fit.part.stack) if label.startswith(self.effect.id))
+        return dict(self.fit.part.stack[label])
+
+
+# ---- scan ----------------------------------------------------------------------------------------------
+
+
+class Scan:
+    """Gains of laws beside a fitted linear part.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : LinearFit
+        Of the linear part alone, or with a law whose shape is to be refined.
+    moved : sequence of Motion
+    """
+
+    def __init__(self, problem: Problem, fit: LinearFit, moved: Sequence[Motion]) -> None:
+        self.problem, self.fit, self.moved = problem, fit, moved
+        self.q = basis(fit.jacobian[:, : len(fit.part.names)])
+        self.entries = problem.responses(fit.part)
+
+    def freed(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (n_rows, ...) without what the tangent of the linear part can do."""
+        return columns - self.q @ (self.q.T @ columns)
+
+    def torque_gains(self, law: Law, shapes: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains (s,) and coefficients (s, c) of a torque law.
+
+        Parameters
+        ----------
+        law : Law
+        shapes : (s,) ndarray
+        error : (n_rows,) ndarray
+            What is left without the law, freed.
+        """
+        p = self.problem
+        lines = torque_lines(law, shapes, p, self.moved)
+        seen = [self.entries[r.group][1] * t for r, t in zip(p.records, lines, strict=True)]
+        columns = p.whiten(seen)  # (s, c, n_rows)
+        flat = columns.reshape(-1, p.n_rows).T
+        flat = self.freed(flat)
+        columns = flat.T.reshape(columns.shape)
+        solved = [_solved(each, -error, law.lower) for each in columns]
+        return np.array([gain for gain, _ in solved]), np.array([c for _, c in solved])
+
+    def command_gains(self, law: Law, shapes: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Gains (s,) of a map of the command; its coefficient is 1.
+
+        Parameters
+        ----------
+        law, shapes, error
+            As `torque_gains`.
+        """
+        p = self.problem
+        commands = command_lines(law, shapes, p)
+        held = p.responses(self.fit.part, p.settings.images)
+        changes = [-held[r.group][0] * (u - r.U) for r, u in zip(p.records, commands, strict=True)]
+        left = error[:, None] + self.freed(p.whiten(changes).T)
+        return error @ error - np.sum(left**2, axis=0)
+
+
+def _solved(columns: np.ndarray, target: np.ndarray, lower: np.ndarray) -> tuple[float, np.ndarray]:
+    """Gain and coefficients of columns (c, n_rows) for a target, with their least values."""
+    size = np.linalg.norm(columns, axis=1)
+    if not np.all(size > 0):
+        return 0.0, np.zeros(len(columns))
+    unit = columns / size[:, None]
+    right = unit @ target
+    if len(columns) == 1:
+        c = right if right[0] >= 0 or lower[0] < 0 else np.zeros(1)
+        return float(c[0] ** 2), c / size
+    gram = unit @ unit.T
+    if np.all(lower < 0):
+        c = np.linalg.lstsq(gram, right, rcond=1e-10)[0]
+    else:
+        half = np.linalg.cholesky(gram + 1e-10 * np.eye(len(gram)))
+        c = nnls(half.T, np.linalg.solve(half, right))[0]
+    return float(2 * c @ right - c @ gram @ c), c / size
+
+
+def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list[Candidate]:
+    """The best shape of each law on its grid, largest gain first.
+
+    Parameters
+    ----------
+    scan : Scan
+    laws : sequence of Law
+    scales : dict of float
+        The quantities that grids are relative to.
+    """
+    error = scan.freed(scan.fit.error)
+    found = []
+    for law in laws:
+        points = law.points(scales)
+        if law.is_command:
+            if law.shape.grid.spacing == "rounding":
+                points = _likely_steps(scan, law, points, error)
+            gains = scan.command_gains(law, points, error)
+        else:
+            gains, _ = scan.torque_gains(law, points, error)
+        best = int(np.argmax(gains))
+        ends = points[max(best - 1, 0)], points[min(best + 1, len(points) - 1)]
+        found.append(
+            Candidate(law.name, law.family, law.effect, float(gains[best]), law, float(points[best]), ends)
+        )
+    found.sort(key=lambda one: -one.gain)
+    most = found[0].gain if found else 0.0
+    for one in found:
+        if one.gain >= scan.problem.settings.refined_share * most:
+            refine_shape(scan, one, error)
+    return sorted(found, key=lambda one: -one.gain)
+
+
+LIKELY = 12  # steps of rounding whose gain is computed
+
+
+def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Steps of rounding whose change of the command is most like the one that the error asks for.
+
+    The product of a change with the error is a sum over samples: no transform is needed. Its norm is that of
+    a uniform error, in proportion to the step.
+    """
+    p = scan.problem
+    held = p.responses(scan.fit.part)
+    complex_error = (error[: p.n_rows // 2] + 1j * error[p.n_rows // 2 :]).conj()
+    at, total = 0, np.zeros(len(steps))
+    for r in p.records[:2]:
+        wanted = -complex_error[at : at + len(r.line)] * held[r.group][0] * r.weight
+        at += len(r.line)
+        whole = np.zeros(r.spectra.period_samples // 2 + 1, complex)
+        whole[r.line] = wanted.conj()
+        asked = np.fft.irfft(whole, r.spectra.period_samples)
+        for some in np.array_split(np.arange(len(steps)), max(len(steps) // 50, 1)):
+            total[some] += (mapped(law, steps[some], r.command) - r.command) @ asked
+    likeness = -total / steps
+    return np.sort(steps[np.argsort(likeness)[-LIKELY:]])
+
+
+def refine_shape(scan: Scan, one: Candidate, error: np.ndarray) -> None:
+    """Golden section for a candidate's shape between its neighbours in the grid; in place.
+
+    Parameters
+    ----------
+    scan : Scan
+    one : Candidate
+    error : (n_rows,) ndarray
+        What is left without the law, freed.
+    """
+    law = one.law
+    if law is None or law.shape is None:
+        return
+
+    def gain(shape: float) -> float:
+        if law.is_command:
+            return float(scan.command_gains(law, np.array([shape]), error)[0])
+        return float(scan.torque_gains(law, np.array([shape]), error)[0][0])
+
+    one.shape, one.gain = _golden(gain, one.bracket, (one.shape, one.gain), scan.problem.settings.shape_steps)
+
+
+def _golden(
+    gain: Callable[[float], float], bracket: tuple[float, float], best: tuple[float, float], steps: int
+) -> tuple[float, float]:
+    low, high = bracket
+    a, b = low + GOLDEN * (high - low), high - GOLDEN * (high - low)
+    at_a, at_b = gain(a), gain(b)
+    for _ in range(steps):
+        if at_a > at_b:
+            high, b, at_b = b, a, at_a
+            a = low + GOLDEN * (high - low)
+            at_a = gain(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = high - GOLDEN * (high - low)
+            at_b = gain(b)
+    return max([best, (a, at_a), (b, at_b)], key=lambda each: each[1])
+
+
+def linear_candidates(scan: Scan, effects: Sequence[EffectType], scales: dict[str, float]) -> list[Candidate]:
+    """Linear effects that the model lacks, each with the start of its fit.
+
+    Parameters
+    ----------
+    scan : Scan
+    effects : sequence of EffectType
+    scales : dict of float
+    """
+    found = []
+    error = scan.freed(scan.fit.error)
+    for effect in effects:
+        if effect.linear_part == "mode":
+            found.append(_mode_candidate(scan, effect, scales, error))
+        else:
+            found.append(_linear_candidate(scan, effect, scales, error))
+    return found
+
+
+def _enlarged(part: LinearPart, effect: EffectType, params: dict[str, float]) -> LinearPart:
+    label = effect.id if effect.id not in part.stack else f"{effect.id}#2"
+    stack = part.stack | {label: params}
+    names = (*part.names, *(f"{label}.{name}" for name in params))
+    least = [min(p.lower, p.null_value) if p.null_value is not None else p.lower for p in effect.parameters]
+    lower = np.concatenate([part.lower, least])
+    upper = np.concatenate([part.upper, [p.upper for p in effect.parameters]])
+    return LinearPart(stack, names, lower, upper)
+
+
+def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float], error: np.ndarray) -> Candidate:
+    f_hz = effect["f_hz"].grid
+    first, last = f_hz.first * scales[f_hz.of], f_hz.last * scales[f_hz.of]
+    frequencies = np.geomspace(first, last, scan.problem.settings.mode_points)
+    best = Candidate(effect.id, effect_family(effect), effect, 0.0)
+    for zeta in effect["zeta"].grid.points:
+        columns = scan.freed(mode_columns(scan.problem, scan.fit.part, frequencies, zeta))
+        products = error @ columns
+        share = products / np.sum(columns**2, axis=0)
+        i = int(np.argmax(share * products))
+        if share[i] * products[i] > best.gain:
+            params = {"f_hz": float(frequencies[i]), "zeta": zeta, "residue": float(-share[i])}
+            start = _enlarged(scan.fit.part, effect, params)
+            # The given damping is in the grid: a mode beyond the band, or without damping, is another law.
+            start.lower[-3], start.upper[-3] = first, last
+            start.lower[-2] = 0.2 * min(effect["zeta"].grid.points)
+            best = Candidate(
+                effect.id, effect_family(effect), effect, float(share[i] * products[i]), start=start
+            )
+    if best.start is None:
+        best.start = _enlarged(scan.fit.part, effect, {p.name: p.typical for p in effect.parameters})
+    return best
+
+
+def _linear_candidate(
+    scan: Scan, effect: EffectType, scales: dict[str, float], error: np.ndarray
+) -> Candidate:
+    """A linear effect of one value: of a few finite values and the tangent at none, what explains most.
+
+    The tangent of a lag is that of a delay but for what is small: its value is one of the finite ones.
+    """
+    (parameter,) = effect.parameters
+    small = 1e-4 * parameter.typical
+    column = _change(scan, _with_linear(scan.fit.part, effect, small)) / small
+    most, c = _solved(column[None, :], -error, np.array([parameter.lower]))
+    starts = [(most, _with_linear(scan.fit.part, effect, float(c[0])))] if effect.linear_part != "lag" else []
+    for point in _linear_points(scan, effect, scales):
+        larger = _with_linear(scan.fit.part, effect, float(point))
+        left = error + _change(scan, larger)
+        starts.append((float(error @ error - left @ left), larger))
+    gain, start = max(starts, key=lambda each: each[0])
+    tried = tuple(_linear_points(scan, effect, scales))
+    return Candidate(effect.id, effect_family(effect), effect, max(gain, most), start=start, points=tried)
+
+
+def _linear_points(scan: Scan, effect: EffectType, scales: dict[str, float]) -> np.ndarray:
+    grid = effect.parameters[0].grid
+    if grid is not None:
+        return grid.at(scales[grid.of])
+    if effect.linear_part == "delay":
+        return scales["sample"] * np.array(scan.problem.settings.missing_delays)
+    corner = 2 * np.pi * scan.problem.first[0].f_hz[0] * np.array(scan.problem.settings.corners)
+    if effect.linear_part in ("spring", "damping"):
+        return corner**2 if effect.linear_part == "spring" else corner
+    return np.zeros(0)
+
+
+def _with_linear(part: LinearPart, effect: EffectType, value: float) -> LinearPart:
+    """The part with a linear effect of one value; what a lag delays is taken off the delay."""
+    larger = _enlarged(part, effect, {effect.parameters[0].name: value})
+    name = "transport_delay.delay_s"
+    if effect.linear_part != "lag" or name not in part.names:
+        return larger
+    values = larger.values
+    i = larger.names.index(name)
+    values[i] = max(values[i] - value, 0.0)
+    return larger.at(values)
+
+
+def _change(scan: Scan, larger: LinearPart) -> np.ndarray:
+    """What another linear part changes of the freed error."""
+    p = scan.problem
+    there = p.responses(larger)
+    changes = [-(there[r.group][0] - scan.entries[r.group][0]) * r.U for r in p.records]
+    return scan.freed(p.whiten(changes))
+
+
+# ---- joint refit ---------------------------------------------------------------------------------------
+
+
+def refit(
+    problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion], given: LinearPart
+) -> None:
+    """Fit a candidate together with the linear part, and judge it on what is kept out; in place.
+
+    Parameters
+    ----------
+    problem : Problem
+    null : LinearFit
+        The linear part alone.
+    one : Candidate
+    moved : sequence of Motion
+        Motions of the null.
+    given : LinearPart
+        With the values of the model: a fit without a linear effect that is missing may have left them far
+        behind.
+    """
+    if one.law is None:
+        _refit_linear(problem, null, one, given)
+    elif one.law.is_command:
+        _refit_command(problem, null, one, moved)
+    else:
+        _refit_torque(problem, null, one, moved)
+
+
+def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
+    good = problem.settings.good_cost
+    one.fit = fit_linear_part(problem, one.start)
+    if null.cost_per_dof > good:
+        for point in one.points:
+            if one.fit.cost_per_dof <= good:
+                break
+            again = fit_linear_part(problem, _with_linear(given, one.effect, point))
+            one.fit = min(one.fit, again, key=lambda fit: fit.cost)
+    one.coefficients = one.fit.part.values[len(null.part.names) :]
+    one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, one.fit.jacobian, 1)
+
+
+def _refit_command(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
+    law, part = one.law, null.part
+    for _ in range(problem.settings.passes):
+        commands = [u[0] for u in command_lines(law, np.array([one.shape]), problem)]
+        one.fit = fit_linear_part(problem, part, commands)
+        part = one.fit.part
+        # The error without the law, on the tangent of the fit with it.
+        scan = Scan(problem, one.fit, moved)
+        one.bracket = _around(one)
+        error = scan.freed(problem.error(part, problem.commands))
+        one.gain = float(scan.command_gains(law, np.array([one.shape]), error)[0])
+        refine_shape(scan, one, error)
+    commands = [u[0] for u in command_lines(law, np.array([one.shape]), problem)]
+    one.fit = fit_linear_part(problem, part, commands)
+    column = _shape_slope(one, lambda shape: _command_error(problem, one, shape))
+    jacobian = np.hstack([one.fit.jacobian, column[:, None]])
+    one.coefficients = np.array([one.shape])
+    one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, jacobian, 1, one.coefficients)
+
+
+def _command_error(problem: Problem, one: Candidate, shape: float) -> np.ndarray:
+    commands = [u[0] for u in command_lines(one.law, np.array([shape]), problem)]
+    return problem.error(one.fit.part, commands)
+
+
+def _around(one: Candidate) -> tuple[float, float]:
+    """The bracket of a shape for the next pass, half as wide."""
+    low, high = one.bracket
+    half = 0.25 * (high - low)
+    return max(one.shape - half, one.law.shape.lower), min(one.shape + half, one.law.shape.upper)
+
+
+def _shape_slope(one: Candidate, error: Callable[[float], np.ndarray]) -> np.ndarray:
+    """Derivative of the error by the shape, over a thousandth of it."""
+    step = 1e-3 * one.shape
+    return (error(one.shape + step) - error(one.shape - step)) / (2 * step)
+
+
+def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
+    law = one.law
+    scan = Scan(problem, null, moved)
+    error = scan.freed(null.error)
+    _, found = scan.torque_gains(law, np.array([one.shape]), error)
+    part, c = null.part, found[0]
+    best: tuple[LinearFit, Sequence[Motion], float] | None = None
+    for attempt in range(problem.settings.passes + 1):
+        lines = [t[0] for t in torque_lines(law, np.array([one.shape]), problem, moved)]
+        fit = fit_linear_part(problem, part, torques=lines, first=c, lower=law.lower)
+        if best is None or fit.cost < best[0].cost:
+            best = fit, moved, one.shape
+        if attempt == problem.settings.passes:
+            break
+        part, c = fit.part, fit.coefficients
+        moved = motions(problem, part)
+        if law.effect.c.holding != ffi.NULL and np.any(c != 0):
+            moved = [stuck(problem, law, one.shape, c, motion) for motion in moved]
+        if law.shape is not None:
+            scan = Scan(problem, fit, moved)
+            totals = [c @ t for t in lines]
+            without = torque_columns(problem, part, [t[None, :] for t in totals])[:, 0]
+            rest = scan.freed(fit.error - without)
+            one.bracket = _around(one)
+            one.gain = float(scan.torque_gains(law, np.array([one.shape]), rest)[0][0])
+            refine_shape(scan, one, rest)
+    one.fit, moved, one.shape = best
+    one.coefficients = one.fit.coefficients
+    jacobian = one.fit.jacobian
+    if law.shape is not None:
+
+        def error_at(shape: float) -> np.ndarray:
+            lines = [one.coefficients @ t[0] for t in torque_lines(law, np.array([shape]), problem, moved)]
+            return torque_columns(problem, one.fit.part, [t[None, :] for t in lines])[:, 0]
+
+        jacobian = np.hstack([jacobian, _shape_slope(one, error_at)[:, None]])
+    n = len(null.part.names)
+    kept = keep_out(problem, one.fit, jacobian, len(one.coefficients), one.coefficients, n)
+    one.kept, one.scatter, one.scatter_error = kept
+
+
+def stuck(problem: Problem, law: Law, shape: float, c: np.ndarray, motion: Motion) -> Motion:
+    """The motion with the direction of dry friction where the axis may stand still.
+
+    The sign of the measured rate is noise there. The friction is what holds the axis: the torque of the motor
+    less those of damping and springs, as far as its level reaches (Karnopp 1985).
+
+    Parameters
+    ----------
+    problem : Problem
+    law : Law
+    shape : float
+    c : (c,) ndarray
+        Coefficients.
+    motion : Motion
+    """
+    still = np.abs(motion.rate) < problem.settings.stuck * motion.rate_std
+    forward = replace(motion, side=np.ones(len(motion.rate)))
+    level = np.abs(c @ torques(law, law.unit_values(shape), forward, problem.radians))
+    held = np.clip(motion.drive / np.where(level > 0, level, np.inf), -1, 1)
+    return replace(motion, side=np.where(still, held, motion.side))
+
+
+# ---- kept out ------------------------------------------------------------------------------------------
+
+
+def keep_out(
+    problem: Problem,
+    fit: LinearFit,
+    jacobian: np.ndarray,
+    n_coefficients: int,
+    coefficients: np.ndarray | None = None,
+    first: int | None = None,
+) -> tuple[float, float, float]:
+    """Kept-out cost, scatter of the coefficient over realisations, and its standard error.
+
+    One realisation after the other is left out of the fit, linearised at the fit to all. Of a single record
+    thirds of its periods are left out.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : LinearFit
+    jacobian : (n_rows, m) ndarray
+        With the derivative by the shape.
+    n_coefficients : int
+    coefficients : (n_coefficients,) ndarray, optional
+        Their values; default the last of the linear part.
+    first : int, optional
+        Their first column; default the last ones.
+    """
+    n = jacobian.shape[1]
+    first = n - n_coefficients if first is None else first
+    chosen = np.arange(first, first + n_coefficients)
+    values = fit.part.values[-n_coefficients:] if coefficients is None else coefficients
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(size > 0, size, 1.0)
+    parts = _parts(problem, fit.error, scaled)
+    total = sum(gram for gram, _, _, _ in parts)
+    right = sum(slope for _, slope, _, _ in parts)
+    squares, alone, errors = 0.0, [], []
+    for gram, slope, rows, error in parts:
+        moved = -_solve(total - gram, right - slope)
+        squares += float(np.sum((error + rows @ moved) ** 2))
+        alone.append(values - _solve(gram, slope)[chosen] / size[chosen])
+        errors.append(np.sqrt(np.diag(np.linalg.pinv(gram)))[chosen] / size[chosen])
+    n_rows = sum(len(error) for *_, error in parts)
+    norm = float(np.linalg.norm(values)) or np.inf
+    spread = np.linalg.norm(np.std(alone, axis=0)) / norm
+    noise = np.linalg.norm(np.sqrt(np.mean(np.square(errors), axis=0))) / norm
+    return squares / n_rows, float(spread), float(noise)
+
+
+def _parts(
+    problem: Problem, error: np.ndarray, jacobian: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Normal equations, rows and error of each realisation; of a single record those of its thirds."""
+    if len(problem.records) > 1:
+        found = []
+        for i in range(len(problem.records)):
+            rows = problem.rows_of(i)
+            found.append(_normal(jacobian[rows], error[rows]))
+        return found
+    (record,) = problem.records
+    thirds = np.array_split(record.spectra.Y[:, record.line], min(3, record.spectra.n_periods))
+    found = []
+    for third in thirds:
+        weight = np.sqrt(len(third) / record.spectra.n_periods)  # of noise that is larger
+        change = problem.whiten([third.mean(axis=0) - record.Y])
+        found.append(_normal(weight * jacobian, weight * (error + change)))
+    return found
+
+
+def _normal(rows: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return rows.T @ rows, rows.T @ error, rows, error
+
+
+def _solve(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(gram, right, rcond=1e-12)[0]

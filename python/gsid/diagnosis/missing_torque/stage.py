@@ -1,0 +1,278 @@
+"""First stage of the diagnosis: the missing torque, without any simulation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gsid.base.errors import InputError
+from gsid.diagnosis.missing_torque import catalogue
+from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
+from gsid.diagnosis.missing_torque.linear_fit import LinearFit, LinearPart, Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.diagnosis.missing_torque.ranking import (
+    Candidate,
+    Scan,
+    keep_out,
+    linear_candidates,
+    refit,
+    scan_laws,
+)
+from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
+from gsid.plant.linear_response import JOINT
+from gsid.plant.model import PlantModel, check_plant
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
+from gsid.spectrum.spectra import Spectra, read_as
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """One law of the ranking.
+
+    Attributes
+    ----------
+    effects : tuple of str
+    params : dict of float
+        Values of its parameters: starts of a fit by simulation.
+    linear : dict of dict of float
+        {effect: {parameter: value}} of the linear part beside it, of the same fit.
+    cost_per_dof : float
+        Cost of the joint fit; NaN if the law was only scanned.
+    share_kept_out : float
+        Share of the misfit that it explains where it was not fitted; NaN if it was only scanned.
+    margin : float
+        Excess of the best other family's kept-out cost over its own; NaN if it was only scanned.
+    scatter : float
+        Of its coefficient over realisations, relative to it; NaN if it was only scanned.
+    drop : float
+        Drop of the cost by the joint fit; NaN if it was only scanned.
+    gain : float
+        Drop of the cost in the scan.
+    """
+
+    effects: tuple[str, ...]
+    params: dict[str, float]
+    linear: dict[str, dict[str, float]]
+    cost_per_dof: float
+    share_kept_out: float
+    margin: float
+    scatter: float
+    drop: float
+    gain: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FirstStage:
+    """Result of :func:`first_stage`.
+
+    Attributes
+    ----------
+    conclusion : Conclusion
+    ranking : list of Ranked
+        The best law first.
+    cost_per_dof : float
+        Of the linear part alone; 1 where only noise is left.
+    linear : dict of dict of float
+        {effect: {parameter: value}} of the linear part alone.
+    not_tried : dict of str
+        Effects that the first stage cannot look at, with the reason.
+    seconds : dict of float
+        Time of each step.
+    """
+
+    conclusion: Conclusion
+    ranking: list[Ranked]
+    cost_per_dof: float
+    linear: dict[str, dict[str, float]]
+    not_tried: dict[str, str]
+    seconds: dict[str, float]
+
+    @property
+    def sentence(self) -> str:
+        """The conclusion as a sentence."""
+        kind, effects = self.conclusion.kind, " or ".join(self.conclusion.effects)
+        if kind == "none":
+            return "These data show no missing effect."
+        if kind == "named":
+            return f"First draft: {effects} is missing, to be confirmed by simulation."
+        if kind == "nearest":
+            share = self.ranking[0].share_kept_out
+            return f"First draft: nearest is {effects}; not explained: {1 - share:.0%}."
+        return "First draft: an effect is missing that no law of the catalogue explains."
+
+    def __repr__(self) -> str:
+        lines = [self.sentence, *(f"  {reason}" for reason in self.conclusion.reasons)]
+        for one in self.ranking:
+            lines.append(
+                f"  {' or '.join(one.effects):24} share {one.share_kept_out:7.2%}, margin {one.margin:.3g}, "
+                f"scatter {one.scatter:.1%}, cost {self.cost_per_dof:.4g} -> {one.cost_per_dof:.4g}"
+            )
+        return "\n".join(lines)
+
+
+class _Clock:
+    """Time of each step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.last = time.perf_counter()
+
+    def take(self, step: str) -> None:
+        now = time.perf_counter()
+        self.seconds[step] = now - self.last
+        self.last = now
+
+
+def first_stage(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    model: PlantModel,
+    *,
+    band: tuple[float, float] | None = None,
+    without: Collection[str] = (),
+    settings: SearchSettings = DEFAULTS,
+    on_step: Callable[[str], None] = lambda text: None,
+) -> FirstStage:
+    """Rank the laws of the catalogue by the missing torque that they explain, without simulation.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+        Realisations. A record that does not state its hold is taken as held.
+    model : PlantModel
+        Its linear part: rigid body, damping, spring, modes, lags and delay; their free values are fitted.
+    band : (lo, hi), optional
+        Hz; default from the first to the last excited line.
+    without : collection of str
+        Effects that are not tried.
+    settings : SearchSettings
+    on_step : callable
+        Called with a short description of each step before it starts.
+
+    Returns
+    -------
+    FirstStage
+
+    Raises
+    ------
+    InputError
+        The model has a joint between motor and load; a record that `gsid.spectra` refuses.
+    ValueError
+        The band contains no line.
+    """
+    check_plant(model)
+    if any(effect.id == JOINT for effect in model.effects):
+        hint = "remove it from the model; a simulation is needed to judge laws beside it"
+        raise InputError("the first stage has no model of play between motor and load", "", JOINT, hint)
+    clock = _Clock()
+    on_step("transforming the records")
+    measured = read_as(spectra_of(records), "zoh")
+    problem = Problem(model, measured, band, settings)
+    clock.take("spectra")
+    on_step("fitting the linear part")
+    given = linear_part(model)
+    null = fit_null(problem, given)
+    clock.take("linear part")
+    on_step("scanning the laws")
+    moved = motions(problem, null.part)
+    candidates = _scanned(problem, null, moved, model, without)
+    clock.take("scan")
+    on_step("fitting the best laws")
+    fitted = _refitted(problem, null, moved, candidates, given)
+    misfit = _misfit(problem, null)
+    best = choose(fitted, misfit, settings)
+    clock.take("joint fits")
+    enlarged = _enlarged(problem, null, moved, best, given)
+    clock.take("enlarged laws")
+    rest = sorted((one for one in fitted if one is not best), key=lambda one: one.kept)
+    only_scanned = [one for one in candidates if one.fit is None]
+    return FirstStage(
+        conclude(best, fitted, enlarged, misfit, settings),
+        [_ranked(one, fitted, misfit) for one in [best, *rest]] + [_scan_only(one) for one in only_scanned],
+        null.cost_per_dof,
+        null.part.stack,
+        _not_tried(model, problem),
+        clock.seconds,
+    )
+
+
+def _scanned(
+    problem: Problem, null: LinearFit, moved: list[Motion], model: PlantModel, without: Collection[str]
+) -> list[Candidate]:
+    """All candidates with their gain in the scan, largest first."""
+    left_out = {effect.id for effect in model.effects} | set(without)
+    is_angle = model.angle_unit != "m"
+    scan, scales = Scan(problem, null, moved), catalogue.scales(problem, moved)
+    laws = catalogue.laws(left_out, is_angle, not problem.closed_loop)
+    found = scan_laws(scan, laws, scales)
+    present = {effect.id for effect in model.effects}
+    linear = [e for e in catalogue.linear_effects(present, is_angle) if e.id not in without]
+    found += linear_candidates(scan, linear, scales)
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def _refitted(
+    problem: Problem, null: LinearFit, moved: list[Motion], candidates: list[Candidate], given: LinearPart
+) -> list[Candidate]:
+    """Refit the best candidates, and the best of each family that explains enough."""
+    settings = problem.settings
+    chosen = candidates[: settings.n_refitted]
+    for one in candidates[settings.n_refitted :]:
+        first = all(one.family != other.family for other in chosen)
+        if first and one.gain > settings.family_share * null.cost:
+            chosen.append(one)
+    for one in chosen:
+        refit(problem, null, one, moved, given)
+    return chosen
+
+
+def _enlarged(
+    problem: Problem, null: LinearFit, moved: list[Motion], best: Candidate, given: LinearPart
+) -> list[Candidate]:
+    """Rivals of the best law from outside the catalogue, refitted."""
+    found = []
+    scan = Scan(problem, null, moved)
+    for law in catalogue.enlarged_laws(best.family):
+        (one,) = scan_laws(scan, [law], {})
+        refit(problem, null, one, moved, given)
+        found.append(one)
+    return found
+
+
+def _misfit(problem: Problem, null: LinearFit) -> Misfit:
+    kept, _, _ = keep_out(problem, null, null.jacobian, 1)
+    n_periods = problem.records[0].spectra.n_periods if len(problem.records) == 1 else 0
+    return Misfit(null.cost, null.cost_per_dof, kept, problem.n_rows, n_periods)
+
+
+def _ranked(one: Candidate, fitted: list[Candidate], misfit: Misfit) -> Ranked:
+    linear = one.fit.part.stack
+    return Ranked(
+        (one.name,),
+        one.params,
+        linear,
+        one.fit.cost_per_dof,
+        misfit.share(one.kept),
+        margin(one, fitted, misfit),
+        one.scatter,
+        misfit.cost - one.cost,
+        one.gain,
+    )
+
+
+def _scan_only(one: Candidate) -> Ranked:
+    nan = float("nan")
+    return Ranked((one.name,), {}, {}, nan, nan, nan, nan, nan, one.gain)
+
+
+def _not_tried(model: PlantModel, problem: Problem) -> dict[str, Any]:
+    found = {JOINT: "the position of the motor is hidden; it needs a simulation"}
+    if problem.closed_loop:
+        found |= {
+            law.name: "the command inside the loop is not in the record"
+            for law in catalogue.laws((), True, True)
+            if law.is_command
+        }
+    return found

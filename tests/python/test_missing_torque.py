@@ -1,0 +1,260 @@
+"""First stage of the diagnosis: its parts against the simulation by steps, its decisions one by one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gsid.base.errors import InputError
+from gsid.diagnosis.missing_torque import catalogue as laws_of
+from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
+from gsid.diagnosis.missing_torque.law_columns import Law
+from gsid.diagnosis.missing_torque.linear_fit import LinearFit, Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.motion import motions
+from gsid.diagnosis.missing_torque.ranking import Candidate
+from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.diagnosis.missing_torque.stage import first_stage
+from gsid.effects.types import catalogue
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
+
+FS_HZ, N, PERIODS, NOISE = 1000.0, 2000, 8, 0.1
+TRUE = {
+    "rigid_body": {"gain": 10.0},
+    "transport_delay": {"delay_s": 0.0031},
+    "viscous_friction": {"rate": 3.0},
+    "cable_spring": {"stiffness": 25.0},
+    "flexible_mode": {"f_hz": 61.0, "zeta": 0.02, "residue": 0.2},
+    "sensor_lag": {"time_constant_s": 0.0016},
+}
+
+
+def plant(stack, off=0.0):
+    """A model with these values, up and down by a share."""
+    effects = [
+        {"effect": effect, "params": {name: value * (1 + off * (-1) ** i) for name, value in params.items()}}
+        for i, (effect, params) in enumerate(stack.items())
+    ]
+    return PlantModel.from_dict({"gsid_model": 1, "fs_hz": FS_HZ, "output": "rate", "effects": effects})
+
+
+def commands(n_records=4, seed=5):
+    rng = np.random.default_rng(seed)
+    line = np.arange(1, 140, 2)
+    found = []
+    for i in range(n_records):
+        spectrum = np.zeros(N // 2 + 1, complex)
+        amplitude = np.where(line < 8, 6.0, 1.0) * (1.0 if i % 2 else 0.4)
+        spectrum[line] = amplitude * np.exp(2j * np.pi * rng.random(len(line)))
+        found.append(np.fft.irfft(spectrum) * N / 2)
+    return found
+
+
+def records(extra=None, n_records=4, noise=NOISE, periods=PERIODS, seed=6):
+    """Records of the simulation by steps with white noise."""
+    rng = np.random.default_rng(seed)
+    model = plant(TRUE | (extra or {}))
+    found = []
+    for u in commands(n_records):
+        y = np.tile(model.simulate(u).y, periods) + noise * rng.standard_normal(periods * N)
+        found.append(Record(np.tile(u, periods), y, FS_HZ, N, 0, hold="zoh"))
+    return found
+
+
+# ---- parts -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("off", [0.05, 0.25])
+def test_the_linear_part_is_found_from_values_that_are_off(off):
+    model = plant(TRUE, off)
+    problem = Problem(model, spectra_of(records()), None, DEFAULTS)
+    fit = fit_null(problem, linear_part(model))
+    assert fit.cost_per_dof == pytest.approx(1, abs=0.1)
+    for name in model.free_names:
+        effect, parameter = name.split(".")
+        assert fit.part.stack[effect][parameter] == pytest.approx(TRUE[effect][parameter], rel=0.03), name
+
+
+def test_the_tangent_is_the_derivative_of_the_error():
+    model = plant(TRUE)
+    problem = Problem(model, spectra_of(records()), None, DEFAULTS)
+    part = linear_part(model)
+    at, slopes = problem.error(part, problem.commands), problem.tangent(part, problem.commands)
+    for i, value in enumerate(part.values):
+        values = part.values
+        values[i] *= 1 + 1e-5
+        change = (problem.error(part.at(values), problem.commands) - at) / (1e-5 * value)
+        # The images, which the tangent leaves out, are 2 % at most here.
+        assert np.linalg.norm(change - slopes[:, i]) < 0.03 * np.linalg.norm(slopes[:, i]), part.names[i]
+
+
+def test_the_motion_is_that_of_the_simulation():
+    model = plant(TRUE)
+    measured = spectra_of(records(n_records=1, noise=1e-6))
+    problem = Problem(model, measured, None, DEFAULTS)
+    (moved,) = motions(problem, linear_part(model))
+    answer = model.simulate(commands(1)[0])
+    at = np.arange(N) / FS_HZ / moved.step_s
+    for name, tolerance in (("angle", 1e-3), ("rate", 5e-3)):
+        signal = np.interp(at, np.arange(len(moved.angle) + 1), np.append(*_closed(getattr(moved, name))))
+        want = getattr(answer, name)
+        assert np.max(np.abs(signal - want)) < tolerance * np.max(np.abs(want)), name
+
+
+def _closed(signal):
+    return signal, signal[0]
+
+
+def test_the_coefficients_of_a_phase_are_its_level_and_angle():
+    cogging = catalogue()["motor_cogging"]
+    law = Law(cogging, "motor_cogging", "position")
+    params = law.params(50.0, [3.0 * np.cos(0.7), 3.0 * np.sin(0.7)])
+    assert params == pytest.approx({"level": 3.0, "cycles_per_rev": 50.0, "phase_rad": 0.7})
+    in_phase, quadrature = law.unit_values(50.0)
+    assert in_phase[:3] == pytest.approx([1, 50, 0])
+    assert quadrature[:3] == pytest.approx([1, 50, np.pi / 2])
+
+
+def test_every_law_of_the_catalogue_has_a_family_and_every_enlarged_law_can_be_read():
+    found = {law.name: law.family for law in laws_of.laws((), True, True)}
+    assert found["coulomb_friction"] == found["presliding_friction"] == "dry friction"
+    assert found["quadratic_drag"] == "drag"
+    assert found["hard_stop"] == found["motor_cogging"] == "position"
+    assert found["drive_quantization"] == "command"
+    assert "gear_backlash" not in found  # the motor's position is hidden
+    rivals = {law.name for family in set(found.values()) for law in laws_of.enlarged_laws(family)}
+    assert rivals == {text for effect in catalogue().values() for text in effect.enlarged}
+    assert len(rivals) == 5
+
+
+# ---- the whole -------------------------------------------------------------------------------------
+
+HIDDEN = {
+    "coulomb_friction": {"level": 1.0},
+    "quadratic_drag": {"rate": 0.02},
+    "cubic_spring": {"stiffness": 2.0},
+    "drive_dead_zone": {"half_width": 0.7},
+    "drive_saturation": {"limit": 25.0},
+}
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_a_strong_effect_is_named_with_its_value(effect):
+    found = first_stage(records({effect: HIDDEN[effect]}), plant(TRUE, 0.05))
+    print(found)
+    assert found.conclusion.kind == "named"
+    assert found.conclusion.effects == (effect,)
+    assert found.ranking[0].params == pytest.approx(HIDDEN[effect], rel=0.03)
+    assert found.ranking[0].cost_per_dof < 1.15
+
+
+@pytest.mark.parametrize("effect", ["cable_spring", "viscous_friction", "sensor_lag"])
+def test_a_missing_linear_effect_is_named(effect):
+    stack = {name: params for name, params in TRUE.items() if name != effect}
+    found = first_stage(records(), plant(stack, 0.05))
+    print(found)
+    assert effect in found.conclusion.effects
+    assert found.ranking[0].cost_per_dof < 1.15
+
+
+def test_nothing_is_missing_where_nothing_is_hidden():
+    found = first_stage(records(), plant(TRUE, 0.05))
+    assert found.conclusion.kind == "none"
+    assert found.conclusion.effects == ()
+
+
+def test_a_model_with_play_is_refused():
+    gear = {"gap_deg": 0.02, "stiffness": 1e5, "inertia_ratio": 0.1, "damping": 20.0}
+    model = plant({"rigid_body": {"gain": 10.0}, "gear_backlash": gear})
+    with pytest.raises(InputError, match="play between motor and load"):
+        first_stage(records(n_records=1), model)
+
+
+# ---- decisions -------------------------------------------------------------------------------------
+
+MISFIT = Misfit(cost=8000.0, cost_per_dof=4.0, kept=4.0, n_rows=2000, n_periods=0)
+
+
+def candidate(name, kept, cost=None, scatter=0.01, error=0.001):
+    """A refitted law whose fit is its numbers alone."""
+    effect = catalogue()[name]
+    rows = np.zeros(2000)
+    rows[0] = np.sqrt(2000 * kept if cost is None else cost)
+    fit = LinearFit(linear_part(plant(TRUE)), np.zeros(1), rows, np.zeros((2000, 0)))
+    law = Law(effect, name, laws_of.family(effect)) if effect.linear_part is None else None
+    one = Candidate(name, laws_of.family(effect), effect, 0.0, law)
+    one.fit, one.kept, one.scatter, one.scatter_error = fit, kept, scatter, error
+    return one
+
+
+def concluded(best, *others, enlarged=(), misfit=MISFIT):
+    return conclude(best, [best, *others], enlarged, misfit, DEFAULTS)
+
+
+def test_a_clear_law_is_named():
+    found = concluded(candidate("coulomb_friction", 1.2), candidate("cubic_spring", 3.0))
+    assert (found.kind, found.effects, found.reasons) == ("named", ("coulomb_friction",), ())
+
+
+def test_too_small_a_share_is_nearest():
+    found = concluded(candidate("coulomb_friction", 1.45), candidate("cubic_spring", 4.0))
+    assert found.kind == "nearest"
+    assert "%" in found.reasons[0]
+
+
+def test_half_of_the_misfit_is_unknown():
+    assert concluded(candidate("coulomb_friction", 2.7), candidate("cubic_spring", 4.0)).kind == "unknown"
+
+
+def test_a_close_rival_of_another_family_is_no_name():
+    found = concluded(candidate("coulomb_friction", 1.2), candidate("cubic_spring", 2.1))
+    assert found.kind == "nearest"
+    assert "family" in found.reasons[0]
+
+
+def test_a_coefficient_that_scatters_is_no_name_unless_noise_does_it():
+    close = candidate("cubic_spring", 3.0)
+    assert concluded(candidate("coulomb_friction", 1.2, scatter=0.1), close).kind == "nearest"
+    assert concluded(candidate("coulomb_friction", 1.2, scatter=0.4), close).kind == "unknown"
+    assert concluded(candidate("coulomb_friction", 1.2, scatter=0.4, error=0.2), close).kind == "named"
+
+
+def test_an_enlarged_law_that_is_better_makes_it_unknown():
+    best = candidate("quadratic_drag", 1.1)
+    better = dataclasses.replace(candidate("quadratic_drag", 1.05), name="c*w^3")
+    assert concluded(best, candidate("cubic_spring", 3.0), enlarged=[better]).kind == "unknown"
+
+
+def test_a_single_record_of_few_periods_is_no_name():
+    few = dataclasses.replace(MISFIT, n_periods=5)
+    best, other = candidate("coulomb_friction", 1.1), candidate("cubic_spring", 3.0)
+    assert concluded(best, other, misfit=few).kind == "nearest"
+    assert concluded(best, other, misfit=dataclasses.replace(MISFIT, n_periods=6)).kind == "named"
+
+
+def test_an_exact_column_that_leaves_more_than_noise_is_no_name():
+    assert concluded(candidate("drive_saturation", 1.2), candidate("cubic_spring", 3.0)).kind == "nearest"
+    assert concluded(candidate("drive_saturation", 1.02), candidate("cubic_spring", 3.0)).kind == "named"
+
+
+def test_a_small_gain_is_nothing():
+    small = Misfit(cost=2010.0, cost_per_dof=1.0, kept=1.0, n_rows=2000, n_periods=0)
+    assert concluded(candidate("coulomb_friction", 1.0, cost=1995.0), misfit=small).kind == "none"
+    assert concluded(candidate("coulomb_friction", 1.0, cost=1970.0), misfit=small).kind == "nearest"
+    assert concluded(candidate("coulomb_friction", 1.0, cost=1900.0), misfit=small).kind == "named"
+
+
+def test_the_simpler_member_of_a_family_is_taken_unless_it_is_worse():
+    stribeck = candidate("stribeck_friction", 1.01, cost=2000.0)
+    as_good = candidate("coulomb_friction", 1.02, cost=2020.0)
+    worse = candidate("coulomb_friction", 1.05, cost=2060.0)
+    assert choose([stribeck, as_good], MISFIT, DEFAULTS) is as_good
+    assert choose([stribeck, worse], MISFIT, DEFAULTS) is stribeck
+
+
+def test_members_of_a_family_that_are_as_good_form_a_group():
+    best, other = candidate("motor_lag", 1.0, cost=2000.0), candidate("sensor_lag", 1.0, cost=2005.0)
+    assert equals(best, [best, other], MISFIT, DEFAULTS) == ["sensor_lag"]
+    other = candidate("sensor_lag", 1.2, cost=2400.0)
+    assert equals(best, [best, other], MISFIT, DEFAULTS) == []
