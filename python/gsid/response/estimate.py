@@ -188,7 +188,7 @@ def _at_lines(
 ) -> Frf:
     """Estimate at the lines that every part excites with `min_input`; those left out are kept in mind."""
     line = common_lines(parts, band)
-    each = [_single(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts]
+    each = [single_response(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts]
     if min_input > 0:
         strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
         if not strong.any():
@@ -213,7 +213,7 @@ def _without_tones(record: Record, removed: list[Tone], period: int | None, sett
     return cleaned
 
 
-def _single(part: Realisation, line: np.ndarray) -> Frf:
+def single_response(part: Realisation, line: np.ndarray) -> Frf:
     """Frequency response of one realisation at these lines."""
     U, Y = part.input(line), part.output(line)
     u, y = U.mean(axis=0), Y.mean(axis=0)

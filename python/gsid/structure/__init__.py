@@ -1,0 +1,1 @@
+"""Linear structure of an axis from its records: rational fits, physical readings, selection."""

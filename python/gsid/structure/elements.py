@@ -1,0 +1,274 @@
+"""Structures of physical elements, and their response (STR-1).
+
+    G = exp(-s T) hold(s) s^-q / prod(1 + tau_j s) [g_0 B + sum g_i s / (s^2 + 2 z_i w_i s + w_i^2) + g_R s]
+
+B is the rigid body from torque to rate: 1/s free, 1/(s + c) viscous, s/(s^2 + c s + k) sprung. q is -1 where
+the output is the acceleration, 0 for the rate, 1 for the angle. g_R stands for the modes above the band.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gsid.structure.held import hold_response, image_factors
+
+OUTPUTS = ("rate", "angle", "acceleration")
+BODIES = ("free", "viscous", "sprung")
+INTEGRATIONS = {"acceleration": -1, "rate": 0, "angle": 1}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which elements an axis has.
+
+    Parameters
+    ----------
+    output : {"rate", "angle", "acceleration"}
+    body : {"free", "viscous", "sprung"}
+    n_modes, n_lags : int
+    residual : bool
+        Whether modes above the band contribute (g_R).
+    """
+
+    output: str
+    body: str
+    n_modes: int
+    n_lags: int
+    residual: bool
+
+    @property
+    def n_body(self) -> int:
+        """Parameters of the body beside its gain: rate, stiffness."""
+        return BODIES.index(self.body)
+
+    @property
+    def n_columns(self) -> int:
+        """Gains, in which the response is linear."""
+        return 1 + self.n_modes + self.residual
+
+    @property
+    def n_nonlinear(self) -> int:
+        """Parameters in which it is not: body, frequency and damping of modes, lags, delay."""
+        return self.n_body + 2 * self.n_modes + self.n_lags + 1
+
+    @property
+    def n_parameters(self) -> int:
+        """All parameters."""
+        return self.n_columns + self.n_nonlinear
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Poles and zeros of the transfer function."""
+        q = INTEGRATIONS[self.output]
+        body = 2 if self.body == "sprung" else 1 + max(q, 0)
+        if self.body == "free":
+            body = 1 + q
+        poles = body + 2 * self.n_modes + self.n_lags
+        excess = (-1 if self.residual else 1) + q + self.n_lags
+        return poles, poles - excess
+
+    def text(self) -> str:
+        """The structure in words, for tables and messages."""
+        parts = [self.output, f"{self.body} body"]
+        for n, what in ((self.n_modes, "mode"), (self.n_lags, "lag")):
+            if n:
+                parts.append(f"{n} {what}{'s' * (n > 1)}")
+        return ", ".join([*parts, *(["modes above the band"] if self.residual else [])])
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Nonlinear parameters of a structure: positive ones as logarithms.
+
+    Parameters
+    ----------
+    structure : Structure
+    theta : (n_nonlinear,) ndarray
+        ln rate [1/s], ln stiffness [1/s^2] of the body; ln w [rad/s], ln z of each mode; ln tau [s] of each
+        lag; delay [s].
+    """
+
+    structure: Structure
+    theta: np.ndarray
+
+    @property
+    def rate(self) -> float:
+        """Viscous friction [1/s]; 0 where the body has none."""
+        return float(np.exp(self.theta[0])) if self.structure.n_body else 0.0
+
+    @property
+    def stiffness(self) -> float:
+        """Spring [1/s^2]; 0 where the body has none."""
+        return float(np.exp(self.theta[1])) if self.structure.n_body == 2 else 0.0
+
+    @property
+    def modes(self) -> np.ndarray:
+        """(n_modes, 2): angular frequency [rad/s] and damping ratio."""
+        first = self.structure.n_body
+        return np.exp(self.theta[first : first + 2 * self.structure.n_modes]).reshape(-1, 2)
+
+    @property
+    def lags(self) -> np.ndarray:
+        """(n_lags,) time constants [s]."""
+        first = self.structure.n_body + 2 * self.structure.n_modes
+        return np.exp(self.theta[first : first + self.structure.n_lags])
+
+    @property
+    def delay_s(self) -> float:
+        """Delay [s]."""
+        return float(self.theta[-1])
+
+    @classmethod
+    def of(
+        cls,
+        output: str,
+        body: tuple[float, ...],
+        modes: list[tuple[float, float]],
+        lags: list[float],
+        delay_s: float,
+        residual: bool,
+    ) -> Values:
+        """Make values from numbers.
+
+        Parameters
+        ----------
+        output : str
+        body : tuple of float
+            (), (rate,) or (rate, stiffness).
+        modes : list of (w, z)
+            rad/s and damping ratio.
+        lags : list of float
+            s.
+        delay_s : float
+        residual : bool
+        """
+        structure = Structure(output, BODIES[len(body)], len(modes), len(lags), residual)
+        positive = [*body, *(x for mode in modes for x in mode), *lags]
+        return cls(structure, np.array([*np.log(positive), delay_s]))
+
+    def numbers(self) -> dict:
+        """The arguments of :meth:`of`."""
+        body = (self.rate, self.stiffness)[: self.structure.n_body]
+        return {
+            "output": self.structure.output,
+            "body": body,
+            "modes": [(float(w), float(z)) for w, z in self.modes],
+            "lags": [float(tau) for tau in self.lags],
+            "delay_s": self.delay_s,
+            "residual": self.structure.residual,
+        }
+
+    def with_residual(self, residual: bool) -> Values:
+        """The same with or without the residual term."""
+        return replace(self, structure=replace(self.structure, residual=residual))
+
+
+@dataclass(eq=False)
+class Lines:
+    """Frequencies at which a structure is evaluated.
+
+    Parameters
+    ----------
+    f_hz : (F,) ndarray
+        Hz, above 0.
+    fs_hz : float
+    held : bool
+        Whether the command is held over each sample.
+    """
+
+    f_hz: np.ndarray
+    fs_hz: float
+    held: bool
+
+    def __post_init__(self) -> None:
+        self.w = 2 * np.pi * self.f_hz
+        self.s = 1j * self.w
+        self.hold = hold_response(self.w, 1 / self.fs_hz) if self.held else np.ones(len(self.w), complex)
+
+
+def columns(values: Values, lines: Lines) -> np.ndarray:
+    """Response of each gain: body, modes, residual term, (F, n_columns) complex."""
+    plain = _common(values, lines)[:, None] * _inner(values, lines.s)
+    return plain * _images(values, lines) if lines.held else plain
+
+
+def _common(values: Values, lines: Lines) -> np.ndarray:
+    """Delay, hold, integration and lags."""
+    s = lines.s
+    common = np.exp(-s * values.delay_s) * lines.hold * s ** -INTEGRATIONS[values.structure.output]
+    for tau in values.lags:
+        common = common / (1 + tau * s)
+    return common
+
+
+def _inner(values: Values, s: np.ndarray) -> np.ndarray:
+    inner = np.empty((len(s), values.structure.n_columns), complex)
+    inner[:, 0] = 1 / (s + values.rate + values.stiffness / s)
+    for i, (w, z) in enumerate(values.modes):
+        inner[:, 1 + i] = s / (s**2 + 2 * z * w * s + w**2)
+    if values.structure.residual:
+        inner[:, -1] = s
+    return inner
+
+
+def _images(values: Values, lines: Lines) -> np.ndarray:
+    """Images of the hold as a factor on each column (STR-2)."""
+    structure, q = values.structure, INTEGRATIONS[values.structure.output]
+    body = [0.0] if structure.body == "free" else [-values.rate]
+    if structure.body == "sprung":
+        body = _pair(values.rate, values.stiffness)
+    own = [(body, int(structure.body == "sprung"))]
+    own += [(_pair(2 * z * w, w**2), 1) for w, z in values.modes]
+    if structure.residual:
+        own.append(([], 1))
+    return image_factors(
+        [-1 / tau for tau in values.lags],
+        [[*poles, *[0.0] * max(q - zeros, 0)] for poles, zeros in own],
+        [max(zeros - q, 0) for _, zeros in own],
+        values.delay_s,
+        lines.w,
+        1 / lines.fs_hz,
+    )
+
+
+def _pair(rate: float, stiffness: float) -> list[complex]:
+    """Roots of s^2 + rate s + stiffness."""
+    half = np.sqrt(complex(rate**2 / 4 - stiffness))
+    large = -rate / 2 - half  # the difference of near numbers would lose the small root
+    return [large, stiffness / large]
+
+
+def slopes(values: Values, lines: Lines, each: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Derivatives of the response by the nonlinear parameters, (F, n_nonlinear) complex.
+
+    The images of the hold are taken as constant factors.
+
+    Parameters
+    ----------
+    values : Values
+    lines : Lines
+    each : (F, n_columns) complex
+        `columns` at these values.
+    gains : (n_columns,) ndarray
+    """
+    s, structure = lines.s, values.structure
+    slope = np.empty((len(s), structure.n_nonlinear), complex)
+    response = each @ gains
+    body = 1 / (s + values.rate + values.stiffness / s) * each[:, 0] * gains[0]
+    if structure.n_body:
+        slope[:, 0] = -values.rate * body
+    if structure.n_body == 2:
+        slope[:, 1] = -values.stiffness / s * body
+    at = structure.n_body
+    for i, (w, z) in enumerate(values.modes):
+        mode = each[:, 1 + i] * gains[1 + i] / (s**2 + 2 * z * w * s + w**2)
+        slope[:, at] = -(2 * z * w * s + 2 * w**2) * mode
+        slope[:, at + 1] = -2 * z * w * s * mode
+        at += 2
+    for tau in values.lags:
+        slope[:, at] = -tau * s / (1 + tau * s) * response
+        at += 1
+    slope[:, at] = -s * response
+    return slope

@@ -1,0 +1,261 @@
+"""Selection of a structure: score, allowed error of a linear model, simplest of the likely ones (STR-4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import brentq
+
+from gsid.response.total_variance import TotalVariance, response_level
+from gsid.structure.elements import OUTPUTS, Lines, Structure, Values
+from gsid.structure.moves import moved
+from gsid.structure.projection import Data, Fitted, linear_fit, refine
+from gsid.structure.readings import poles_of, rational_starts, readings
+from gsid.structure.refusals import refusal
+from gsid.structure.settings import StructureSettings
+
+PER_STRUCTURE = 2
+"""Readings of one structure that are refined."""
+KEEP = 60.0
+"""Scores above the best by more are not refined again at the next allowed error."""
+LAGS_OF_CORRELATION = 20
+"""Lines over which the residual's correlation is summed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A fitted structure and its score [nats]."""
+
+    fitted: Fitted
+    score: float
+    refused: str
+
+    @property
+    def structure(self) -> Structure:
+        """Its elements."""
+        return self.fitted.structure
+
+
+@dataclass(eq=False)
+class Selection:
+    """Structures compared at one allowed error of the linear model.
+
+    Attributes
+    ----------
+    chosen : Candidate
+        The fewest parameters among those within the odds of the best.
+    likely : list of Candidate
+        Those, the best score first.
+    relative_error : float
+        eps, error that the linear model is allowed over the response.
+    correlation : float
+        L, lines that count as one.
+    data : Data
+    represents : bool
+        Whether the chosen structure represents the data.
+    rational : list of RationalModel
+        The rational fits that the search started from.
+    """
+
+    chosen: Candidate
+    likely: list[Candidate]
+    relative_error: float
+    correlation: float
+    data: Data
+    represents: bool
+    rational: list = field(default_factory=list)
+
+
+def select(
+    measured: TotalVariance,
+    hold: str,
+    outputs: tuple[str, ...] = OUTPUTS,
+    settings: StructureSettings = StructureSettings(),
+) -> Selection:
+    """Choose the structure of an axis.
+
+    Parameters
+    ----------
+    measured : TotalVariance
+    hold : {"zoh", "none"}
+    outputs : tuple of str
+        What y may be.
+    settings : StructureSettings
+
+    Returns
+    -------
+    Selection
+    """
+    search = _Search(measured, hold, outputs, settings)
+    return search.run()
+
+
+class _Search:
+    def __init__(
+        self, measured: TotalVariance, hold: str, outputs: tuple[str, ...], settings: StructureSettings
+    ) -> None:
+        self.measured, self.hold, self.outputs, self.settings = measured, hold, outputs, settings
+        self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh")
+        self.level = response_level(measured.g)
+        self.smooth = measured.smooth_phases
+        self.relative_error = settings.smooth_error if self.smooth else settings.first_error
+        self.correlation = settings.correlation_max if self.smooth else 1.0
+        self.found: dict[Structure, Candidate] = {}
+        self.rational: list = []
+
+    def run(self) -> Selection:
+        """Alternate selection and allowed error until both stay."""
+        seen: list[Structure] = []
+        for n_round in range(self.settings.n_rounds):
+            before = self.relative_error
+            self._weigh()
+            if n_round == 0:
+                self._read_poles()
+            self._move()
+            chosen = self._choose()[0]
+            if not self.smooth or n_round == 0:
+                self._allow(chosen)
+            stays = abs(self.relative_error / max(before, 1e-12) - 1) < 0.1 or self.relative_error == before
+            if seen and seen[-1] == chosen.structure and stays:
+                break
+            seen.append(chosen.structure)
+        self._weigh()
+        chosen, likely = self._choose()
+        cost = chosen.fitted.cost / len(self.measured)
+        at_cap = self.relative_error >= 0.999 * self.settings.error_max
+        represents = not chosen.refused and not (at_cap and cost > self.settings.rejected_cost)
+        return Selection(
+            chosen, likely, self.relative_error, self.correlation, self.data, represents, self.rational
+        )
+
+    def _weigh(self) -> None:
+        """New weights; the structures found so far are refined again."""
+        variance = self.measured.var_total + self.relative_error**2 * self.level
+        self.data = Data(self.lines, self.measured.g, 1 / np.sqrt(variance))
+        before, self.found = self.found, {}
+        if before:
+            least = min(one.score for one in before.values())
+            for one in sorted(before.values(), key=lambda c: c.score):
+                if one.score < least + KEEP:
+                    self._try(one.fitted.values)
+
+    def _read_poles(self) -> None:
+        """Rational fits, and the best readings of their poles."""
+        self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings)
+        band = self.lines.w[0], self.lines.w[-1]
+        early_s = 0.5 / self.measured.fs_hz if self.lines.held else 0.0
+        read: list[tuple[float, Fitted]] = []
+        for model in self.rational:
+            poles = poles_of(model, *band, early_s, self.settings)
+            for values in readings(poles, self.outputs, *band, self.settings):
+                one = linear_fit(values, self.data)
+                read.append((self._score(one), one))
+        read.sort(key=lambda pair: pair[0])
+        n_of: dict[Structure, int] = {}
+        n_refined = 0
+        for _, one in read:
+            if n_of.get(one.structure, 0) < PER_STRUCTURE:
+                n_of[one.structure] = n_of.get(one.structure, 0) + 1
+                self._try(one.values)
+                n_refined += 1
+                if n_refined == self.settings.n_refined:
+                    break
+
+    def _move(self) -> None:
+        """Add and drop elements of the best structures until nothing improves."""
+        done: set[int] = set()
+        for _ in range(self.settings.n_steps_max):
+            ordered = self._ordered()[: self.settings.n_moved]
+            todo = [one for one in ordered if id(one.fitted) not in done]
+            if not todo:
+                return
+            least = ordered[0].score
+            for one in todo:
+                done.add(id(one.fitted))
+                for values in moved(one.fitted, self.data, self.settings):
+                    known = self.found.get(values.structure)
+                    if known is None or known.score > least + self.settings.odds:
+                        self._try(values)
+
+    def _try(self, values) -> None:
+        """Refine values and keep them if they are the best of their structure."""
+        fitted = refine(values, self.data)
+        known = self.found.get(fitted.structure)
+        refused = refusal(fitted, self.data, self.settings)
+        new = Candidate(fitted, self._score(fitted), refused)
+        if known is None or (bool(new.refused), new.score) < (bool(known.refused), known.score):
+            self.found[fitted.structure] = new
+
+    def _score(self, fitted: Fitted) -> float:
+        """V + L [p/2 ln(2 F/L) + n_modes ln(F/L)], and the odds against unusual axes.  Eq: STR-4"""
+        effective, structure = len(self.measured) / self.correlation, fitted.structure
+        price = structure.n_parameters / 2 * np.log(2 * effective) + structure.n_modes * np.log(effective)
+        unusual = self.settings.slow_lag_odds * has_slow_lag(fitted.values, self.lines)
+        if len(self.outputs) > 1 and structure.output == "acceleration":
+            unusual += self.settings.acceleration_odds
+        return fitted.cost + self.correlation * price + unusual
+
+    def _ordered(self) -> list[Candidate]:
+        """Candidates, those that are not refused first, the best score first."""
+        return sorted(self.found.values(), key=lambda c: (bool(c.refused), c.score))
+
+    def _choose(self) -> tuple[Candidate, list[Candidate]]:
+        ordered = self._ordered()
+        if not ordered:
+            raise ValueError("no structure could be fitted")
+        best = ordered[0]
+        likely = [
+            one
+            for one in ordered
+            if bool(one.refused) == bool(best.refused) and one.score <= best.score + self.settings.odds
+        ]
+        fewest = min(one.structure.n_parameters for one in likely)
+        simplest = [one for one in likely if one.structure.n_parameters == fewest]
+        return min(simplest, key=lambda one: one.score), likely
+
+    def _allow(self, chosen: Candidate) -> None:
+        """The allowed error at which the chosen structure leaves what is expected, and the correlation there."""
+        settings = self.settings
+        rest2 = np.abs(self.measured.g - chosen.fitted.response(self.lines)) ** 2
+        size2, variance = self.level, self.measured.var_total
+        expected = len(rest2) - chosen.structure.n_parameters / 2
+
+        def excess(error: float) -> float:
+            return float(np.sum(rest2 / (variance + error**2 * size2)) - expected)
+
+        least = settings.smooth_error if self.smooth else 0.0
+        if excess(settings.error_max) > 0:
+            self.relative_error = settings.error_max
+        else:
+            self.relative_error = 0.0 if excess(0.0) <= 0 else brentq(excess, 0.0, settings.error_max, xtol=1e-7)
+        self.relative_error = max(self.relative_error, least)
+        if not self.smooth:
+            weighted = chosen.fitted.error(self.data)
+            self.correlation = min(correlation_of(weighted), settings.correlation_max)
+
+
+def has_slow_lag(values: Values, lines: Lines) -> bool:
+    """Whether a lag is slower than the body: a slow real pole is friction rather than a lag.
+
+    Parameters
+    ----------
+    values : Values
+    lines : Lines
+    """
+    body = max(values.rate, np.sqrt(values.stiffness)) or np.sqrt(lines.w[0] * lines.w[-1])
+    return bool(max(values.lags, default=0.0) * body > 1)
+
+
+def correlation_of(error: np.ndarray) -> float:
+    """L = 1 + 2 sum |rho_k|^2 of a residual over lines, less what white noise has.
+
+    Parameters
+    ----------
+    error : (F,) complex
+    """
+    n, power = len(error), float(np.sum(np.abs(error) ** 2))
+    if power == 0 or n < 3:
+        return 1.0
+    rho2 = [abs(np.vdot(error[:-k], error[k:]) / power) ** 2 - 1 / n for k in range(1, min(LAGS_OF_CORRELATION, n - 1))]
+    return max(1.0, 1 + 2 * float(np.sum(np.maximum(rho2, 0.0))))
