@@ -217,6 +217,7 @@ valgrind: $(C_TESTS) ## the C tests under valgrind
 include tests/blind/blind.mk
 include tests/first_stage/first_stage.mk
 include tests/false_alarms/false_alarms.mk
+include tests/structure/structure.mk
 include tests/interrupted/interrupted.mk
 include tests/mutants/mutants.mk
 include firmware_examples/firmware.mk

@@ -4,6 +4,7 @@
     response = gsid.frf(record)                       # Frf
     rational = gsid.fit(response, "4/3")              # RationalModel
     matrix = gsid.fit_mimo(gsid.frf_mimo(experiments), "8/8")  # MimoModel: common poles
+    found = gsid.start(record)                        # Start: the linear structure of the axis
     plant = gsid.load_model("plant.json")             # PlantModel: a stack of effects
     gsid.compare(plant, [record]).plot()              # Comparison
     found = gsid.diagnose(plant, [record])            # Diagnosis
@@ -63,6 +64,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.spectrum.noise import noise as noise
     from gsid.spectrum.realisation import spectra as spectra
     from gsid.spectrum.spectra import Spectra as Spectra
+    from gsid.structure.start import Start as Start
+    from gsid.structure.start import start as start
 
     __version__: str
 
@@ -93,6 +96,7 @@ _HOME = {
     "RecordFit": "greybox.fit",
     "Rung": "diagnosis.ladder",
     "Spectra": "spectrum.spectra",
+    "Start": "structure.start",
     "TorqueResidual": "diagnosis.torque_residual",
     "add": "diagnosis.add",
     "compare": "comparison",
@@ -109,6 +113,7 @@ _HOME = {
     "read_record": "records.files",
     "select_order": "fitting.order",
     "spectra": "spectrum.realisation",
+    "start": "structure.start",
     "torque_residual": "diagnosis.torque_residual",
     "undo": "diagnosis.ladder",
     "write_record": "records.files",

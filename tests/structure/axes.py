@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
-import truth  # noqa: E402
+import truth
 
 FS_HZ, N = 3000.0, 6000
 LINE_MAX = 499  # 249.5 Hz

@@ -25,6 +25,7 @@ VERBS = {
     "frf": "Measure the frequency response and its variance from records.",
     "distortion": "Separate noise from nonlinear distortion in a frequency response.",
     "fit": "Fit a rational model, or a stack of effects, to records.",
+    "start": "Find the linear structure of an axis from its records.",
     "compare": "Test whether a model is adequate, and show the bands where it fails.",
     "effects": "List the catalogue of physical effects.",
     "diagnose": "Find the physical effect that is missing from a model.",

@@ -22,12 +22,14 @@ from gsid.plots.noise_spectrum import noise
 from gsid.plots.nonlinearity import distortion, superposition
 from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
+from gsid.plots.structure import start
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
 from gsid.plots.torque import torque_residual
 from gsid.response.distortion import Distortion
 from gsid.response.frf import Frf
 from gsid.response.superposition import Superposition
 from gsid.spectrum.noise import Noise
+from gsid.structure.start import Start
 
 __all__ = [
     "STYLE",
@@ -52,6 +54,7 @@ __all__ = [
     "residual",
     "residual_of_plant",
     "root_text",
+    "start",
     "superposition",
     "torque_residual",
     "with_interval",
@@ -68,6 +71,7 @@ _DRAWINGS = {
     Periodic: excitation,
     PiecewiseModel: piecewise,
     RationalModel: bode,
+    Start: start,
     Superposition: superposition,
     TorqueResidual: torque_residual,
 }

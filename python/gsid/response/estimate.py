@@ -188,7 +188,9 @@ def _at_lines(
 ) -> Frf:
     """Estimate at the lines that every part excites with `min_input`; those left out are kept in mind."""
     line = common_lines(parts, band)
-    each = [single_response(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts]
+    each = [
+        single_response(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts
+    ]
     if min_input > 0:
         strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
         if not strong.any():

@@ -1,4 +1,4 @@
-"""Best linear approximation with its total variance: noise and nonlinear distortion together (BLA-1 .. BLA-3).
+"""Best linear approximation and its total variance: noise and distortion together (BLA-1 .. BLA-3).
 
 A linear model is fitted to the best linear approximation of an axis. Its errors are the noise and the part of
 the distortion that does not repeat from line to line. A weight from the noise alone makes friction count as
@@ -25,6 +25,7 @@ from gsid.records.record import Record
 from gsid.response.closed_loop import closed_loop_frf
 from gsid.response.estimate import single_response
 from gsid.response.frf import Frf
+from gsid.response.local_polynomial import Unsettled, unsettled
 from gsid.spectrum.lines import sample_variance
 from gsid.spectrum.realisation import Realisation, listed, realisations, require_same
 from gsid.spectrum.spectra import Spectra
@@ -45,7 +46,7 @@ WEIGHT_FLOOR = 1e-2
 SAME_PHASES = 0.9
 """Coherence of the phases of two realisations from which on they are the same excitation."""
 SMOOTH_PHASES = 3.5
-"""Times 1/sqrt(lines): correlation of the phases' second differences that random phases exceed in 2 of 1e6."""
+"""Times 1/sqrt(lines): correlation of the phases' second differences; random ones exceed it in 5 of 1e6."""
 FEW_LINES = 3 * LOCAL_LINES
 """With fewer lines no local model is fitted."""
 
@@ -143,8 +144,10 @@ class TotalVariance:
     def __repr__(self) -> str:
         share = np.sqrt(np.median(self.var_total / np.abs(self.g) ** 2))
         return (
-            f"TotalVariance {self.name or 'unnamed'}: {len(self)} lines, {self.f_hz[0]:g} .. {self.f_hz[-1]:g} Hz,"
-            f" {self.n_realisations.max()} realisations, std / gain {share:.2g} from {self.largest_source}"
+            f"TotalVariance {self.name or 'unnamed'}: {len(self)} lines, {self.f_hz[0]:g} .. "
+            f"{self.f_hz[-1]:g} Hz, "
+            f"at most {self.n_realisations.max()} realisations, std / gain {share:.2g} "
+            f"from {self.largest_source}"
         )
 
 
@@ -186,14 +189,35 @@ def total_variance(
         each, excess = _in_closed_loop(listed(records), reference, period, settle, band), None
         phases = [np.ones(len(one.line), complex) for one in each]  # turned to those of the reference
     else:
-        parts = realisations(records, period=period, settle=settle)
-        each = [single_response(part, _excited(part, band)) for part in parts]
-        excess = [_detected(part, one) for part, one in zip(parts, each, strict=True)]
+        each, excess = _in_open_loop(listed(records), period, settle, band)
         phases = [one.u / np.abs(one.u) for one in each]
     return _combined(each, excess, phases, is_open=reference is None)
 
 
-def _excited(part: Realisation, band: tuple[float, float] | None) -> np.ndarray:
+def _in_open_loop(
+    records: list[Record | Spectra],
+    period: int | None,
+    settle: int | None,
+    band: tuple[float, float] | None,
+) -> tuple[list[Frf], list[np.ndarray] | None]:
+    """Response and detected distortion of each realisation; local polynomials for single periods."""
+    if any(_is_one_period(record, period, settle) for record in records):
+        unsettled_parts = unsettled(records, period=period, settle=settle)
+        return [part.frf(_excited(part, band)) for part in unsettled_parts], None
+    parts = realisations(records, period=period, settle=settle)
+    each = [single_response(part, _excited(part, band)) for part in parts]
+    return each, [_detected(part, one) for part, one in zip(parts, each, strict=True)]
+
+
+def _is_one_period(record: Record | Spectra, period: int | None, settle: int | None) -> bool:
+    if isinstance(record, Spectra):
+        return False
+    period = record.period_samples if period is None else period
+    settle = (record.settle_samples or 0) if settle is None else settle
+    return period is not None and period <= len(record) - settle < 2 * period
+
+
+def _excited(part: Realisation | Unsettled, band: tuple[float, float] | None) -> np.ndarray:
     line = np.flatnonzero(part.excited & within(part.f_hz, band))
     if not len(line):
         where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
@@ -292,13 +316,13 @@ def _running_median(x: np.ndarray) -> np.ndarray:
 
 
 def _relative_median(variance: np.ndarray, g: np.ndarray, dof: float) -> np.ndarray:
-    """Running median of the variance over the level of g, free of the median's bias (`dof` complex numbers)."""
+    """Running median of the variance over the level of g, without the median's bias; dof: complex numbers."""
     bias = 1.0 if np.isinf(dof) else stats.chi2.median(2 * dof) / (2 * dof)
     return _running_median(variance / response_level(g)) / bias
 
 
 def _scatter(line: np.ndarray, weight: np.ndarray, g: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Variance of the mean by the scatter over realisations; at lines of one only, by that of their neighbours.
+    """Variance of the mean by the scatter over realisations; lines of one realisation take their neighbours'.
 
     Eq: BLA-1
     """

@@ -8,7 +8,7 @@ the output is the acceleration, 0 for the rate, 1 for the angle. g_R stands for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -160,9 +160,24 @@ class Values:
             "residual": self.structure.residual,
         }
 
-    def with_residual(self, residual: bool) -> Values:
-        """The same with or without the residual term."""
-        return replace(self, structure=replace(self.structure, residual=residual))
+    def relabelled(self, zeta_max: float) -> Values:
+        """The same function with an overdamped mode as the sprung body and the body as a mode.
+
+        A body and a mode are the same term: a refinement may exchange them.
+
+        Parameters
+        ----------
+        zeta_max : float
+            Damping ratio up to which a pole pair is a mode.
+        """
+        numbers = self.numbers()
+        damped = [i for i, (_, z) in enumerate(numbers["modes"]) if z > zeta_max]
+        w_body = np.sqrt(self.stiffness)
+        if not damped or self.structure.body != "sprung" or self.rate > 2 * zeta_max * w_body:
+            return self
+        w, z = numbers["modes"][damped[0]]
+        numbers["modes"][damped[0]] = (float(w_body), float(self.rate / (2 * w_body)))
+        return Values.of(**{**numbers, "body": (2 * z * w, w**2)})
 
 
 @dataclass(eq=False)
@@ -176,11 +191,14 @@ class Lines:
     fs_hz : float
     held : bool
         Whether the command is held over each sample.
+    images : bool
+        Whether the images of the hold are evaluated.
     """
 
     f_hz: np.ndarray
     fs_hz: float
     held: bool
+    images: bool = True
 
     def __post_init__(self) -> None:
         self.w = 2 * np.pi * self.f_hz
@@ -190,12 +208,18 @@ class Lines:
 
 def columns(values: Values, lines: Lines) -> np.ndarray:
     """Response of each gain: body, modes, residual term, (F, n_columns) complex."""
-    plain = _common(values, lines)[:, None] * _inner(values, lines.s)
-    return plain * _images(values, lines) if lines.held else plain
+    plain = delay_and_lags(values, lines)[:, None] * _inner(values, lines.s)
+    return plain * _images(values, lines) if lines.held and lines.images else plain
 
 
-def _common(values: Values, lines: Lines) -> np.ndarray:
-    """Delay, hold, integration and lags."""
+def delay_and_lags(values: Values, lines: Lines) -> np.ndarray:
+    """What all columns share: delay, hold, integration and lags, (F,) complex.
+
+    Parameters
+    ----------
+    values : Values
+    lines : Lines
+    """
     s = lines.s
     common = np.exp(-s * values.delay_s) * lines.hold * s ** -INTEGRATIONS[values.structure.output]
     for tau in values.lags:

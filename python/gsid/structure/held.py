@@ -13,12 +13,17 @@ from __future__ import annotations
 import numpy as np
 
 APART = 1e-4
-"""Least distance of two poles over their size, or over the lowest frequency: equal ones are moved apart by it.
+"""Least distance of two poles over their size, or over the lowest frequency: equal ones are moved apart.
 The closed form needs distinct poles, and only its ratio to the sum's first term is used."""
 
 
 def image_factors(
-    shared: list[complex], own: list[list[complex]], n_zeros: list[int], delay_s: float, w: np.ndarray, sample_s: float
+    shared: list[complex],
+    own: list[list[complex]],
+    n_zeros: list[int],
+    delay_s: float,
+    w: np.ndarray,
+    sample_s: float,
 ) -> np.ndarray:
     """Sampled response of several functions over its first term, for H = s^n_zeros / prod(s - p).
 

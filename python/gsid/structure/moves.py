@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from gsid.structure.elements import Lines, Values, _common, columns
+from gsid.structure.elements import Lines, Values, columns, delay_and_lags
 from gsid.structure.projection import Data, Fitted
 from gsid.structure.settings import StructureSettings
 
@@ -26,37 +25,50 @@ def moved(fitted: Fitted, data: Data, settings: StructureSettings) -> Iterator[V
     """
     numbers = fitted.values.numbers()
     w = data.lines.w
-    modes, lags, body = numbers["modes"], numbers["lags"], numbers["body"]
-
-    def with_(**changed: object) -> Values:
-        return Values.of(**{**numbers, **changed})
-
-    yield with_(residual=not numbers["residual"])
+    modes, lags = numbers["modes"], numbers["lags"]
+    yield from simpler(fitted, data)
+    if not numbers["residual"]:
+        yield Values.of(**{**numbers, "residual": True})
     if len(modes) < settings.modes_max:
         for mode in further_modes(fitted, data, settings):
-            yield with_(modes=[*modes, mode])
-    for i in range(len(modes)):
-        yield with_(modes=modes[:i] + modes[i + 1 :])
+            yield Values.of(**{**numbers, "modes": [*modes, mode]})
     if len(lags) < settings.lags_max:
         for start in LAG_STARTS:
             tau = start / w[-1]
-            yield with_(lags=[*lags, tau], delay_s=max(numbers["delay_s"] - tau, 0.0))
+            later = {"lags": [*lags, tau], "delay_s": max(numbers["delay_s"] - tau, 0.0)}
+            yield Values.of(**{**numbers, **later})
+    for body in _larger_bodies(numbers["body"], w):
+        yield Values.of(**{**numbers, "body": body})
+
+
+def simpler(fitted: Fitted, data: Data) -> Iterator[Values]:
+    """Values with one element fewer.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    data : Data
+    """
+    numbers = fitted.values.numbers()
+    modes, lags, body = numbers["modes"], numbers["lags"], numbers["body"]
+    if numbers["residual"]:
+        yield Values.of(**{**numbers, "residual": False})
+    for i in range(len(modes)):
+        yield Values.of(**{**numbers, "modes": modes[:i] + modes[i + 1 :]})
     for i, tau in enumerate(lags):
-        yield with_(lags=lags[:i] + lags[i + 1 :], delay_s=numbers["delay_s"] + min(tau, 1 / w[-1]))
-    yield from (with_(body=other) for other in _other_bodies(body, w))
+        later = numbers["delay_s"] + min(tau, 1 / data.lines.w[-1])
+        yield Values.of(**{**numbers, "lags": lags[:i] + lags[i + 1 :], "delay_s": later})
+    for n in range(len(body)):
+        yield Values.of(**{**numbers, "body": body[:n]})
 
 
-def _other_bodies(body: tuple[float, ...], w: np.ndarray) -> Iterator[tuple[float, ...]]:
+def _larger_bodies(body: tuple[float, ...], w: np.ndarray) -> Iterator[tuple[float, ...]]:
     if len(body) == 0:
         yield (0.3 * w[0],)
         yield (w[0], w[0] ** 2)
     elif len(body) == 1:
-        yield ()
         yield body[0], (0.7 * w[0]) ** 2
         yield body[0], (3 * w[0]) ** 2
-    else:
-        yield ()
-        yield (body[0],)
 
 
 def further_modes(fitted: Fitted, data: Data, settings: StructureSettings) -> list[tuple[float, float]]:
@@ -75,7 +87,7 @@ def further_modes(fitted: Fitted, data: Data, settings: StructureSettings) -> li
     """
     lines, weight = data.lines, data.weight
     lo, hi = settings.near_lo * lines.w[0], settings.near_hi * lines.w[-1]
-    common = _common(replace(fitted.values, structure=fitted.structure), lines) * weight
+    common = delay_and_lags(fitted.values, lines) * weight
     present = _stacked(columns(fitted.values, lines) * weight[:, None])
     q, _ = np.linalg.qr(present / np.maximum(np.linalg.norm(present, axis=0), 1e-300))
     rest = _stacked(fitted.error(data))

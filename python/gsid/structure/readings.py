@@ -94,7 +94,7 @@ def poles_of(
         w, z = abs(p), -p.real / abs(p) if abs(p) else 1.0
         if w == 0 or z <= 0 or p.imag < 0:
             continue
-        if p.imag > 0 and w > settings.near_hi * w_hi or w > settings.fast * w_hi:
+        if (p.imag > 0 and w > settings.near_hi * w_hi) or w > settings.fast * w_hi:
             delay_s += 2 * z / w if p.imag > 0 else 1 / w
         elif p.imag == 0:
             rates.append(float(w))

@@ -58,6 +58,11 @@ def _not_shown(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
     measured = np.abs(data.g)
     if np.median(size[:, 0] / measured) > settings.body_size:
         return "the body cancels against another element"
+    share = np.abs(fitted.gains / fitted.gains[0])
+    if structure.residual and share[-1] * data.lines.w[-1] ** 2 > settings.above_max:
+        return "modes above the band are larger than the body"
+    if structure.n_modes and share[1 : 1 + structure.n_modes].max() > settings.residue_max:
+        return "a mode is larger than the body: it is the body"
     total = size.sum(axis=1)
     own = [w / (2 * np.pi) for w, _ in fitted.values.modes]
     for i, f_mode in enumerate(own, 1):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import brentq
 
+from gsid.models.rational import RationalModel
 from gsid.response.total_variance import TotalVariance, response_level
 from gsid.structure.elements import OUTPUTS, Lines, Structure, Values
-from gsid.structure.moves import moved
+from gsid.structure.moves import moved, simpler
 from gsid.structure.projection import Data, Fitted, linear_fit, refine
 from gsid.structure.readings import poles_of, rational_starts, readings
 from gsid.structure.refusals import refusal
@@ -17,6 +19,7 @@ from gsid.structure.settings import StructureSettings
 
 PER_STRUCTURE = 2
 """Readings of one structure that are refined."""
+DEFAULTS = StructureSettings()
 KEEP = 60.0
 """Scores above the best by more are not refined again at the next allowed error."""
 LAGS_OF_CORRELATION = 20
@@ -49,11 +52,16 @@ class Selection:
         Those, the best score first.
     relative_error : float
         eps, error that the linear model is allowed over the response.
+    scale : float
+        Factor on the total variance, at most 1: where the chosen structure leaves less than it, the variance
+        is too large, as that of local models at resonances.
     correlation : float
         L, lines that count as one.
     data : Data
     represents : bool
         Whether the chosen structure represents the data.
+    odds : float
+        Difference of scores within which structures are equal.
     rational : list of RationalModel
         The rational fits that the search started from.
     """
@@ -61,17 +69,21 @@ class Selection:
     chosen: Candidate
     likely: list[Candidate]
     relative_error: float
+    scale: float
     correlation: float
     data: Data
     represents: bool
-    rational: list = field(default_factory=list)
+    odds: float
+    rational: list[RationalModel] = field(default_factory=list)
 
 
 def select(
     measured: TotalVariance,
     hold: str,
     outputs: tuple[str, ...] = OUTPUTS,
-    settings: StructureSettings = StructureSettings(),
+    settings: StructureSettings = DEFAULTS,
+    *,
+    expected_output: str | None = None,
 ) -> Selection:
     """Choose the structure of an axis.
 
@@ -82,34 +94,65 @@ def select(
     outputs : tuple of str
         What y may be.
     settings : StructureSettings
+    expected_output : str, optional
+        What the unit of y says: the others have the odds against them.
 
     Returns
     -------
     Selection
     """
-    search = _Search(measured, hold, outputs, settings)
-    return search.run()
+    return _Search(measured, hold, outputs, settings, expected_output).run()
+
+
+def rescored(
+    selection: Selection,
+    measured: TotalVariance,
+    *,
+    relative_error: float,
+    correlation: float,
+    scale: float,
+) -> float:
+    """Score of the chosen structure at another allowed error, correlation and scale of the variance.
+
+    Parameters
+    ----------
+    selection : Selection
+    measured : TotalVariance
+    relative_error, correlation, scale : float
+    """
+    hold = "zoh" if selection.data.lines.held else "none"
+    search = _Search(measured, hold, (selection.chosen.structure.output,), StructureSettings(), None)
+    search.relative_error, search.correlation, search.scale = relative_error, correlation, scale
+    search.weigh()
+    return search.score(refine(selection.chosen.fitted.values, search.data))
 
 
 class _Search:
     def __init__(
-        self, measured: TotalVariance, hold: str, outputs: tuple[str, ...], settings: StructureSettings
+        self,
+        measured: TotalVariance,
+        hold: str,
+        outputs: tuple[str, ...],
+        settings: StructureSettings,
+        expected_output: str | None,
     ) -> None:
         self.measured, self.hold, self.outputs, self.settings = measured, hold, outputs, settings
+        self.expected_output = expected_output
         self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh")
         self.level = response_level(measured.g)
         self.smooth = measured.smooth_phases
         self.relative_error = settings.smooth_error if self.smooth else settings.first_error
         self.correlation = settings.correlation_max if self.smooth else 1.0
+        self.scale = 1.0
         self.found: dict[Structure, Candidate] = {}
-        self.rational: list = []
+        self.rational: list[RationalModel] = []
 
     def run(self) -> Selection:
         """Alternate selection and allowed error until both stay."""
         seen: list[Structure] = []
         for n_round in range(self.settings.n_rounds):
             before = self.relative_error
-            self._weigh()
+            self.weigh()
             if n_round == 0:
                 self._read_poles()
             self._move()
@@ -120,18 +163,26 @@ class _Search:
             if seen and seen[-1] == chosen.structure and stays:
                 break
             seen.append(chosen.structure)
-        self._weigh()
+        self.weigh()
         chosen, likely = self._choose()
         cost = chosen.fitted.cost / len(self.measured)
         at_cap = self.relative_error >= 0.999 * self.settings.error_max
         represents = not chosen.refused and not (at_cap and cost > self.settings.rejected_cost)
         return Selection(
-            chosen, likely, self.relative_error, self.correlation, self.data, represents, self.rational
+            chosen,
+            likely,
+            self.relative_error,
+            self.scale,
+            self.correlation,
+            self.data,
+            represents,
+            self.settings.odds,
+            self.rational,
         )
 
-    def _weigh(self) -> None:
+    def weigh(self) -> None:
         """New weights; the structures found so far are refined again."""
-        variance = self.measured.var_total + self.relative_error**2 * self.level
+        variance = self.scale * self.measured.var_total + self.relative_error**2 * self.level
         self.data = Data(self.lines, self.measured.g, 1 / np.sqrt(variance))
         before, self.found = self.found, {}
         if before:
@@ -145,12 +196,13 @@ class _Search:
         self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings)
         band = self.lines.w[0], self.lines.w[-1]
         early_s = 0.5 / self.measured.fs_hz if self.lines.held else 0.0
+        fast = replace(self.data, lines=replace(self.lines, images=False))
         read: list[tuple[float, Fitted]] = []
         for model in self.rational:
             poles = poles_of(model, *band, early_s, self.settings)
             for values in readings(poles, self.outputs, *band, self.settings):
-                one = linear_fit(values, self.data)
-                read.append((self._score(one), one))
+                one = linear_fit(values, fast)
+                read.append((self.score(one), one))
         read.sort(key=lambda pair: pair[0])
         n_of: dict[Structure, int] = {}
         n_refined = 0
@@ -164,36 +216,58 @@ class _Search:
 
     def _move(self) -> None:
         """Add and drop elements of the best structures until nothing improves."""
-        done: set[int] = set()
+        done: list[Candidate] = []
         for _ in range(self.settings.n_steps_max):
+            self._prune(done)
             ordered = self._ordered()[: self.settings.n_moved]
-            todo = [one for one in ordered if id(one.fitted) not in done]
+            todo = [one for one in ordered if not any(one is other for other in done)]
             if not todo:
                 return
             least = ordered[0].score
             for one in todo:
-                done.add(id(one.fitted))
-                for values in moved(one.fitted, self.data, self.settings):
-                    known = self.found.get(values.structure)
-                    if known is None or known.score > least + self.settings.odds:
-                        self._try(values)
+                done.append(one)
+                self._try_new(moved(one.fitted, self.data, self.settings), least)
+
+    def _prune(self, done: list[Candidate]) -> None:
+        """Drop elements of the structures that are refused though their score is the best."""
+        while True:
+            least = self._ordered()[0].score
+            refused = [c for c in self.found.values() if c.refused and c.score < least + self.settings.odds]
+            todo = [one for one in refused if not any(one is other for other in done)]
+            if not todo:
+                return
+            one = min(todo, key=lambda c: c.score)
+            done.append(one)
+            self._try_new(simpler(one.fitted, self.data), least)
+
+    def _try_new(self, several: Iterator[Values], least: float) -> None:
+        """Refine values of structures that are not among the best already."""
+        for values in several:
+            known = self.found.get(values.structure)
+            if known is None or known.refused or known.score > least + self.settings.odds:
+                self._try(values)
 
     def _try(self, values) -> None:
         """Refine values and keep them if they are the best of their structure."""
         fitted = refine(values, self.data)
+        relabelled = fitted.values.relabelled(self.settings.zeta_max)
+        if relabelled is not fitted.values:
+            fitted = linear_fit(relabelled, self.data)
         known = self.found.get(fitted.structure)
         refused = refusal(fitted, self.data, self.settings)
-        new = Candidate(fitted, self._score(fitted), refused)
+        new = Candidate(fitted, self.score(fitted), refused)
         if known is None or (bool(new.refused), new.score) < (bool(known.refused), known.score):
             self.found[fitted.structure] = new
 
-    def _score(self, fitted: Fitted) -> float:
+    def score(self, fitted: Fitted) -> float:
         """V + L [p/2 ln(2 F/L) + n_modes ln(F/L)], and the odds against unusual axes.  Eq: STR-4"""
         effective, structure = len(self.measured) / self.correlation, fitted.structure
         price = structure.n_parameters / 2 * np.log(2 * effective) + structure.n_modes * np.log(effective)
         unusual = self.settings.slow_lag_odds * has_slow_lag(fitted.values, self.lines)
         if len(self.outputs) > 1 and structure.output == "acceleration":
             unusual += self.settings.acceleration_odds
+        if self.expected_output not in (None, structure.output):
+            unusual += self.settings.unit_odds
         return fitted.cost + self.correlation * price + unusual
 
     def _ordered(self) -> list[Candidate]:
@@ -215,7 +289,7 @@ class _Search:
         return min(simplest, key=lambda one: one.score), likely
 
     def _allow(self, chosen: Candidate) -> None:
-        """The allowed error at which the chosen structure leaves what is expected, and the correlation there."""
+        """Error at which the chosen structure leaves what is expected, scale of the variance, correlation."""
         settings = self.settings
         rest2 = np.abs(self.measured.g - chosen.fitted.response(self.lines)) ** 2
         size2, variance = self.level, self.measured.var_total
@@ -225,10 +299,13 @@ class _Search:
             return float(np.sum(rest2 / (variance + error**2 * size2)) - expected)
 
         least = settings.smooth_error if self.smooth else 0.0
+        self.scale, self.relative_error = 1.0, 0.0
         if excess(settings.error_max) > 0:
             self.relative_error = settings.error_max
-        else:
-            self.relative_error = 0.0 if excess(0.0) <= 0 else brentq(excess, 0.0, settings.error_max, xtol=1e-7)
+        elif excess(0.0) > 0:
+            self.relative_error = brentq(excess, 0.0, settings.error_max, xtol=1e-7)
+        elif not self.smooth:
+            self.scale = max(1 + excess(0.0) / expected, settings.scale_min)
         self.relative_error = max(self.relative_error, least)
         if not self.smooth:
             weighted = chosen.fitted.error(self.data)
@@ -257,5 +334,6 @@ def correlation_of(error: np.ndarray) -> float:
     n, power = len(error), float(np.sum(np.abs(error) ** 2))
     if power == 0 or n < 3:
         return 1.0
-    rho2 = [abs(np.vdot(error[:-k], error[k:]) / power) ** 2 - 1 / n for k in range(1, min(LAGS_OF_CORRELATION, n - 1))]
+    lags = range(1, min(LAGS_OF_CORRELATION, n - 1))
+    rho2 = [abs(np.vdot(error[:-k], error[k:]) / power) ** 2 - 1 / n for k in lags]
     return max(1.0, 1 + 2 * float(np.sum(np.maximum(rho2, 0.0))))

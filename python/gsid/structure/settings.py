@@ -16,13 +16,15 @@ class StructureSettings:
     first_error, error_max, smooth_error : float
         Error that a linear model is allowed, over the response: at the start, at most, and at least where one
         realisation with smooth phases hides its distortion. A larger one than `error_max` describes nothing.
+    scale_min : float
+        Least factor on the total variance.
     n_rounds : int
         Repetitions of allowed error and selection; 2 to 4 reach a fixed point.
     odds : float
         Difference of scores [nats] within which structures are equal: odds of 1000 to 1.
-    slow_lag_odds, acceleration_odds : float
-        Odds [nats] against a lag that is slower than the body, which is a friction that is read wrongly, and
-        against the acceleration as output.
+    slow_lag_odds, acceleration_odds, unit_odds : float
+        Odds [nats] against a lag that is slower than the body, which is a friction that is read wrongly,
+        against the acceleration as output, and against an output that the unit of y contradicts.
     correlation_max : float
         Largest number of lines that count as one where residuals are smooth over frequency.
     poles_max : int
@@ -36,6 +38,8 @@ class StructureSettings:
         Steps of that search.
     lags_max, modes_max : int
         Elements of a structure.
+    lines_min : int
+        Least number of lines: a body, a mode, a lag and a delay have 7 parameters.
     near_lo, near_hi : float
         A mode lies in near_lo f_lo .. near_hi f_hi: outside, the data show its flank only.
     zeta_max : float
@@ -55,6 +59,9 @@ class StructureSettings:
         frequency cancels against another.
     body_size : float
         Largest median size of the body's column over the response.
+    residue_max, above_max : float
+        Largest gain of a mode, and of the modes above the band, referred to the highest line, over that of
+        the body.
     standing_out, residual_share : float
         Least share of a mode at its frequency, and of the residual term anywhere, in the sum of magnitudes:
         friction puts small modes at antiresonances.
@@ -71,10 +78,13 @@ class StructureSettings:
     first_error: float = 0.03
     error_max: float = 0.25
     smooth_error: float = 0.2
+    scale_min: float = 0.5
     n_rounds: int = 4
     odds: float = float(np.log(1000.0))
     slow_lag_odds: float = 3 * float(np.log(1000.0))
     acceleration_odds: float = float(np.log(1000.0))
+    unit_odds: float = float(np.log(1000.0))
+    lines_min: int = 10
     correlation_max: float = 10.0
     poles_max: int = 7
     n_refined: int = 14
@@ -95,6 +105,8 @@ class StructureSettings:
     cancel_near: float = 0.3
     cancel_size: float = 4.0
     body_size: float = 10.0
+    residue_max: float = 100.0
+    above_max: float = 10.0
     standing_out: float = 0.2
     residual_share: float = 0.05
     rejected_cost: float = 2.0

@@ -1,0 +1,90 @@
+"""gsid start"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.cli.options import (
+    OUTPUT,
+    band_option,
+    check_picture,
+    json_option,
+    options_as_arguments,
+    picture_option,
+    reading_options,
+    records_argument,
+    reference_option,
+)
+from gsid.cli.output import as_typed, describe, draw, print_json, print_table, say, suggest, working
+
+if TYPE_CHECKING:
+    from gsid.records.record import Record
+    from gsid.structure.start import Start
+
+
+@click.command(short_help="Find the linear structure of an axis from its records.")
+@records_argument
+@reading_options
+@reference_option
+@band_option("Lines from LO to HI [Hz] only.")
+@click.option(
+    "--output",
+    "y_is",
+    type=click.Choice(["rate", "angle", "acceleration"]),
+    help="What y is. [default: inferred from the data]",
+)
+@click.option(
+    "-o", "path", metavar="M.json", type=OUTPUT, help="Write the stack of effects, or the rational model."
+)
+@picture_option
+@json_option
+def start(
+    *,
+    records: Sequence[str],
+    read: Callable[[Sequence[str]], list[Record]],
+    reference: str | None,
+    band: tuple[float, float] | None,
+    y_is: str | None,
+    path: str | None,
+    picture: str | None,
+    as_json: bool,
+) -> None:
+    """Find the linear structure of an axis: rigid body, damping, spring, modes, lags and delay.
+
+    No starting values are needed. The model is fitted to the best linear approximation of the axis, weighted
+    with its total variance: noise and nonlinear distortion. One record is enough; two or more realisations
+    with random phases measure the distortion.
+
+    What the data do not decide is printed as ambiguous. If no stack of effects represents the data, the
+    rational model is written instead.
+    """
+    from gsid.structure.start import start as find_structure
+
+    check_picture(picture)
+    measured = read(records)
+    with working(f"fitting structures to {describe(measured)}"), options_as_arguments():
+        found = find_structure(measured, output=y_is, band=band, reference=reference)
+    if path:
+        found.save(path)
+        say(f"wrote {path}" if found.has_model else f"wrote {path}, the rational model")
+    draw(found.plot, picture)
+    if as_json:
+        print_json(found.to_dict())
+        return
+    _print(found)
+    if path and found.has_model and reference is None:
+        suggest(f"`{as_typed('diagnose', '--model', path, records=records)}` looks for a missing effect")
+
+
+def _print(found: Start) -> None:
+    print(found.summary())
+    if found.effects:
+        header = ["effect", "parameter", "value", "std", "noise only", "unit"]
+        print()
+        print_table(header, found.rows(), left=["effect", "parameter", "unit"])
+    print()
+    for text in found.notes():
+        print(text)

@@ -1,0 +1,421 @@
+"""The linear structure of an axis from its records, without starting values."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsid.base.errors import GsidError, InputError
+from gsid.base.hold import ALIKE, DECLARE, MEANING, READINGS, likelier, other_reading
+from gsid.base.plottable import Plottable
+from gsid.fitting.rational import fit
+from gsid.models.rational import RationalModel
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import OUTPUTS as OF_PLANTS
+from gsid.plant.model import PlantModel
+from gsid.plant.units import RADIANS
+from gsid.records.record import Record
+from gsid.response.total_variance import TotalVariance, total_variance
+from gsid.spectrum.spectra import Spectra
+from gsid.structure.covariance import Estimate, estimate
+from gsid.structure.elements import OUTPUTS
+from gsid.structure.select import Selection, rescored, select
+from gsid.structure.settings import StructureSettings
+from gsid.structure.stack import Stack, as_rational, as_stack
+
+KIND_OF_UNIT = (("/s^2", "acceleration"), ("/s2", "acceleration"), ("/s", "rate"))
+"""Endings of units of y that name what it is."""
+
+OTHERS = 4
+"""Likely structures that are listed as ambiguous, at most."""
+
+
+@dataclass(eq=False, repr=False)
+class Start(Plottable):
+    """Linear structure of an axis.
+
+    Attributes
+    ----------
+    effects : dict
+        Stack of effects as {effect: {parameter: value}}; empty where no stack represents the data. Units are
+        those of the catalogue with degrees replaced by the unit of y; a second effect of an id is "id#2".
+    std, std_noise_only : dict
+        Standard deviations as {effect: {parameter: value}}: from the errors that the fit left, and from the
+        noise alone. Parameters that were not estimated are left out.
+    ambiguous : list of dict
+        What the data do not decide: "what", "chosen", "other", and the difference of the scores [nats]. A
+        difference of 0 means the same function.
+    output : {"rate", "angle", "acceleration"}
+        What y is.
+    hold : {"zoh", "none"}
+    cost_per_line : float
+        Sum of squared errors over the total variance, per line: 1 where only noise and distortion are left.
+    relative_error : float
+        Error over the response that the selection allowed the linear model.
+    order : str
+        Poles/zeros of the transfer function.
+    assumed : list of str
+        What the result relies on and the data do not show.
+    represented : bool
+        Whether a stack of effects represents the data.
+    rational : RationalModel
+        The same transfer function; where no stack represents the data, the best rational fit.
+    measured : TotalVariance
+        Best linear approximation with its variance.
+    covariance : (n, n) ndarray
+        Of the estimated parameters, in the order of `names`.
+    names : list of str
+        "effect.parameter" of the estimated parameters.
+    """
+
+    effects: dict[str, dict[str, float]]
+    std: dict[str, dict[str, float]]
+    std_noise_only: dict[str, dict[str, float]]
+    ambiguous: list[dict[str, Any]]
+    output: str
+    hold: str
+    cost_per_line: float
+    relative_error: float
+    order: str
+    assumed: list[str]
+    represented: bool
+    rational: RationalModel
+    measured: TotalVariance
+    covariance: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    names: list[str] = field(default_factory=list)
+
+    def model(self) -> PlantModel:
+        """Return the stack as a plant model with its covariance.
+
+        Raises
+        ------
+        InputError
+            No stack represents the data, or y is an acceleration, which no plant model has as output.
+        """
+        if not self.represented:
+            what = "no stack of effects represents the data"
+            raise InputError(what, self.measured.name, None, "use the rational model: Start.rational")
+        if self.output not in OF_PLANTS:
+            hint = "use the rational model: Start.rational"
+            raise InputError("a plant model has no such output", self.measured.name, self.output, hint)
+        effects = [
+            Effect(label.partition("#")[0], {n: self._param(label, n, v) for n, v in params.items()})
+            for label, params in self.effects.items()
+        ]
+        unit = self.measured.y_unit.partition("/")[0]
+        model = PlantModel(
+            fs_hz=self.measured.fs_hz,
+            effects=effects,
+            output=self.output,
+            angle_unit=unit if unit in RADIANS else "deg",
+            u_unit=self.measured.u_unit,
+            y_unit=self.measured.y_unit,
+        )
+        order = [self.names.index(name) for name in model.free_names]
+        model.cov = self.covariance[np.ix_(order, order)]
+        return model
+
+    def _param(self, effect: str, name: str, value: float) -> Param:
+        std = self.std.get(effect, {}).get(name)
+        return Param(value, free=std is not None, std=std)
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file: the stack where there is one, else the rational model."""
+        (self.model() if self.has_model else self.rational).save(path)
+
+    @property
+    def has_model(self) -> bool:
+        """Whether :meth:`model` gives a stack of effects."""
+        return self.represented and self.output in OF_PLANTS
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `gsid start --json` prints."""
+        names = (
+            "effects", "std", "std_noise_only", "ambiguous", "output", "hold", "cost_per_line",
+            "relative_error", "order", "assumed", "represented",
+        )  # fmt: skip
+        known = {name: getattr(self, name) for name in names}
+        rational = {"num": self.rational.num, "den": self.rational.den, "delay_s": self.rational.delay_s}
+        lines = {"n_lines": len(self.measured), "variance_from": self.measured.largest_source}
+        return known | {"rational": rational} | lines
+
+    def rows(self) -> list[list[str]]:
+        """Rows of a table: effect, parameter, value, standard deviation, that by noise only, unit."""
+        from gsid.effects.types import find
+
+        unit_of_angle = self.measured.y_unit.partition("/")[0] or "deg"
+        rows = []
+        for label, params in self.effects.items():
+            for name, value in params.items():
+                std, noise = (of.get(label, {}).get(name) for of in (self.std, self.std_noise_only))
+                unit = find(label.partition("#")[0])[name].unit.replace("deg", unit_of_angle)
+                spread = ["fixed", ""] if std is None else [f"{std:.2g}", f"{noise:.2g}"]
+                rows.append([label, name, f"{value:.6g}", *spread, unit])
+        return rows
+
+    def summary(self) -> str:
+        """One line: what the axis is, and how well the model represents it."""
+        if not self.represented:
+            return f"No stack of effects represents the data; rational model of order {self.order}."
+        return (
+            f"y is the {self.output}; order {self.order}, {len(self.measured)} lines, "
+            f"cost per line {self.cost_per_line:.3g}"
+        )
+
+    def notes(self) -> list[str]:
+        """Ambiguities and assumptions as sentences."""
+        texts = []
+        for one in self.ambiguous:
+            by = "same function" if one["score"] == 0 else f"score {one['score']:+.1f}"
+            texts.append(f"ambiguous: {one['what']}: {one['chosen']}, or {one['other']} ({by})")
+        return texts + [f"assumed: {text}" for text in self.assumed]
+
+    def __repr__(self) -> str:
+        rows = [
+            f"  {effect:20}{name:17}{value:>12}  {std if std == 'fixed' else f'+- {std}'}"
+            for effect, name, value, std, *_ in self.rows()
+        ]
+        return "\n".join([f"Start: {self.summary()}", *rows, *(f"  {text}" for text in self.notes())])
+
+    def _repr_html_(self) -> str:
+        head = "".join(
+            f"<th>{text}</th>" for text in ("effect", "parameter", "value", "std", "std, noise only", "unit")
+        )
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows()
+        )
+        notes = "".join(f"<li>{html.escape(text)}</li>" for text in self.notes())
+        caption = html.escape(self.summary())
+        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table><ul>{notes}</ul>"
+
+
+def start(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    output: str | None = None,
+    period: int | None = None,
+    settle: int | None = None,
+    band: tuple[float, float] | None = None,
+    reference: str | None = None,
+    settings: StructureSettings | None = None,
+) -> Start:
+    """Find the linear structure of an axis: rigid body, damping, spring, modes, lags and delay.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+        One per realisation and level. Two or more realisations with random phases measure the distortion.
+    output : {"rate", "angle", "acceleration"}, optional
+        What y is; default: inferred from the data, with the unit of y as a hint.
+    period, settle : int, optional
+        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+    band : (lo, hi), optional
+        Only lines within [Hz].
+    reference : str, optional
+        Of records measured in a closed loop: the column of its reference.
+    settings : StructureSettings, optional
+        Constants of the search.
+
+    Returns
+    -------
+    Start
+        STR-1 to STR-5.
+
+    Raises
+    ------
+    InputError
+        As `gsid.frf`, or fewer lines than a structure has parameters.
+    ValueError
+        No record, or an unknown output.
+    """
+    if output is not None and output not in OUTPUTS:
+        raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}")
+    settings = settings or StructureSettings()
+    measured = total_variance(records, period=period, settle=settle, band=band, reference=reference)
+    if len(measured) < settings.lines_min:
+        hint = "excite more lines, or widen the band"
+        raise InputError("too few lines for a structure", measured.name, len(measured), hint)
+    outputs = OUTPUTS if output is None else (output,)
+    found = _under_each_hold(measured, outputs, settings)
+    best = found[_likelier_hold(found, measured)]
+    return _described(best, found, measured, output, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Selection under one hold, with its estimate."""
+
+    hold: str
+    selection: Selection
+    estimate: Estimate
+    stack: Stack
+
+
+def _under_each_hold(
+    measured: TotalVariance, outputs: tuple[str, ...], settings: StructureSettings
+) -> dict[str, _Found]:
+    """The structure under the stated hold, or under both."""
+    holds = READINGS if measured.hold is None else (measured.hold,)
+    by_unit = kind_of_unit(measured.y_unit)
+    found = {}
+    for hold in holds:
+        selection = select(measured, hold, outputs, settings, expected_output=by_unit)
+        exact = estimate(selection.chosen.fitted, selection.data, measured.var_noise, selection.correlation)
+        found[hold] = _Found(hold, selection, exact, as_stack(exact, float(measured.f_hz[-1])))
+    return found
+
+
+def _likelier_hold(found: dict[str, _Found], measured: TotalVariance) -> str:
+    if len(found) == 1:
+        return next(iter(found))
+    represented = [hold for hold in found if found[hold].selection.represents]
+    if len(represented) == 1:
+        return represented[0]
+    return likelier(_deviances(found, measured))
+
+
+def _deviances(found: dict[str, _Found], measured: TotalVariance) -> dict[str, float]:
+    """Twice the scores of both holds, at the same weights."""
+    names = ("relative_error", "correlation", "scale")
+    common = {name: max(getattr(one.selection, name) for one in found.values()) for name in names}
+    return {hold: 2 * rescored(one.selection, measured, **common) for hold, one in found.items()}
+
+
+def kind_of_unit(unit: str) -> str | None:
+    """What y is by its unit; None where the unit does not tell."""
+    for ending, kind in KIND_OF_UNIT:
+        if unit.endswith(ending):
+            return kind
+    return "angle" if unit in {*RADIANS, "mm", "um", "mrad"} else None
+
+
+def _described(
+    best: _Found,
+    found: dict[str, _Found],
+    measured: TotalVariance,
+    output: str | None,
+    settings: StructureSettings,
+) -> Start:
+    """The result in words and numbers."""
+    selection, fitted = best.selection, best.estimate.fitted
+    rest = np.abs(measured.g - fitted.response(selection.data.lines)) ** 2
+    represented = selection.represents
+    rational = _rational(best, measured) if represented else _best_rational(best, measured)
+    if not represented:
+        rest = np.abs(measured.g - rational.response(measured.f_hz)) ** 2
+    stack = best.stack
+    std, noise = (_by_effect(stack.names, cov) for cov in (stack.covariance, stack.noise_only))
+    return Start(
+        effects=stack.effects if represented else {},
+        std=std if represented else {},
+        std_noise_only=noise if represented else {},
+        ambiguous=_ambiguous(best, found, measured, output) if represented else [],
+        output=fitted.structure.output,
+        hold=best.hold,
+        cost_per_line=float(np.sum(rest / measured.var_total) / len(rest)),
+        relative_error=float(selection.relative_error),
+        order=f"{rational.n_poles}/{rational.n_zeros}",
+        assumed=_assumed(best, measured, output, represented),
+        represented=represented,
+        rational=rational,
+        measured=measured,
+        covariance=stack.covariance,
+        names=stack.names,
+    )
+
+
+def _by_effect(names: list[str], covariance: np.ndarray) -> dict[str, dict[str, float]]:
+    out: dict[str, dict[str, float]] = {}
+    for name, variance in zip(names, np.diag(covariance), strict=True):
+        effect, _, parameter = name.rpartition(".")
+        out.setdefault(effect, {})[parameter] = math.sqrt(max(float(variance), 0.0))
+    return out
+
+
+def _rational(best: _Found, measured: TotalVariance) -> RationalModel:
+    num, den = as_rational(best.estimate)
+    can_hold = best.hold == "zoh" and len(num) <= len(den)
+    delay_s = best.estimate.fitted.values.delay_s
+    return RationalModel(
+        num,
+        den,
+        delay_s + (0.5 / measured.fs_hz if best.hold == "zoh" and not can_hold else 0.0),
+        fs_hz=measured.fs_hz,
+        hold="zoh" if can_hold else "none",
+        n_lines=len(measured),
+        band_hz=(float(measured.f_hz[0]), float(measured.f_hz[-1])),
+        u_unit=measured.u_unit,
+        y_unit=measured.y_unit,
+    )
+
+
+def _best_rational(best: _Found, measured: TotalVariance) -> RationalModel:
+    """The rational fit of least MDL under the hold."""
+    models = best.selection.rational
+    if not models:
+        raise InputError("no rational model fits the response", measured.name, None, "check the records")
+    n2 = 2 * len(measured)
+    least = min(models, key=lambda m: m.cost + m.n_parameters / 2 * np.log(n2))
+    response = measured.frf(best.selection.relative_error)
+    try:
+        return fit(response, (least.n_poles, least.n_zeros), hold=best.hold, quiet=True)
+    except (GsidError, ValueError):
+        return least
+
+
+def _ambiguous(
+    best: _Found, found: dict[str, _Found], measured: TotalVariance, output: str | None
+) -> list[dict[str, Any]]:
+    """What the data do not decide."""
+    structure, values = best.estimate.fitted.structure, best.estimate.fitted.values
+    entries: list[dict[str, Any]] = []
+
+    def add(what: str, chosen: str, other: str, score: float) -> None:
+        entries.append({"what": what, "chosen": chosen, "other": other, "score": score})
+
+    if structure.n_lags == 1:
+        add("lag", "sensor_lag", "motor_lag", 0.0)
+    if output is None and structure.output == "angle" and structure.body == "viscous":
+        add("output", "angle, viscous body", f"rate, free body with a lag of {1 / values.rate:.3g} s", 0.0)
+    chosen = best.selection.chosen
+    for one in best.selection.likely[:OTHERS]:
+        if one is not chosen:
+            add("structure", structure.text(), one.structure.text(), float(one.score - chosen.score))
+    if len(found) > 1 and all(one.selection.represents for one in found.values()):
+        deviance = _deviances(found, measured)
+        other = other_reading(best.hold)
+        difference = (deviance[other] - deviance[best.hold]) / 2
+        if difference <= ALIKE / 2 + best.selection.odds:
+            add("hold", best.hold, other, float(difference))
+    return entries
+
+
+def _assumed(best: _Found, measured: TotalVariance, output: str | None, represented: bool) -> list[str]:
+    """What the result relies on."""
+    texts = [
+        f"period {measured.period_samples} samples, {measured.settle_samples} samples discarded at the start"
+    ]
+    texts.append(f"lines {measured.f_hz[0]:.4g} to {measured.f_hz[-1]:.4g} Hz")
+    if measured.hold is None:
+        texts.append(f"the input was {MEANING[best.hold]}; to decide, {DECLARE}")
+    if represented and output is None:
+        kind = best.estimate.fitted.structure.output
+        texts.append(f"y is the {kind}, inferred from the data; --output states it")
+    if measured.smooth_phases:
+        texts.append(
+            "one realisation with smooth phases does not show its distortion: a response error of "
+            f"{100 * best.selection.relative_error:.0f} % was allowed; measure a second realisation with "
+            "random phases"
+        )
+    if represented and best.estimate.fitted.structure.residual:
+        texts.append("modes above the band are one mode at a fixed frequency above it")
+    delay_s = best.estimate.fitted.values.delay_s
+    if represented and delay_s <= 0:
+        texts.append(f"no delay (estimated {1e3 * delay_s:.3g} ms)")
+    return texts
