@@ -15,7 +15,10 @@ from plants import axis_record, plant
 import gsid
 
 SEED = 20260411
-VERBS = ("add", "compare", "diagnose", "distortion", "fit", "frf", "noise", "spectra", "torque_residual")
+VERBS = (
+    *("add", "compare", "diagnose", "distortion", "fit", "frf", "noise", "spectra", "start"),
+    "torque_residual",
+)
 
 
 @pytest.fixture(scope="module")
