@@ -85,7 +85,7 @@ gsid_status gsid_distortion_skip(gsid_distortion *d, uint32_t n_samples);
 gsid_status gsid_distortion_add_period(gsid_distortion *d, const gsid_cplx *lines);
 
 /** End the realisation and add it to the means.
- *  Eq: DIS-1, DIS-2 (source, eqs. 5.12 to 5.14), DIS-3 at the lines not excited: there a measured input's own
+ *  Eq: DIS-1, DIS-2 (thesis, eqs. 5.12 to 5.14), DIS-3 at the lines not excited: there a measured input's own
  *  distortion, times the response between the excited lines beside it, is taken off the output.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE none is under way; GSID_E_TOO_FEW fewer than 2 good periods, or an excited
  *          line without input; GSID_E_NONFINITE a line, its variance or the square of its size is beyond the range of numbers
@@ -94,7 +94,7 @@ gsid_status gsid_distortion_add_period(gsid_distortion *d, const gsid_cplx *line
 gsid_status gsid_distortion_finish(gsid_distortion *d);
 
 /** Read the result of the realisations finished.
- *  Eq: DIS-2 (source, eqs. 5.14 to 5.16). With one realisation only results that need no second may be requested.
+ *  Eq: DIS-2 (thesis, eqs. 5.14 to 5.16). With one realisation only results that need no second may be requested.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_NONFINITE a sum over realisations is beyond the range of
  *          numbers: outputs untouched
  *  Cost: one pass over the lines.  Context: background. */

@@ -17,7 +17,7 @@ size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
      ((GSID_LSQ_BLOCK + 3) * ((n_poles) + (n_zeros) + 2) + GSID_LSQ_BLOCK) * sizeof(gsid_real))
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd states.  Eq: EST-3, EST-8, EST-9
- *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
+ *  (thesis, eqs. 7.28, 7.23, 7.24 and 7.26).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, covariances that contradict each
  *          other, an order or a rate out of range; GSID_E_NONFINITE */
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
@@ -32,7 +32,7 @@ typedef struct {
 } gsid_iwls_cfg;
 
 /** Linear least squares, reweighted by the last denominator; the delay of the model is taken as known.
- *  Eq: EST-1, EST-2 (source, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The highest denominator
+ *  Eq: EST-1, EST-2 (thesis, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The highest denominator
  *  coefficient (domain z: the lowest) is 1. Where no fixed point is reached the iterate with the least cost V is kept.
  *  @param[in,out] model  in: domain, orders, scale, delay; out: coefficients
  *  @param[out]    cost   V of the model; may be NULL
@@ -57,7 +57,7 @@ typedef struct {
 } gsid_ml_cfg;
 
 /** Gauss-Newton on V, whichever gsid_frd makes it, with Levenberg-Marquardt damping and geodesic acceleration, from the model given.
- *  Eq: EST-3 (source, eq. 7.28).
+ *  Eq: EST-3 (thesis, eq. 7.28).
  *  @param[in,out] model  in: start; out: the model of least cost found. The held coefficient (gsid_rational_held) stays
  *  @param[out]    cost   V; may be NULL
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY

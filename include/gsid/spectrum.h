@@ -43,7 +43,7 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
 gsid_status gsid_spectrum_reset(gsid_spectrum *s);
 
 /** Sum one sample of each channel.
- *  Eq: FRF-1  X(k) += x[n] exp(-j 2 pi k n / N)  (source, eq. 3.2).
+ *  Eq: FRF-1  X(k) += x[n] exp(-j 2 pi k n / N)  (thesis, eq. 3.2).
  *  @param[in] x  [n_channels] finite
  *  @return GSID_OK; GSID_DONE that was the N-th sample: read the result before the next step, which starts a new period;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE sample refused, nothing changed

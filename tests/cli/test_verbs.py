@@ -20,7 +20,7 @@ NAMES = ["--u", "iq", "--y", "omega_motor"]
 
 
 def numpy_frf(u, y, line, n_period):
-    """Mean and its variance from numpy's FFT of the periods (source, eqs. 4.10, 4.11 and 7.29)."""
+    """Mean and its variance from numpy's FFT of the periods (thesis, eqs. 4.10, 4.11 and 7.29)."""
     U, Y = (np.fft.rfft(x.reshape(-1, n_period))[:, line] * 2 / n_period for x in (u, y))
     P, mean_u, mean_y = len(U), U.mean(0), Y.mean(0)
     g = mean_y / mean_u

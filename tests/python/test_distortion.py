@@ -17,7 +17,7 @@ SEED = 41
 
 
 def numpy_robust(records, line):
-    """Source, eqs. 5.12 to 5.16, as they are written."""
+    """Thesis, eqs. 5.12 to 5.16, as they are written."""
     g = np.array(
         [np.fft.rfft(r.y.reshape(-1, N))[:, line] / np.fft.rfft(r.u.reshape(-1, N))[:, line] for r in records]
     )

@@ -57,7 +57,7 @@ def test_density_is_scipys():
 
 
 def test_variance_of_a_line_is_that_of_a_measurement():
-    """2 fs/N times the density is the variance of a line of one period (source, eq. 4.11)."""
+    """2 fs/N times the density is the variance of a line of one period (thesis, eq. 4.11)."""
     n_period, n_periods = 500, 400
     y = white(3, n_period * n_periods)
     lines = np.fft.rfft(y.reshape(n_periods, n_period))[:, 1:250] * 2 / n_period

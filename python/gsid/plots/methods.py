@@ -1,4 +1,4 @@
-"""Comparison of estimators (source, figures 7.13 and 7.14)."""
+"""Comparison of estimators (thesis, figures 7.13 and 7.14)."""
 
 from __future__ import annotations
 

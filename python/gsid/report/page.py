@@ -215,7 +215,7 @@ class Report:
         return self
 
     def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
-        """Add the models that several estimators fitted to one response (source, section 7.10).
+        """Add the models that several estimators fitted to one response (thesis, section 7.10).
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 """Noise split from nonlinear distortion, and both from the response.
 
-The robust method (DIS-1, DIS-2; source, eqs. 5.12 to 5.16) measures M realisations of a random-phase
+The robust method (DIS-1, DIS-2; thesis, eqs. 5.12 to 5.16) measures M realisations of a random-phase
 multisine over P periods each: the scatter over periods is noise, the scatter over realisations noise and
 distortion. The fast method (DIS-3) needs one realisation: lines left free of excitation show what the axis
 adds, odd and even orders apart where the excited lines are odd. Both come out of one measurement here, and
@@ -39,15 +39,15 @@ class Distortion(Plottable):
         Lines that every realisation excites.
     f_hz : (F,) [Hz]
     bla : (F,) complex
-        Mean of the realisations' responses, unit y over u (source, eq. 5.14).
+        Mean of the realisations' responses, unit y over u (thesis, eq. 5.14).
     var_noise, var_total : (F,)
-        Variance of `bla` by noise, and by noise and distortion together (source, eq. 5.14); the latter NaN
+        Variance of `bla` by noise, and by noise and distortion together (thesis, eq. 5.14); the latter NaN
         with one realisation.
     std_nonlinear : (F,)
-        Standard deviation of one realisation's response by distortion (source, eq. 5.16). With one
+        Standard deviation of one realisation's response by distortion (thesis, eq. 5.16). With one
         realisation from the odd free lines beside each (DIS-3), NaN where the excited lines leave none.
     responses : (M, F) complex
-        Of each realisation (source, eq. 5.13).
+        Of each realisation (thesis, eq. 5.13).
     u : (F,)
         Amplitude of the input, rms over realisations.
     free_line : (D,) int
@@ -102,7 +102,7 @@ class Distortion(Plottable):
 
     @property
     def coherence(self) -> np.ndarray:
-        """Coherence of input and output over all periods, (F,), 0 .. 1 (source, eq. 5.3).
+        """Coherence of input and output over all periods, (F,), 0 .. 1 (thesis, eq. 5.3).
 
         Periods repeat the distortion: over the periods of one realisation only noise lowers it.
         """
@@ -115,7 +115,7 @@ class Distortion(Plottable):
 
     @property
     def noncausal_power_ratio(self) -> float:
-        """Share of the power of the response's inverse transform before t = 0 (source, eqs. 5.4 to 5.6).
+        """Share of the power of the response's inverse transform before t = 0 (thesis, eqs. 5.4 to 5.6).
 
         Transformed over the excited lines alone: the edges of the band put some of a linear axis there too,
         so that only the same band at another level is a fair comparison.

@@ -70,7 +70,7 @@ def frf(
     Returns
     -------
     Frf
-        FRF-1, FRF-2 (source, eqs. 4.10, 4.11, 7.29; 5.14 over realisations); LPM-1, LPM-2 with `lpm`.
+        FRF-1, FRF-2 (thesis, eqs. 4.10, 4.11, 7.29; 5.14 over realisations); LPM-1, LPM-2 with `lpm`.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
 
 
 def _over_realisations(each: list[Frf]) -> Frf:
-    """Mean of the responses and of their levels (source, eq. 5.14)."""
+    """Mean of the responses and of their levels (thesis, eq. 5.14)."""
     first, m = each[0], len(each)
     turn = [np.exp(-1j * np.angle(one.u)) for one in each]
     return Frf(

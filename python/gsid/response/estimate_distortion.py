@@ -302,7 +302,7 @@ def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
     f_hz : (F,) array_like
         Hz.
     g : (M, P, F) complex array_like
-        Response of each period of each realisation, P >= 2 (source, eq. 5.12).
+        Response of each period of each realisation, P >= 2 (thesis, eq. 5.12).
 
     Returns
     -------

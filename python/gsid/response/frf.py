@@ -1,12 +1,12 @@
 """Frequency response and its uncertainty from periodic records.
 
-The mean over periods estimates the lines of input and output, their scatter the noise (source, eqs. 4.10 and
+The mean over periods estimates the lines of input and output, their scatter the noise (thesis, eqs. 4.10 and
 4.11):
 
     G = mean(Y) / mean(U)
-    var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (source, eq. 7.29)
+    var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (thesis, eq. 7.29)
 
-With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum of theirs (source, eq. 5.14).
+With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum of theirs (thesis, eq. 5.14).
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ class Frf(Plottable):
     line : (F,) int
     f_hz : (F,) [Hz]
     g : (F,) complex
-        mean(Y)/mean(U), unit y over u (source, eq. 4.10); the mean over realisations (eq. 5.14).
+        mean(Y)/mean(U), unit y over u (thesis, eq. 4.10); the mean over realisations (eq. 5.14).
     var_g : (F,)
-        Variance E|error|^2 of g (source, eqs. 7.29, 5.14).
+        Variance E|error|^2 of g (thesis, eqs. 7.29, 5.14).
     u, y : (F,) complex
         Means over periods; with several realisations averaged after turning each by the phase of its u, so
         that u is a mean amplitude.
     var_u, var_y, cov_yu : (F,)
-        Sample (co)variances of one period (source, eq. 4.11), averaged over realisations.
+        Sample (co)variances of one period (thesis, eq. 4.11), averaged over realisations.
     n_periods : int
         Good periods of all realisations.
     n_realisations, n_spoiled, settle_samples, period_samples : int
@@ -96,7 +96,7 @@ class Frf(Plottable):
 
     @property
     def coherence(self) -> np.ndarray:
-        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (source, eq. 5.3).
+        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (thesis, eq. 5.3).
 
         Distortion repeats with the period, and so lowers it only where the excitation does not repeat.
         """

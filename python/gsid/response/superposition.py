@@ -1,4 +1,4 @@
-"""The older tests for nonlinearity (source, 5.2): two amplitudes side by side, the harmonics of a sine.
+"""The older tests for nonlinearity (thesis, 5.2): two amplitudes side by side, the harmonics of a sine.
 
 On a linear axis the responses at two levels are one, and their difference is noise. The variance of this
 noise at a line is the sum of two variances. Both are estimates, and their ratio is unknown, since the noise
@@ -36,7 +36,7 @@ ROUNDING = 1e-13  # of a response: records without noise have no smaller scatter
 
 @dataclass(repr=False)
 class Superposition(Plottable):
-    """Responses at two input levels: on a linear axis they are one (source, eq. 5.2).
+    """Responses at two input levels: on a linear axis they are one (thesis, eq. 5.2).
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class Harmonic:
 
 
 def harmonics(d: Distortion) -> list[Harmonic]:
-    """List the harmonics of a record whose input is one sine (source, section 5.2).
+    """List the harmonics of a record whose input is one sine (thesis, section 5.2).
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ def sample_variance(a: np.ndarray) -> np.ndarray:
 
 
 def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Sample covariance of a and conj(b) over their first axis (source, eq. 4.11)."""
+    """Sample covariance of a and conj(b) over their first axis (thesis, eq. 4.11)."""
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
 
 
@@ -87,7 +87,7 @@ def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int
 
     A wandering output makes each period begin and end at different values. The jump leaks into all lines of
     that period, but not into their mean: what one period's end adds the next one's beginning takes away. The
-    sample variance over the periods (source, eq. 4.11) counts it. In the spectrum of all P periods together
+    sample variance over the periods (thesis, eq. 4.11) counts it. In the spectrum of all P periods together
     line k is bin kP, and the P - 1 bins around it hold noise alone, leakage as in the mean.
 
     Parameters

@@ -1,6 +1,6 @@
 """Noise of a record: its spectrum with an interval, its variance, and the periodic disturbances in it.
 
-Meant for a record with zero input (source, section 4.4.1), which shows the sensor's noise and what else turns
+Meant for a record with zero input (thesis, section 4.4.1), which shows the sensor's noise and what else turns
 in the room. An excited record can be looked at, too: what repeats with its period is then taken off first.
 """
 

@@ -73,22 +73,22 @@ class Spectra:
 
     @property
     def u(self) -> np.ndarray:
-        """Mean of U over periods, (K,) complex (source, eq. 4.10)."""
+        """Mean of U over periods, (K,) complex (thesis, eq. 4.10)."""
         return self.U.mean(axis=0)
 
     @property
     def y(self) -> np.ndarray:
-        """Mean of Y over periods, (K,) complex (source, eq. 4.10)."""
+        """Mean of Y over periods, (K,) complex (thesis, eq. 4.10)."""
         return self.Y.mean(axis=0)
 
     @property
     def var_u(self) -> np.ndarray:
-        """Sample variance of one period's U, (K,) (source, eq. 4.11)."""
+        """Sample variance of one period's U, (K,) (thesis, eq. 4.11)."""
         return sample_variance(self.U)
 
     @property
     def var_y(self) -> np.ndarray:
-        """Sample variance of one period's Y, (K,) (source, eq. 4.11)."""
+        """Sample variance of one period's Y, (K,) (thesis, eq. 4.11)."""
         return sample_variance(self.Y)
 
     @cached_property
@@ -103,7 +103,7 @@ class Spectra:
 
     @property
     def cov_yu(self) -> np.ndarray:
-        """Sample covariance, mean of Y conj(U), of one period, (K,) complex (source, eq. 4.11)."""
+        """Sample covariance, mean of Y conj(U), of one period, (K,) complex (thesis, eq. 4.11)."""
         return covariance(self.Y, self.U)
 
     def __repr__(self) -> str:
