@@ -11,11 +11,14 @@ import numpy as np
 
 from gsid.base.bands import in_band
 from gsid.base.errors import GsidError
+from gsid.base.plottable import Plottable
 from gsid.fitting.rational import METHODS, fit, initial_delay
 from gsid.fitting.validation import HELD_OUT, Validation, held_out_text, validate, without_empty
 from gsid.response.frf import Frf
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gsid.models.rational import RationalModel
 
 
@@ -54,7 +57,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, repr=False)
-class Estimators:
+class Estimators(Plottable):
     """Results of all estimators, as in the table of section 7.10 of the thesis.
 
     Attributes
@@ -112,6 +115,10 @@ class Estimators:
             "",
         ]
         return without_empty(head, [_text(row) for row in self.rows], HELD_OUT)
+
+    def plot(self, frf: Frf) -> Figure:
+        """Draw the errors of every estimator over frequency, beside the measured response `frf`."""
+        return self._figure(frf)
 
     def __repr__(self) -> str:
         head, rows = self.table()

@@ -15,13 +15,14 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import stats
 
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
+from gsid.base.plottable import Plottable
 from gsid.greybox.minimise import SINGULAR, Minimum, Steps, lengths, minimise
 from gsid.greybox.problem import Point, Problem
 from gsid.plant.effect import Param
@@ -30,6 +31,9 @@ from gsid.plant.periodic import Prediction
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +78,7 @@ class RecordFit:
 
 
 @dataclass(eq=False, repr=False)
-class PlantFit:
+class PlantFit(Plottable):
     """A fitted plant.
 
     Attributes
@@ -163,6 +167,25 @@ class PlantFit:
             if r.params
         ]
         return {key: getattr(self, key) for key in keys} | {"band_hz": list(self.band_hz), "per_record": own}
+
+    def plot(self, records: Record | Spectra | Sequence[Record | Spectra]) -> Figure:
+        """Draw output over input, measured and simulated, and the error of every line over its noise.
+
+        Parameters
+        ----------
+        records : Record or Spectra, or a sequence of them
+            Records of the fit, in the same order.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            The number of records is not that of the fit.
+        """
+        return self._figure(spectra_of(records))
 
     def __repr__(self) -> str:
         lines = [repr(self.model)]

@@ -10,12 +10,15 @@ from gsid.diagnosis.diagnose import Diagnosis
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import TorqueResidual
 from gsid.excitation.periodic import Periodic
+from gsid.fitting.estimators import Estimators
+from gsid.greybox.fit import PlantFit
 from gsid.models.mimo import MimoModel
 from gsid.models.piecewise import PiecewiseModel
 from gsid.models.rational import RationalModel
 from gsid.plots.candidates import diagnosis
 from gsid.plots.compare import comparison, ladder
 from gsid.plots.experiment import crest_factors, excitation, periods
+from gsid.plots.greybox import plant_fit
 from gsid.plots.matrix import bode_matrix
 from gsid.plots.methods import estimators
 from gsid.plots.noise_spectrum import noise
@@ -48,6 +51,7 @@ __all__ = [
     "order_text",
     "periods",
     "piecewise",
+    "plant_fit",
     "pole_zero",
     "residual",
     "residual_of_plant",
@@ -61,12 +65,14 @@ _DRAWINGS = {
     Comparison: comparison,
     Diagnosis: diagnosis,
     Distortion: distortion,
+    Estimators: estimators,
     Frf: frf,
     Ladder: ladder,
     MimoModel: bode_matrix,
     Noise: noise,
     Periodic: excitation,
     PiecewiseModel: piecewise,
+    PlantFit: plant_fit,
     RationalModel: bode,
     Superposition: superposition,
     TorqueResidual: torque_residual,
