@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
@@ -329,8 +328,7 @@ def _compared(
     found = misfit(errors)
 
     n, n_fitted = len(errors), _n_parameters(model) if fitted else 0
-    n_dof = max(found.n_dof - n_fitted, 1)
-    p_value = float(stats.chi2.sf(found.chi2, n_dof))
+    p_value = found.p_value_of_fit(n_fitted)
     left = _by_record(parts, found.left)
     shown = int(np.argmax([np.sum(np.abs(part.y) ** 2) for part in parts]))
     of = parts[shown]

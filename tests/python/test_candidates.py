@@ -32,8 +32,8 @@ class FakeFits(SearchInput):
     def fit(self, model, max_iter=50, only=None):
         return self.answers(model, max_iter)
 
-    def noise_p_value(self, fit):
-        return float(self.is_enough)
+    def is_noise(self, fit):
+        return self.is_enough
 
     def joint_starts(self, fit):
         return list(self.joints)

@@ -1,5 +1,6 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
+import copy
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from gsid.base.errors import GsidError, InputError
+from gsid.comparison import compare
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
@@ -122,6 +124,42 @@ def test_what_the_fit_leaves_is_what_it_says(with_friction):
     left = np.linalg.lstsq(jacobian, np.concatenate([r.residual for r in fit.records]), rcond=None)[0]
     assert np.sum((jacobian @ left) ** 2) < 0.01
     assert fit.model.fit["cost_per_dof"] == fit.cost_per_dof
+
+
+def test_a_fit_carries_its_records(with_friction):
+    """Callers paired the records of a fit with a list of spectra, which could be another one."""
+    measured = [spectra(record) for record in with_friction]
+    fit = fit_plant(start(TRUTH), measured, band=(0, 250))
+    assert all(record.spectra is one for record, one in zip(fit.records, measured, strict=True))
+    assert fit.cost_of(fit.model) == pytest.approx(fit.cost, rel=1e-9)
+    opened = [copy.copy(one) for one in measured]
+    for one in opened:
+        one.hold = None
+    fit = fit_plant(start(TRUTH), opened)
+    assert {record.spectra.hold for record in fit.records} == {fit.hold}
+
+
+def test_the_whitened_output_is_stacked_like_residual_and_jacobian(with_friction):
+    """Line 0 is among the lines: it has no imaginary part."""
+    fit = fit_plant(start(FRICTION_TRUTH), with_friction, band=(0, 250))
+    records, m = fit.records, sum(len(record.line) for record in fit.records)
+    errors = [record.spectra.y - record.prediction.Y for record in records]
+    np.testing.assert_allclose(fit.whitened([e[None] for e in errors])[:, 0], fit.residual, atol=1e-12)
+    np.testing.assert_allclose(fit.whitened([r.prediction.dY for r in records]), fit.jacobian, atol=1e-12)
+    assert fit.residual.shape == (2 * m,)
+    assert fit.jacobian.shape == (2 * m, len(FRICTION_TRUTH))
+    assert np.array_equal(np.flatnonzero(np.concatenate([r.line for r in records]) == 0) + m, [
+        i for i in range(m, 2 * m) if not np.any(fit.jacobian[i])
+    ])  # fmt: skip
+
+
+def test_the_p_value_of_a_fit_is_that_of_its_comparison(with_friction):
+    """One test, CMP-1: a fit in the default band and `compare` with `fitted=True` agree."""
+    for truth in (TRUTH, FRICTION_TRUTH):
+        fit = fit_plant(start(truth), with_friction)
+        compared = compare(fit.model, with_friction, fitted=True)
+        assert fit.noise_p_value == pytest.approx(compared.p_value, rel=1e-9)
+    assert fit.noise_p_value > 1e-3
 
 
 def test_the_fitted_model_comes_back_from_its_file(with_friction, tmp_path):

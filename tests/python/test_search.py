@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plants import BareStack
+from plants import BareFit, BareStack
 from scipy import stats
 
 from gsid.diagnosis.candidates import Candidate, SearchInput
@@ -43,15 +43,17 @@ class KnownCosts(SearchInput):
         cost = self.costs["".join(sorted(self.letters(model)))]
         model.free_names = [e.id for e in model.effects]
         return SimpleNamespace(
-            cost=cost, model=model, n_dof=N_DOF, misfit=max(cost - NOISE, 0.0), converged=True
+            cost=cost,
+            model=model,
+            n_dof=N_DOF,
+            misfit=max(cost - NOISE, 0.0),
+            converged=True,
+            noise_p_value=1.0 if cost <= self.noise else 0.0,
         )
 
     def started_anew(self, model):
         self.started.append("".join(self.letters(model)))
         return model
-
-    def noise_p_value(self, fit):
-        return 1.0 if fit.cost <= self.noise else 0.0
 
 
 class KnownSearch(Search):
@@ -231,12 +233,12 @@ def linear_fit(rng, differ: float) -> tuple[Search, SimpleNamespace]:
     J = np.vstack(jacobians)
     left = (data - J @ np.linalg.lstsq(J, data, rcond=None)[0]).reshape(RECORDS, -1)
     lines = np.arange(LINES)
-    records = [
-        SimpleNamespace(line=lines, weight=np.ones(LINES), residual=r, jacobian=j)
-        for r, j in zip(left, jacobians, strict=True)
-    ]
     measured = [SimpleNamespace(Y=a, y=b, n_periods=PERIODS) for a, b in zip(Y, mean, strict=True)]
-    return Search(given(measured), 0), SimpleNamespace(records=records)
+    records = [
+        SimpleNamespace(line=lines, weight=np.ones(LINES), residual=r, jacobian=j, spectra=one)
+        for r, j, one in zip(left, jacobians, measured, strict=True)
+    ]
+    return Search(given(measured), 0), BareFit(records=records)
 
 
 def test_constancy_rejects_at_the_stated_rate():

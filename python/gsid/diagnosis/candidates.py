@@ -12,7 +12,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.joint_start import joint_starts
 from gsid.diagnosis.scan import Scored, with_probe
 from gsid.effects.types import find
-from gsid.greybox.fit import PlantFit, fit_plant, noise_p_value
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.effect import Param
 from gsid.plant.linear_response import JOINT
@@ -63,15 +63,11 @@ class SearchInput:
 
     def joint_starts(self, fit: PlantFit) -> list[tuple[PlantModel, float]]:
         """The model of a fit with backlash added, and how much this lowers the error of the response."""
-        return joint_starts(fit, self.measured, self.model)
-
-    def noise_p_value(self, fit: PlantFit) -> float:
-        """Probability that noise alone gives a misfit this large or larger, for a fit to all records."""
-        return noise_p_value(fit, self.measured)
+        return joint_starts(fit, self.model)
 
     def is_noise(self, fit: PlantFit) -> bool:
         """Whether the residual of a fit to all records is consistent with noise."""
-        return self.noise_p_value(fit) > self.alpha
+        return fit.noise_p_value > self.alpha
 
 
 @dataclass(eq=False)

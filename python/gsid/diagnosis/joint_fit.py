@@ -36,7 +36,7 @@ LARGEST_STEP = (-0.5, 1.0)  # relative to a parameter
 GAIN_LEAST = 1e-3  # relative reduction of the cost below which the search ends
 
 
-def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) -> PlantModel:
+def fit_joint(starts: list[PlantModel], fit: PlantFit) -> PlantModel:
     """Fit backlash and the linear part to the output, given the measured motion of the load (DIA-10).
 
     Parameters
@@ -44,14 +44,13 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) 
     starts : list of PlantModel
         The same open-loop model with backlash, at different values; the fit starts from the best one.
     fit : PlantFit
-        Provides lines and weights.
-    measured : list of Spectra
+        Provides records, lines and weights.
 
     Returns
     -------
     PlantModel
     """
-    problem = _Problem(starts[0], fit, measured)
+    problem = _Problem(starts[0], fit)
     costs = problem.costs(np.array([_values(one, problem.names) for one in starts]))
     model = starts[int(np.argmin(costs))]
     x, damping = _values(model, problem.names), 1e-2
@@ -105,14 +104,14 @@ class _Parts:
 class _Problem:
     """Weighted errors for many parameter sets, of the records with the period and rate of the first one."""
 
-    def __init__(self, model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> None:
-        self.model, first = model, measured[0]
-        alike = [
-            (one, record)
-            for one, record in zip(measured, fit.records, strict=True)
-            if (one.period_samples, one.fs_hz, one.hold) == (first.period_samples, first.fs_hz, first.hold)
-        ]
-        self.measured, self.records = [one for one, _ in alike], [record for _, record in alike]
+    def __init__(self, model: PlantModel, fit: PlantFit) -> None:
+        self.model, first = model, fit.records[0].spectra
+
+        def timing(one: Spectra) -> tuple[int, float, str | None]:
+            return one.period_samples, one.fs_hz, one.hold
+
+        self.records = [record for record in fit.records if timing(record.spectra) == timing(first)]
+        self.measured = [record.spectra for record in self.records]
         self.names = [name for name in model.free_names if name in LINEAR or name in SHAPES]
         chosen = [model.free_names.index(name) for name in self.names]
         lower, upper = model.bounds()
@@ -168,7 +167,8 @@ class _Problem:
         """For a given twist x, motor and load follow (r s + 1 / load) w = torque - r s^2 x."""
         ratio = part.gear["inertia_ratio"]
         rows = []
-        for one, record, x in zip(self.measured, self.records, twist, strict=True):
+        for record, x in zip(self.records, twist, strict=True):
+            one = record.spectra
             rate = (part.drive * one.u - ratio * self.s**2 * x) / (1 / part.load + ratio * self.s)
             weight = np.where(record.line > 0, record.weight, 0)  # the linear part does not determine line 0
             e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * weight

@@ -10,7 +10,7 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import GsidError, InputError
 from gsid.effects.types import EffectParameter
-from gsid.greybox.weights import UNSETTLED, lines_used, pooled_variance
+from gsid.greybox.weights import UNSETTLED, lines_used, pooled_variance, whiten
 from gsid.plant.linear_response import JOINT
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant, Prediction
@@ -39,7 +39,7 @@ class Part:
         band: tuple[float, float] | None,
         has_drift: bool,
     ) -> None:
-        s = measured
+        self.spectra = s = measured
         self.name = s.name
         self.plant = PeriodicPlant.of(model, s)
         self.line = np.flatnonzero(lines_used(model, s, band))
@@ -64,8 +64,7 @@ class Part:
 
     def whiten(self, lines: np.ndarray) -> np.ndarray:
         """[Re; Im] of lines, (..., k), times the weight."""
-        weighted = lines * self.weight
-        return np.concatenate([weighted.real, np.where(self.line == 0, 0.0, weighted.imag)], axis=-1)
+        return whiten(lines, self.weight, self.line == 0)
 
 
 @dataclass(eq=False)

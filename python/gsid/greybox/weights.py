@@ -106,3 +106,22 @@ def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) 
     if not np.any(use):
         raise ValueError("the band contains no line between 0 and half the sample rate")
     return use
+
+
+def whiten(lines: np.ndarray, weight: np.ndarray, real: np.ndarray) -> np.ndarray:
+    """Weight lines, and stack their real and imaginary parts.
+
+    Parameters
+    ----------
+    lines : (..., k) complex ndarray
+    weight : (k,) ndarray
+    real : (k,) bool ndarray
+        Lines without imaginary part.
+
+    Returns
+    -------
+    (..., 2 k) ndarray
+        [Re; Im]. The imaginary part of a real line is 0.
+    """
+    weighted = lines * weight
+    return np.concatenate([weighted.real, np.where(real, 0.0, weighted.imag)], axis=-1)

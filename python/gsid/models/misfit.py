@@ -128,7 +128,21 @@ class Misfit:
     @property
     def p_value(self) -> float:
         """Probability of a misfit this large or larger if the model is correct."""
-        return float(special.chdtrc(self.n_dof, self.chi2))
+        return self.p_value_of_fit(0)
+
+    def p_value_of_fit(self, n_parameters: int) -> float:
+        """The same for a model whose parameters were fitted to these errors.
+
+        Parameters
+        ----------
+        n_parameters : int
+            Number of fitted parameters; each reduces the degrees of freedom by one.
+
+        Returns
+        -------
+        float
+        """
+        return float(special.chdtrc(max(self.n_dof - n_parameters, 1), self.chi2))
 
 
 def misfit(errors: Errors) -> Misfit:
