@@ -161,6 +161,30 @@ static void a_refused_block_leaves_the_object_as_it_was(void **state) {
     assert_int_equal(gsid_batch_frf_step(&frf, 3, good, bad, without), GSID_OK); /* not a sample: not looked at */
 }
 
+static void derivatives_at_many_frequencies_are_those_at_each(void **state) {
+    (void)state;
+    enum { N_FREQ = 5, N_PARAMETERS = 5 };
+    gsid_rational m;
+    assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, 2, 1, 300), GSID_OK);
+    m.num[0] = 0.4, m.num[1] = -0.1, m.den[0] = 1.1, m.den[1] = 0.2, m.den[2] = 1, m.delay_s = 2e-3;
+    const double f_hz[N_FREQ] = {0, 1, 20, 47.7, 300}, bad[2] = {1, NAN};
+    gsid_cplx g[N_FREQ], gradient[N_FREQ * N_PARAMETERS], one, row[N_PARAMETERS];
+    assert_int_equal(gsid_batch_rational_gradient(&m, N_FREQ, f_hz, g, gradient), GSID_OK);
+    for (int k = 0; k < N_FREQ; k++) {
+        assert_int_equal(gsid_rational_gradient(&m, f_hz[k], &one, row), GSID_OK);
+        assert_memory_equal(&one, g + k, sizeof one);
+        assert_memory_equal(row, gradient + (size_t)k * N_PARAMETERS, sizeof row);
+    }
+    assert_int_equal(gsid_batch_rational_gradient(&m, 2, bad, g, gradient), GSID_E_NONFINITE);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 0, NULL, NULL, NULL), GSID_OK);
+    assert_int_equal(gsid_batch_rational_gradient(NULL, 1, f_hz, g, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, NULL, g, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, NULL, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, g, NULL), GSID_E_NULL);
+    m.n_poles = GSID_ORDER_MAX + 1;
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, g, gradient), GSID_E_CONFIG);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(batch_equals_streaming_to_rounding),
@@ -168,6 +192,7 @@ int main(void) {
         cmocka_unit_test(spectra_refuse),
         cmocka_unit_test(blocks_of_any_size_give_the_same_bits),
         cmocka_unit_test(a_refused_block_leaves_the_object_as_it_was),
+        cmocka_unit_test(derivatives_at_many_frequencies_are_those_at_each),
     };
     return cmocka_run_group_tests_name("host batch", tests, fill_samples, NULL);
 }

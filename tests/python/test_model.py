@@ -60,6 +60,40 @@ def test_gradient_is_that_of_finite_differences():
         assert np.max(np.abs(numeric - gradient[:, i])) < 1e-5 * np.max(np.abs(gradient[:, i])), i
 
 
+@pytest.mark.parametrize("domain", ["s", "z"])
+def test_derivatives_are_those_of_the_formula(domain):
+    """dG/da = -G v^i / A, dG/db = e v^i / A, dG/dtau = -j w G, for random models of every order."""
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    worst = 0.0
+    for n_poles in range(17):
+        fs_hz, n_zeros, f = 1000.0, int(rng.integers(17)), np.sort(rng.uniform(0.1, 400, 30))
+        w, delay_s = 2 * np.pi * f, float(rng.uniform(0, 0.01))
+        size = 600.0 ** np.arange(17)
+        num, den = rng.standard_normal((2, 17))
+        if domain == "s":
+            num, den = (num * size)[: n_zeros + 1], (den * size)[: n_poles + 1]
+            v = (1j * w)[:, None] ** np.arange(17)
+            num_terms, den_terms = v[:, : n_zeros + 1][:, ::-1], v[:, : n_poles + 1][:, ::-1]
+        else:
+            num, den = num[: n_zeros + 1], den[: n_poles + 1]
+            v = np.exp(-1j * w / fs_hz)[:, None] ** np.arange(17)
+            num_terms, den_terms = v[:, : n_zeros + 1], v[:, : n_poles + 1]
+        model = RationalModel(num, den, delay_s, domain, fs_hz, free_delay=True)
+        a = den_terms @ model.den
+        by_num = np.exp(-1j * w * delay_s)[:, None] * num_terms / a[:, None]
+        g = by_num @ model.num
+        by_den = -g[:, None] * den_terms[:, 1:] / a[:, None]
+        expected = np.column_stack([by_den, by_num, -1j * w * g])
+        # Cancellation inside A and B grows the rounding of both formulas.
+        lost = np.abs(den_terms) @ np.abs(model.den) / np.abs(a)
+        lost += np.abs(num_terms) @ np.abs(model.num) / np.abs(num_terms @ model.num)
+        error = np.abs(model.gradient(f) - expected) / np.abs(expected) / lost[:, None]
+        worst = max(worst, float(error.max()))
+    print("largest relative difference over the cancellation", worst)
+    assert worst < 1e-14
+
+
 def test_standard_deviations_of_response_and_poles_are_those_of_drawn_parameters():
     print("seed", SEED)
     rng = np.random.default_rng(SEED)

@@ -1,8 +1,9 @@
-/* Whole records at once: spectra by FFTW where it was built in, by the streaming core where not. */
+/* Whole records and lists of frequencies at once: spectra by FFTW where it was built in, by the streaming core where not. */
 #ifndef GSID_HOST_BATCH_H
 #define GSID_HOST_BATCH_H
 
 #include "gsid/frf.h"
+#include "gsid/rational.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -23,6 +24,14 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
  *  @param[in] valid    [n] 0: this sample was lost; NULL: all are valid
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE the whole block is refused */
 gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid);
+
+/** Response of a rational model and its derivatives at many frequencies: gsid_rational_gradient at each.
+ *  @param[in]  n_freq, f_hz  [n_freq] Hz
+ *  @param[out] g             [n_freq]
+ *  @param[out] gradient      [n_freq][n_poles + n_zeros + 2], rows as in gsid_rational_gradient
+ *  @return as gsid_rational_gradient; if it fails, the outputs of the frequencies before the one that failed are written */
+gsid_status gsid_batch_rational_gradient(const gsid_rational *model, uint32_t n_freq, const double *f_hz, gsid_cplx *g,
+                                         gsid_cplx *gradient);
 
 #ifdef __cplusplus
 }

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid._lib import lib, version
+from gsid._lib import check, ffi, lib, version
 from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
@@ -178,21 +179,23 @@ class MimoModel(Plottable):
         """Whether all poles are stable."""
         return bool(np.all(self.poles.real < 0 if self.domain == "s" else np.abs(self.poles) < 1))
 
-    def _variable(self, f_hz: np.ndarray) -> np.ndarray:
-        w = 2j * np.pi * f_hz
-        return w if self.domain == "s" else np.exp(w / self.fs_hz)
+    def _channel(self, i: int, j: int) -> tuple[Any, list[np.ndarray]]:
+        """The response from input j to output i for the C library, and the arrays that it points to."""
+        kept = [np.ascontiguousarray(self.sections), np.ascontiguousarray(self.num[i, j])]
+        c = ffi.new("gsid_mimo_channel *")
+        c.domain = lib.GSID_DOMAIN_S if self.domain == "s" else lib.GSID_DOMAIN_Z
+        c.rate = 1.0 if self.domain == "s" else 1.0 / self.fs_hz
+        c.n_poles, c.direct, c.delay_s = self.n_poles, self.n_zeros == self.n_poles, self.delay_s[i, j]
+        c.section, c.num = (ffi.from_buffer("double[]", values) for values in kept)
+        return c, kept
 
-    def _section_values(self, v: np.ndarray) -> np.ndarray:
-        """S_k at each v, (F, sections)."""
-        q0, q1 = self.sections[0::2], self.sections[1::2]
-        pairs = v[:, None] ** 2 + q1 * v[:, None] + q0[: len(q1)]
-        return pairs if len(q0) == len(q1) else np.column_stack([pairs, v + q0[-1]])
-
-    def _basis(self, v: np.ndarray) -> np.ndarray:
-        """Basis functions of the numerator coefficients, (F, n or n + 1)."""
-        inverse = np.repeat(1 / self._section_values(v), 2, axis=1)[:, : self.n_poles]
-        inverse[:, 1::2] *= v[:, None]
-        return inverse if self.n_zeros < self.n_poles else np.column_stack([inverse, np.ones(len(v))])
+    def _each_channel(self, f: np.ndarray, response_of: Callable[[Any, np.ndarray], int]) -> np.ndarray:
+        """Responses at f, (F, n_y, n_u); `response_of` fills that of one channel and returns a status."""
+        g = np.empty((self.n_y, self.n_u, len(f)), dtype=complex)
+        for i, j in np.ndindex(self.n_y, self.n_u):
+            c, _kept = self._channel(i, j)
+            check(response_of(c, ffi.from_buffer("gsid_cplx[]", g[i, j])), "response")
+        return np.moveaxis(g, -1, 0)
 
     def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Matrix of frequency responses, with the hold when `hold` is "zoh" (MIM-1, MOD-2).
@@ -205,34 +208,19 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, n_y, n_u) complex ndarray, output unit per input unit.
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
-        return self._held_response(f) if self.hold == "zoh" else self.behind_hold(f)
-
-    def _held_response(self, f: np.ndarray) -> np.ndarray:
-        """Sampled response to held inputs, exactly: the state of each section, the delay inside a sample."""
-        from scipy.linalg import expm
-
-        total = np.zeros((len(f), self.n_y, self.n_u), dtype=complex)
-        z = np.exp(2j * np.pi * f / self.fs_hz)
-        for delay_s in np.unique(self.delay_s):
-            late = delay_s * self.fs_hz
-            whole = np.floor(late)
-            where = self.delay_s == delay_s
-            for first in range(0, self.n_poles, 2):
-                q = self.sections[first : first + 2]
-                n = len(q)
-                flow = np.zeros((n + 1, n + 1))  # of state and held input
-                flow[: n - 1, 1:n] = np.eye(n - 1)
-                flow[n - 1, :n], flow[n - 1, n] = -q, 1
-                new, old = (expm(flow * share / self.fs_hz) for share in (1 - late + whole, late - whole))
-                drive = new[:n, n] * z[:, None] ** -whole + (new[:n, :n] @ old[:n, n]) * z[:, None] ** -(
-                    whole + 1
-                )
-                matrix = z[:, None, None] * np.eye(n) - new[:n, :n] @ old[:n, :n]
-                state = np.linalg.solve(matrix, drive[..., None])[..., 0]
-                total[:, where] += state @ self.num[where][:, first : first + n].T
-        return total
+        if self.hold == "none":
+            return self.behind_hold(f_hz)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        f_c = ffi.from_buffer("double[]", f)
+        return self._each_channel(
+            f, lambda c, g: lib.gsid_mimo_hold_response(c, 1.0 / self.fs_hz, len(f), f_c, g)
+        )
 
     def behind_hold(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Matrix of frequency responses of what follows the hold (MIM-1); as :meth:`response` without one.
@@ -245,10 +233,15 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, n_y, n_u) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
-        rational = np.einsum("kl,ijl->kij", self._basis(self._variable(f)), self.num)
-        return rational * np.exp(-2j * np.pi * f[:, None, None] * self.delay_s)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        f_c = ffi.from_buffer("double[]", f)
+        return self._each_channel(f, lambda c, g: lib.gsid_mimo_response(c, len(f), f_c, g))
 
     def channel(self, i: int, j: int) -> RationalModel:
         """Response from input j to output i as a transfer function of its own, without covariance.
@@ -300,18 +293,19 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, m) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.asarray(f_hz, dtype=float)
-        v, num = self._variable(f), self.num[i, j]
-        basis = self._basis(v) * np.exp(-2j * np.pi * f * self.delay_s[i, j])[:, None]
-        terms = basis[:, : self.n_poles] * num[: self.n_poles]
-        parts = np.add.reduceat(terms, np.arange(0, self.n_poles, 2), axis=1)  # N_k / S_k
-        by_section = np.repeat(-parts / self._section_values(v), 2, axis=1)[:, : self.n_poles]
-        by_section[:, 1::2] *= v[:, None]
-        columns = [basis, by_section]
-        if self.delay_of is not None:
-            columns.append((-2j * np.pi * f * (basis @ num))[:, None])
-        return np.hstack(columns)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        n = self.num.shape[2] + self.n_poles
+        gradient = np.empty((len(f), n + 1), dtype=complex)
+        c, _kept = self._channel(i, j)
+        arrays = ffi.from_buffer("double[]", f), ffi.from_buffer("gsid_cplx[]", gradient)
+        check(lib.gsid_mimo_gradient(c, len(f), *arrays), "derivatives of the response")
+        return gradient if self.delay_of is not None else gradient[:, :n]
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Standard deviation of each complex response by the parameters' covariance: sqrt(E|dG|^2).

@@ -193,35 +193,35 @@ class RationalModel(Plottable):
 
     # ---- uncertainty -------------------------------------------------------------------------------------
 
-    def _variable(self, f_hz: np.ndarray) -> np.ndarray:
-        w = 2j * np.pi * f_hz
-        return w if self.domain == "s" else np.exp(-w / self.fs_hz)
-
-    def _powers(self, degree: int) -> np.ndarray:
-        return np.arange(degree, -1, -1) if self.domain == "s" else np.arange(degree + 1)
-
-    def gradient(self, f_hz: np.ndarray) -> np.ndarray:
+    def gradient(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Derivatives of the response without hold by (den[1:], num, delay if free).
 
         Parameters
         ----------
-        f_hz : (k,) ndarray
+        f_hz : (k,) array_like
             Hz.
 
         Returns
         -------
         (k, p) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        v = self._variable(np.asarray(f_hz, dtype=float))[:, None]
-        den_terms, num_terms = v ** self._powers(self.n_poles), v ** self._powers(self.n_zeros)
-        by_num = np.exp(-2j * np.pi * np.asarray(f_hz) * self.delay_s)[:, None] * num_terms
-        by_num = by_num / (den_terms @ self.den)[:, None]
-        g = by_num @ self.num
-        by_den = -g[:, None] * den_terms[:, 1:] / (den_terms @ self.den)[:, None]
-        columns = [by_den, by_num]
-        if self.free_delay:
-            columns.append((-2j * np.pi * np.asarray(f_hz) * g)[:, None])
-        return np.hstack(columns)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        c, n_den = self._to_c(), self.n_poles
+        g = np.empty(len(f), dtype=complex)
+        by = np.empty((len(f), n_den + len(self.num) + 1), dtype=complex)
+        arrays = ffi.from_buffer("double[]", f), *(ffi.from_buffer("gsid_cplx[]", x) for x in (g, by))
+        check(lib.gsid_batch_rational_gradient(c, len(f), *arrays), "derivatives of the response")
+        by_den, by_num, by_delay = np.split(by, [n_den, n_den + len(self.num)], axis=1)
+        if self.domain == "s":  # coefficients of s / scale, in ascending powers
+            scale = float(c.scale_rad_s)
+            by_den = (by_den * scale ** np.arange(-n_den, 0.0))[:, ::-1]
+            by_num = (by_num * scale ** (np.arange(len(self.num)) - float(n_den)))[:, ::-1]
+        return np.hstack([by_den, by_num, by_delay] if self.free_delay else [by_den, by_num])
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Standard deviation of the complex response by the parameters' covariance: sqrt(E|dG|^2).
@@ -278,8 +278,9 @@ class RationalModel(Plottable):
 
         The response is linear in its numerator; denominator and phase change by 1e-3 at most at every line.
         """
-        terms = self._variable(f_hz)[:, None] ** self._powers(self.n_poles)
-        den = np.abs(terms[:, 1:] @ by[: self.n_poles]) / np.abs(terms @ self.den)
+        inverse = RationalModel([1.0], self.den, domain=self.domain, fs_hz=self.fs_hz)  # 1 / den
+        change = inverse.gradient(f_hz)[:, : self.n_poles] @ by[: self.n_poles]
+        den = np.abs(change / inverse.response(f_hz))
         phase = 2 * np.pi * f_hz * abs(by[-1]) if self.free_delay else np.zeros(1)
         return 1e-3 / max(float(np.max(den, initial=0.1)), float(np.max(phase, initial=0.0)))
 
