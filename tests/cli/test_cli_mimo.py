@@ -107,7 +107,7 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", experiments[1])
     whole = gsid(*fit)
     assert whole.code == 3
-    assert "not told apart at" in whole.err
+    assert "cannot be separated at" in whole.err
     result = gsid(*fit, "--band", "5:150", "--json")
     assert result.code == 0, result.err
     d = json.loads(result.out)

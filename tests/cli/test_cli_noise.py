@@ -70,7 +70,7 @@ def test_frf_without_the_disturbance(gsid, record, tmp_path):
     with_fan = json.loads(gsid("frf", "fan.csv", "--json").out)
     result = gsid("frf", "fan.csv", "--remove-periodic", "--json")
     without = json.loads(result.out)
-    assert "taken off as periodic disturbance: 61.3" in result.err
+    assert "periodic disturbances removed: 61.3" in result.err
     (tone,) = without["removed"]
     assert tone["amplitude"] == pytest.approx(0.5, rel=0.01)
     assert with_fan["removed"] == []

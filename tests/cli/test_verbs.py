@@ -374,4 +374,4 @@ def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
     Path("copy.csv").write_bytes(Path(rec_csv).read_bytes())
     refused = gsid("fit", rec_csv, "--order", "2/0", "--held-out", "copy.csv")
     assert (refused.code, refused.out) == (3, "")
-    assert "a record is fitted and kept out\n  where: copy.csv\n" in refused.err
+    assert "a held-out record is also fitted\n  where: copy.csv\n" in refused.err

@@ -102,7 +102,7 @@ def test_what_is_no_record_or_no_response(record):
         (lambda: gsid.frf([record.u, record.y]), r"got ndarray; Record\(u, y, fs_hz\) makes one"),
         (lambda: gsid.compare(model, response), "got Frf"),
         (lambda: gsid.compare(record, model), "got RationalModel"),
-        (lambda: gsid.fit(record.y, "1/0"), r"an Frf, got ndarray; frf\(record\) measures it"),
+        (lambda: gsid.fit(record.y, "1/0"), r"an Frf, got ndarray; frf\(record\) estimates it"),
         (lambda: gsid.fit(model, "1/0"), "an Frf, got RationalModel"),
         (lambda: gsid.noise([record]), "one Record at a time, got list"),
     ):

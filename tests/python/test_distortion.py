@@ -176,7 +176,7 @@ def test_a_lost_sample_spoils_its_period_only():
 
 def test_misuse_of_the_streaming_measurement():
     streaming = StreamingDistortion(FS_HZ, N, LINE, input_is_known=True)
-    with pytest.raises(ValueError, match="u_known goes with"):
+    with pytest.raises(ValueError, match="u_known is required"):
         streaming.start()
     with pytest.raises(ValueError, match="shape"):
         streaming.start(np.ones(3))
@@ -226,7 +226,7 @@ def test_one_realisation_on_all_lines_cannot_tell():
     rng = np.random.default_rng(SEED)
     axis = NonlinearAxis(noise=0.01)
     d = distortion(axis.record(rng, axis.inputs(rng, 1, np.arange(1, 64))[0], 3))
-    assert "cannot be told" in d.verdict
+    assert "cannot be separated" in d.verdict
     assert np.isnan(d.std_nonlinear).all()
 
 

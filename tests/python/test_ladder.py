@@ -240,7 +240,7 @@ def test_misuse(records, effect, params, what):
 
 def test_a_record_is_not_fitted_and_kept_out(records):
     """A bug: the error on a record that was fitted went out as that on data kept out."""
-    with pytest.raises(InputError, match="fitted and kept out"):
+    with pytest.raises(InputError, match="held-out record is also fitted"):
         add("coulomb_friction", start(), records, held_out=records[1])
 
 

@@ -109,7 +109,7 @@ def test_too_few_experiments():
 
 def test_the_same_experiment_again_tells_nothing():
     first = gimbal.experiments(7)[0]
-    with pytest.raises(InputError, match="not told apart"):
+    with pytest.raises(InputError, match="cannot be separated"):
         frf_mimo([first] * 4)
 
 

@@ -306,7 +306,7 @@ def test_false_alarm_probability_is_that_of_the_formula():
 def test_refusals():
     with pytest.raises(InputError, match="too few samples") as caught:
         noise(zero_input(white(13, 100)))
-    assert "256 at least" in caught.value.hint
+    assert "at least 256" in caught.value.hint
     for period in (1, 2, 7):  # ended in an IndexError, and a division by zero
         with pytest.raises(InputError, match="too short for a spectrum"):
             noise(zero_input(white(13, 1000)), period=period)

@@ -89,7 +89,7 @@ def distortion_table(bands: Sequence[DistortedBand]) -> Table:
     for band in bands:
         low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
         size = "" if band.kind == "noise" else low if low == high else f"{low} to {high}"
-        kind = "noise leads" if band.kind == "noise" else f"{band.kind} distortion"
+        kind = "noise dominates" if band.kind == "noise" else f"{band.kind} distortion"
         rows.append((plots.band_text(band.f_lo_hz, band.f_hi_hz), kind, size))
     note = "Averaging over more periods lowers the noise only."
     return Table("Noise and distortion", ("Band", "What limits", "Above noise [dB]"), rows, note)

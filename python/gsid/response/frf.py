@@ -1,12 +1,13 @@
-"""Frequency response and its uncertainty from periodic records.
+"""Frequency response and its variance from periodic records.
 
-The mean over periods estimates the lines of input and output, their scatter the noise (thesis, eqs. 4.10 and
-4.11):
+The mean over periods estimates the lines of input and output; the scatter over periods estimates the noise
+(thesis, eqs. 4.10 and 4.11):
 
     G = mean(Y) / mean(U)
     var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (thesis, eq. 7.29)
 
-With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum of theirs (thesis, eq. 5.14).
+With M realisations, G is the mean of the M responses. Its variance is the sum of their variances divided by
+M^2 (thesis, eq. 5.14).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from gsid.spectrum.tones import Tone
 
-SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a share
+SAME_INPUT = 0.1  # largest relative difference between the inputs of parts of one realisation
 
 
 @dataclass(repr=False)
@@ -43,7 +44,7 @@ class Frf(Plottable):
     var_g : (F,)
         Variance E|error|^2 of g (thesis, eqs. 7.29, 5.14).
     u, y : (F,) complex
-        Means over periods; with several realisations averaged after turning each by the phase of its u, so
+        Means over periods. With several realisations, the phases are taken relative to u before averaging, so
         that u is a mean amplitude.
     var_u, var_y, cov_yu : (F,)
         Sample (co)variances of one period (thesis, eq. 4.11), averaged over realisations.
@@ -55,14 +56,14 @@ class Frf(Plottable):
         As in `gsid.Record`.
     u_unit, y_unit, name : str
     removed : tuple of Tone
-        Periodic disturbances that were taken off the output first.
+        Periodic disturbances that were subtracted from the output first.
     n_dof : float
-        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`;
-        infinite: they are known.
+        Complex degrees of freedom of the variances. Default `n_periods - n_realisations`; infinite if the
+        variances are known.
     rejected_hz : (R,) [Hz]
-        Lines with an input that were left out: too weak, lost in its noise, or not in every record.
+        Lines of the input that are not used: too weak, below the noise, or not in every record.
     method : {"periods", "lpm", "windows"}
-        From what the variances come: the scatter over periods, the local polynomial method, or windows over a
+        Method that estimated the variances: scatter over periods, local polynomial method, or windows over a
         record that is not periodic.
     """
 
@@ -98,15 +99,16 @@ class Frf(Plottable):
     def coherence(self) -> np.ndarray:
         """Coherence of input and output over periods or windows, (F,), 0 .. 1 (thesis, eq. 5.3).
 
-        Distortion repeats with the period, and so lowers it only where the excitation does not repeat.
+        Distortion is the same in all periods, and lowers the coherence only if the excitation is not
+        periodic.
         """
-        rest = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
-        gain = np.abs(self.g * self.u) ** 2
-        share = 1 - 1 / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
-        return gain / (gain + share * np.maximum(rest, 0))
+        noise = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
+        power = np.abs(self.g * self.u) ** 2
+        share = 1 - 1 / (self.n_dof + 1)  # mean square about the sample mean over the variance
+        return power / (power + share * np.maximum(noise, 0))
 
     def at(self, use: np.ndarray) -> Frf:
-        """The response at some of its lines only: use, (F,) bool."""
+        """Select lines of the response: use, (F,) bool."""
         per_line = {
             name: value[use]
             for name, value in vars(self).items()
@@ -124,17 +126,17 @@ class Frf(Plottable):
     def from_arrays(
         cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray | None = None, *, fs_hz: float = float("nan")
     ) -> Frf:
-        """Take a response measured elsewhere.
+        """Import a measured response.
 
         Parameters
         ----------
         f_hz : (F,) array_like
-            Hz; need not be on a grid.
+            Frequencies [Hz]; they need not lie on a grid.
         g : (F,) complex array_like
         var_g : (F,) array_like, optional
-            Variance of g, taken as known exactly; default: not known, NaN.
+            Variance of g, assumed to be exact. Default: unknown, NaN.
         fs_hz : float, optional
-            Sample rate [Hz], for models in z and held inputs.
+            Sample rate [Hz], for models in z and inputs with a zero-order hold.
 
         Returns
         -------
@@ -144,7 +146,7 @@ class Frf(Plottable):
         Raises
         ------
         ValueError
-            Unequal lengths, a frequency below 0 or a response that is no finite number.
+            The lengths differ, a frequency is negative, or a value is not finite.
         """
         f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
         variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
@@ -153,7 +155,7 @@ class Frf(Plottable):
         sound = np.isfinite(g) & np.isfinite(f_hz) & (f_hz >= 0)
         if not sound.all():
             bad = int(np.flatnonzero(~sound)[0])
-            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: leave it out")
+            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: remove it")
         zero = np.zeros(len(g))
         return cls(
             line=np.arange(1, len(g) + 1),
@@ -176,14 +178,14 @@ class Frf(Plottable):
 
     @classmethod
     def from_control(cls, frd: control.FRD, *, var_g: np.ndarray | None = None) -> Frf:
-        """Take a single-input single-output `control.FRD`.
+        """Import a single-input single-output `control.FRD`.
 
         Parameters
         ----------
         frd : control.FRD
             Frequencies in rad/s.
         var_g : (F,) array_like, optional
-            Variance of the response, which an FRD does not carry; default: not known, NaN.
+            Variance of the response, which an FRD does not contain. Default: unknown, NaN.
 
         Returns
         -------
@@ -193,7 +195,7 @@ class Frf(Plottable):
         Raises
         ------
         ValueError
-            More than one input or output, or var_g of another length.
+            The FRD has several inputs or outputs, or var_g has another length.
         """
         response = np.asarray(frd(1j * frd.omega, squeeze=False))
         if response.shape[:2] != (1, 1):
@@ -203,7 +205,7 @@ class Frf(Plottable):
 
     @classmethod
     def from_pandas(cls, frame: pandas.DataFrame, *, fs_hz: float = float("nan")) -> Frf:
-        """Take a frame with columns f_hz, g_re, g_im and, where it is known, std_g.
+        """Import a frame with columns f_hz, g_re, g_im and, if known, std_g.
 
         Parameters
         ----------
@@ -237,7 +239,7 @@ class Frf(Plottable):
         )
 
     def _summary(self) -> dict[str, str]:
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a dead output
+        with np.errstate(divide="ignore", invalid="ignore"):  # if the output is zero
             error = np.sqrt(self.var_g) / np.abs(self.g)
         gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
         peak = int(np.argmax(np.abs(self.g)))
@@ -269,19 +271,19 @@ def response_of(
 ) -> dict[str, np.ndarray]:
     """Eq: FRF-2"""
     g = y / u
-    # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
+    # eq. 7.29 multiplied out by |G|^2 to avoid a division by Y, which may be 0 at an antiresonance
     variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
     var_g = np.maximum(variance, 0) / n_periods
     return {"g": g, "var_g": var_g, "u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
 
 
 def merged(each: Sequence[Frf]) -> Frf:
-    """Put parts of one realisation together, as if they had been measured one after the other (FRF-4).
+    """Merge parts of one realisation, as if they had been measured consecutively (FRF-4).
 
     Parameters
     ----------
     each : sequence of Frf
-        By periods, at the same lines.
+        Estimated from periods, at the same lines.
 
     Returns
     -------
@@ -290,14 +292,14 @@ def merged(each: Sequence[Frf]) -> Frf:
     Raises
     ------
     InputError
-        Their inputs differ by more than a tenth, or their periods, sample rates, holds or units differ.
+        Their inputs differ by more than 10 %, or their periods, sample rates, holds or units differ.
     ValueError
-        No part, other lines, or a response that was not estimated by periods.
+        The sequence is empty, the lines differ, or a response was not estimated from periods.
     """
     if not each or any(
         one.method != "periods" or one.n_realisations != 1 or np.isinf(one.n_dof) for one in each
     ):
-        raise ValueError("only responses of one realisation each, by periods, are merged")
+        raise ValueError("each response to merge must be of one realisation and estimated from periods")
     whole = each[0]
     for part in each[1:]:
         require_same(whole, part)
@@ -309,9 +311,7 @@ def merged(each: Sequence[Frf]) -> Frf:
 
 def _merged_pair(a: Frf, b: Frf) -> Frf:
     if np.sum(np.abs(a.u - b.u) ** 2) > SAME_INPUT**2 * np.sum(np.abs(a.u) ** 2):
-        hint = (
-            "leave --merge out: realisations are averaged; parts of one begin at the same point of the period"
-        )
+        hint = "omit --merge to average realisations; parts of one begin at the same point of the period"
         raise InputError("the inputs of the parts differ", b.name, None, hint)
     n_a, n_b = a.n_periods, b.n_periods
     n = n_a + n_b
@@ -336,7 +336,7 @@ def _merged_pair(a: Frf, b: Frf) -> Frf:
 
 
 def check_response(frf: object) -> None:
-    """Refuse (TypeError) what is no measured response."""
+    """Refuse an argument that is not a measured response (TypeError)."""
     if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
-        hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
-        raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")
+        hint = "fit_mimo takes a matrix of responses" if hasattr(frf, "f_hz") else "frf(record) estimates it"
+        raise TypeError(f"expected an Frf, got {type(frf).__name__}; {hint}")

@@ -1,4 +1,4 @@
-"""Variances of neighbouring lines pooled, where each line has few degrees of freedom."""
+"""Pool the variances of neighbouring lines if each line has few degrees of freedom."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ DOF_WANTED = 20  # variances with fewer degrees of freedom are pooled over neigh
 
 
 def smoothed(variance: np.ndarray, dof: float) -> tuple[np.ndarray, float]:
-    """Variances of neighbouring lines, pooled over them where they have less than 20 degrees of freedom.
+    """Pool the variances of neighbouring lines if they have fewer than 20 degrees of freedom.
 
     Parameters
     ----------
     variance : (k,) ndarray
         Sample variances.
     dof : float
-        Degrees of freedom of each; inf where they are known.
+        Degrees of freedom of each; inf if the variances are known.
 
     Returns
     -------
     (k,) ndarray, float
-        Pooled, and their degrees of freedom.
+        Pooled variances, and their degrees of freedom.
     """
     if dof >= DOF_WANTED or len(variance) == 0:
         return variance, dof
@@ -30,14 +30,14 @@ def smoothed(variance: np.ndarray, dof: float) -> tuple[np.ndarray, float]:
 
 
 def for_weights(variance: np.ndarray, dof: float) -> np.ndarray:
-    """Variances of neighbouring lines of which the mean of 1/variance is that of the true ones.
+    """Pool the variances of neighbouring lines, scaled so that 1/variance is unbiased.
 
     Parameters
     ----------
     variance : (k,) ndarray
         Sample variances.
     dof : float
-        Degrees of freedom of each; inf where they are known.
+        Degrees of freedom of each; inf if the variances are known.
 
     Returns
     -------
