@@ -1,8 +1,8 @@
-/* Means of what was measured elsewhere: whole periods, other measurements. */
+/* Add what was measured elsewhere to the means: whole periods, and other measurements. */
 #include "complex_math.h"
 #include "streaming.h"
 
-/* The spread engine adds a period over several ticks: some lines have it already. */
+/* The spread engine adds a period over several ticks: some lines already include it. */
 static int is_adding(const gsid_frf *frf) {
     return frf->line_next > 0 && frf->line_next < frf->cfg.n_lines;
 }

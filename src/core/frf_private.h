@@ -5,7 +5,7 @@
 #include "complex_math.h"
 #include "streaming.h"
 
-/* A line of this size has a rounding whose square does not vanish. */
+/* The least size of a line whose rounding error squared does not underflow. */
 #ifdef GSID_SINGLE
 #define GSID_FRF_LEAST 1e-12f
 #else
@@ -16,8 +16,8 @@ static inline gsid_real gsid_frf_size(gsid_cplx z) {
     return gsid_fabs(z.re) + gsid_fabs(z.im);
 }
 
-/* Whether a variance of a line of some size has lost nothing: squares of small deviations vanish, but beside a large line only of
- * those that are below its own rounding. */
+/* Whether a variance of a line of some size is free of underflow. The squares of small deviations underflow; beside a large line
+ * only those of deviations below its own rounding. */
 static inline int gsid_frf_is_kept(gsid_real variance, gsid_real size) {
     return variance >= GSID_SMALLEST || size >= GSID_FRF_LEAST;
 }
@@ -28,17 +28,17 @@ typedef struct {
     int is_in_range;               /* 0: their squares are beyond the range of numbers; var_g is infinite */
 } gsid_frf_line;
 
-/* FRF-2: variance of Y - g U of one period, 7.29 with mean lines, multiplied out so that no line of Y stands in a denominator: an
- * antiresonance may measure 0. Rounding can take it below zero when the noise of u and y is the same noise. Not a number where it is
- * a difference of infinite ones. */
+/* FRF-2: variance of Y - g U of one period, 7.29 with mean lines, multiplied out so that no line of Y stands in a denominator,
+ * because Y may be 0 at an antiresonance. Rounding can make it negative when the noise of u and y is the same noise; then it is 0.
+ * Not a number where it is a difference of infinite terms. */
 static inline gsid_real gsid_frf_error_variance(const gsid_frf_line *line, gsid_cplx g) {
     gsid_real v =
         line->var_y + gsid_cplx_abs2(g) * line->var_u - GSID_R(2.0) * gsid_cplx_mul(line->cov_yu, gsid_cplx_conj(g)).re;
     return v < GSID_R(0.0) ? GSID_R(0.0) : v;
 }
 
-/* Line i of the means so far; g 0 and var_g infinite where the input is 0. One good period at least. Squares that vanish or
- * overflow leave their traces in what is compared below; a variance of 0 is one where there are no deviations. */
+/* Line i of the means so far; g 0 and var_g infinite where the input is 0. One good period at least. Squares that underflow
+ * or overflow are detected by the comparisons below. A variance of exactly 0 is accepted: there are no deviations. */
 static inline gsid_frf_line gsid_frf_line_at(const gsid_frf *frf, uint32_t i) {
     const size_t at = (size_t)i * gsid_frf_channels(&frf->cfg);
     const int measured = frf->cross != NULL;

@@ -318,7 +318,7 @@ static void run_wild(void) {
     }
 }
 
-/* The joint is damped: an impact for ever makes its motion chaotic, and the sensitivities grow beyond any number. */
+/* The gear is damped: repeated impacts without damping make the motion chaotic, and the sensitivities grow beyond any number. */
 static void stiff_laws_stay_finite(void **state) {
     (void)state;
     const struct {

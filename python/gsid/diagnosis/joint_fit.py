@@ -16,14 +16,14 @@ import numpy as np
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR
 from gsid.greybox.problem import least_size
-from gsid.plant.linear_response import JOINT, linear_view
+from gsid.plant.linear_response import BACKLASH, linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
 from gsid.spectrum.lines import lines_of, period_of
 from gsid.spectrum.spectra import Spectra
 
 GEAR = ("gap_deg", "stiffness", "damping")
-SHAPES = (f"{JOINT}.gap_deg", f"{JOINT}.inertia_ratio")
+SHAPES = (f"{BACKLASH}.gap_deg", f"{BACKLASH}.inertia_ratio")
 WIDE = 2.3  # times the highest excited line: upper limit of the harmonics of the torque that are used
 OVERSAMPLING = 2  # time steps of the twist per sample
 WARM = 8  # the simulation starts 1/WARM of a period early: the twist loses its initial state in one contact
@@ -141,7 +141,7 @@ class _Problem:
         for name, value in zip(self.names, values, strict=True):
             effect, _, parameter = name.rpartition(".")
             stack[effect][parameter] = float(value)
-        gear = stack.pop(JOINT)
+        gear = stack.pop(BACKLASH)
         one = self.measured[0]
         view = linear_view(
             stack,

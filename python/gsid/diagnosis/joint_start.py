@@ -18,7 +18,7 @@ from gsid.base.errors import GsidError
 from gsid.diagnosis.joint_fit import fit_joint
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR, linear_error, linear_start
-from gsid.plant.linear_response import JOINT
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
@@ -84,8 +84,8 @@ def _with_play(fit: PlantFit, model: PlantModel) -> list[PlantModel]:
     for stiffer in STIFFER:
         for gap in GAPS:
             start = copy.deepcopy(model)
-            start[f"{JOINT}.stiffness"].value *= stiffer
-            start[f"{JOINT}.gap_deg"].value = float(gap * twist)
+            start[f"{BACKLASH}.stiffness"].value *= stiffer
+            start[f"{BACKLASH}.gap_deg"].value = float(gap * twist)
             starts.append(start)
     return starts
 
@@ -98,7 +98,7 @@ def _with_joint(model: PlantModel, f_hz: float, ratio: float) -> PlantModel:
         "inertia_ratio": ratio,
         "damping": 2 * DAMPING * rad_s * reduced,
     }
-    larger = model.with_effect(JOINT, values)
+    larger = model.with_effect(BACKLASH, values)
     _refer_to_load(larger, 1 + ratio)
     return larger
 
@@ -118,7 +118,7 @@ def _best_gap(fit: PlantFit, model: PlantModel) -> tuple[float, PlantModel] | No
     """Lowest cost over `GAPS`, and the model with that gap; None if no gap can be simulated."""
     least, best = np.inf, None
     for gap in _largest_twist(fit, model) * np.array(GAPS):
-        model[f"{JOINT}.gap_deg"].value = float(gap)
+        model[f"{BACKLASH}.gap_deg"].value = float(gap)
         try:
             cost = fit.cost_of(model)
         except GsidError:
@@ -127,7 +127,7 @@ def _best_gap(fit: PlantFit, model: PlantModel) -> tuple[float, PlantModel] | No
             least, best = cost, float(gap)
     if best is None:
         return None
-    model[f"{JOINT}.gap_deg"].value = best
+    model[f"{BACKLASH}.gap_deg"].value = best
     return least, model
 
 
@@ -143,4 +143,4 @@ def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
     """Root mean square of the twist of the spring due to the torque of the motor."""
     view = model.linear_response(one)
     torque = np.linalg.norm(view.drive * lines_of(command)) / np.sqrt(2)
-    return float(torque / model[f"{JOINT}.stiffness"].value)
+    return float(torque / model[f"{BACKLASH}.stiffness"].value)

@@ -43,7 +43,7 @@ LINEAR_PARTS = {
     lib.GSID_LINEAR_LAG: "lag",
     lib.GSID_LINEAR_HOLD: "hold",
     lib.GSID_LINEAR_MODE: "mode",
-    lib.GSID_LINEAR_JOINT: "joint",
+    lib.GSID_LINEAR_BACKLASH: "backlash",
     lib.GSID_LINEAR_LOOP: "loop",
 }
 SPACINGS = {

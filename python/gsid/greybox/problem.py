@@ -11,7 +11,7 @@ from gsid._lib import check, ffi, lib
 from gsid.base.errors import GsidError, InputError
 from gsid.effects.types import EffectParameter
 from gsid.greybox.weights import UNSETTLED, lines_used, pooled_variance, whiten
-from gsid.plant.linear_response import JOINT
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant, Prediction
 from gsid.spectrum.lines import lines_of
@@ -111,7 +111,7 @@ class Problem:
         variances = pooled_variance(measured, drift=has_drift)
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With backlash, a response that does not settle soon usually never does: do not wait longer.
-        self.has_backlash = any(effect.id == JOINT for effect in model.effects)
+        self.has_backlash = any(effect.id == BACKLASH for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
