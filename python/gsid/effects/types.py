@@ -78,7 +78,7 @@ class Grid:
     of : str
         Quantity that the points are relative to, one of `SCALES`.
     first, last, step : float
-        In units of `of`; the meaning depends on the spacing.
+        In units of `of`. Their meaning depends on the spacing.
     n : int
         Number of points; 0 if `step` determines it.
     points : tuple of float
@@ -269,7 +269,7 @@ class EffectType:
             for name, unit, typical, bounds in self._rows()
         ]
         if self.confused_with:
-            lines.append(f"  easily taken for {', '.join(self.confused_with)}")
+            lines.append(f"  easily confused with {', '.join(self.confused_with)}")
         if self.not_searched:
             lines.append(f"  not searched by gsid diagnose: {self.not_searched}")
         return "\n".join(lines)
