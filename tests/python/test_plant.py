@@ -46,7 +46,7 @@ def test_a_record_is_predicted_like_its_spectra():
     np.testing.assert_array_equal(
         model.predict(record, sensitivities=True).dY, model.predict(spectra(record), sensitivities=True).dY
     )
-    with pytest.raises(ValueError, match="one record at a time is predicted, got 2"):
+    with pytest.raises(ValueError, match="predict takes one record at a time, got 2"):
         model.predict([record, record])
     with pytest.raises(TypeError, match="a record must be a Record or Spectra, got str"):
         model.predict("rec.csv")
