@@ -354,7 +354,7 @@ def test_pieces_of_low_order(gsid, rec_csv):
         assert gsid("fit", rec_csv, "--order", "1/0", *wrong).code == 2
     refused = gsid("export-c", "pieces.json")
     assert refused.code == 3
-    assert "a set of models answers at a frequency, not in time" in refused.err
+    assert "a set of models has no time response" in refused.err
 
 
 def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):

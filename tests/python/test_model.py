@@ -185,9 +185,9 @@ def test_python_control_and_back():
     back = RationalModel.from_control(control.tf([0.2], [1.0, -0.5], 1e-3))
     assert back.domain == "z"
     assert back.response([50.0])[0] == pytest.approx(0.2 / (np.exp(2j * np.pi * 0.05) - 0.5))
-    with pytest.raises(ValueError, match="1 samples ahead"):
+    with pytest.raises(ValueError, match="not causal: 1 zeros, 0 poles"):
         RationalModel.from_control(control.tf([1.0, 0.2], [1.0], 1e-3))
-    with pytest.raises(ValueError, match="whole samples"):
+    with pytest.raises(ValueError, match="whole number"):
         RationalModel([1.0], [1.0, 0.5], 0.4e-3, "z", 3000.0).to_control()
 
 

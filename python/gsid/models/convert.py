@@ -149,7 +149,7 @@ def save_mat(model: RationalModel, path: str | Path) -> None:
 
 
 def mat_values(model: RationalModel) -> dict[str, object]:
-    """What `save_mat` writes, by name."""
+    """Return the variables that `save_mat` writes, by name."""
     zeros, poles, gain = to_zpk(model)
     values = {"num": model.num, "den": model.den, "delay_s": model.delay_s, "domain": model.domain}
     values |= {"hold": model.hold, "hold_assumed": model.hold_assumed}

@@ -35,7 +35,7 @@ class MimoModel(Plottable):
         q0 and q1 of each S_k = v^2 + q1 v + q0; the last one is v + q0 when n is odd. Together they are the
         denominator, of n poles.
     num : (n_y, n_u, n) or (n_y, n_u, n + 1) array_like
-        b0 and b1 of each N_k = b1 v + b0, in the order of `sections`; then d, when there are as many zeros as
+        b0 and b1 of each N_k = b1 v + b0, in the order of `sections`; then d, if there are as many zeros as
         poles.
     delay_s : (n_y, n_u) array_like
         Delays [s].
@@ -55,7 +55,7 @@ class MimoModel(Plottable):
     delay_range_s : (n_y, n_u, 2) array_like or None
         Least and largest delay [s] of the minima that the data do not reject (MIM-5); None: `delay_s` only.
     method, cost, cost_expected, n_lines, converged, band_hz
-        How the model was fitted, as in `RationalModel`; costs are sums over all channels.
+        Properties of the fit, as in `RationalModel`; costs are sums over all channels.
     inputs, outputs, u_units, y_units : list of str
         Names and units of the channels.
     """
@@ -89,11 +89,14 @@ class MimoModel(Plottable):
                 raise ValueError(f"{name} must be finite")
             setattr(self, name, values)
         if self.num.ndim != 3 or self.num.shape[2] - self.n_poles not in (0, 1) or self.n_poles == 0:
-            raise ValueError(f"num has shape {self.num.shape}, sections {self.sections.shape}")
+            raise ValueError(
+                f"num must have shape (n_y, n_u, n) or (n_y, n_u, n + 1), n >= 1 the length of sections, "
+                f"got {self.num.shape} and n = {self.n_poles}"
+            )
         if self.n_poles > lib.GSID_MIMO_POLES_MAX:
-            raise ValueError(f"{self.n_poles} poles, at most {lib.GSID_MIMO_POLES_MAX}")
+            raise ValueError(f"sections has {self.n_poles} poles; at most {lib.GSID_MIMO_POLES_MAX}")
         if self.delay_s.shape != self.num.shape[:2]:
-            raise ValueError(f"delay_s has shape {self.delay_s.shape}, not {self.num.shape[:2]}")
+            raise ValueError(f"delay_s must have shape {self.num.shape[:2]}, got {self.delay_s.shape}")
         if self.domain not in ("s", "z"):
             raise ValueError(f"domain must be 's' or 'z', got {self.domain!r}")
         if self.hold not in ("none", "zoh") or (
@@ -108,12 +111,14 @@ class MimoModel(Plottable):
             if self.delay_of.shape != self.delay_s.shape or not np.all(
                 (self.delay_of >= 0) & (self.delay_of < n_delays)
             ):
-                raise ValueError(f"delay_of must count the delays of {self.delay_s.shape} channels from 0")
+                raise ValueError(f"delay_of must be indices from 0, in the shape {self.delay_s.shape}")
         if self.delay_range_s is None:
             self.delay_range_s = np.stack([self.delay_s, self.delay_s], axis=-1)
         self.delay_range_s = np.asarray(self.delay_range_s, dtype=float)
         if self.delay_range_s.shape != (*self.delay_s.shape, 2):
-            raise ValueError(f"delay_range_s has shape {self.delay_range_s.shape}")
+            raise ValueError(
+                f"delay_range_s must have shape {(*self.delay_s.shape, 2)}, got {self.delay_range_s.shape}"
+            )
         if self.cov is not None:
             self.cov = np.asarray(self.cov, dtype=float)
             if self.cov.shape != (self.n_parameters, self.n_parameters):
@@ -124,9 +129,9 @@ class MimoModel(Plottable):
         self.y_units = list(self.y_units) or [""] * self.n_y
         names = (self.inputs, self.u_units, self.outputs, self.y_units)
         if [len(each) for each in names] != [self.n_u, self.n_u, self.n_y, self.n_y]:
-            raise ValueError(f"names and units {names} are not those of {self.n_y} x {self.n_u} responses")
+            raise ValueError(f"the names and units do not match {self.n_y} x {self.n_u} responses: {names}")
 
-    # ---- what it is --------------------------------------------------------------------------------------
+    # ---- properties --------------------------------------------------------------------------------------
 
     @property
     def n_poles(self) -> int:
@@ -159,7 +164,7 @@ class MimoModel(Plottable):
 
     @property
     def poles(self) -> np.ndarray:
-        """(n,) complex: rad/s in domain "s", z in domain "z"; two per section, in its order."""
+        """(n,) complex: rad/s in domain "s", z in domain "z"; two per section, in the order of `sections`."""
         roots = []
         for first in range(0, self.n_poles, 2):
             q0, q1 = self.sections[first], self.sections[first + 1 : first + 2]
@@ -169,7 +174,7 @@ class MimoModel(Plottable):
             half, rest = -q1[0] / 2, q1[0] ** 2 / 4 - q0
             if rest < 0:
                 roots += [half + 1j * np.sqrt(-rest), half - 1j * np.sqrt(-rest)]
-            else:  # the smaller one without cancellation
+            else:  # avoids cancellation in the smaller root
                 far = half + np.copysign(np.sqrt(rest), half)
                 roots += [far, q0 / far if far != 0 else 0.0]
         return np.array(roots, dtype=complex)
@@ -223,7 +228,7 @@ class MimoModel(Plottable):
         )
 
     def behind_hold(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Matrix of frequency responses of what follows the hold (MIM-1); as :meth:`response` without one.
+        """Matrix of frequency responses without the hold (MIM-1).
 
         Parameters
         ----------
@@ -244,15 +249,15 @@ class MimoModel(Plottable):
         return self._each_channel(f, lambda c, g: lib.gsid_mimo_response(c, len(f), f_c, g))
 
     def channel(self, i: int, j: int) -> RationalModel:
-        """Response from input j to output i as a transfer function of its own, without covariance.
+        """Response from input j to output i as a separate transfer function, without covariance.
 
         Raises
         ------
         ValueError
-            More poles than a `RationalModel` has.
+            More poles than a `RationalModel` can have.
         """
         if self.n_poles > lib.GSID_ORDER_MAX:
-            raise ValueError(f"{self.n_poles} poles: a RationalModel has at most {lib.GSID_ORDER_MAX}")
+            raise ValueError(f"a RationalModel has at most {lib.GSID_ORDER_MAX} poles, got {self.n_poles}")
         factors = [
             np.concatenate([[1.0], self.sections[first : first + 2][::-1]])
             for first in range(0, self.n_poles, 2)
@@ -281,7 +286,7 @@ class MimoModel(Plottable):
         return np.concatenate(places).astype(int)
 
     def gradient(self, f_hz: np.ndarray, i: int, j: int) -> np.ndarray:
-        """Derivatives of one response, without hold, by its numerator, the sections, and a free delay.
+        """Derivatives of one response, without hold, by its numerator, the sections, and its delay if free.
 
         Parameters
         ----------
@@ -308,7 +313,7 @@ class MimoModel(Plottable):
         return gradient if self.delay_of is not None else gradient[:, :n]
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Standard deviation of each complex response by the parameters' covariance: sqrt(E|dG|^2).
+        """Standard deviation of each complex response from the covariance of the parameters: sqrt(E|dG|^2).
 
         Parameters
         ----------
@@ -329,9 +334,9 @@ class MimoModel(Plottable):
 
     @property
     def std_delay_s(self) -> np.ndarray:
-        """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov.
+        """(n_y, n_u) standard deviation of the delays [s]; 0 if they were given, nan without cov.
 
-        It is that of one minimum: see :attr:`ill_determined_delays`.
+        It holds for one minimum only: see :attr:`ill_determined_delays`.
         """
         if self.delay_of is None:
             return np.zeros(self.delay_s.shape)
@@ -339,7 +344,7 @@ class MimoModel(Plottable):
 
     @property
     def ill_determined_delays(self) -> np.ndarray:
-        """(n_y, n_u) bool: several minima over the delay, and the data do not refuse all but one (MIM-5)."""
+        """(n_y, n_u) bool: whether the data accept several minima over the delay (MIM-5)."""
         return self.delay_range_s[..., 1] > self.delay_range_s[..., 0]
 
     @property
@@ -364,7 +369,7 @@ class MimoModel(Plottable):
 
     @property
     def modes(self) -> list[tuple[float, float, float, float]]:
-        """Frequency [Hz], damping and the standard deviations of both, of each real pole or pair of poles."""
+        """Frequency [Hz], damping, and the standard deviations of both, of each real pole or pole pair."""
         found = [
             root_quantities(pole, cov, domain=self.domain, fs_hz=self.fs_hz)
             for pole, cov in zip(self.poles, self.pole_cov, strict=True)
@@ -455,7 +460,7 @@ class MimoModel(Plottable):
             raise InputError(f"the model file is not usable: {error}", where, None, hint) from error
 
     def save(self, path: str | Path) -> None:
-        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        """Write a model file (.json). An existing file is replaced atomically."""
         write_model_file(path, self.to_dict())
 
     @classmethod
@@ -465,12 +470,12 @@ class MimoModel(Plottable):
         Raises
         ------
         InputError
-            The file cannot be read, is not JSON, or is not such a model.
+            The file cannot be read, is not JSON, or is not a model of several inputs and outputs.
         """
         return cls.from_dict(read_model_file(path), str(path))
 
     def plot(self, frf: MimoFrf | None = None) -> matplotlib.figure.Figure:
-        """A Bode diagram for each response with 95 % bands, over the measured ones when they are given."""
+        """Bode diagram of each response with 95 % bands, over the measured responses if they are given."""
         return self._figure(frf)
 
     def __repr__(self) -> str:

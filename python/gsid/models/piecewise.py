@@ -3,7 +3,7 @@
 Some responses, such as that of an axis with friction, need a very high order if one model describes them. A
 piecewise model divides the band into adjoining bands with a low-order model in each. The breaks are optimised
 together. For each number of pieces, dynamic programming over a grid of candidates finds the least sum of the
-costs of eq. 7.28. The breaks are then refined line by line. The number of pieces N is that of least MDL,
+costs of eq. 7.28. The breaks are then refined line by line. The number of pieces N has the least MDL,
 
     sum of V + (N p + N - 1)/2 ln(2 F)  (ORD-3)
 
@@ -190,7 +190,7 @@ class PiecewiseModel(Plottable):
         return out
 
     def jumps(self) -> list[Jump]:
-        """Change of the response at each break."""
+        """Changes of the response at the breaks."""
         found = []
         for f, below, above in zip(self.breaks_hz, self.pieces, self.pieces[1:], strict=False):
             a, b = below.response([f])[0], above.response([f])[0]
@@ -262,7 +262,7 @@ class PiecewiseModel(Plottable):
         return cls.from_dict(data, str(path))
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
-        """Bode diagram with the breaks, over the measured response when one is given."""
+        """Bode diagram with the breaks, over the measured response if one is given."""
         return self._figure(frf)
 
     def table(self) -> tuple[list[str], list[list[str]]]:

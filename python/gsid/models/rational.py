@@ -93,7 +93,7 @@ class RationalModel(Plottable):
         if (self.domain == "z" or self.hold == "zoh") and not (self.fs_hz and self.fs_hz > 0):
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.domain == "z" and self.hold == "zoh":
-            raise ValueError("a model in z has the hold inside already: hold must be 'none'")
+            raise ValueError("a model in z already includes the hold: hold must be 'none'")
         self.num, self.den = self.num / self.den[0], self.den / self.den[0]
         self.delay_s = float(self.delay_s)
         if not np.isfinite(self.delay_s):
@@ -104,7 +104,7 @@ class RationalModel(Plottable):
             if self.cov.shape != (p, p):
                 raise ValueError(f"cov must have shape {(p, p)}, got {self.cov.shape}")
 
-    # ---- what it is --------------------------------------------------------------------------------------
+    # ---- properties --------------------------------------------------------------------------------------
 
     @property
     def n_poles(self) -> int:
@@ -140,13 +140,13 @@ class RationalModel(Plottable):
 
     @property
     def delay_hold_uncertainty_s(self) -> float | None:
-        """By how much the delay depends on the hold that was assumed [s]; None where it was not."""
+        """Difference of the delay between the two holds [s]; None if the hold is stated."""
         return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     def _to_c(self) -> Any:
         c = ffi.new("gsid_rational *")
         if self.domain == "s":
-            # Near the largest pole the scaled coefficients stay within range at any order.
+            # Scaled by the largest pole, the coefficients stay within range at any order.
             scale = max(float(np.max(np.abs(self.poles), initial=0.0)), 1.0)
             rate, num, den = scale, self.num[::-1], self.den[::-1]
             num = num * scale ** np.arange(len(num))
@@ -224,10 +224,10 @@ class RationalModel(Plottable):
         return np.hstack([by_den, by_num, by_delay] if self.free_delay else [by_den, by_num])
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Standard deviation of the complex response by the parameters' covariance: sqrt(E|dG|^2).
+        """Standard deviation of the complex response from the covariance of the parameters: sqrt(E|dG|^2).
 
-        With a hold, that of the model times the size of the hold; what folds back from above fs/2 is left
-        out.
+        With a hold it is that of the model times the magnitude of the hold; aliases from above fs/2 are
+        neglected.
 
         Parameters
         ----------
@@ -256,8 +256,8 @@ class RationalModel(Plottable):
         Returns
         -------
         (k, r) complex ndarray, unit of the response
-            Times its conjugate transpose it is the covariance of the response, r at most the number of
-            parameters; no column for a model without covariance.
+            The product with its conjugate transpose is the covariance of the response. r is at most the
+            number of parameters, and 0 for a model without covariance.
         """
         f = np.atleast_1d(np.asarray(f_hz, dtype=float))
         if self.cov is None:
@@ -265,7 +265,7 @@ class RationalModel(Plottable):
         half = half_of(self.cov)
         if self.hold == "none":
             return self.gradient(f) @ half
-        # By differences: what folds back from above fs/2 changes too.
+        # By finite differences, because the aliases from above fs/2 change too.
         moved = []
         for column in half.T:
             step = self._small_step(column, f)
@@ -274,9 +274,9 @@ class RationalModel(Plottable):
         return np.array(moved).reshape(-1, len(f)).T
 
     def _small_step(self, by: np.ndarray, f_hz: np.ndarray) -> float:
-        """Part of a change of the parameters for a difference that is a derivative, however large the change.
+        """Factor that makes a change of the parameters small enough for a finite difference.
 
-        The response is linear in its numerator; denominator and phase change by 1e-3 at most at every line.
+        The response is linear in its numerator. Denominator and phase change by at most 1e-3 at each line.
         """
         inverse = RationalModel([1.0], self.den, domain=self.domain, fs_hz=self.fs_hz)  # 1 / den
         change = inverse.gradient(f_hz)[:, : self.n_poles] @ by[: self.n_poles]
@@ -311,7 +311,7 @@ class RationalModel(Plottable):
 
     @property
     def std_delay_s(self) -> float:
-        """Standard deviation of the delay [s]; 0 when it was given, nan without covariance."""
+        """Standard deviation of the delay [s]; 0 if the delay was given, nan without covariance."""
         if not self.free_delay:
             return 0.0
         return float(self._std()[-1])
@@ -377,7 +377,7 @@ class RationalModel(Plottable):
         Parameters
         ----------
         data : dict
-            As :meth:`to_dict` gives it.
+            As :meth:`to_dict` returns it.
         where : str
             File name, for messages.
 
@@ -394,7 +394,7 @@ class RationalModel(Plottable):
                 f'a model file is JSON with "gsid_model": {FORMAT}; `gsid fit -o` writes one',
             )
         if "rational" not in data:
-            hint = 'a fitted transfer function ("rational") is needed here'
+            hint = 'a fitted transfer function ("rational") is required here'
             raise InputError("the model file has no transfer function", where, ", ".join(data), hint)
         rational = data["rational"]
         try:
@@ -416,7 +416,7 @@ class RationalModel(Plottable):
                 ),
                 **how_fitted(data),
             )
-            for name in ("num", "den"):  # once den[0] is 1
+            for name in ("num", "den"):  # again, now that den[0] is 1
                 moderate(getattr(model, name), name)
             return model
         except KeyError as error:
@@ -429,7 +429,7 @@ class RationalModel(Plottable):
             ) from error
 
     def save(self, path: str | Path) -> None:
-        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        """Write a model file (.json). An existing file is replaced atomically."""
         write_model_file(path, self.to_dict())
 
     @classmethod
@@ -444,19 +444,19 @@ class RationalModel(Plottable):
         return cls.from_dict(read_model_file(path), str(path))
 
     def to_control(self, pade_order: int = 6) -> control.TransferFunction:
-        """Transfer function of python-control, which knows no delay and no hold.
+        """Convert to a transfer function of python-control, which has neither delay nor hold.
 
         Parameters
         ----------
         pade_order : int
-            Domain "s": the delay becomes a Pade approximant of this order; its phase is right to 0.1 degree
-            up to pade_order / (2 pi delay_s) Hz when the order is 6 or more. Domain "z": the delay must be a
+            Domain "s": order of the Pade approximation of the delay. With order 6 or more the phase error is
+            at most 0.1 degree up to pade_order / (2 pi delay_s) Hz. Domain "z": not used; the delay must be a
             whole number of samples.
 
         Returns
         -------
         control.TransferFunction
-            Without the hold, where the model has one.
+            Without the hold, if the model has one.
 
         Raises
         ------
@@ -474,7 +474,7 @@ class RationalModel(Plottable):
         samples = self.delay_s * self.fs_hz
         if abs(samples - round(samples)) > 1e-9:
             raise ValueError(
-                f"a delay of {samples} samples has no transfer function in z; only whole samples have"
+                f"a delay of {samples} samples has no transfer function in z; it must be a whole number"
             )
         degree = max(self.n_poles, self.n_zeros)
         num = np.concatenate([self.num, np.zeros(degree - self.n_zeros)])
@@ -499,25 +499,25 @@ class RationalModel(Plottable):
         Raises
         ------
         ValueError
-            Several inputs or outputs, a discrete system without sample time, or one that looks ahead.
+            Several inputs or outputs, a discrete system without sample time, or one that is not causal.
         """
         if system.ninputs != 1 or system.noutputs != 1:
             raise ValueError(
-                f"one input and one output are needed, got {system.ninputs} and {system.noutputs}"
+                f"one input and one output are required, got {system.ninputs} and {system.noutputs}"
             )
         num, den = np.trim_zeros(system.num[0][0], "f"), np.trim_zeros(system.den[0][0], "f")
         if system.isctime():
             return cls(num, den, delay_s)
         if system.dt is True:
-            raise ValueError("the discrete system has no sample time: give it one")
+            raise ValueError("the discrete system has no sample time: set its dt")
         lag = len(den) - len(num)
         if lag < 0:
-            raise ValueError(f"the discrete system looks {-lag} samples ahead: it has more zeros than poles")
+            orders = f"{len(num) - 1} zeros, {len(den) - 1} poles"
+            raise ValueError(f"the discrete system is not causal: {orders}")
         return cls(np.concatenate([np.zeros(lag), num]), den, delay_s, "z", 1.0 / system.dt)
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
-        """Bode diagram with 95 % bands, over the measured response when one is given."""
-
+        """Bode diagram with 95 % bands, over the measured response if one is given."""
         if frf is not None:
             check_response(frf)
         return self._figure(frf)
@@ -561,17 +561,17 @@ class RationalModel(Plottable):
 
 
 def half_of(cov: np.ndarray) -> np.ndarray:
-    """C^(1/2): (p, r) of which each column is one standard deviation along an independent direction.
+    """C^(1/2), whose columns are one standard deviation along each independent direction.
 
     Parameters
     ----------
     cov : (p, p) ndarray
-        Covariance; rows of 0 for what is known, and it may be singular.
+        Covariance. It may be singular, and rows of known parameters are 0.
 
     Returns
     -------
     (p, r) ndarray
-        Times its transpose it is `cov`; r <= p.
+        The product with its transpose is `cov`; r <= p.
     """
     size = np.sqrt(np.maximum(np.diag(cov), 0.0))
     scale = np.where(size > 0, size, 1.0)
