@@ -82,7 +82,7 @@ def test_the_record_is_what_the_axis_did():
     assert record.meta["good_periods"] == "3"
     assert record.meta["command_zero_confirmed"] == "yes"
     assert record.meta["who"] == "test"
-    assert (seen[-1].good, seen[-1].lost, seen[-1].asked) == (3, 0, 3)
+    assert (seen[-1].good, seen[-1].lost, seen[-1].requested) == (3, 0, 3)
     assert frf.n_periods == 3
     assert line.stopped
 

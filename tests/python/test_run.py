@@ -348,7 +348,7 @@ def test_a_terminal_that_is_closed_does_not_lose_the_record(folder):
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (("--limit-command", "5"), "the planned command passes its limit"),
+        (("--limit-command", "5"), "the planned command exceeds its limit"),
         (("--limit-rate", "2"), "rate "),
         (("--limit-travel-deg", "0.05"), "travel [deg] "),
     ],

@@ -101,7 +101,7 @@ def test_typical_values_stand_for_those_not_given():
         "stribeck_extra": find("stribeck_friction")["extra"].typical,
         "stribeck_velocity": find("stribeck_friction")["velocity"].typical,
     }
-    with pytest.raises(InputError, match="no law of its own"):
+    with pytest.raises(InputError, match="does not have this effect"):
         hidden_parameters("gear_backlash", {})
     with pytest.raises(InputError, match="unknown parameter") as caught:
         hidden_parameters("cubic_spring", {"stifness": 3})

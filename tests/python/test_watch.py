@@ -80,7 +80,7 @@ def test_a_run_within_its_limits_is_not_disturbed_by_the_offset_of_the_gyro():
     record = run(Loopback(Server(axis)), u, periods=20, limits=RunLimits(20.0, 1.0, 50.0))
     assert record.meta["good_periods"] == "20"
     assert record.y.mean() == pytest.approx(0.5, abs=0.1)  # 2.2 deg in these 4.4 s
-    with pytest.raises(LimitError, match="passes a limit: stopped") as caught:
+    with pytest.raises(LimitError, match="exceeds a limit: stopped") as caught:
         run(Loopback(Server(quiet_axis())), u, periods=20, limits=RunLimits(rate=0.05))
     assert len(caught.value.record) > 0
 
@@ -103,5 +103,5 @@ def test_a_run_stopped_while_the_axis_rests_has_no_samples(tmp_path):
 
 
 def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():
-    with pytest.raises(LimitError, match="planned command passes its limit"):
+    with pytest.raises(LimitError, match="planned command exceeds its limit"):
         run("nowhere", multisine(600, 40, 3.0), periods=1, limits=RunLimits(command=1.0))

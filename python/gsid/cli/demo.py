@@ -56,7 +56,7 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
             folder,
             seed=seed,
             on_step=lambda text: bars.console.print(f"-- {text}", highlight=False),
-            on_progress=lambda p: bars.update(task, completed=p.good, total=p.asked),
+            on_progress=lambda p: bars.update(task, completed=p.good, total=p.requested),
         )
     if as_json:
         print_json(result.to_dict())

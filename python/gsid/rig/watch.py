@@ -19,7 +19,7 @@ class RunLimits:
     command : float or None
         Largest |command|, unit of the command.
     travel_deg : float or None
-        Largest travel to each side of where the axis stood at the start [deg].
+        Largest travel to each side of the angle at the start [deg].
     rate : float or None
         Largest |rate|, unit of the output.
 
@@ -48,7 +48,7 @@ class Watch:
     fs_hz : float
         Sample rate [Hz].
     rate_offset : float
-        What the gyro shows at rest, unit of the output; the travel is the integral of what is above it.
+        Offset of the gyro: its output at rest, unit of the output. It is subtracted before the integration.
     """
 
     def __init__(self, limits: RunLimits, fs_hz: float, rate_offset: float = 0.0) -> None:
@@ -67,12 +67,12 @@ class Watch:
         u, y : (n,) float64
             Command in force and rate.
         came : (n,) bool
-            False: the sample was lost or is no number, and the rate before it is held, for `BLIND_S` at most.
+            False: the sample is lost or not a number. The rate before it is held, for at most `BLIND_S`.
 
         Returns
         -------
         (int, str) or None
-            First of these samples that passes a limit, and which one.
+            Index of the first sample that exceeds a limit, and the limit.
         """
         last = np.maximum.accumulate(np.where(came, np.arange(len(y)), -1))
         rate = np.where(last >= 0, y[np.maximum(last, 0)], self._rate)
