@@ -14,6 +14,7 @@ from gsid.excitation.limits import travel
 from gsid.excitation.multisine import Multisine
 from gsid.excitation.periodic import Limits
 from gsid.fitting.estimators import fit_all
+from gsid.fitting.piecewise import fit_piecewise
 from gsid.greybox.fit import fit_plant
 from gsid.models.confidence import complex_bound, gain_phase_std
 from gsid.models.rational import RationalModel
@@ -426,6 +427,14 @@ def test_a_fitted_plant_is_drawn_beside_its_records(plant_records):
     assert np.mean(10 ** (errors / 10)) == pytest.approx(1, abs=0.35)
     with pytest.raises(ValueError, match="the fit has 2 records, 1 were given"):
         fit.plot(plant_records[:1])
+
+
+def test_bug_the_legend_of_many_pieces_was_wider_than_the_figure(measured):
+    figure = fit_piecewise(measured, "2/0", 4).plot(measured)
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    low, high = legend.get_window_extent().intervalx
+    assert 0 <= low < high <= figure.bbox.width
 
 
 def test_estimators_draw_themselves_beside_the_response(measured):
