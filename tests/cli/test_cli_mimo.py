@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gsid as package
-from gsid.cli.fit_matrix import JSON_KEYS, say_what_is_ill_determined
+from gsid.cli.fit_matrix import JSON_KEYS, note_ill_determined
 
 FS_HZ, N, LINES = 1000.0, 1000, np.arange(1, 201)
 POLES = 2 * np.pi * np.array([-2 + 30j, -5 + 90j])
@@ -193,7 +193,7 @@ def test_an_ill_determined_delay_is_said_once(common, capsys):
         delay_range_s=np.tile([1e-3, 2e-3], (2, 2, 1)),
         ill_determined_delays=np.full((2, 2), common) | np.array([[False, True], [False, False]]),
     )
-    say_what_is_ill_determined(model)
+    note_ill_determined(model)
     (note,) = capsys.readouterr().err.splitlines()
     assert ("common delay is" if common else "delay from u2 to y1 is") in note
     assert ("--delay common" in note) != common

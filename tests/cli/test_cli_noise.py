@@ -52,7 +52,9 @@ def test_picture(gsid, rest_csv, tmp_path):
     assert gsid("noise", rest_csv, "--plot", "noise.png").code == 0
     assert (tmp_path / "noise.png").stat().st_size > 10000
     assert gsid("noise", rest_csv, "--plot", "noise.txt").code == 2
-    assert "one record at a time" in gsid("noise", rest_csv, rest_csv, "--plot", "noise.png").err
+    assert (
+        "--plot draws the noise of one record" in gsid("noise", rest_csv, rest_csv, "--plot", "noise.png").err
+    )
 
 
 def test_a_named_input_must_be_there(gsid, rest_csv):

@@ -13,7 +13,7 @@ from gsid.cli.options import (
     RECORD,
     Value,
     band_option,
-    check_picture,
+    held_out_option,
     json_option,
     library_option,
     options_as_arguments,
@@ -87,14 +87,9 @@ class Start(Value):
     help="Start value of a parameter, with its bounds for --torque. May be repeated. [default: the best "
     "of several starts]",
 )
-@click.option(
-    "--held-out",
-    "held_out",
-    metavar="REC",
-    multiple=True,
-    type=RECORD,
-    help="Judge the model on this record. It must not have been used to choose EFFECT. May be repeated. "
-    "[default: a third of REC... at each level, or the later periods]",
+@held_out_option(
+    "Judge the model on this record. It must not have been used to choose EFFECT. May be repeated. "
+    "[default: a third of REC... at each level, or the later periods]"
 )
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Remove the last added effect instead.")
@@ -132,7 +127,6 @@ def add(
     """
     from gsid.models.load import load_plant
 
-    check_picture(picture)
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
         if effect or held_out or params or own or picture:

@@ -11,7 +11,6 @@ from gsid.cli.options import (
     INPUT,
     alpha_option,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
@@ -70,7 +69,6 @@ def compare(
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single
 
-    check_picture(picture)
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)

@@ -16,6 +16,7 @@ from gsid.cli.options import (
     INPUT,
     OUTPUT,
     Band,
+    add_options,
     band_option,
     json_option,
     multisine_options,
@@ -62,10 +63,6 @@ LIMITS = (
 )
 
 
-def _add(options: tuple) -> Callable:
-    return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
-
-
 def _finished(command: Callable) -> Callable:
     """Add the options of every kind of excitation. It returns the signal.
 
@@ -104,7 +101,7 @@ def _finished(command: Callable) -> Callable:
             say(f"wrote {output}")
         _show(signal, travel_deg, as_json)
 
-    return json_option(_add(LIMITS)(with_limits))
+    return json_option(add_options(LIMITS)(with_limits))
 
 
 amplitude_option = click.option(
@@ -116,7 +113,7 @@ amplitude_option = click.option(
 
 
 @design.command(short_help="Sum of sines on a grid of lines.")
-@_add(BASIC)
+@add_options(BASIC)
 @multisine_options
 @click.option("--amplitude", metavar="A", type=float, help="Amplitude of the first line. [default: 1]")
 @click.option(
@@ -158,7 +155,7 @@ def multisine(
 
 
 @design.command(short_help="Pseudorandom binary sequence.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--kind",
     type=click.Choice(["quadratic-residue", "maximum-length"]),
@@ -187,7 +184,7 @@ def prbs(
 
 
 @design.command(short_help="Sine that sweeps the band once in a period.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--kind",
     type=click.Choice(["linear", "log"]),
@@ -228,7 +225,7 @@ def sweep(
 
 
 @design.command("stepped-sine", short_help="One sine after another.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--lines",
     type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),

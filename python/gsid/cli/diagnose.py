@@ -12,7 +12,6 @@ from gsid.cli.options import (
     OUTPUT,
     alpha_option,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
@@ -89,7 +88,6 @@ def diagnose(
     from gsid.models.load import load_plant
     from gsid.spectrum.realisation import spectra
 
-    check_picture(picture)
     model = load_plant(model_path)
     measured = [spectra(record) for record in read(records)]
     with options_as_arguments():

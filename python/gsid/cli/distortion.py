@@ -10,7 +10,6 @@ import click
 from gsid.cli.options import (
     RECORD,
     band_option,
-    check_picture,
     json_option,
     picture_option,
     reading_options,
@@ -61,7 +60,6 @@ def distortion(
     from gsid.response.estimate_distortion import distortion as measure
     from gsid.response.superposition import superposition
 
-    check_picture(picture)
     result = measure(read(records), band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
     draw((change or result).plot, picture)

@@ -1,4 +1,4 @@
-"""gsid fit with several inputs or outputs"""
+"""gsid fit with several inputs or outputs: a matrix of transfer functions with common poles."""
 
 from __future__ import annotations
 
@@ -15,51 +15,51 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from gsid.cli.fit_request import FitRequest
     from gsid.models.mimo import MimoModel
     from gsid.records.mimo import MimoRecord
 
 
-def fit_matrix(
-    records: Sequence[MimoRecord],
-    held_out: Sequence[MimoRecord],
-    output: str | None,
-    picture: str | None,
-    as_json: bool,
-    *,
-    order: str,
-    method: str,
-    band: tuple[float, float] | None,
-    **options: object,
-) -> None:
-    """Fit one model with common poles to the experiments, and print it."""
+def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
+    """Fit one model with common poles to the experiments, and write and print it."""
     from gsid.fitting.mimo import fit_mimo
     from gsid.fitting.validation import nrmse
     from gsid.response.mimo import frf_mimo
 
-    if output and output.lower().endswith(".mat"):
-        raise click.UsageError("a matrix of responses is written as .json", click.get_current_context())
+    _check_options(request)
+    held_out = request.read_held_out(records, matrix=True)
     with options_as_arguments():
-        measured = frf_mimo(records, band=band)
+        measured = frf_mimo(records, band=request.band)
     say(f"note: intervals are those of the scatter over {measured.source}")
-    choice = None
+    name, order, choice = describe(records), request.order, None
+    options = {"delay": request.delay, "domain": request.domain}
     if order == "auto":
-        choice = choose_order(measured, describe(records), **options)
+        choice = choose_order(measured, name, **options)
         order = choice.chosen.order
-    with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
-        model = fit_mimo(measured, order, method=method, **options)
+    with working(f"fitting {order} to {name}"), options_as_arguments():
+        model = fit_mimo(measured, order, method=request.method, **options)
     say_assumed_hold(model.hold_assumed, model.hold)
-    say_what_is_ill_determined(model)
+    note_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
-    errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
-    if output:
-        model.save(output)
-        say(f"wrote {output}")
-    draw(lambda: model.plot(measured), picture)
-    if as_json:
+    errors = {key: nrmse(model, each, band=request.band) for key, each in judged.items() if each}
+    if request.output:
+        model.save(request.output)
+        say(f"wrote {request.output}")
+    draw(lambda: model.plot(measured), request.picture)
+    if request.as_json:
         print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
     else:
         print_orders(choice)
-        _print(model, errors, band)
+        _print(model)
+        _print_errors(model, errors, request.band)
+
+
+def _check_options(request: FitRequest) -> None:
+    context = click.get_current_context()
+    if request.reference is not None or request.piecewise is not None:
+        raise click.UsageError("--r and --piecewise are for one input and one output", context)
+    if request.output and request.output.lower().endswith(".mat"):
+        raise click.UsageError("a matrix of responses is written as .json", context)
 
 
 # fmt: off
@@ -79,7 +79,7 @@ def _as_json(model: MimoModel) -> dict:
     return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
 
 
-def say_what_is_ill_determined(model: MimoModel) -> None:
+def note_ill_determined(model: MimoModel) -> None:
     import numpy as np
 
     if not model.ill_determined_delays.any():
@@ -104,7 +104,7 @@ def _delay_cell(model: MimoModel, i: int, j: int) -> str:
     return f"{1e3 * model.delay_s[i, j]:.5g}" + (f" +- {1e3 * std:.2g}" if std > 0 else "")
 
 
-def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
+def _print(model: MimoModel) -> None:
     from gsid.models.confidence import NORMAL_95
 
     converged = "converged" if model.converged else "not converged"
@@ -128,6 +128,10 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, f
     for i, name in enumerate(model.outputs):
         rows.append([name, *(_delay_cell(model, i, j) for j in range(model.n_u))])
     print_table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"])
+
+
+def _print_errors(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
+    """Error of each output on the fitted and the held-out records."""
     print()
     rows = [
         [name, *(f"{100 * values[i]:.3g}" for values in errors.values())]

@@ -10,7 +10,6 @@ import click
 from gsid.cli.options import (
     OUTPUT,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
@@ -85,7 +84,6 @@ def frf(
     """
     from gsid.response.estimate import frf as measure
 
-    check_picture(picture)
     with options_as_arguments():
         result = measure(
             records,

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Sequence
 
 import click
-from click.exceptions import NoArgsIsHelpError, NoSuchCommand
+from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
 
 from gsid.base.errors import GsidError, InputError, SimulationError
 from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, version
@@ -175,10 +175,20 @@ def _usage(error: click.UsageError) -> None:
         click.echo(error.format_message(), err=True)
         return
     close = getattr(error, "possibilities", None)
-    hint = f"did you mean {' or '.join(close)}? " if close else ""
     command = error.ctx.command_path if error.ctx else "gsid"
     what = error.message if close else error.format_message()
-    _error(what.rstrip("."), command, f"{hint}`{command} --help` lists the choices")
+    hint = getattr(error, "hint", "")
+    if isinstance(error, NoSuchOption) and error.option_name == "--plot":
+        hint = f"verbs with --plot: {', '.join(_verbs_that_draw())}; `gsid report` writes a page of pictures"
+    if not hint:
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        hint = f"{meant}`{command} --help` lists the choices"
+    _error(what.rstrip("."), command, hint)
+
+
+def _verbs_that_draw() -> list[str]:
+    commands = {verb: gsid.get_command(click.Context(gsid), verb) for verb in VERBS}
+    return [verb for verb, one in commands.items() if any("--plot" in p.opts for p in one.params)]
 
 
 def _error(what: str, where: str, hint: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import check_picture, json_option, picture_option, reading_options, records_argument
+from gsid.cli.options import UsageError, json_option, picture_option, reading_options, records_argument
 from gsid.cli.output import draw, print_json, print_table, say
 
 if TYPE_CHECKING:
@@ -44,9 +44,8 @@ def noise(
     """
     from gsid.spectrum.noise import noise as analyse
 
-    check_picture(picture)
     if picture and len(records) > 1:
-        raise click.UsageError("--plot draws one record at a time", click.get_current_context())
+        raise UsageError("--plot draws the noise of one record", "run `gsid noise` once for each record")
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
     draw(found[0].plot, picture)
     if as_json:

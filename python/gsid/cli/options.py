@@ -20,6 +20,14 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
 
 
+class UsageError(click.UsageError):
+    """A usage error of the running command, with a remedy of its own."""
+
+    def __init__(self, message: str, hint: str) -> None:
+        super().__init__(message, click.get_current_context())
+        self.hint = hint
+
+
 class Band(click.ParamType):
     """LO:HI in Hz."""
 
@@ -69,6 +77,11 @@ class Value(click.ParamType):
         except ValueError:
             pass
         self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
+
+
+def add_options(options: Sequence[Callable]) -> Callable:
+    """Decorator that adds several options in this order."""
+    return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
 
 
 READING_OPTIONS = (
@@ -271,9 +284,12 @@ def multisine_options(command: Callable) -> Callable:
         design = {"grid": lines, "phases": phases, "seed": seed, "shape_db_per_decade": shape}
         return command(*args, shape=design, **kwargs)
 
-    for option in reversed(MULTISINE_OPTIONS):
-        with_shape = option(with_shape)
-    return with_shape
+    return add_options(MULTISINE_OPTIONS)(with_shape)
+
+
+def held_out_option(text: str) -> Callable:
+    """--held-out with the help text of a verb."""
+    return click.option("--held-out", metavar="REC", multiple=True, type=RECORD, help=text)
 
 
 def plant_option(text: str) -> Callable:
@@ -342,9 +358,7 @@ def reading_options(command: Callable) -> Callable:
 
         return command(*args, read=read, **kwargs)
 
-    for option in reversed(READING_OPTIONS):
-        with_reader = option(with_reader)
-    return with_reader
+    return add_options(READING_OPTIONS)(with_reader)
 
 
 def record_options(command: Callable) -> Callable:
@@ -360,15 +374,19 @@ def record_options(command: Callable) -> Callable:
 
 
 PICTURES = (".png", ".svg", ".pdf")
-picture_option = click.option(
-    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw the result to .png, .svg or .pdf."
-)
 
 
-def check_picture(picture: str | None) -> None:
-    """Refuse other kinds of files (usage error) before work begins."""
-    if picture and Path(picture).suffix.lower() not in PICTURES:
-        raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+def picture_option(command: Callable) -> Callable:
+    """--plot, whose kind of file is checked before the work begins."""
+
+    @functools.wraps(command)
+    def with_picture(*args: object, picture: str | None, **kwargs: object) -> object:
+        if picture and Path(picture).suffix.lower() not in PICTURES:
+            raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+        return command(*args, picture=picture, **kwargs)
+
+    text = "Draw the result to .png, .svg or .pdf."
+    return click.option("--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help=text)(with_picture)
 
 
 def records_argument(command: Callable) -> Callable:

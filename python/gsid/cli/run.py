@@ -6,8 +6,9 @@ import contextlib
 import datetime
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,12 +17,14 @@ from gsid.cli.options import (
     INPUT,
     OUTPUT,
     Band,
+    UsageError,
     is_given,
     json_option,
     multisine_options,
     options_as_arguments,
+    picture_option,
 )
-from gsid.cli.output import print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_table, say
 from gsid.cli.stopping import Stopping, tell
 
 if TYPE_CHECKING:
@@ -113,6 +116,7 @@ class Settle(click.ParamType):
     help="Make a record from the journal of an interrupted run; needs no port. [default of -o: JOURNAL "
     "without .journal]",
 )
+@picture_option
 @json_option
 def run(
     *,
@@ -130,6 +134,7 @@ def run(
     limit_rate: float | None,
     output: str | None,
     journal_file: str | None,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Excite an axis periodically until it has the requested number of good periods, and write the record.
@@ -140,9 +145,7 @@ def run(
     Samples are written to REC.journal as they arrive. The journal is removed once the record is on the disk.
     After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.
     """
-    from gsid.excitation.multisine import Multisine
     from gsid.response.streaming import StreamingFrf
-    from gsid.rig.run import run as drive
     from gsid.rig.watch import RunLimits
 
     if journal_file is not None:
@@ -150,38 +153,69 @@ def run(
         return
     if port is None:
         raise click.UsageError("Missing option '--port', or --recover", click.get_current_context())
-    excitation: Multisine | np.ndarray
+    if picture and periods < 2:
+        raise UsageError(
+            "--plot draws the frequency response, with its noise", "measure --periods 2 at least"
+        )
     with options_as_arguments():
-        if u_file is not None:
-            excitation, fs_hz, line = _from_file(u_file, fs_hz)
-            meta = {"excitation": f"from {Path(u_file).name}"}
-        else:
-            excitation = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude)
-            line, meta = excitation.line, {"excitation": repr(excitation)}
-    n_period = len(excitation) if u_file is not None else period
-    n_settle = settle[0] * n_period if settle[1] else settle[0]
+        plan = _from_file(u_file, fs_hz) if u_file else _multisine(fs_hz, period, band, amplitude, shape)
+    n_settle = settle[0] * plan.n_period if settle[1] else settle[0]
     default = f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv"
     path = Path(output or default)
     journal = Path(f"{default if is_stdout(path) else path}{JOURNAL}")
-    _try_out(path)
-    frf = StreamingFrf(fs_hz, n_period, line, settle_samples=n_settle)
+    _try_out(path, plan.meta | {"port": port})
+    frf = StreamingFrf(plan.fs_hz, plan.n_period, plan.line, settle_samples=n_settle)
+    drive = {
+        "periods": periods,
+        "settle": n_settle,
+        "frf": frf,
+        "limits": RunLimits(limit_command, limit_travel_deg, limit_rate),
+    }
+    record = _drive(port, plan, path, journal, drive)
+    _warn(record.meta)
+    response = frf.result() if frf.n_periods >= 2 else None
+    if response is not None:
+        response = replace(response, u_unit=record.u_unit, y_unit=record.y_unit)
+        draw(response.plot, picture)
+    _print(path, record, response, as_json)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One period of the command, or its multisine, and its excited lines."""
+
+    excitation: Multisine | np.ndarray
+    n_period: int
+    fs_hz: float
+    line: np.ndarray
+    meta: dict[str, str]
+
+
+def _multisine(fs_hz: float, period: int, band: tuple[float, float], amplitude: float, shape: dict) -> _Plan:
+    from gsid.excitation.multisine import Multisine
+
+    signal = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude)
+    return _Plan(signal, period, fs_hz, signal.line, {"excitation": repr(signal)})
+
+
+def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str, Any]) -> Record:
+    """Run, and write the record whatever happens; then raise what ended the run early."""
+    from gsid.rig.run import run
+
     stopping = Stopping()
     with stopping.caught():
         failure: BaseException | None = None
         try:
-            with options_as_arguments(), _bar(periods) as show:
-                record = drive(
+            with options_as_arguments(), _bar(options["periods"]) as show:
+                record = run(
                     port,
-                    excitation,
-                    periods=periods,
-                    settle=n_settle,
-                    fs_hz=fs_hz,
-                    meta=meta,
-                    frf=frf,
+                    plan.excitation,
+                    fs_hz=plan.fs_hz,
+                    meta=plan.meta,
                     on_progress=show,
                     journal=journal,
                     should_stop=stopping,
-                    limits=RunLimits(limit_command, limit_travel_deg, limit_rate),
+                    **options,
                 )
         except BaseException as error:  # what was measured is written first, whatever happened
             failure, record = error, getattr(error, "record", None)
@@ -193,8 +227,7 @@ def run(
         raise failure
     if stopping():  # while the record of a whole run was written
         raise KeyboardInterrupt
-    _warn(record.meta)
-    _print(path, record, frf.result() if frf.n_periods >= 2 else None, as_json)
+    return record
 
 
 def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
@@ -260,8 +293,8 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         print_json({"record": str(path), **counts, "lost_samples": int(meta["lost_samples"]), **lost})
 
 
-def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """One period, its rate and its excited lines."""
+def _from_file(path: str, fs_hz: float) -> _Plan:
+    """One period of the command in a file."""
     import numpy as np
 
     from gsid.base.errors import InputError
@@ -281,24 +314,28 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):
         raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
-    return u, record.fs_hz, excited
+    return _Plan(u, len(u), record.fs_hz, excited, {"excitation": f"from {Path(path).name}"})
 
 
-def _try_out(path: Path) -> None:
-    """Check before the axis moves that the record can be written."""
-    if is_stdout(path):
-        return
+def _try_out(path: Path, meta: dict[str, str]) -> None:
+    """Check before the axis moves that a record with these texts can be written."""
     import secrets
+    import tempfile
 
     import numpy as np
 
     from gsid.records.files import write_record
     from gsid.records.record import Record
 
+    record = Record(np.zeros(2), np.zeros(2), 1.0, meta=meta, name=str(path))
+    if is_stdout(path):
+        with tempfile.TemporaryDirectory() as folder:
+            write_record(Path(folder) / "record.csv", record)
+        return
     # A random name, at which no link can have been placed.
     probe = path.with_name(f".gsid-{secrets.token_hex(8)}{path.suffix}")
     try:
-        write_record(probe, Record(np.zeros(2), np.zeros(2), 1.0))
+        write_record(probe, record)
     finally:
         probe.unlink(missing_ok=True)
 
