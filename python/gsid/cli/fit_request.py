@@ -112,7 +112,7 @@ class FitRequest:
     records, held_out : sequence of str
         Files to fit and to judge on.
     read : callable
-        From files to records, by the options that say how to read them.
+        From files to records, as the reading options state.
     reference : str or None
         Column of the reference of a closed loop.
     order : str or None
