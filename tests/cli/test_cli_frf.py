@@ -33,7 +33,7 @@ def test_one_period_from_rest(gsid, short_csv):
     assert np.mean(error**2 / np.array(values["var_g"])) == pytest.approx(9 / 8, abs=0.5)
     without = gsid("frf", short_csv, "--period", N)
     assert without.code == 3
-    assert "less than two good periods" in without.err
+    assert "fewer than two good periods" in without.err
     said = gsid("frf", short_csv, "--lpm", "--period", N).err
     assert "1 period of 1000 samples" in said
     assert "transient by local polynomials (9 degrees of freedom)" in said

@@ -113,7 +113,7 @@ def test_noise_never_passes_for_periodic(kind):
 
 def test_less_than_two_periods_is_said():
     u = repeated(multisine(1000, np.arange(1, 100), np.random.default_rng(7)), 1700)
-    with pytest.raises(InputError, match=r"less than two periods.*1000 of 1700"):
+    with pytest.raises(InputError, match=r"fewer than two periods.*1000 of 1700"):
         find_period(u)
 
 
@@ -202,8 +202,8 @@ def test_argument_before_record_before_data():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"period": 500, "settle": 3001}, "less than two good periods"),
-        ({"period": 2001, "settle": 0}, "less than two good periods"),
+        ({"period": 500, "settle": 3001}, "fewer than two good periods"),
+        ({"period": 2001, "settle": 0}, "fewer than two good periods"),
         ({"period": 499, "settle": 0}, "does not repeat every 499"),
         ({"period": 2, "settle": 0}, "out of range"),
         ({"period": 500, "settle": -1}, "out of range"),

@@ -203,9 +203,9 @@ def print_ladder(ladder: Ladder) -> None:
 def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
     """Note that the records do not state their hold, which one was assumed, and how to state it."""
     if is_assumed:
-        from gsid.base.hold import words
+        from gsid.base.hold import note_of_hold
 
-        say(f"note: {words(hold, other_delay_s)}")
+        say(f"note: {note_of_hold(hold, other_delay_s)}")
 
 
 def suggest(text: str) -> None:

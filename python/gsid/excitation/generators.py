@@ -102,7 +102,7 @@ class Prbs(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, PRBS_KINDS)
         _require_amplitude(amplitude)
@@ -213,7 +213,7 @@ class Sweep(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, SWEEP_KINDS)
         _require_amplitude(amplitude)
@@ -331,7 +331,7 @@ class SteppedSine(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         _require_amplitude(amplitude)
         if n_periods < 1:
