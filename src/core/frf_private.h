@@ -37,8 +37,26 @@ static inline gsid_real gsid_frf_error_variance(const gsid_frf_line *line, gsid_
     return v < GSID_R(0.0) ? GSID_R(0.0) : v;
 }
 
-/* Line i of the means so far; g 0 and var_g infinite where the input is 0. One good period at least. Squares that underflow
+/* FRF-2: g and its variance from means over p periods; g 0 and var_g infinite where the input is 0. Squares that underflow
  * or overflow are detected by the comparisons below. A variance of exactly 0 is accepted: there are no deviations. */
+static inline void gsid_frf_divide(gsid_frf_line *line, gsid_real p) {
+    line->g = gsid_cplx_make(GSID_R(0.0), GSID_R(0.0));
+    line->var_g = (gsid_real)INFINITY;
+    line->is_in_range = 1;
+    const gsid_real u2 = gsid_cplx_abs2(line->u), size_y = gsid_frf_size(line->y);
+    if (gsid_frf_size(line->u) > GSID_R(0.0)) {
+        line->g = gsid_cplx_div(line->y, line->u); /* 4.10 */
+        const gsid_real v = gsid_frf_error_variance(line, line->g), var_g = v / u2 / p, g2 = gsid_cplx_abs2(line->g);
+        line->is_in_range = 0;
+        if (u2 >= GSID_FRF_LEAST * GSID_FRF_LEAST && gsid_is_finite(var_g) && (var_g >= GSID_SMALLEST || v == 0) &&
+            (size_y == 0 || (g2 >= GSID_SMALLEST && gsid_frf_is_kept(v, size_y)))) {
+            line->is_in_range = 1;
+            line->var_g = var_g;
+        }
+    }
+}
+
+/* Line i of the means so far. One good period at least. */
 static inline gsid_frf_line gsid_frf_line_at(const gsid_frf *frf, uint32_t i) {
     const size_t at = (size_t)i * gsid_frf_channels(&frf->cfg);
     const int measured = frf->cross != NULL;
@@ -52,21 +70,37 @@ static inline gsid_frf_line gsid_frf_line_at(const gsid_frf *frf, uint32_t i) {
     line.var_y = per_dof * frf->m2[at];
     line.var_u = measured ? per_dof * frf->m2[at + 1] : GSID_R(0.0);
     line.cov_yu = measured ? gsid_cplx_scale(per_dof, frf->cross[i]) : zero;
-    line.g = zero;
-    line.var_g = (gsid_real)INFINITY;
-    line.is_in_range = 1;
-    const gsid_real u2 = gsid_cplx_abs2(line.u), size_y = gsid_frf_size(line.y);
-    if (gsid_frf_size(line.u) > GSID_R(0.0)) {
-        line.g = gsid_cplx_div(line.y, line.u); /* 4.10 */
-        const gsid_real v = gsid_frf_error_variance(&line, line.g), var_g = v / u2 / p, g2 = gsid_cplx_abs2(line.g);
-        line.is_in_range = 0;
-        if (u2 >= GSID_FRF_LEAST * GSID_FRF_LEAST && gsid_is_finite(var_g) && (var_g >= GSID_SMALLEST || v == 0) &&
-            (size_y == 0 || (g2 >= GSID_SMALLEST && gsid_frf_is_kept(v, size_y)))) {
-            line.is_in_range = 1;
-            line.var_g = var_g;
-        }
-    }
+    gsid_frf_divide(&line, p);
     return line;
+}
+
+/* ---- FRF-4 */
+
+/* The second of two parts: its share of the periods, and Pa Pb / P. */
+typedef struct {
+    gsid_real share, weight;
+} gsid_frf_parts;
+
+static inline gsid_frf_parts gsid_frf_parts_of(gsid_real n_first, gsid_real n_second) {
+    const gsid_real share = n_second / (n_first + n_second);
+    const gsid_frf_parts parts = {share, n_first * share};
+    return parts;
+}
+
+/* One channel of one line; returns the distance of the two means. */
+static inline gsid_cplx gsid_frf_merge_mean(gsid_frf_parts parts, gsid_cplx *mean, gsid_real *m2, gsid_cplx mean_other,
+                                            gsid_real m2_other) {
+    const gsid_cplx d = gsid_cplx_sub(mean_other, *mean);
+    *mean = gsid_cplx_add(*mean, gsid_cplx_scale(parts.share, d));
+    *m2 += m2_other + parts.weight * gsid_cplx_abs2(d);
+    return d;
+}
+
+/* The sum of products of one line, d_y and d_u as above. */
+static inline void gsid_frf_merge_cross(gsid_frf_parts parts, gsid_cplx d_y, gsid_cplx d_u, gsid_cplx *cross,
+                                        gsid_cplx cross_other) {
+    const gsid_cplx product = gsid_cplx_scale(parts.weight, gsid_cplx_mul(d_y, gsid_cplx_conj(d_u)));
+    *cross = gsid_cplx_add(*cross, gsid_cplx_add(cross_other, product));
 }
 
 #endif

@@ -9,7 +9,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.excitation.multisine import Multisine
 from gsid.records.record import Record
 from gsid.response.estimate import frf
-from gsid.response.frf import Frf, merged
+from gsid.response.frf import Frf, error_variance, merged, response_of
 from gsid.response.streaming import StreamingFrf
 from gsid.spectrum.excited import excited_lines
 from gsid.spectrum.realisation import spectra
@@ -415,6 +415,61 @@ def test_records_of_one_realisation_are_merged_to_the_whole():
         merged([frf([whole, make_record(36)])])
     with pytest.raises(ValueError, match="different lines"):
         merged([frf(whole), frf(whole, band=(2, 50))])
+
+
+def test_response_variance_and_merged_means_are_those_of_the_formula():
+    """FRF-2 and FRF-4 written out in numpy, for random means over random numbers of periods."""
+    seed = 20260801
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    n, worst = 50, dict.fromkeys(("g", "var_g", "var_u", "var_y", "cov_yu"), 0.0)
+    for _ in range(50):
+        u0, y0 = rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n))
+        size = 10.0 ** rng.uniform(-5, -1)
+        U, Y = [], []
+        for n_periods in rng.integers(2, 20, 2):
+            noise = rng.standard_normal((4, n_periods, n)) * size
+            U.append(u0 + noise[0] + 1j * noise[1])
+            Y.append(y0 + noise[2] + 1j * noise[3] + 0.5 * noise[0])
+        means = [(u.mean(0), y.mean(0), *moments(u, y), len(u)) for u, y in zip(U, Y, strict=True)]
+        parts = [part_of(response_of(*each), each[-1]) for each in means]
+        u, y = np.concatenate(U), np.concatenate(Y)
+        var_u, var_y, cov_yu = moments(u, y)
+        g = y.mean(0) / u.mean(0)
+        error = var_y + np.abs(g) ** 2 * var_u - 2 * (cov_yu * g.conj()).real
+        found = merged(parts)
+        expected = {"g": g, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+        expected["var_g"] = error / np.abs(u.mean(0)) ** 2 / len(u)
+        scale = {name: np.abs(value) for name, value in expected.items()}
+        scale["cov_yu"] = np.sqrt(var_u * var_y)
+        scale["var_g"] *= (var_y + np.abs(g) ** 2 * var_u) / error
+        for name in worst:
+            difference = np.abs(getattr(found, name) - expected[name]) / scale[name]
+            worst[name] = max(worst[name], float(difference.max()))
+        np.testing.assert_allclose(error_variance(var_u, var_y, cov_yu, g), error, rtol=1e-10)
+    print("largest relative differences", worst)
+    assert max(worst.values()) < 1e-9  # the deviations are small beside the means: 1e-16 / 1e-5
+
+
+def moments(u, y):
+    """Sample variances and covariance over periods (eq. 4.11)."""
+    du, dy = u - u.mean(0), y - y.mean(0)
+    dof = len(u) - 1
+    return (np.abs(du) ** 2).sum(0) / dof, (np.abs(dy) ** 2).sum(0) / dof, (dy * du.conj()).sum(0) / dof
+
+
+def part_of(arrays, n_periods):
+    n = len(arrays["g"])
+    facts = {"n_realisations": 1, "n_spoiled": 0, "settle_samples": 0, "period_samples": N, "fs_hz": FS_HZ}
+    return Frf(np.arange(1, n + 1), np.arange(1.0, n + 1), **arrays, n_periods=int(n_periods), **facts)
+
+
+def test_a_line_without_input_is_unknown():
+    """Its response was not a number, and so was its variance."""
+    one, zero = np.ones(1), np.zeros(1, complex)
+    found = response_of(zero, one + 0j, one, one, zero, 3)
+    assert found["g"] == 0
+    assert np.isinf(found["var_g"])
 
 
 def test_merged_parts_must_be_of_one_experiment_and_forget_nothing():

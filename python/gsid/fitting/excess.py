@@ -15,6 +15,7 @@ from scipy import stats
 
 from gsid.models.fit_warning import FitWarning
 from gsid.models.misfit import Errors, misfit
+from gsid.response.frf import error_variance
 from gsid.spectrum.pooling import for_weights
 
 if TYPE_CHECKING:
@@ -114,5 +115,4 @@ def _errors_left(model: RationalModel, frf: Frf) -> Errors:
 
 def _variance_at(frf: Frf, g: np.ndarray) -> np.ndarray:
     """Variance of y - g u, over |u|^2."""
-    common = 2 * np.real(frf.cov_yu * np.conj(g))
-    return np.maximum(frf.var_y + frf.var_u * np.abs(g) ** 2 - common, np.finfo(float).tiny)
+    return np.maximum(error_variance(frf.var_u, frf.var_y, frf.cov_yu, g), np.finfo(float).tiny)

@@ -74,7 +74,7 @@ def closed_loop_frf(
         require_same(first_y, to_y)
     chosen = np.logical_and.reduce([_lines(to_u.U, to_u.period_samples) for to_u, _ in each])
     chosen &= within(first.f_hz, band)
-    found = _over_realisations(each, chosen)
+    found = _through_reference(each, chosen)
     found.name = ", ".join(record.name for record in records if record.name)
     level = np.abs(found.u)
     detected = (level > SHARE_OF_LARGEST * level.max(initial=0)) & (
@@ -118,7 +118,7 @@ def _lines(R: np.ndarray, n_period: int) -> np.ndarray:
     return (size > ROUNDING * size.max()) & (size**2 > ABOVE_NOISE * sample_variance(R) / len(R))
 
 
-def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarray) -> Frf:
+def _through_reference(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarray) -> Frf:
     """Eq: FRF-5"""
     m = len(each)
     ratios = [(to_u.Y[:, chosen] / to_u.u[chosen], to_y.Y[:, chosen] / to_u.u[chosen]) for to_u, to_y in each]

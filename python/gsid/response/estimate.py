@@ -199,7 +199,7 @@ def _at_lines(
             )
         line, each = line[strong], [one.at(strong) for one in each]
     rejected = parts[0].f_hz[rejected_lines(parts, line, band)]
-    average = merged if merge else _over_realisations
+    average = merged if merge else _mean_over_realisations
     return replace(each[0] if len(each) == 1 else average(each), rejected_hz=rejected)
 
 
@@ -239,7 +239,7 @@ def _single(part: Realisation, line: np.ndarray) -> Frf:
     )
 
 
-def _over_realisations(each: list[Frf]) -> Frf:
+def _mean_over_realisations(each: list[Frf]) -> Frf:
     """Mean of the responses and of their levels (thesis, eq. 5.14)."""
     first, m = each[0], len(each)
     phase_factor = [np.exp(-1j * np.angle(one.u)) for one in each]

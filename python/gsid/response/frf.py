@@ -12,12 +12,13 @@ M^2 (thesis, eq. 5.14).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
 from gsid.spectrum.realisation import require_same
@@ -102,10 +103,10 @@ class Frf(Plottable):
         Distortion is the same in all periods, and lowers the coherence only if the excitation is not
         periodic.
         """
-        noise = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
+        noise = error_variance(self.var_u, self.var_y, self.cov_yu, self.g)
         power = np.abs(self.g * self.u) ** 2
         share = 1 - 1 / (self.n_dof + 1)  # mean square about the sample mean over the variance
-        return power / (power + share * np.maximum(noise, 0))
+        return power / (power + share * noise)
 
     def at(self, use: np.ndarray) -> Frf:
         """Select lines of the response: use, (F,) bool."""
@@ -266,15 +267,65 @@ class Frf(Plottable):
         return f"<table><caption>Frf {escape(self.name or 'unnamed')}</caption>{rows}</table>"
 
 
+_COMPLEX = ("g", "y", "u", "cov_yu")
+_REAL = ("var_g", "var_y", "var_u")
+
+
 def response_of(
     u: np.ndarray, y: np.ndarray, var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, n_periods: int
 ) -> dict[str, np.ndarray]:
-    """Eq: FRF-2"""
-    g = y / u
-    # eq. 7.29 multiplied out by |G|^2 to avoid a division by Y, which may be 0 at an antiresonance
-    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
-    var_g = np.maximum(variance, 0) / n_periods
-    return {"g": g, "var_g": var_g, "u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+    """Response and its variance from means, variances and covariance over periods.  Eq: FRF-2
+
+    Parameters
+    ----------
+    u, y : (F,) complex ndarray
+        Means.
+    var_u, var_y : (F,) ndarray
+    cov_yu : (F,) complex ndarray
+        Of one period.
+    n_periods : int
+        In the means.
+
+    Returns
+    -------
+    dict of (F,) ndarrays
+        g, var_g and the arrays given, by the names of `Frf`.
+    """
+    means = {"u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+    out, arrays = _to_c(means | {"g": np.empty(len(u), complex), "var_g": np.empty(len(u))})
+    check(lib.gsid_batch_frf_divide(len(u), n_periods, out), "frequency response")
+    return arrays
+
+
+def error_variance(var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Variance of Y - g U of one period.  Eq: FRF-2
+
+    Parameters
+    ----------
+    var_u, var_y : (F,) ndarray
+    cov_yu : (F,) complex ndarray
+        Of one period.
+    g : (F,) complex ndarray
+        Any response, such as that of a model.
+
+    Returns
+    -------
+    (F,) ndarray, not negative.
+    """
+    out, _arrays = _to_c({"var_u": var_u, "var_y": var_y, "cov_yu": cov_yu})
+    g, variance = np.ascontiguousarray(g, complex), np.empty(len(g))
+    pointers = ffi.from_buffer("gsid_cplx[]", g), ffi.from_buffer("double[]", variance)
+    check(lib.gsid_batch_frf_error_variance(len(g), out, *pointers), "variance of the error")
+    return variance
+
+
+def _to_c(arrays: Mapping[str, np.ndarray]) -> tuple[Any, dict[str, np.ndarray]]:
+    """Lines of a response for the C library, and the copies of the arrays that it points to."""
+    out, kept = ffi.new("gsid_frf_out *"), {}
+    for name, values in arrays.items():
+        kept[name] = np.array(values, complex if name in _COMPLEX else float)
+        setattr(out, name, ffi.from_buffer("gsid_cplx[]" if name in _COMPLEX else "double[]", kept[name]))
+    return out, kept
 
 
 def merged(each: Sequence[Frf]) -> Frf:
@@ -313,20 +364,14 @@ def _merged_pair(a: Frf, b: Frf) -> Frf:
     if np.sum(np.abs(a.u - b.u) ** 2) > SAME_INPUT**2 * np.sum(np.abs(a.u) ** 2):
         hint = "omit --merge to average realisations; parts of one begin at the same point of the period"
         raise InputError("the inputs of the parts differ", b.name, None, hint)
+    parts = [_to_c({name: getattr(part, name) for name in (*_COMPLEX, *_REAL)}) for part in (a, b)]
+    (whole, arrays), (other, _kept) = parts
     n_a, n_b = a.n_periods, b.n_periods
-    n = n_a + n_b
-    du, dy, weight = b.u - a.u, b.y - a.y, n_a * n_b / n
-
-    def covariance_of(of_a: np.ndarray, of_b: np.ndarray, product: np.ndarray) -> np.ndarray:
-        return ((n_a - 1) * of_a + (n_b - 1) * of_b + weight * product) / (n - 1)
-
-    var_u = covariance_of(a.var_u, b.var_u, np.abs(du) ** 2)
-    var_y = covariance_of(a.var_y, b.var_y, np.abs(dy) ** 2)
-    cov_yu = covariance_of(a.cov_yu, b.cov_yu, dy * du.conj())
+    check(lib.gsid_batch_frf_merge(len(a.line), n_a, whole, n_b, other), "merging two responses")
     return replace(
         a,
-        **response_of(a.u + du * (n_b / n), a.y + dy * (n_b / n), var_u, var_y, cov_yu, n),
-        n_periods=n,
+        **arrays,
+        n_periods=n_a + n_b,
         n_spoiled=a.n_spoiled + b.n_spoiled,
         n_dof=None,
         removed=a.removed + b.removed,

@@ -16,7 +16,7 @@ from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
 from gsid.records.periods import find_period, require_period
 from gsid.records.record import Record
-from gsid.response.frf import Frf
+from gsid.response.frf import Frf, response_of
 from gsid.spectrum.excited import excited_lines, large_lines, warn_of_slip
 from gsid.spectrum.lines import period_lines
 from gsid.spectrum.realisation import require_same
@@ -195,22 +195,12 @@ def _between_lines(U: np.ndarray, Y: np.ndarray, line: np.ndarray, n_periods: in
     if np.abs(U[beside]).max() > ROUNDING * np.abs(u).max():  # otherwise u is periodic from the start
         transient, _, rest_u = _local_fit(powers.astype(complex), powers, U[beside])
         u = u - transient[:, 0]
-    g = y / u
     var_y, var_u, cov_yu = (
         np.einsum("kr,kr->k", a, b.conj()) / N_DOF
         for a, b in ((rest_y, rest_y), (rest_u, rest_u), (rest_y, rest_u))
     )
-    # eq. 7.29, including the error of the transient at the line
-    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())).real / np.abs(u) ** 2
-    return {
-        "g": g,
-        "var_g": np.maximum(variance, 0) * (1 + leverage),
-        "u": u,
-        "y": y,
-        "var_u": var_u.real,
-        "var_y": var_y.real,
-        "cov_yu": cov_yu,
-    }
+    found = response_of(u, y, var_u.real, var_y.real, cov_yu, 1)
+    return found | {"var_g": found["var_g"] * (1 + leverage)}  # with the error of the transient at the line
 
 
 def _with_neighbours(
