@@ -13,6 +13,7 @@ instead.
 
 from __future__ import annotations
 
+import html
 import itertools
 import logging
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ import numpy as np
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.greybox.problem import least_size
 from gsid.greybox.weights import UNSETTLED, lines_used
 from gsid.models.misfit import Errors, misfit
@@ -184,17 +186,17 @@ class Comparison(Plottable):
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        import html
-
-        rows = "".join(
-            f"<tr><td>{band['f_lo_hz']:.4g} to {band['f_hi_hz']:.4g}</td><td>{band['lines']}</td>"
-            f"<td>{100 * band['share']:.1f}</td><td>{band['db']:.1f}</td></tr>"
+        head = ("band [Hz]", "lines", "share of excess [%]", "error / response [dB]")
+        rows = [
+            (
+                f"{band['f_lo_hz']:.4g} to {band['f_hi_hz']:.4g}",
+                band["lines"],
+                f"{100 * band['share']:.1f}",
+                f"{band['db']:.1f}",
+            )
             for band in self.where
-        )
-        titles = ("band [Hz]", "lines", "share of excess [%]", "error / response [dB]")
-        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
-        table = f"<table>{head}{rows}</table>" if rows else ""
-        return f"<p>{html.escape(self.verdict)}</p>{table}"
+        ]
+        return f"<p>{html.escape(self.verdict)}</p>" + (Table(head, rows).html() if rows else "")
 
 
 @dataclass

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION
 from gsid.cli.options import (
     INPUT,
@@ -111,17 +112,19 @@ def _print(result: Comparison, unit: str, cost_means: str) -> None:
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
     print(f"Model uncertainty {_uncertainty(result, rms)}.")
     print_table(
-        ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
-        (
+        Table(
+            ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
             [
-                f"{band['f_lo_hz']:.4g}",
-                f"{band['f_hi_hz']:.4g}",
-                band["lines"],
-                f"{band['share']:.1%}",
-                f"{band['p_value']:.2g}",
-                f"{band['db']:.1f}",
-            ]
-            for band in result.where
-        ),
-        left=["lines"],
+                [
+                    f"{band['f_lo_hz']:.4g}",
+                    f"{band['f_hi_hz']:.4g}",
+                    band["lines"],
+                    f"{band['share']:.1%}",
+                    f"{band['p_value']:.2g}",
+                    f"{band['db']:.1f}",
+                ]
+                for band in result.where
+            ],
+            left=["lines"],
+        )
     )

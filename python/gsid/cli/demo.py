@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
 from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_ladder, print_table, say
@@ -100,4 +101,4 @@ def _print_truth(rows: Sequence[Truth]) -> None:
         for t in rows
     ]
     header = ["parameter", "truth", "estimate", "sigma", "off by [sigma]", "unit"]
-    print_table(header, cells, left=["parameter", "unit"])
+    print_table(Table(header, cells, left=["parameter", "unit"]))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import version
 from gsid.cli.options import (
     INPUT,
@@ -304,7 +305,9 @@ def budget(records: list[Record], band: tuple[float, float] | None, sigma: float
     if as_json:
         print_json(plan)
     else:
-        print_table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
+        print_table(
+            Table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
+        )
 
 
 def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
@@ -323,7 +326,7 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
         print_json(figures)
     else:
         rows = [[name, f"{value:.6g}"] for name, value in figures.items() if value is not None]
-        print_table(["figure", "value"], rows, left=["figure"])
+        print_table(Table(["figure", "value"], rows, left=["figure"]))
 
 
 def _write(path: str, signal: Periodic) -> None:

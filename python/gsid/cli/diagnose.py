@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import with_ladder
 from gsid.cli.options import (
     OUTPUT,
@@ -179,7 +180,7 @@ def _print(result: Diagnosis, before: Comparison) -> None:
     if rows:
         print()
         header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]
-        print_table(header, rows, left=["effects"])
+        print_table(Table(header, rows, left=["effects"]))
     print()
     print_parameters(result.model)
     if result.next_experiment:

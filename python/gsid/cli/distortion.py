@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import (
     RECORD,
     band_option,
@@ -141,7 +142,7 @@ def _print(d: Distortion) -> None:
     if len(d.line) == 1:
         _print_harmonics(d)
     else:
-        print_table(list(columns), zip(*columns.values(), strict=True))
+        print_table(Table(list(columns), list(zip(*columns.values(), strict=True))))
     print(d.verdict)
 
 
@@ -150,7 +151,7 @@ def _print_harmonics(d: Distortion) -> None:
 
     unit = f" [{d.y_unit}]" if d.y_unit else ""
     header = ["order", "f [Hz]", f"amplitude{unit}", "below the sine [dB]", "above noise [dB]"]
-    rows = (
+    rows = [
         [
             f"{h.order}",
             f"{h.f_hz:.4f}",
@@ -159,5 +160,5 @@ def _print_harmonics(d: Distortion) -> None:
             f"{h.above_noise_db:.1f}",
         ]
         for h in harmonics(d)
-    )
-    print_table(header, rows)
+    ]
+    print_table(Table(header, rows))

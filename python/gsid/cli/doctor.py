@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, version
 from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_table
@@ -54,7 +55,7 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
         print_json({"ok": good, "checks": [asdict(check) for check in checks]})
     else:
         rows = [[check.name, "ok" if check.ok else "WRONG", check.found, check.hint] for check in checks]
-        print_table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"])
+        print_table(Table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"]))
     if not good:
         ctx.exit(EXIT_CRITERION)
 

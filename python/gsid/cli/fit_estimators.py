@@ -53,4 +53,4 @@ def _print(found: Estimators) -> None:
     if found.cost_expected is not None:
         print(f"cost expected of noise alone {found.cost_expected:.5g}")
     print()
-    print_table(*found.table(), left=["method", ""])
+    print_table(found.table())

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
 from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
@@ -122,12 +123,12 @@ def _print(model: MimoModel) -> None:
         [f"{f:.5g}", f"+-{NORMAL_95 * std_f:.2g}", f"{damping:.4g}", f"+-{NORMAL_95 * std_damping:.2g}"]
         for f, damping, std_f, std_damping in model.modes
     ]
-    print_table(["f [Hz]", "95 %", "damping", "95 % "], rows)
+    print_table(Table(["f [Hz]", "95 %", "damping", "95 % "], rows))
     print()
     rows = []
     for i, name in enumerate(model.outputs):
         rows.append([name, *(_delay_cell(model, i, j) for j in range(model.n_u))])
-    print_table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"])
+    print_table(Table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"]))
 
 
 def _print_errors(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
@@ -139,4 +140,4 @@ def _print_errors(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[f
     ]
     where = "" if band is None else f", {band[0]:g} .. {band[1]:g} Hz"
     header = [f"error of the output's rms [%]{where}", *(name.replace("_", " ") for name in errors)]
-    print_table(header, rows, left=header[:1])
+    print_table(Table(header, rows, left=header[:1]))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.fit_rational import model_as_json
 from gsid.cli.options import options_as_arguments
 from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
@@ -53,14 +54,14 @@ def _as_json(found: PiecewiseModel) -> dict:
 
 def _print(found: PiecewiseModel, request: FitRequest) -> None:
     if request.piecewise == "auto":
-        rows = (
+        rows = [
             [f"{c.n_pieces}", f"{c.cost:.5g}", f"{c.cost_expected:.5g}", f"{c.mdl:.5g}"] for c in found.tried
-        )
-        print_table(["pieces", "cost", "noise alone", "MDL"], rows)
+        ]
+        print_table(Table(["pieces", "cost", "noise alone", "MDL"], rows))
         print()
     state = "converged" if found.converged else "not converged"
     n = len(found.pieces)
     print(f"{n} piece{'s' * (n != 1)} of {request.order}, {found.n_parameters} parameters, {state}")
     print(f"cost {found.cost:.5g}, expected of noise alone {found.cost_expected:.5g}")
     print()
-    print_table(*found.table(), left=["jump"])
+    print_table(found.table())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
 from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
@@ -111,11 +112,11 @@ def _print(model: RationalModel) -> None:
     for warning in model.warnings:
         print(_beside_intervals(warning))
     print()
-    print_table(["power", "num", "sigma", "den", "sigma "], _coefficients(model))
+    print_table(Table(["power", "num", "sigma", "den", "sigma "], _coefficients(model)))
     print()
     poles = _roots("pole", model.poles, model.pole_cov, model)
     zeros = _roots("zero", model.zeros, model.zero_cov, model)
-    print_table(["", "re", "im", "f [Hz]", "95 %", "damping", "95 % "], [*poles, *zeros], left=[""])
+    print_table(Table(["", "re", "im", "f [Hz]", "95 %", "damping", "95 % "], [*poles, *zeros], left=[""]))
 
 
 def _beside_intervals(warning: FitWarning) -> str:

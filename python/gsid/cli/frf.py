@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import (
     OUTPUT,
     band_option,
@@ -145,8 +146,10 @@ def _print(frf: Frf) -> None:
     phase = np.degrees(np.angle(frf.g))
     rows = zip(frf.f_hz, gain, phase, sigma, strict=True)
     print_table(
-        ["f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"],
-        ([f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows),
+        Table(
+            ["f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"],
+            [[f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows],
+        )
     )
 
 

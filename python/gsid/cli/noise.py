@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import UsageError, json_option, picture_option, reading_options, records_argument
 from gsid.cli.output import draw, print_json, print_table, say
 
@@ -82,31 +83,35 @@ def _print(n: Noise) -> None:
     step = n.f_hz[0]  # f_hz begins one line above 0
     bands = [octave == i for i in range(octave.max() + 1)]
     print_table(
-        ["from [Hz]", "to [Hz]", f"rms [{unit}]", f"density [{unit}/sqrt(Hz)]"],
-        (
+        Table(
+            ["from [Hz]", "to [Hz]", f"rms [{unit}]", f"density [{unit}/sqrt(Hz)]"],
             [
-                f"{n.f_hz[band][0]:.4g}",
-                f"{n.f_hz[band][-1]:.4g}",
-                f"{np.sqrt(n.psd[band].sum() * step):.4g}",
-                f"{np.sqrt(n.psd[band].mean()):.4g}",
-            ]
-            for band in bands
-        ),
+                [
+                    f"{n.f_hz[band][0]:.4g}",
+                    f"{n.f_hz[band][-1]:.4g}",
+                    f"{np.sqrt(n.psd[band].sum() * step):.4g}",
+                    f"{np.sqrt(n.psd[band].mean()):.4g}",
+                ]
+                for band in bands
+            ],
+        )
     )
     if n.tones:
         print()
         print_table(
-            ["disturbance", "sigma [Hz]", f"amplitude [{unit}]", "sigma", "false alarm"],
-            (
+            Table(
+                ["disturbance", "sigma [Hz]", f"amplitude [{unit}]", "sigma", "false alarm"],
                 [
-                    tone.name,
-                    f"{tone.std_f_hz:.2g}",
-                    f"{tone.amplitude:.4g}",
-                    f"{tone.std_amplitude:.2g}",
-                    f"{tone.p_value:.2g}",
-                ]
-                for tone in n.tones
-            ),
-            left=["disturbance"],
+                    [
+                        tone.name,
+                        f"{tone.std_f_hz:.2g}",
+                        f"{tone.amplitude:.4g}",
+                        f"{tone.std_amplitude:.2g}",
+                        f"{tone.p_value:.2g}",
+                    ]
+                    for tone in n.tones
+                ],
+                left=["disturbance"],
+            )
         )
     print(n.sentence)

@@ -10,11 +10,12 @@ import re
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import HOW_READ
 
 if TYPE_CHECKING:
@@ -103,48 +104,37 @@ def _plain(value: object) -> object:
     return value
 
 
-def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[str] = ()) -> None:
-    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns, with their units.
-    rows : iterable of sequences of str
-    left : sequence of str
-        Columns of text; the others are numbers, aligned to the right.
-    """
-    header, *rows = ([visible(cell) for cell in row] for row in (header, *rows))
+def print_table(table: Table) -> None:
+    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere."""
+    head, left = list(map(visible, table.head)), list(map(visible, table.left))
+    shown = Table(head, [list(map(visible, row)) for row in table.rows], left)
     if is_terminal(sys.stdout):
-        _print_on_terminal(header, rows, left)
-        return
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in [header, *rows]:
-        cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
-        print("  ".join(cells).rstrip())
+        _print_on_terminal(shown)
+    else:
+        print(shown.text())
 
 
-def _print_on_terminal(header: Sequence[str], rows: list[list[str]], left: Sequence[str]) -> None:
+def _print_on_terminal(shown: Table) -> None:
     """Print a table as wide as the terminal, or row after row where a word would have to be cut."""
+    from rich import table as rich_table
     from rich.console import Console
-    from rich.table import Table
     from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
 
     console = Console()
-    columns = list(zip(header, *rows, strict=True))
+    columns = list(zip(shown.head, *shown.rows, strict=True))
     widths = column_widths(columns, console.width - 3 * len(columns) - 1)  # less the borders
     if widths is None:
-        for row in rows:
-            for name, cell in zip(header, row, strict=True):
+        for row in shown.rows:
+            for name, cell in zip(shown.head, row, strict=True):
                 print(_wrapped(f"{name}: {cell}", console.width))
             print()
         return
-    table = Table(header_style="bold")
-    for name, width in zip(header, widths, strict=True):
-        table.add_column(Text(name), justify="left" if name in left else "right", width=width)
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)
+    drawn = rich_table.Table(header_style="bold")
+    for name, width in zip(shown.head, widths, strict=True):
+        drawn.add_column(Text(name), justify="left" if name in shown.left else "right", width=width)
+    for row in shown.rows:
+        drawn.add_row(*map(Text, row))
+    console.print(drawn)
 
 
 def column_widths(columns: Sequence[Sequence[str]], room: int) -> list[int] | None:
@@ -189,7 +179,9 @@ def print_parameters(model: PlantModel) -> None:
             else:
                 sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
             rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
-    print_table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+    print_table(
+        Table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+    )
 
 
 def print_ladder(ladder: Ladder) -> None:
@@ -197,7 +189,7 @@ def print_ladder(ladder: Ladder) -> None:
     unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
     header = ["step", "cost per d.o.f.", f"rms error fitted{unit}"]
     header += [f"{ladder.judged_on}{unit}", f"noise alone{unit}"]
-    print_table(header, ladder.rows(), left=["step"])
+    print_table(Table(header, ladder.rows(), left=["step"]))
 
 
 def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:

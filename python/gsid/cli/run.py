@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.base.files import is_stdout
+from gsid.base.tables import Table
 from gsid.cli.options import (
     INPUT,
     OUTPUT,
@@ -402,4 +403,4 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
     rows = [
         [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()
     ]
-    print_table(["figure", "value"], rows, left=["figure"])
+    print_table(Table(["figure", "value"], rows, left=["figure"]))

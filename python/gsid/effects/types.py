@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ import numpy as np
 
 from gsid._lib import ffi, lib
 from gsid.base.errors import InputError, close
+from gsid.base.tables import Table
 
 STAGES = {
     lib.GSID_STAGE_CONTROLLER: "controller",
@@ -256,17 +256,18 @@ class EffectType:
             "parameters": [parameter.to_dict() for parameter in self.parameters],
         }
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [
+    def _table(self) -> Table:
+        rows = [
             (p.name, p.unit or "1", f"{p.typical:g}", f"{p.lower:g} .. {p.upper:g}") for p in self.parameters
         ]
+        return Table(("parameter", "unit", "typical", "bounds"), rows, title=f"{self.id}: {self.sentence}")
 
     def __repr__(self) -> str:
         lines = [f"{self.id} ({self.stage}): {self.sentence}"]
         lines += [f"  {self.law}"] if self.law else []
         lines += [
             f"  {name:18} {unit:22} typical {typical:10} {bounds}"
-            for name, unit, typical, bounds in self._rows()
+            for name, unit, typical, bounds in self._table().rows
         ]
         if self.confused_with:
             lines.append(f"  easily confused with {', '.join(self.confused_with)}")
@@ -275,13 +276,7 @@ class EffectType:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in ("parameter", "unit", "typical", "bounds"))
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in self._rows()
-        )
-        caption = html.escape(f"{self.id}: {self.sentence}")
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+        return self._table().html()
 
 
 @functools.cache

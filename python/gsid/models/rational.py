@@ -13,6 +13,7 @@ from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.models.fit_warning import FitWarning
 from gsid.models.polynomial import roots_of
 from gsid.response.frf import Frf, check_response
@@ -547,17 +548,13 @@ class RationalModel(Plottable):
         return lines + [f"  warning: {warning.text}" for warning in self.warnings]
 
     def _repr_html_(self) -> str:
-        import html
-
-        rows = "".join(
-            f"<tr><td>{name}</td><td>{html.escape(_with_std(values, stds))}</td></tr>"
-            for name, values, stds in (
-                ("num", self.num, self.std_num),
-                ("den", self.den, self.std_den),
-                ("delay [ms]", [1e3 * self.delay_s], [1e3 * self.std_delay_s]),
-            )
-        )
-        return f"<table><caption>{html.escape(self._lines()[0])}</caption>{rows}</table>"
+        delay_ms = _with_std([1e3 * self.delay_s], [1e3 * self.std_delay_s])
+        rows = [
+            ("num", _with_std(self.num, self.std_num)),
+            ("den", _with_std(self.den, self.std_den)),
+            ("delay [ms]", delay_ms),
+        ]
+        return Table((), rows, title=self._lines()[0]).html()
 
 
 def half_of(cov: np.ndarray) -> np.ndarray:

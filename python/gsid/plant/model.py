@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import html
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from gsid.base.arguments import printable_text
 from gsid.base.errors import InputError, close
 from gsid.base.json_files import listed, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.base.tables import Table
 from gsid.effects.custom import entry_keys, of_entry
 from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
@@ -412,12 +412,13 @@ class PlantModel:
 
     # ---- print ---------------------------------------------------------------------------------------
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
+    def _table(self) -> Table:
+        title = f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"
         rows = []
         for effect in self.effects:
             for i, (name, param) in enumerate(effect.params.items()):
                 rows.append((effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name)))
-        return rows
+        return Table(("effect", "parameter", "value", "unit"), rows, title=title)
 
     def unit_of(self, effect: Effect, name: str) -> str:
         """Unit of a parameter in this model's unit of angle."""
@@ -425,22 +426,17 @@ class PlantModel:
         return unit if " (" in unit else unit.replace("deg", self.angle_unit)  # "deg (whatever ...)" is one
 
     def __repr__(self) -> str:
-        lines = [f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"]
+        table = self._table()
+        lines = [table.title]
         lines += [
-            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in self._rows()
+            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in table.rows
         ]
         if self.fit is not None:
             lines.append(f"  cost per degree of freedom {self.fit.get('cost_per_dof', math.nan):.4g}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in ("effect", "parameter", "value", "unit"))
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in self._rows()
-        )
-        caption = html.escape(repr(self).splitlines()[0])
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+        return self._table().html()
 
 
 def check_plant(model: object) -> None:

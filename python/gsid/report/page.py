@@ -5,14 +5,13 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import jinja2
-
 from gsid import plots
 from gsid.base.files import write_atomically
+from gsid.base.tables import Table, templates
 from gsid.comparison import compare
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import torque_residual
@@ -20,7 +19,6 @@ from gsid.plant.model import PlantModel
 from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
 from gsid.report.tables import (
     ESTIMATORS_NOTE,
-    Table,
     Truth,
     distortion_table,
     failing_tables,
@@ -231,7 +229,6 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        head, rows = found.table()
         good = [row for row in found.rows if not row.note]
         expected = (
             ""
@@ -248,7 +245,7 @@ class Report:
                     ("Order", f"{found.order}, {found.n_lines} lines"),
                     ("Delay by the slope of the phase", f"{1e3 * found.initial_delay_s:.4g} ms"),
                 ],
-                tables=[Table("Estimators", head, rows, ESTIMATORS_NOTE)],
+                tables=[replace(found.table(), title="Estimators", note=ESTIMATORS_NOTE)],
                 pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
                 closing=[],
             )
@@ -265,10 +262,9 @@ class Report:
 
     def html(self) -> str:
         """Return the page as self-contained HTML."""
-        loader = jinja2.PackageLoader("gsid", "templates")
-        environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
         now = datetime.datetime.now().astimezone()
-        return environment.get_template("report.html").render(
+        page = templates().get_template("report.html")
+        return page.render(
             title=self.title,
             experiments=self._experiments,
             made=[("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *versions()],

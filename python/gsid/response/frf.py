@@ -21,6 +21,7 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.spectrum.realisation import require_same
 
 if TYPE_CHECKING:
@@ -260,11 +261,7 @@ class Frf(Plottable):
         return f"Frf {self.name or 'unnamed'}\n{rows}"
 
     def _repr_html_(self) -> str:
-        from html import escape
-
-        summary = self._summary().items()
-        rows = "".join(f"<tr><th>{key}</th><td>{escape(value)}</td></tr>" for key, value in summary)
-        return f"<table><caption>Frf {escape(self.name or 'unnamed')}</caption>{rows}</table>"
+        return Table((), list(self._summary().items()), title=f"Frf {self.name or 'unnamed'}").html()
 
 
 _COMPLEX = ("g", "y", "u", "cov_yu")
