@@ -386,13 +386,13 @@ def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
     A parameter that was made free after the fit has no standard deviation and is not covered.
     """
 
-    def known(cov: np.ndarray | None, n_free: int) -> bool:
-        return cov is not None and cov.shape == (n_free, n_free) and bool(np.all(np.isfinite(cov)))
-
-    if isinstance(model, PlantModel) and any(model[name].std is None for name in model.free_names):
-        return False
-    pieces = getattr(model, "pieces", (model,))
-    return all(known(piece.cov, _n_parameters(piece)) for piece in pieces)
+    if isinstance(model, PlantModel):
+        if any(model[name].std is None for name in model.free_names):
+            return False
+        covariances = [model.covariance]
+    else:
+        covariances = [piece.cov for piece in getattr(model, "pieces", (model,))]
+    return all(cov is not None and bool(np.all(np.isfinite(cov))) for cov in covariances)
 
 
 def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
@@ -460,7 +460,7 @@ def _plant_deviations(model: PlantModel) -> np.ndarray:
 
     A parameter that the fit did not determine has a standard deviation of its own size.
     """
-    cov = np.array(model.cov)
+    cov = np.array(model.covariance)
     for name in _undetermined(model):
         i = model.free_names.index(name)
         cov[i, i] += max(abs(model[name].value), least_size(model.parameter(name))) ** 2

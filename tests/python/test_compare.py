@@ -374,6 +374,26 @@ def test_a_covariance_of_as_many_other_parameters_is_not_used(command):
     assert compare(model, record).model_uncertainty == "none"
 
 
+def test_a_covariance_of_an_older_fit_is_not_used(command, tmp_path):
+    """A parameter was fixed, the model refitted, and the parameter freed again in place of another one.
+
+    The matrix has the right shape and every free parameter a standard deviation, but one is of the first fit.
+    """
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    record = noisy(rng, command, y, 4)
+    first = fit_plant(plant(STACK), record).model
+    model = fit_plant(first, record, fixed=["rigid_body.gain"]).model
+    assert compare(model, record).model_uncertainty == "included"
+    model["rigid_body.gain"].free, model["cable_spring.stiffness"].free = True, False
+    assert model.cov.shape == (len(model.free_names),) * 2
+    assert all(model[name].std is not None for name in model.free_names)
+    assert compare(model, record).model_uncertainty == "none"
+    model.save(tmp_path / "m.json")
+    assert compare(PlantModel.load(tmp_path / "m.json"), record).model_uncertainty == "none"
+    model["rigid_body.gain"].free, model["cable_spring.stiffness"].free = False, True
+    assert compare(model, record).model_uncertainty == "included"
+
+
 def test_what_the_fit_left_open_may_have_any_value(command, caplog):
     """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)

@@ -259,7 +259,7 @@ def _fit_of_part(
     """
     part = copy.deepcopy(found)
     part.effects = [effect for place, effect in enumerate(part.effects) if place not in without]
-    part.cov, part.fit = None, None
+    part.cov, part.cov_names, part.fit = None, None, None
     fits = [fit_plant(part, fitted, band=band)]
     moved = linear_start(part, fitted) if without else part
     if moved is not part:

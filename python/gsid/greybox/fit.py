@@ -530,7 +530,7 @@ def _with_result(problem: Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarr
         mean[i, own[:, k]] = 1 / problem.n_records
     for k, i in enumerate(problem.shared):
         mean[i, problem.n - problem.n_shared + k] = 1
-    model.cov = mean @ cov @ mean.T
+    model.cov, model.cov_names = mean @ cov @ mean.T, model.free_names
     unknown = np.any((mean > 0) & np.isnan(std), axis=1)
     for i, name in enumerate(model.free_names):
         model[name].value = float(mean[i] @ x)

@@ -47,11 +47,14 @@ class PlantModel:
         Unit of angle. It replaces degrees in the catalogue's units.
     u_unit, y_unit : str
     cov : (n_free, n_free) ndarray or None
-        Covariance of the free parameters, in the order of `free_names`.
+        Covariance of the parameters `cov_names`. Use `covariance`, which checks that they are still the free
+        ones.
     fit : dict or None
         Summary of the fit; see `gsid.PlantFit.summary`.
     history : list of dict
         Steps by which the stack was built, oldest first.
+    cov_names : list of str or None
+        Parameters that were free in the fit that gave `cov`; None: those that are free now.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class PlantModel:
     cov: np.ndarray | None = None
     fit: dict[str, Any] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
+    cov_names: list[str] | None = None
 
     def __post_init__(self) -> None:
         self._check("")
@@ -117,6 +121,16 @@ class PlantModel:
         """Parameters that a fit may change."""
         return [name for name in self.names if self[name].free]
 
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """Covariance of the free parameters, (n_free, n_free), in the order of `free_names`.
+
+        None if there is none, or if other parameters were free in the fit that gave it.
+        """
+        names = self.free_names
+        is_current = self.cov is not None and self.cov.shape == (len(names), len(names))
+        return self.cov if is_current and self.cov_names in (None, names) else None
+
     def __getitem__(self, name: str) -> Param:
         """A parameter by "effect.parameter"."""
         effect, parameter = self._find(name)
@@ -162,7 +176,7 @@ class PlantModel:
         values : (n_free,) array_like
         """
         model = copy.deepcopy(self)
-        model.cov, model.fit = None, None
+        model.cov, model.cov_names, model.fit = None, None, None
         for name, value in zip(self.free_names, values, strict=True):
             model[name].value, model[name].std = float(value), None
         return model
@@ -206,7 +220,7 @@ class PlantModel:
             Parameters that a fit does not change.
         """
         larger = copy.deepcopy(self)
-        larger.cov, larger.fit = None, None
+        larger.cov, larger.cov_names, larger.fit = None, None, None
         added = {}
         custom = effect if isinstance(effect, EffectType) else None
         known = custom or find(effect)
@@ -221,7 +235,7 @@ class PlantModel:
     def without_effect(self, effect: str) -> PlantModel:
         """A copy without the effects of an id, without covariance and fit summary."""
         smaller = copy.deepcopy(self)
-        smaller.cov, smaller.fit = None, None
+        smaller.cov, smaller.cov_names, smaller.fit = None, None, None
         smaller.effects = [each for each in smaller.effects if each.id != effect]
         return smaller
 
@@ -344,8 +358,8 @@ class PlantModel:
                 for effect in self.effects
             ],
         }
-        if self.cov is not None:
-            data["covariance"] = {"names": self.free_names, "matrix": self.cov.tolist()}
+        if (cov := self.covariance) is not None:
+            data["covariance"] = {"names": self.free_names, "matrix": cov.tolist()}
         if self.fit is not None:
             data["fit"] = self.fit
         if self.history:
@@ -389,10 +403,11 @@ class PlantModel:
         model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
         model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
         model.fit, model.history = _read_story(data, where)
-        model.cov = None
+        model.cov, model.cov_names = None, None
         model._check(where)
         if "covariance" in data:
-            model.cov = _read_covariance(data["covariance"], model.free_names, where)
+            model.cov_names = model.free_names
+            model.cov = _read_covariance(data["covariance"], model.cov_names, where)
         return model
 
     def save(self, path: str | Path) -> None:
