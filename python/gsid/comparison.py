@@ -146,10 +146,10 @@ class Comparison(Plottable):
             size += f" and the model's uncertainty {self.model_uncertainty_rms:.3g}"
         if self.adequate:
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
-            return f"Adequate: what is left is noise ({size}; {rate})."
+            return f"Adequate: only noise remains ({size}; {rate})."
         if not self.where:
             return (
-                f"Not adequate: {size}; the excess is spread thinly over the band (p = {self.p_value:.2g})."
+                f"Not adequate: {size}; the excess is spread over the whole band (p = {self.p_value:.2g})."
             )
         worst = self.where[0]
         lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"

@@ -183,7 +183,7 @@ def select_order(
         if best.model.n_parameters < chosen.model.n_parameters:
             pairs = [] if is_matrix else near_cancelled(chosen.model)
             why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
-            removed.append(f"{best.order} does what {chosen.order}{why} did")
+            removed.append(f"{best.order} fits as well as {chosen.order}{why}")
         chosen = best
     if held_out is not None:
         judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in tried}

@@ -43,7 +43,7 @@ SOLVERS = ("lm", "nlopt")
 # Meaning of the cost per degree of freedom, by method.
 COST_MEANS = {
     "ml": "1 when only noise is left",
-    "nls-output": "in units of the noise: a right model, too, may have more than 1",
+    "nls-output": "in units of the noise; a correct model may have more than 1",
 }
 METHODS = tuple(COST_MEANS)
 
