@@ -270,6 +270,10 @@ coverage-mimo: all ## the same for common poles, delays and responses of a simul
 minima-study: all ## how often a free delay of a random damped axis ends in a wrong minimum, and is reported (minutes)
 	$(PY) tests/python/damped_axes.py
 
+.PHONY: settings-study
+settings-study: all ## how the numerical settings of the grey-box fit change its results (minutes)
+	$(PY) benchmarks/greybox_settings.py
+
 .PHONY: distortion-study
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
 	$(PY) tests/python/distortion_study.py

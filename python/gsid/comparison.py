@@ -27,7 +27,8 @@ from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
 from gsid.greybox.problem import least_size
-from gsid.greybox.weights import UNSETTLED, lines_used
+from gsid.greybox.settings import SETTINGS
+from gsid.greybox.weights import lines_used
 from gsid.models.misfit import Errors, misfit
 from gsid.models.rational import half_of
 from gsid.models.sample_rate import at_rate_of
@@ -46,7 +47,8 @@ _log = logging.getLogger(__name__)
 
 KINDS = ("excited", "odd", "even")
 
-# Neighbouring bands are merged if their mean excess per line differs by no more than this factor.
+# Neighbouring bands are merged if their mean excess per line differs by no more than this factor. Chosen: it
+# affects only the list of bands, not the tests.
 ALIKE = 10.0
 
 
@@ -148,9 +150,7 @@ class Comparison(Plottable):
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
             return f"Adequate: only noise remains ({size}; {rate})."
         if not self.where:
-            return (
-                f"Not adequate: {size}; the excess is spread over the whole band (p = {self.p_value:.2g})."
-            )
+            return f"Not adequate: {size}; the excess is spread over the whole band (p = {self.p_value:.2g})."
         worst = self.where[0]
         lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"
         band = f"{worst['f_lo_hz']:.3g} to {worst['f_hi_hz']:.3g} Hz"
@@ -450,7 +450,7 @@ def _answer(
         return model.response(s.f_hz[use]) * s.U[:, use], by_model
     answer = model.predict(s, sensitivities=with_uncertainty)
     noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
-    if not answer.settled and answer.residual > UNSETTLED * noise_rms:
+    if not answer.settled and answer.residual > SETTINGS.unsettled * noise_rms:
         _log.warning("no steady state was found for %s: do not trust this comparison", s.name)
     return answer.Y[use], answer.dY[:, use].T @ _plant_deviations(model) if with_uncertainty else none
 

@@ -1,7 +1,9 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
 import copy
+import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.minimise import minimise
 from gsid.greybox.problem import Point, Problem
+from gsid.greybox.settings import GreyboxSettings
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
@@ -382,6 +385,16 @@ def test_a_limit_of_steps_is_reported(with_friction):
     fit = fit_plant(start(FRICTION_TRUTH), with_friction, max_iter=1)
     assert not fit.converged
     assert "NOT converged" in repr(fit)
+
+
+def test_every_setting_has_a_source():
+    """A unit where it is a float, and an equation, the sweep, a reference or the reason of a choice."""
+    text = GreyboxSettings.__doc__.split("Attributes\n")[1]
+    entries = re.findall(r"^    ([a-z_, ]+) : (.+)\n((?:        .+\n)+)", text, re.M)
+    sources = {name: words for names, _, words in entries for name in names.split(", ")}
+    assert list(sources) == [field.name for field in fields(GreyboxSettings)]
+    for name, words in sources.items():
+        assert re.search(r"Chosen:|Sweep:|From [A-Z]|GBX-\d", words), name
 
 
 # ---- statistics ------------------------------------------------------------------------------------------

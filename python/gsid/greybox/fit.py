@@ -22,8 +22,9 @@ import numpy as np
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
-from gsid.greybox.minimise import SINGULAR, Minimum, Steps, lengths, minimise
+from gsid.greybox.minimise import Minimum, Steps, lengths, minimise
 from gsid.greybox.problem import Point, Problem
+from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import whiten
 from gsid.models.misfit import Errors, misfit
 from gsid.plant.effect import Param
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-INVOLVED = 0.1  # a parameter with a larger share in a pinned direction counts as undetermined
 SOLVERS = ("lm", "nlopt")
 # Meaning of the cost per degree of freedom, by method.
 COST_MEANS = {
@@ -205,7 +205,7 @@ class PlantFit(Plottable):
     @property
     def misfit(self) -> float:
         """Excess of the cost over that of noise plus three standard deviations; at least 0."""
-        scatter = 3 * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
+        scatter = SETTINGS.misfit_sigma * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
         return float(max(self.cost - self.n_dof - scatter, 0.0))
 
     @property
@@ -329,7 +329,7 @@ def fit_plant(
     per_record: Sequence[str] = (),
     solver: str = "lm",
     method: str = "ml",
-    max_iter: int = 50,
+    max_iter: int = SETTINGS.max_iter,
 ) -> PlantFit:
     """Fit the free parameters of a plant to records (GBX-1, GBX-2, GBX-4).
 
@@ -478,7 +478,7 @@ def _fitted(
     """Make the result from the minimum, and from the same point evaluated with the noise weights."""
     n_pinned = int(np.linalg.matrix_rank(pinned)) if len(pinned) else 0
     std = np.sqrt(np.diag(cov))
-    std[np.any(np.abs(pinned) > INVOLVED, axis=0)] = np.nan
+    std[np.any(np.abs(pinned) > SETTINGS.involved, axis=0)] = np.nan
     n_dof = problem.n_rows - problem.n + n_pinned
     fit = PlantFit(
         model=_with_result(problem, point.x, std, cov),
@@ -511,7 +511,7 @@ def _covariance(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Inverse of R'R without the pinned directions, and these directions, (p, n), in scaled unknowns."""
     scale = lengths(r)
     _, s, vt = np.linalg.svd(r / scale)
-    good = s > SINGULAR * s[0]
+    good = s > SETTINGS.singular * s[0]
     half = (vt[good].T / s[good]) / scale[:, None]
     return half @ half.T, vt[~good]
 

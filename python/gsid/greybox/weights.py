@@ -8,12 +8,10 @@ import numpy as np
 
 from gsid.base.bands import in_band
 from gsid.base.errors import InputError
+from gsid.greybox.settings import SETTINGS
 from gsid.plant.model import PlantModel
 from gsid.spectrum.pooling import smoothed
 from gsid.spectrum.spectra import Spectra
-
-UNSETTLED = 0.1  # change of a steady state per period, over the noise of the mean, that is reported
-SAME_LEVEL = 1.05  # largest ratio of the inputs' rms of records of the same level
 
 
 def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list[tuple[np.ndarray, float]]:
@@ -55,7 +53,7 @@ def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list
 def same_level(a: Spectra, b: Spectra) -> bool:
     """Whether the rms inputs of two records agree within 5 %."""
     ratio = np.linalg.norm(a.u[a.excited]) / np.linalg.norm(b.u[b.excited])
-    return bool(1 / SAME_LEVEL < ratio < SAME_LEVEL)
+    return bool(1 / SETTINGS.same_level < ratio < SETTINGS.same_level)
 
 
 def _alike(a: Spectra, b: Spectra) -> bool:
