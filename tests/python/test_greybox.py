@@ -7,6 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from plants import FS_HZ, axis_record, plant
 from scipy import stats
 from scipy.signal import lfilter
@@ -23,7 +24,7 @@ from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
-from gsid.spectrum.pooling import DOF_WANTED, smoothed
+from gsid.spectrum.pooling import DOF_WANTED, averaged, smoothed
 from gsid.spectrum.realisation import spectra
 
 N, P = 1500, 4
@@ -430,6 +431,40 @@ def test_as_few_lines_are_pooled_as_are_needed(n_lines, n_dof, n_pooled):
     middle = (n_lines - 1) // 2
     around = variance[middle - n_pooled // 2 : middle + n_pooled // 2 + 1]
     assert pooled[middle] == pytest.approx(around.mean())
+
+
+@pytest.mark.parametrize("shortened", [False, True])
+def test_pooled_lines_are_those_of_scipy_and_numpy(shortened):
+    """Reflected edges as ndimage has them, shortened ones as the quotient of two convolutions."""
+    seed = 20260902
+    print("seed", seed)
+    rng, worst = np.random.default_rng(seed), 0.0
+    for n_lines in (1, 2, 5, 40):
+        for half in range((n_lines - 1) // 2 + 1):
+            x = rng.chisquare(2, (n_lines, 2, 3)) + 1j * rng.chisquare(2, (n_lines, 2, 3))
+            window = np.ones(2 * half + 1)
+            if shortened:
+                count = np.convolve(np.ones(n_lines), window, "same")[:, None]
+                rows = x.reshape(n_lines, -1)
+                expected = np.array([np.convolve(row, window, "same") for row in rows.T]).T / count
+            else:
+                parts = (ndimage.uniform_filter1d(part, len(window), axis=0) for part in (x.real, x.imag))
+                expected = np.add(*(part * by for part, by in zip(parts, (1, 1j), strict=True)))
+            difference = averaged(x, half, shortened=shortened) / expected.reshape(x.shape) - 1
+            worst = max(worst, float(np.abs(difference).max()))
+    print("largest relative difference", worst)
+    assert worst < 1e-13
+
+
+@pytest.mark.parametrize("shortened", [False, True])
+def test_bug_a_large_variance_cost_the_lines_behind_it_their_digits(shortened):
+    """Running sums kept the rounding of a large value: 1e-4 of variances of 1e-13 of it."""
+    variance = np.full(200, 1e-13)
+    variance[50] = 1.0
+    pooled = averaged(variance, 5, shortened=shortened)
+    np.testing.assert_allclose(pooled[60:], 1e-13, rtol=1e-12)
+    if not shortened:
+        np.testing.assert_allclose(smoothed(variance, 2.0)[0][60:], 1e-13, rtol=1e-12)
 
 
 def test_a_band_may_reach_half_the_sample_rate():
