@@ -130,7 +130,7 @@ def test_periods(record):
     words = labels(figure)
     assert "7 good periods" in words
     assert "samples lost" in words
-    assert "thrown away to settle" in words
+    assert "discarded while settling" in words
     assert "y − mean [deg/s]" in words
     # white noise of 0.05 deg/s over 7 x 1500 samples: 0.7 % of scatter
     noise = float(words.split("from the mean: ")[1].split(" deg/s")[0])
@@ -219,7 +219,7 @@ def test_residual_shades_where_the_model_is_wrong(measured):
 
 def test_residual_without_variance(measured):
     unknown = dataclasses.replace(measured, var_g=np.full(len(measured.g), np.nan))
-    assert "the noise is not known" in labels(plots.residual(axis(), unknown))
+    assert "the noise is unknown" in labels(plots.residual(axis(), unknown))
     assert "σ of the noise" not in labels(plots.frf(unknown))
     labels(plots.bode(axis(), unknown))
 
@@ -367,7 +367,7 @@ def test_noise_with_and_without_disturbances():
         "95 % interval, each line",
         "amplitude [deg/s]",
         "95 % interval; false-alarm rate 0.01",
-        "Output less its trend: noise of",
+        "Output minus its trend: noise of",
         "28.6",
         "frequency [Hz]",
     ):

@@ -1,7 +1,7 @@
-"""Pictures: one function each, objects in, a matplotlib Figure out (no pyplot, no global state).
+"""Plots: each function draws result objects and returns a matplotlib Figure, without pyplot or global state.
 
-Each result's `plot()` finds its function here, by its type (`gsid.base.plottable`).
-Confidence throughout is 95 %, point by point; the bands are those of gsid.models.confidence.
+The method `plot()` of a result calls the function registered here for its type (`gsid.base.plottable`).
+All intervals are 95 %, point by point; gsid.models.confidence computes them.
 """
 
 from gsid.base.plottable import figure_of

@@ -217,7 +217,7 @@ def draw_error(ax: Axes, f, error, bound, label: str, bound_label: str = BOUND_O
 def above_text(error, bound, right: str = "noise alone") -> str:
     """Number of lines above their bound, and the share expected from `right`, by default noise alone."""
     if not np.any(np.isfinite(bound)):
-        return "the noise is not known"
+        return "the noise is unknown"
     above = error > bound
     share = 100.0 * np.mean(above)
     return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; {right}: 5 %)"

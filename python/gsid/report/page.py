@@ -104,7 +104,7 @@ class Report:
             the one with the largest input.
         frf : Frf, optional
         model : RationalModel, PiecewiseModel or PlantModel, optional
-            A plant is compared with the measured response if there are spectra, and shown with its ladder.
+            A plant is compared with the measured response if spectra are given, and shown with its ladder.
         comparison : Comparison, optional
         multisine : Multisine, optional
             The excitation as designed; default: the excitation as applied, from the spectra.
@@ -185,13 +185,13 @@ class Report:
         measured = diagnosis.read(as_list(spectra))
         fitted = diagnosis.steps[0].fit.model
         before = compare(fitted, measured, band=band, alpha=diagnosis.alpha, fitted=True)
-        drawn = [("Where it fails", lambda: plots.comparison(before))]
+        drawn = [("Error of the given model", lambda: plots.comparison(before))]
         if not diagnosis.adequate:
             torque = torque_residual(fitted, measured, band=band)
-            drawn.append(("Torque that is missing", lambda: plots.torque_residual(torque)))
+            drawn.append(("Missing torque", lambda: plots.torque_residual(torque)))
         if diagnosis.found:
             after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha, fitted=True)
-            drawn.append(("With what was found", lambda: plots.comparison(after)))
+            drawn.append(("With the effects found", lambda: plots.comparison(after)))
         if ladder is not None and ladder.rungs:
             drawn.append(("Ladder", lambda: plots.ladder(ladder)))
         self._experiments.append(
@@ -202,7 +202,7 @@ class Report:
                 grade="good" if diagnosis.adequate else "bad",
                 run=[
                     ("Records", ", ".join(s.name or "a record" for s in measured)),
-                    ("Periods", f"{sum(s.n_periods for s in measured)} good in all"),
+                    ("Periods", f"{sum(s.n_periods for s in measured)} good in total"),
                 ],
                 tables=[*ranking_tables(diagnosis), plant_table(diagnosis.model)],
                 pictures=self._drawn(drawn),

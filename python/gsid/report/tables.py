@@ -37,7 +37,7 @@ class Truth:
     ----------
     name, unit : str
     truth, estimate, std : float
-        std is the estimate's standard deviation, in the same unit.
+        std is the standard deviation of the estimate, in the same unit.
     """
 
     name: str
@@ -79,10 +79,10 @@ def distortion_table(bands: Sequence[DistortedBand]) -> Table:
     for band in bands:
         low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
         size = "" if band.kind == "noise" else low if low == high else f"{low} to {high}"
-        kind = "noise dominates" if band.kind == "noise" else f"{band.kind} distortion"
+        kind = "noise" if band.kind == "noise" else f"{band.kind} distortion"
         rows.append((plots.band_text(band.f_lo_hz, band.f_hi_hz), kind, size))
     note = "Averaging over more periods lowers the noise only."
-    head = ("Band", "What limits", "Above noise [dB]")
+    head = ("Band", "Dominant", "Above noise [dB]")
     return Table(head, rows, title="Noise and distortion", note=note)
 
 
@@ -93,8 +93,8 @@ def truth_table(truth: Sequence[Truth]) -> Table:
         for t in truth
     ]
     head = ("Quantity", "Unit", "Truth", "Estimate", "σ", "Difference [σ]")
-    note = "Within ±2 σ in 95 of 100 cases, when the model is right."
-    return Table(head, rows, title="Truth beside estimate", note=note)
+    note = "Within ±2 σ in 95 of 100 cases if the model is correct."
+    return Table(head, rows, title="True and estimated values", note=note)
 
 
 def _signed(value: float) -> str:
@@ -110,7 +110,7 @@ def _fit_table(m: RationalModel) -> Table:
         ("Parameters", f"{m.n_parameters} free"),
     ]
     if m.hold == "zoh":
-        rows.append(("Input", "held over each sample; this is what follows"))
+        rows.append(("Input", "held over each sample; the model does not include the hold"))
     if m.method is not None:
         rows.append(("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"))
     if m.band_hz is not None:
@@ -118,7 +118,7 @@ def _fit_table(m: RationalModel) -> Table:
     if m.cost is not None:
         expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
         rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
-    note = "Intervals are 95 % and count the noise only: they hold where the model is adequate."
+    note = "Intervals are 95 % and include noise only. They are valid if the model is adequate."
     return Table((), rows, title="Fitted model", note=note)
 
 
@@ -130,7 +130,7 @@ def _root_table(m: RationalModel) -> Table:
                 rows.append(_root_row(kind, root, cov, m))
     where = "s / 2π [Hz]" if m.domain == "s" else "z"
     head = ("", where, "Frequency [Hz]", "Damping ratio", "Time constant [ms]")
-    note = "Of a conjugate pair one is listed. Intervals are 95 %." if rows else "No poles and no zeros."
+    note = "One root of each conjugate pair. Intervals are 95 %." if rows else "No poles and no zeros."
     return Table(head, rows, title="Poles and zeros", note=note)
 
 
@@ -240,7 +240,7 @@ def failing_tables(c: Comparison | None) -> list[Table]:
         for band in sorted(c.where, key=lambda band: -band["share"])
     ]
     note = (
-        "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
+        "Largest share of the excess first." if rows else "The error does not exceed the noise in any band."
     )
     head = ("Band", "Lines", "Share", "Error over response", "p")
     return [Table(head, rows, title="Where the model fails", note=note)]
