@@ -7,9 +7,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from scipy import ndimage
 from plants import FS_HZ, axis_record, plant
-from scipy import stats
+from scipy import ndimage, stats
 from scipy.signal import lfilter
 
 from gsid.base.errors import GsidError, InputError
