@@ -11,11 +11,11 @@ from gsid.base.tables import Table
 REASONS = Path(__file__).with_name("reasons.json")
 HEAD = """# Mutants that the tests do not find
 
-A mutant is the source with one small change: a sign, a comparison, a number, a statement left out. A test
+A mutant is the source with one small change: a sign, a comparison, a number, or a removed statement. A test
 that fails with it has found it. `make mutants` draws {n} mutants of each part of the source from seed {seed},
 judges each by the tests that execute its line, and writes this page. Changes that do not compile, or that
 compile to the same program, are not counted. [Decisions](decisions.md) has the reasons for the tools.
-A run that was stopped has judged fewer than {n}. This one was of commit {commit}.
+A run that was stopped early has judged fewer than {n}. This run was made at commit {commit}.
 """
 
 
