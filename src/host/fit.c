@@ -123,7 +123,10 @@ static gsid_status run_init(fit_run *r, const gsid_frd *data, const gsid_fit_cfg
         return GSID_E_NO_MEMORY;
     }
     for (uint32_t k = 0; k < data->n_lines; k++) {
-        r->hold[k] = cfg->hold ? gsid_fit_hold(GSID_TWO_PI * data->f_hz[k], cfg->sample_s) : gsid_cplx_make(1, 0);
+        r->hold[k] = gsid_cplx_make(1, 0);
+    }
+    if (cfg->hold) {
+        gsid_hold_factor(cfg->sample_s, data->n_lines, data->f_hz, r->hold);
     }
     r->work.n_lines = data->n_lines;
     r->work.f_hz = data->f_hz;

@@ -30,12 +30,6 @@ void gsid_fit_free_of_hold(fit_run *r) {
     }
 }
 
-/* (1 - exp(-j w T)) / (j w T), the response of the zero-order hold. */
-gsid_cplx gsid_fit_hold(double w_rad_s, double sample_s) {
-    const double x = w_rad_s * sample_s / 2;
-    return gsid_cplx_scale(x == 0 ? 1 : sin(x) / x, gsid_cplx_cis(-x));
-}
-
 /* What sampling folds back of a held input: the held response less hold times G. */
 static gsid_status images_of(const fit_run *r, const gsid_rational *model, gsid_cplx *images) {
     const uint32_t n = r->data->n_lines;

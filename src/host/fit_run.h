@@ -45,7 +45,6 @@ void gsid_fit_keep_best(const fit_candidate *c, uint32_t n_kept, fit_candidate *
 
 /* ---- fit_hold.c */
 void gsid_fit_free_of_hold(fit_run *r);
-gsid_cplx gsid_fit_hold(double w_rad_s, double sample_s);
 gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int with_drift);
 
 /* ---- fit_scan.c: delays and linear fits */

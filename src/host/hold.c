@@ -193,3 +193,14 @@ gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint
     }
     return GSID_OK;
 }
+
+gsid_status gsid_hold_factor(double sample_s, uint32_t n_freq, const double *f_hz, gsid_cplx *hold) {
+    if (n_freq > 0 && (f_hz == NULL || hold == NULL)) {
+        return GSID_E_NULL;
+    }
+    for (uint32_t k = 0; k < n_freq; k++) {
+        const double x = GSID_TWO_PI * f_hz[k] * sample_s / 2;
+        hold[k] = gsid_cplx_scale(x == 0 ? 1 : sin(x) / x, gsid_cplx_cis(-x));
+    }
+    return GSID_OK;
+}

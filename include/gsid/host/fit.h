@@ -75,6 +75,13 @@ typedef struct {
  *  Cost: some hundred linear fits of n_lines rows, a few of them over all lines. */
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result);
 
+/** Response of the zero-order hold, (1 - exp(-j w T)) / (j w T), without images.  Eq: MOD-2
+ *  @param[in]  sample_s      sample time T [s]
+ *  @param[in]  n_freq, f_hz  [n_freq] Hz
+ *  @param[out] hold          [n_freq]; not a number where a frequency or the sample time is not finite
+ *  @return GSID_OK; GSID_E_NULL */
+gsid_status gsid_hold_factor(double sample_s, uint32_t n_freq, const double *f_hz, gsid_cplx *hold);
+
 /** Response of a model to a held input, sampled: exact for any delay, by the matrix exponential.  Eq: MOD-2.
  *  @param[in]  sample_s      sample time [s]
  *  @param[in]  n_freq, f_hz  [n_freq] Hz

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.zero_order_hold import hold_factor
 from gsid.fitting.rational import DOF_WANTED
 from gsid.models.hold import fit_both
-from gsid.models.mimo import MimoModel, hold_response
+from gsid.models.mimo import MimoModel
 from gsid.response.mimo import MimoFrf
 from gsid.spectrum.pooling import averaged, neighbours
 
@@ -133,7 +134,7 @@ def _settled(
         model = MimoModel(delay_s=delay_s, **found, **facts)
         if model.hold == "none":
             break
-        held = model.response(frf.f_hz) / hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+        held = model.response(frf.f_hz) / hold_factor(frf.f_hz, frf.fs_hz)[:, None, None]
         last, images = images, held - model.behind_hold(frf.f_hz)
         if np.max(np.abs(images - last) / sigma) < HOLD_SETTLED:
             break
@@ -144,7 +145,7 @@ def _settled(
 
 def _behind_hold(frf: MimoFrf) -> MimoFrf:
     """The response divided by that of the hold; aliased images remain."""
-    hold = hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+    hold = hold_factor(frf.f_hz, frf.fs_hz)[:, None, None]
     return replace(frf, g=frf.g / hold, cov_y=frf.cov_y / np.abs(hold) ** 2)
 
 

@@ -14,6 +14,7 @@ from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.confidence import NORMAL_95, root_quantities
 from gsid.models.rational import RationalModel
 
@@ -330,7 +331,7 @@ class MimoModel(Plottable):
             x, where = self.gradient(f, i, j), self._where(i, j)
             variance = np.einsum("ka,ab,kb->k", x, self.cov[np.ix_(where, where)], x.conj(), optimize=True)
             std[:, i, j] = np.sqrt(np.maximum(variance.real, 0))
-        return std * np.abs(hold_response(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
+        return std * np.abs(hold_factor(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
 
     @property
     def std_delay_s(self) -> np.ndarray:
@@ -492,23 +493,6 @@ class MimoModel(Plottable):
 
 
 _FIT_KEYS = ("method", "cost", "cost_expected", "n_lines", "converged")
-
-
-def hold_response(f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
-    """Response of a zero-order hold.
-
-    Parameters
-    ----------
-    f_hz : (F,) ndarray
-        Hz.
-    fs_hz : float
-        Sample rate [Hz].
-
-    Returns
-    -------
-    (F,) complex ndarray
-    """
-    return np.sinc(f_hz / fs_hz) * np.exp(-1j * np.pi * f_hz / fs_hz)
 
 
 def _product(factors: list[np.ndarray]) -> np.ndarray:

@@ -14,6 +14,7 @@ from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, nu
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.fit_warning import FitWarning
 from gsid.models.polynomial import roots_of
 from gsid.response.frf import Frf, check_response
@@ -244,7 +245,7 @@ class RationalModel(Plottable):
             return np.zeros(len(f))
         x = self.gradient(f)
         std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", x, self.cov, x.conj()).real, 0))
-        return std * np.abs(np.sinc(f / self.fs_hz)) if self.hold == "zoh" else std
+        return std * np.abs(hold_factor(f, self.fs_hz)) if self.hold == "zoh" else std
 
     def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Change of the response by one standard deviation along each independent direction of `cov`.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.base.zero_order_hold import hold_factor
 from gsid.effects.types import catalogue, linear_part
 
 BACKLASH = next(e.id for e in catalogue().values() if e.linear_part == "backlash")  # between motor and load
@@ -87,15 +88,15 @@ def linear_view(
     body = 1 / (s + _sum(parts["damping"]) + springs + reaction)
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
     actuator = actuator * np.exp(-s * _sum(parts["delay"]))
-    actuator = actuator * (_held(s, fs_hz) if held else 1.0)
+    actuator = actuator * (hold_factor(f, fs_hz) if held else 1.0)
     driven = actuator * transmitted
     sensor = _lag(parts["lag of the sensor"], s)
     for (rate_hz,) in parts["hold"]:
         if rate_hz > 0:  # 0: no hold
-            sensor = sensor * _held(s, rate_hz)
+            sensor = sensor * hold_factor(f, rate_hz)
     if output_angle:
         sensor = sensor / s
-    loop = 1 / (1 + driven * body * _feedback(parts, s, fs_hz))
+    loop = 1 / (1 + driven * body * _feedback(parts, f, fs_hz))
     change = (driven * body + actuator * _mode(parts, s)) * loop * sensor
     return LinearView(
         torque=body * loop * sensor,
@@ -127,11 +128,6 @@ def _lag(values: list[tuple[float, ...]], s: np.ndarray) -> np.ndarray | float:
     return 1 / math.prod((1 + s * time_constant for (time_constant,) in values), start=1.0)
 
 
-def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Zero-order hold: (1 - exp(-s T)) / (s T)."""
-    return -np.expm1(-s / rate_hz) * rate_hz / s
-
-
 def _gear(parts: Parts, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
     """Share of the motor torque transmitted to the load, and the motor's reaction per rate (DIA-8)."""
     if not parts["backlash"]:
@@ -149,13 +145,14 @@ def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:
     return answer
 
 
-def _feedback(parts: Parts, s: np.ndarray, fs_hz: float) -> np.ndarray | float:
+def _feedback(parts: Parts, f_hz: np.ndarray, fs_hz: float) -> np.ndarray | float:
     """Rate to command through the controller kv (kp (r - angle) - measured rate)."""
     if not parts["loop"]:
         return 0.0
     kp, kv, _, samples = parts["loop"][0]
-    measured = _held(s, fs_hz / samples) if samples > 0 else 1.0  # a difference of angles is a mean rate
-    return kv * (measured + kp / s)
+    # A difference of angles is a mean rate: it has the factor of a hold.
+    measured = hold_factor(f_hz, fs_hz / samples) if samples > 0 else 1.0
+    return kv * (measured + kp / (2j * np.pi * f_hz))
 
 
 def _reference(parts: Parts) -> float:

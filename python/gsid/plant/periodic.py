@@ -9,6 +9,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError, SimulationError
+from gsid.base.zero_order_hold import hold_factor
 from gsid.plant.effect import Stack
 from gsid.plant.units import RADIANS, check_plant_units
 from gsid.spectrum.lines import lines_of, period_of
@@ -70,9 +71,8 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     if oversampling == 1:
         return period_of(measured.u, n)
     below = measured.u[: (n + 1) // 2]  # without the line at half the rate, which has no phase
-    half = np.pi * np.arange(len(below)) / (n * oversampling)
     fine = np.zeros(n * oversampling // 2 + 1, complex)
-    fine[: len(below)] = below * np.exp(1j * half) / np.sinc(half / np.pi)
+    fine[: len(below)] = below / hold_factor(np.arange(len(below)), n * oversampling)
     return period_of(fine, n * oversampling)
 
 
