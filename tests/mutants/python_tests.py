@@ -51,13 +51,14 @@ class PythonTests:
         if not times.is_file():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            settings = folder / "coverage.ini"
+            settings = folder / "settings.ini"  # coverage erases coverage.*
             settings.write_text(
                 f"[run]\ndata_file = {data}\ninclude =\n" + "".join(f"    {f}\n" for f in files)
             )
             running = folder / "running.xml"
             options = ["--cov", "--cov-context=test", f"--cov-config={settings}", "--cov-report="]
-            self._pytest([*options, f"--junitxml={running}", *tests], folder / "log.txt", None)
+            options += ["-n", "auto", "--dist", "loadgroup", f"--junitxml={running}"]
+            self._pytest([*options, *tests], folder / "log.txt", None)
             running.rename(times)
         self._read(data, times, files)
 
