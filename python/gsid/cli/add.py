@@ -87,10 +87,7 @@ class Start(Value):
     help="Start value of a parameter, with its bounds for --torque. May be repeated. [default: the best "
     "of several starts]",
 )
-@held_out_option(
-    "Judge the model on this record. It must not have been used to choose EFFECT. May be repeated. "
-    "[default: a third of REC... at each level, or the later periods]"
-)
+@held_out_option("a third of REC... at each level, or the later periods")
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Remove the last added effect instead.")
 @click.option("-o", "--output", metavar="M2.json", type=OUTPUT, required=True, help="Model to write.")

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     help="Model to compare: a fitted transfer function or a stack of effects.",
 )
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option
+@alpha_option(0.05)
 @click.option(
     "--fitted",
     is_flag=True,

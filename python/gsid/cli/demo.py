@@ -10,7 +10,7 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
-from gsid.cli.options import json_option
+from gsid.cli.options import SEED, json_option
 from gsid.cli.output import print_json, print_ladder, print_table, say
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0),
+    type=SEED,
     default=1,
     help="Random seed of the noise and of the hidden effect. [default: 1]",
 )

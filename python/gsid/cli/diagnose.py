@@ -11,6 +11,7 @@ from gsid.base.tables import Table
 from gsid.cli.common import with_ladder
 from gsid.cli.options import (
     OUTPUT,
+    SEED,
     alpha_option,
     band_option,
     json_option,
@@ -45,11 +46,11 @@ if TYPE_CHECKING:
 @reading_options
 @plant_option("Stack of effects (model file) to test.")
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option
+@alpha_option(0.05)
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0, 2**64 - 1),
+    type=SEED,
     default=0,
     help="Random seed of the bootstrap. [default: 0]",
 )

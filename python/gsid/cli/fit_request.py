@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.options import INPUT, OUTPUT, Order, add_options, band_option, held_out_option
+from gsid.cli.options import INPUT, OUTPUT, add_options, band_option, held_out_option, order_option
 
 if TYPE_CHECKING:
     from gsid.records.mimo import MimoRecord
@@ -46,11 +46,7 @@ class Delay(click.ParamType):
 
 
 FIT_OPTIONS = (
-    click.option(
-        "--order",
-        type=Order(may_be_auto=True),
-        help="Numbers of poles and zeros, for example 4/3. auto chooses the order of least MDL.",
-    ),
+    order_option,
     click.option(
         "--piecewise",
         metavar="N|auto",
@@ -58,7 +54,7 @@ FIT_OPTIONS = (
         help="Split the band into N pieces and fit a model of this order in each. auto chooses the number of"
         " least MDL.",
     ),
-    held_out_option("Judge the model on this record. It must not be one of REC... May be repeated."),
+    held_out_option(),
     click.option(
         "--model",
         "model_path",

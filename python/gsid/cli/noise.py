@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
-from gsid.cli.options import UsageError, json_option, picture_option, reading_options, records_argument
+from gsid.cli.options import (
+    UsageError,
+    alpha_option,
+    json_option,
+    picture_option,
+    reading_options,
+    records_argument,
+)
 from gsid.cli.output import draw, print_json, print_table, say
 
 if TYPE_CHECKING:
@@ -20,14 +27,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Measure the noise spectrum and find periodic disturbances.")
 @records_argument
 @reading_options
-@click.option(
-    "--alpha",
-    metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.01,
-    show_default=True,
-    help="False-alarm rate: rate at which noise alone shows a periodic disturbance.",
-)
+@alpha_option(0.01)
 @picture_option
 @json_option
 def noise(

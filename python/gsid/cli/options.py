@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -84,15 +84,45 @@ def add_options(options: Sequence[Callable]) -> Callable:
     return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
 
 
+def _with_default(text: str, default: str) -> str:
+    """Help text with a default in words."""
+    return f"{text} [default: {default}]" if default else text
+
+
+SEED = click.IntRange(0, 2**64 - 1)
+LIMIT = click.FloatRange(0, min_open=True)
+
+
+def rate_option(shown_default: str = "", **how: Any) -> Callable:
+    """--fs."""
+    text = _with_default("Sample rate.", shown_default)
+    rate = click.FloatRange(0, min_open=True)
+    return click.option("--fs", "fs_hz", metavar="HZ", type=rate, help=text, **how)
+
+
+def period_option(shown_default: str = "", **how: Any) -> Callable:
+    """--period."""
+    text = _with_default("Samples in a period.", shown_default)
+    return click.option("--period", metavar="N", type=click.IntRange(1), help=text, **how)
+
+
+def periods_option(default: int) -> Callable:
+    """--periods."""
+    text = _with_default("Periods to measure.", str(default))
+    return click.option("--periods", metavar="P", type=click.IntRange(1), default=default, help=text)
+
+
+def amplitude_option(shown_default: str, **how: Any) -> Callable:
+    """--amplitude."""
+    text = _with_default("Amplitude of the command; of a multisine, of its first line.", shown_default)
+    return click.option("--amplitude", metavar="A", type=float, help=text, **how)
+
+
 READING_OPTIONS = (
     click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
     click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
-    click.option(
-        "--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate. [default: as the file states]"
-    ),
-    click.option(
-        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: detected]"
-    ),
+    rate_option("as the file states"),
+    period_option("detected"),
     click.option(
         "--settle",
         metavar="N",
@@ -267,7 +297,7 @@ MULTISINE_OPTIONS = (
     click.option(
         "--seed",
         metavar="N",
-        type=click.IntRange(0, 2**64 - 1),
+        type=SEED,
         default=0,
         help="Random seed of the phases and of the gaps of odd-random. [default: 0]",
     ),
@@ -287,9 +317,26 @@ def multisine_options(command: Callable) -> Callable:
     return add_options(MULTISINE_OPTIONS)(with_shape)
 
 
-def held_out_option(text: str) -> Callable:
-    """--held-out with the help text of a verb."""
-    return click.option("--held-out", metavar="REC", multiple=True, type=RECORD, help=text)
+def held_out_option(shown_default: str = "") -> Callable:
+    """--held-out."""
+    text = "Judge the model on this record, which was not used to fit or to choose it. May be repeated."
+    return click.option(
+        "--held-out", metavar="REC", multiple=True, type=RECORD, help=_with_default(text, shown_default)
+    )
+
+
+order_option = click.option(
+    "--order",
+    type=Order(may_be_auto=True),
+    help="Numbers of poles and zeros, for example 4/3. auto chooses the order of least MDL.",
+)
+limit_command_option = click.option("--limit-command", metavar="C", type=LIMIT, help="Limit of |command|.")
+limit_travel_option = click.option(
+    "--limit-travel-deg",
+    metavar="D",
+    type=LIMIT,
+    help="Limit of the travel to each side of its middle [deg].",
+)
 
 
 def plant_option(text: str) -> Callable:
@@ -319,14 +366,16 @@ def library_option(text: str, name: str, *, multiple: bool) -> Callable:
     return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
 
 
-alpha_option = click.option(
-    "--alpha",
-    metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.05,
-    show_default=True,
-    help="Significance level: rate at which a right model is rejected.",
-)
+def alpha_option(default: float) -> Callable:
+    """--alpha."""
+    return click.option(
+        "--alpha",
+        metavar="P",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        default=default,
+        show_default=True,
+        help="Significance level: rate of false alarms.",
+    )
 
 
 def reading_options(command: Callable) -> Callable:

@@ -10,10 +10,12 @@ from gsid.cli.common import with_ladder
 from gsid.cli.options import (
     INPUT,
     OUTPUT,
-    Order,
     band_option,
     json_option,
+    limit_command_option,
+    limit_travel_option,
     options_as_arguments,
+    order_option,
     record_options,
 )
 from gsid.cli.output import describe, print_json, say, working
@@ -34,23 +36,11 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Find the effects missing from the model, and show how the error falls with them.",
 )
-@click.option(
-    "--order",
-    type=Order(may_be_auto=True),
-    help="Numbers of poles and zeros, for example 4/3, of a model to fit with free delay. auto chooses "
-    "the order of least MDL.",
-)
+@order_option
 @click.option("--estimators", is_flag=True, help="With --order: compare every estimator.")
 @band_option("Lines from LO to HI [Hz] only.")
-@click.option(
-    "--limit-command", metavar="C", type=float, help="Limit of |command|, drawn with the excitation."
-)
-@click.option(
-    "--limit-travel-deg",
-    metavar="D",
-    type=float,
-    help="Limit of the travel to each side of its middle [deg], drawn with the prediction of the model.",
-)
+@limit_command_option
+@limit_travel_option
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
     "-o",
@@ -78,7 +68,9 @@ def report(
 ) -> None:
     """Measure, fit and compare, and write the results as one HTML page that opens offline.
 
-    Without --model and --order the page shows the measurement only. The name of the page is printed.
+    --order fits a transfer function with free delay. Without --model and --order the page shows the
+    measurement only. The limits are drawn with the excitation and the travel that the model predicts. The
+    name of the page is printed.
     """
     from gsid.base.files import is_stdout
     from gsid.comparison import compare

@@ -16,14 +16,20 @@ from gsid.base.files import is_stdout
 from gsid.base.tables import Table
 from gsid.cli.options import (
     INPUT,
+    LIMIT,
     OUTPUT,
     Band,
     UsageError,
+    amplitude_option,
     is_given,
     json_option,
+    limit_command_option,
     multisine_options,
     options_as_arguments,
+    period_option,
+    periods_option,
     picture_option,
+    rate_option,
 )
 from gsid.cli.output import draw, print_json, print_table, say
 from gsid.cli.stopping import Stopping, tell
@@ -38,7 +44,6 @@ if TYPE_CHECKING:
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
 JOURNAL = ".journal"  # behind the record's name
-LIMIT = click.FloatRange(0, min_open=True)
 DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape")
 
 
@@ -60,15 +65,13 @@ class Settle(click.ParamType):
 
 @click.command(short_help="Drive an axis over a serial line and record it.")
 @click.option("--port", metavar="PATH", help="Serial port, or the path printed by `gsid simulate`.")
-@click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
-@click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
+@rate_option("3000", default=3000.0)
+@period_option("6000", default=6000)
 @click.option(
     "--band", type=Band(), default=(1.0, 250.0), help="Lines from LO to HI [Hz] only. [default: 1:250]"
 )
 @multisine_options
-@click.option(
-    "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
-)
+@amplitude_option("3", default=3.0)
 @click.option(
     "--u",
     "u_file",
@@ -76,25 +79,14 @@ class Settle(click.ParamType):
     type=INPUT,
     help="File with one period of the command in column u, instead of a multisine.",
 )
-@click.option(
-    "--periods",
-    metavar="P",
-    type=click.IntRange(1),
-    default=12,
-    help="Good periods to measure. [default: 12]",
-)
+@periods_option(12)
 @click.option(
     "--settle",
     type=Settle(),
     default="2p",
     help="Samples, or periods as in 2p, to discard at the start and after a lost command. [default: 2p]",
 )
-@click.option(
-    "--limit-command",
-    metavar="C",
-    type=LIMIT,
-    help="Limit of |command|: stop above C. Also checked before the start.",
-)
+@limit_command_option
 @click.option(
     "--limit-travel-deg",
     metavar="D",
@@ -141,7 +133,9 @@ def run(
     """Excite an axis periodically until it has the requested number of good periods, and write the record.
 
     A lost or damaged sample spoils its own period only, and the run continues. If too many are lost, the run
-    stops and keeps the samples measured so far. The command is set to zero at the end of every run.
+    stops and keeps the samples measured so far. It also stops when the axis passes a limit; the planned
+    command is compared with --limit-command before the start. The command is set to zero at the end of every
+    run.
 
     Samples are written to REC.journal as they arrive. The journal is removed once the record is on the disk.
     After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, Value, json_option, options_as_arguments
+from gsid.cli.options import FILE_OUTPUT, SEED, Value, json_option, options_as_arguments
 from gsid.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0, 2**64 - 1),
+    type=SEED,
     help="Random seed of the noise and of --damage. [default: 1]",
 )
 @click.option(
