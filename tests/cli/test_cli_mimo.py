@@ -197,3 +197,17 @@ def test_an_ill_determined_delay_is_said_once(common, capsys):
     (note,) = capsys.readouterr().err.splitlines()
     assert ("common delay is" if common else "delay from u2 to y1 is") in note
     assert ("--delay common" in note) != common
+
+
+def test_a_held_out_experiment_with_the_inputs_of_a_fitted_one_is_noted(gsid, experiments, tmp_path):
+    (tmp_path / "again.csv").write_text(_with_more_noise((tmp_path / experiments[1]).read_text()))
+    fit = ("fit", *experiments[:2], *CHANNELS, "--order", "4/3", "--delay", "common", "--held-out")
+    assert f"again.csv has the same input as {experiments[1]}" in gsid(*fit, "again.csv").err
+    assert "has the same input" not in gsid(*fit, experiments[2]).err
+
+
+def _with_more_noise(text):
+    head, rows = text.split("y1,y2\n")
+    values = np.array([row.split(",") for row in rows.split()], dtype=float)
+    values[:, 2:] += 0.01 * np.random.default_rng(8).standard_normal((len(values), 2))
+    return f"{head}y1,y2\n" + "\n".join(",".join(f"{x:.12g}" for x in row) for row in values) + "\n"

@@ -375,3 +375,31 @@ def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
     refused = gsid("fit", rec_csv, "--order", "2/0", "--held-out", "copy.csv")
     assert (refused.code, refused.out) == (3, "")
     assert "a held-out record is also fitted\n  where: copy.csv\n" in refused.err
+
+
+def test_bug_a_held_out_record_with_the_input_of_a_fitted_one_was_no_reason_for_a_note(gsid, record, rec_csv):
+    """On the same input the errors of the model are those that the fit has made small."""
+    rng = np.random.default_rng(33)
+    noise = 0.01 * rng.standard_normal(len(record.y))
+    write_record("same.csv", Record(record.u, record.y + noise, FS_HZ))
+    later = slice(123, None)  # of the same periodic input
+    write_record("later.csv", Record(record.u[later], (record.y + noise)[later], FS_HZ))
+    write_record("louder.csv", Record(1.1 * record.u, 1.1 * record.y + noise, FS_HZ))
+    spectrum = np.fft.rfft(record.u.reshape(-1, N_PERIOD)[0]) * np.exp(
+        2j * np.pi * rng.random(N_PERIOD // 2 + 1)
+    )
+    u = np.tile(np.fft.irfft(spectrum, N_PERIOD), N_PERIODS)
+    answer = np.fft.irfft(spectrum * response(np.fft.rfftfreq(N_PERIOD, 1 / FS_HZ)), N_PERIOD)
+    write_record("new.csv", Record(u, np.tile(answer, N_PERIODS) + noise, FS_HZ))
+    fit = ("fit", rec_csv, "--order", "2/0", "--held-out")
+    for name in ("same.csv", "later.csv"):
+        result = gsid(*fit, name)
+        assert result.code == 0, result.err
+        assert (
+            result.err.count(f"warning: {name} has the same input as rec.csv: it tests the noise only") == 1
+        )
+        assert "hold out another realisation of the input" in result.err
+    for name in ("louder.csv", "new.csv"):
+        result = gsid(*fit, name)
+        assert result.code == 0, result.err
+        assert "has the same input" not in result.err

@@ -157,8 +157,8 @@ class FitRequest:
         InputError
             One of them is fitted too.
         """
-        from gsid.spectrum.spectra import require_not_fitted
+        from gsid.spectrum.held_out import check_held_out
 
         held_out = self.read(self.held_out, matrix=matrix)
-        require_not_fitted(fitted, held_out)
+        check_held_out(fitted, held_out)
         return held_out

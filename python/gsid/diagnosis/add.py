@@ -33,8 +33,9 @@ from gsid.models.hold import facts_of
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
+from gsid.spectrum.held_out import check_held_out
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, read_as, require_not_fitted
+from gsid.spectrum.spectra import Spectra, read_as
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -291,7 +292,7 @@ def _split(
 ) -> _Split:
     """Split into data to fit and validation data; `used` are digests of the records of earlier steps."""
     if held_out is not None:
-        require_not_fitted(measured, held_out)
+        check_held_out(measured, held_out)
         return _split_of_records(measured, held_out, "kept_out", used)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -132,35 +131,6 @@ def require_motion_of_output(measured: Iterable[Spectra]) -> None:
         if not np.max(size[:, 1:]) > CONSTANT * np.max(size[:, 0]):
             hint = "check the sensor, and the column that --y selects"
             raise InputError("the output is constant: there is nothing to fit", one.name, None, hint)
-
-
-class HasOutput(Protocol):
-    """A record of one output or several, or its spectra."""
-
-    name: str
-
-    @property
-    def y(self) -> np.ndarray:
-        """Output."""
-        ...
-
-
-def require_not_fitted(fitted: Sequence[HasOutput], held_out: Sequence[HasOutput]) -> None:
-    """Refuse to validate on a record that is also fitted.
-
-    Parameters
-    ----------
-    fitted, held_out : sequence of Record, MimoRecord or Spectra
-
-    Raises
-    ------
-    InputError
-        A held-out record has the same output as a fitted one. The names are not compared.
-    """
-    for one in held_out:
-        if any(np.array_equal(one.y, other.y) for other in fitted):
-            hint = "remove it from the records to fit, or validate on another record"
-            raise InputError("a held-out record is also fitted", one.name, None, hint)
 
 
 def is_open(measured: Sequence[Spectra]) -> bool:
