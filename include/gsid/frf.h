@@ -24,7 +24,7 @@ extern "C" {
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
     uint32_t n_lines;         /* F >= 1 */
-    uint32_t n_settle;        /* samples thrown away first */
+    uint32_t n_settle;        /* samples discarded at the start */
     const uint32_t *line;     /* [n_lines] 1 <= line < N/2, any order */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
@@ -87,7 +87,7 @@ gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *m
 
 /** Take one sample of input and output, from the first sample of the excitation on.
  *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11, once a period).
- *  @param[in] u  input, finite; not looked at when the input is known
+ *  @param[in] u  input, finite; not used if the input is known
  *  @param[in] y  output at the same instant, finite
  *  @return GSID_OK; GSID_SETTLING; GSID_DONE a good period was added; GSID_SPOILED a period was left out;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused and counted, nothing else changed: call gsid_frf_skip

@@ -60,7 +60,7 @@ typedef struct {
 /* What was measured in a tick. */
 typedef struct {
     gsid_real rate;
-    gsid_real angle; /* not looked at unless angle_is_measured */
+    gsid_real angle; /* used only if angle_is_measured */
 } gsid_guard_sample;
 
 typedef struct {
@@ -88,7 +88,7 @@ const char *gsid_trip_str(gsid_trip reason);
 gsid_status gsid_guard_init(gsid_guard *guard, const gsid_guard_cfg *cfg);
 
 /** Begin to let the excitation through.
- *  @param[in] angle  where the axis is now, finite; not looked at when the angle is measured
+ *  @param[in] angle  where the axis is now, finite; not used if the angle is measured
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE not initialised, or not OFF: after a trip call gsid_guard_reset
  *          first; GSID_E_NONFINITE
  *  Context: that of gsid_guard_step, or while it cannot interrupt; so are stop and reset. */

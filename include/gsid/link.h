@@ -38,12 +38,12 @@ typedef struct {
     float a, b;
 } gsid_frame;
 
-/* Receiver: resynchronises after garbage, counts what it throws away. HELLO is accepted always, other frames of this
+/* Receiver: resynchronises after garbage, counts the bytes it discards. HELLO is accepted always, other frames of this
  * session only: one of another session counts as damaged. */
 typedef struct {
     uint32_t n_frames; /* good frames */
     uint32_t n_damaged; /* sync found, check failed */
-    uint32_t n_garbage; /* bytes thrown away outside frames */
+    uint32_t n_garbage; /* bytes discarded outside frames */
     uint32_t n_held; /* private: bytes in held */
     uint8_t held[GSID_LINK_FRAME_MAX]; /* private */
     uint16_t session; /* set by the caller: the host before it sends HELLO, the axis when HELLO has come */

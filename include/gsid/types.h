@@ -51,7 +51,7 @@ typedef struct {
     X(GSID_E_BACKEND, -10, "the library that does this was left out of the build", "rebuild with it")                  \
     X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                    \
       "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")                     \
-    X(GSID_E_BUILD, -12, "the library is compiled so that numbers that are not finite are not seen",                   \
+    X(GSID_E_BUILD, -12, "the compiler options prevent the detection of numbers that are not finite",                  \
       "compile without -ffast-math, -ffinite-math-only and -fno-honor-nans")
 
 #define GSID_STATUS_ENUM(name, code, meaning, hint) name = code,

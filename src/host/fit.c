@@ -242,7 +242,7 @@ static gsid_status fit_again(fit_run *r, fit_candidate *c) {
     return refine_best(r, 1, &start, c);
 }
 
-/* Linear methods: fit again with the model's images taken off, until the model changes no further. */
+/* Linear methods: repeat the fit with the images of the model subtracted, until the model no longer changes. */
 static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candidate *best) {
     int settled = 0;
     for (int i = 0; i < HOLD_ROUNDS_MAX && !settled && how >= 0; i++) {
@@ -263,8 +263,8 @@ static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candida
     return status != GSID_OK ? status : settled ? how : GSID_MAX_ITER;
 }
 
-/* Fit again with the model's images taken off, until V falls no further. V is that of a model with its own images off. `how` is
- * the status of the first fit; returns that of the best, or GSID_MAX_ITER. */
+/* Repeat the fit with the images of the model subtracted, until V no longer falls. V is that of a model less
+ * its own images. `how` is the status of the first fit; returns that of the best, or GSID_MAX_ITER. */
 static gsid_status settle_images(fit_run *r, gsid_status how, fit_candidate *best) {
     fit_candidate c = *best;
     gsid_status status = GSID_OK, best_how = how;

@@ -21,7 +21,7 @@ gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
  * several are bred, from seeds of their own. */
 #define POPULATION 80
 #define GENERATIONS 100
-#define BEYOND 2 /* poles are looked for from 1/BEYOND of the lowest line to BEYOND times the highest */
+#define BEYOND 2 /* poles are searched from the lowest line / BEYOND to the highest line * BEYOND */
 #define DAMPING_LEAST 3e-3
 #define DAMPING_MOST 2.0
 

@@ -73,7 +73,7 @@ static gsid_status linear_fit(fit_run *r, const gsid_frd *lines, double delay_s,
     return status;
 }
 
-/* LS; IWLS at its fixed point, looked for from a model near by, or without one from LS. */
+/* LS; or IWLS at its fixed point, iterated from a neighbouring model or, without one, from LS. */
 static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *near, fit_candidate *c) {
     if (r->cfg.method == GSID_METHOD_LS) {
         return linear_fit(r, &r->work, delay_s, 0, c);
@@ -204,7 +204,7 @@ gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
 typedef struct {
     fit_run *r;
     double lower_s, upper_s, unit; /* unit: cost of the start, so that the search sees numbers about 1 */
-    const gsid_rational *near;     /* where fixed points are looked for; NULL: a few reweightings will do */
+    const gsid_rational *near;     /* start of the search for fixed points; NULL: a few reweightings suffice */
     fit_candidate best;
     gsid_status how; /* of best */
 } delay_search;

@@ -36,8 +36,8 @@ typedef struct {
     double gyro_refresh_hz;          /* the gyro, noise and all, is held between refreshes, <= fs_hz; 0: it is not */
     double command_limit;            /* clipped at +- this, then rounded; 0: neither */
     uint32_t command_bits;           /* steps of 2 command_limit / 2^bits, <= 31; 0: not rounded */
-    double drive_dead_zone;          /* taken off every command behind that, and smaller ones are 0 */
-    double drive_limit;              /* clips what is left; 0: does not */
+    double drive_dead_zone;          /* subtracted from the size of each command; smaller commands become 0 */
+    double drive_limit;              /* limit of the result; 0: none */
     double noise_rms;                /* deg/s, white part of the gyro's noise */
     double noise_low_rms;            /* deg/s, part filtered by a first-order low-pass at noise_low_hz */
     double noise_low_hz;             /* Hz */

@@ -20,7 +20,7 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
                                const uint32_t *line, gsid_cplx *lines);
 
 /** Take a block of samples: gsid_frf_step for each, gsid_frf_skip for those that were lost.
- *  @param[in] n, u, y  [n] input and output; u is not looked at when the input is known; finite where valid
+ *  @param[in] n, u, y  [n] input and output; u is not used if the input is known; finite where valid
  *  @param[in] valid    [n] 0: this sample was lost; NULL: all are valid
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE the whole block is refused */
 gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid);
@@ -35,13 +35,13 @@ gsid_status gsid_batch_frf_divide(uint32_t n_lines, uint32_t n_periods, const gs
 
 /** Put the means of two parts of one measurement together, then as gsid_batch_frf_divide.  Eq: FRF-4
  *  @param[in,out] lines      of n_periods >= 1; out: of all periods
- *  @param[in]     other      of n_other >= 1; g and var_g are not looked at
+ *  @param[in]     other      of n_other >= 1; g and var_g are not used
  *  @return as gsid_batch_frf_divide; GSID_E_CONFIG also for more than 2^32 - 1 periods */
 gsid_status gsid_batch_frf_merge(uint32_t n_lines, uint32_t n_periods, const gsid_frf_out *lines, uint32_t n_other,
                                  const gsid_frf_out *other);
 
 /** Variance of Y - g U of one period, for any g.  Eq: FRF-2 (eq. 7.29)
- *  @param[in]  lines     var_y, var_u and cov_yu are looked at
+ *  @param[in]  lines     var_y, var_u and cov_yu are used
  *  @param[in]  g         [n_lines]
  *  @param[out] variance  [n_lines] >= 0
  *  @return GSID_OK; GSID_E_NULL */
