@@ -9,9 +9,9 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import Run, connect, emulated, measure, three_pole_axis
 from emulator import Axis, serve
 
+from conftest import Run, connect, emulated, measure, three_pole_axis
 from gsid.rig.frames import COMMAND, HELLO, STOP, Receiver
 from gsid.rig.link import SerialTransport
 
