@@ -1,4 +1,4 @@
-/* Noise split from nonlinear distortion: the robust method over realisations, and levels at lines left free. */
+/* Separation of noise and nonlinear distortion: the robust method over realisations, and levels at detection lines. */
 #ifndef GSID_DISTORTION_H
 #define GSID_DISTORTION_H
 
@@ -78,10 +78,10 @@ gsid_status gsid_distortion_start(gsid_distortion *d, const gsid_cplx *u_known);
  *  @return, cost and context as gsid_frf_step; GSID_E_STATE before gsid_distortion_start */
 gsid_status gsid_distortion_step(gsid_distortion *d, gsid_real u, gsid_real y);
 
-/** Let samples pass that were lost: as gsid_frf_skip. */
+/** Account for lost samples: as gsid_frf_skip. */
 gsid_status gsid_distortion_skip(gsid_distortion *d, uint32_t n_samples);
 
-/** Add a period whose lines are known already: as gsid_frf_add_period. */
+/** Add a period whose lines were computed elsewhere: as gsid_frf_add_period. */
 gsid_status gsid_distortion_add_period(gsid_distortion *d, const gsid_cplx *lines);
 
 /** End the realisation and add it to the means.
@@ -89,7 +89,7 @@ gsid_status gsid_distortion_add_period(gsid_distortion *d, const gsid_cplx *line
  *  a measured input, times the response interpolated between the excited lines, is subtracted from the output.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE none is under way; GSID_E_TOO_FEW fewer than 2 good periods, or an excited
  *          line without input; GSID_E_NONFINITE a line, its variance or the square of its size is beyond the range of numbers
- *          (see gsid_frf_result): the realisation goes on, nothing was added
+ *          (see gsid_frf_result): the realisation continues, nothing was added
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_distortion_finish(gsid_distortion *d);
 

@@ -44,13 +44,13 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
 
 typedef struct {
     uint32_t n_iterations; /* limit; 0: 50 */
-    gsid_real tolerance;   /* >= 0: settled when the undamped step promises to lower V by less, or the best damped one does;
+    gsid_real tolerance;   /* >= 0: converged when the predicted decrease of V by the undamped step, or the best damped one, is less;
                               0: 0.005, a hundredth of what one parameter gains on noise. Where V is below one per line it
                               counts in proportion, so that the unit of unweighted data does not matter. */
     int free_delay;        /* 1: the delay is a parameter too */
-    /* Where g is a measurement freed of something that the model itself predicts, such as the images of a held input:
-     * `update` sets data->g for a model, and when asked drift, the [n_lines][n_poles + n_zeros + 2] derivatives of g by den
-     * without its 1, num, delay. NULL: g is what it is. It is left as for the last model tried. */
+    /* For data that are corrected by something that the model itself predicts, such as the images of a held input: `update`
+     * sets data->g for a model and, if requested, drift, the [n_lines][n_poles + n_zeros + 2] derivatives of g by den without
+     * its 1, num, delay. NULL: g is constant. After the call g is that of the last model evaluated. */
     gsid_status (*update)(void *user, const gsid_rational *model, int with_drift);
     void *user;
     const gsid_cplx *drift;
@@ -61,7 +61,7 @@ typedef struct {
  *  @param[in,out] model  in: start; out: the model of least cost found. The held coefficient (gsid_rational_held) stays
  *  @param[out]    cost   V; may be NULL
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY
- *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block, and for each damping tried two passes over the lines (four on
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block, and for each damping two passes over the lines (four on
  *  average, 60 at most).  Context: background. */
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size);

@@ -73,7 +73,7 @@ typedef struct {
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg);
 
-/** Give the next sample. The phase index is an integer: the signal repeats to the bit after any number of periods.
+/** Compute the next sample. The phase index is an integer: the signal repeats to the bit after any number of periods.
  *  @param[out] u  next sample, unit of the amplitudes
  *  @return GSID_OK; GSID_DONE that was the last sample of a period; GSID_E_NULL; GSID_E_STATE
  *  Cost: per line one 64-bit remainder, one cosine, one sine and two multiply-adds; use a table for many lines.

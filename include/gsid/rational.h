@@ -59,7 +59,7 @@ gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, g
 
 /** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Schur and Cohn's
  *  recursion). A model whose den[n_poles] (domain s) or den[0] (domain z) is zero is not stable: it has fewer poles, or
- *  answers before it is asked.
+ *  is not causal.
  *  @param[out] is_stable  1 or 0
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable);

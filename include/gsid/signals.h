@@ -81,7 +81,7 @@ typedef struct {
     uint32_t n_period;          /* N, samples */
     uint32_t n_lines;           /* >= 1 */
     uint32_t n_settle;          /* samples before each line's estimation, so that the change of frequency dies out */
-    uint32_t n_periods;         /* periods of N that each line is then kept, >= 1 */
+    uint32_t n_periods;         /* periods of N for which each line is then held, >= 1 */
     const uint32_t *line;       /* [n_lines] 1 <= line < N/2, in any order */
     const gsid_real *amplitude; /* [n_lines] */
     const gsid_cplx *twiddle;   /* [n_period] from gsid_twiddle_fill */

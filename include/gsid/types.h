@@ -19,13 +19,13 @@ typedef float gsid_real;
 typedef double gsid_real;
 #endif
 
-/* Complex number: the bytes of numpy's complex and of FFTW, readable from C++. */
+/* Complex number, with the same layout as in numpy and FFTW; usable from C++. */
 typedef struct {
     gsid_real re, im;
 } gsid_cplx;
 
 /* X(name, code, meaning, hint). Negative: the call failed and left its outputs and its object as they were.
- * Positive: it worked, and this is why it returned. tools/make_errors_page prints docs/reference/errors.md from this list. */
+ * Positive: the call succeeded, and the code states why it returned. tools/make_errors_page prints docs/reference/errors.md from this list. */
 #define GSID_STATUS_LIST(X)                                                                                            \
     X(GSID_OK, 0, "done", "")                                                                                          \
     X(GSID_DONE, 1, "the period, or the sequence, is complete", "")                                                    \

@@ -6,7 +6,7 @@
 
 /* num/den in the controllable form, time in units of 1/scale, with the held input as one more state that does not change:
  *   x_i' = x_(i+1),   x_(n-1)' = u - sum den_i x_i,   u' = 0,   y = sum out_i x_i + direct u   (den_n = 1)
- * Nothing is asked of the poles, which may be equal, zero or unstable. */
+ * There is no condition on the poles, which may be equal, zero or unstable. */
 #define N_MAX (GSID_ORDER_MAX + 1)
 
 typedef struct {
