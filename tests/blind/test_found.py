@@ -31,7 +31,7 @@ def test_what_is_hidden_is_in_the_first_group(effect, tmp_path, monkeypatch):
     assert said["error_over_floor"] < 1.5
 
 
-def test_a_large_play_is_fitted_past_its_walls(tmp_path):
+def test_a_large_backlash_is_fitted_past_its_walls(tmp_path):
     """A bug: this gear's fit ended at a wall of one record's cost, 2 % from the truth with 4.6 per degree of
     freedom, and effects that are not there were added to it."""
     trial = trials.make_trial(1013, 18, {"single": 1.0})

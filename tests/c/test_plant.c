@@ -238,7 +238,7 @@ static void an_angle_that_nothing_determines_stays(void **state) {
 }
 
 /* A constant torque on a free axis with no friction has no periodic state: the answer says how far off it is. */
-static void no_periodic_state_is_said(void **state) {
+static void a_missing_periodic_state_is_reported(void **state) {
     (void)state;
     gsid_real residual = 0;
     bench_clear(&b);
@@ -612,7 +612,7 @@ int main(void) {
         cmocka_unit_test(a_free_parameter_alone_moves_the_answer_as_among_others),
         cmocka_unit_test(a_controller_comes_before_the_drive_in_any_order_of_the_stack),
         cmocka_unit_test(an_angle_that_nothing_determines_stays),
-        cmocka_unit_test(no_periodic_state_is_said),
+        cmocka_unit_test(a_missing_periodic_state_is_reported),
         cmocka_unit_test(a_drift_is_given_up),
         cmocka_unit_test(the_disturbance_is_left_out_of_the_periodic_answer),
         cmocka_unit_test(stiff_laws_stay_finite),

@@ -184,7 +184,7 @@ def test_verbs_of_one_response_refuse_a_matrix(gsid, experiments, verb):
 
 
 @pytest.mark.parametrize("common", [True, False])
-def test_an_ill_determined_delay_is_said_once(common, capsys):
+def test_an_ill_determined_delay_is_reported_once(common, capsys):
     """Bug: a common delay was said for each response, each time with the advice to take a common one."""
     model = SimpleNamespace(
         inputs=["u1", "u2"],

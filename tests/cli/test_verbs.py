@@ -139,7 +139,7 @@ def test_fit_in_words(gsid, rec_csv):
 
 
 @pytest.mark.parametrize("method", ["ls", "iwls", "nls", "log", "ml"])
-def test_every_method_is_told_in_words(gsid, rec_csv, method):
+def test_every_method_prints_its_cost_in_words(gsid, rec_csv, method):
     """A bug: the words wanted the cost expected of noise alone, which only maximum likelihood has."""
     result = gsid("fit", rec_csv, "--order", "2/0", "--method", method)
     assert result.code == 0
@@ -277,7 +277,7 @@ def test_bench_fit_and_compare(gsid):
     assert verdict["rms_error"] > verdict["noise_floor_rms"]
 
 
-def test_known_response_is_what_was_said():
+def test_known_response_is_as_documented():
     """The system of these records, at rest: gain 3."""
     assert abs(response(0.0)) == pytest.approx(3)
 
@@ -303,7 +303,7 @@ def test_fit_of_an_order_found(gsid, rec_csv):
     assert [row["chosen"] for row in values["orders"]].count(True) == 1
 
 
-def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
+def test_fit_reports_what_is_ill_determined(gsid, rec_csv, monkeypatch):
     assert "cannot be distinguished" not in gsid("fit", rec_csv, "--order", "2/0").err
     monkeypatch.setattr(order, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err

@@ -111,7 +111,7 @@ def test_the_parametric_fit_is_right_within_its_covariance(method):
     assert abs(free.delay_s - 2 / FS_HZ) < 3.3 * free.std_delay_s
 
 
-def test_lines_that_the_input_does_not_show_are_said(caplog):
+def test_lines_below_the_noise_of_the_input_are_reported(caplog):
     """They were left out in silence."""
     record = loop(np.random.default_rng(SEED), 4, 0.05)
     assert len(frf(record, reference="r").rejected_hz) == 0
@@ -126,7 +126,7 @@ def test_lines_that_the_input_does_not_show_are_said(caplog):
     np.testing.assert_allclose(frf(quiet, reference="r", band=(70, 200)).rejected_hz, [72.5])
 
 
-def test_what_is_missing_is_said():
+def test_missing_reference_and_response_are_reported():
     record = loop(np.random.default_rng(SEED), 4, 0.05)
     with pytest.raises(InputError, match="no column named ref"):
         frf(record, reference="ref")

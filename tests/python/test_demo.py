@@ -76,7 +76,7 @@ def test_it_prints_what_the_readme_shows(command):
         np.testing.assert_allclose(*values, rtol=0.1, atol=1e-12)
 
 
-def test_the_answer_was_sealed_before_the_first_measurement_and_told_last(shown, command):
+def test_the_answer_was_hashed_before_the_first_measurement_and_printed_last(shown, command):
     result, said = shown
     answer = (result.report.parent / "hidden.json").read_bytes()
     seal = hashlib.sha256(answer).hexdigest()
@@ -90,7 +90,7 @@ def test_the_answer_was_sealed_before_the_first_measurement_and_told_last(shown,
     assert page.rindex(result.search.revealed) > page.rindex("<svg")
 
 
-def test_a_failed_demo_says_so(shown, command):
+def test_a_failed_demo_is_reported(shown, command):
     checks = shown[0].checks
     checks["the hidden effect is named"] = False
     try:
@@ -110,7 +110,7 @@ def test_every_effect_that_can_be_drawn_can_be_hidden_and_is_drawn():
         SimulatedAxis(**hidden_parameters(hidden.effect, hidden.params))  # refuses what is out of range
 
 
-def test_what_is_believed_is_off_by_5_percent_and_has_nothing_hidden():
+def test_the_initial_model_is_off_by_5_percent_and_has_nothing_hidden():
     model, true = believed(3), SimulatedAxis().parameters
     assert [effect.id for effect in model.effects] == list(BELIEVED)
     ratios = [

@@ -123,7 +123,7 @@ def test_few_lines_far_above_noise_are_covered_too():
     assert 0.94 < mean < 0.96
 
 
-def test_the_fast_method_tells_the_same_from_one_realisation():
+def test_the_fast_method_gives_the_same_from_one_realisation():
     axis = NonlinearAxis(cubic=0.2, noise=0.003)
     _, truth = axis.truth()
     keep = np.delete(np.arange(len(LINE)), np.arange(2, len(LINE), 4))  # every fourth odd line detects
@@ -248,7 +248,7 @@ def test_harmonics_of_a_sine():
         harmonics(distortion(axis.records(rng, 2, 3)))
 
 
-def test_superposition_tells_two_levels_apart():
+def test_superposition_distinguishes_two_levels():
     rng = np.random.default_rng(SEED)
 
     def at(rms, cubic):

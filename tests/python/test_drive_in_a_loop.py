@@ -61,7 +61,7 @@ def model(samples=0, scale=1.0):
 
 
 @pytest.mark.parametrize("samples", [0, 2])
-def test_the_command_is_what_the_controller_asks_for(samples):
+def test_the_command_is_the_output_of_the_controller(samples):
     commands, angles = simulate(samples)
     one = record(angles)
     found = model(samples).drive_command(one, model(samples).predict(one))

@@ -75,7 +75,7 @@ def test_a_model_in_z_answers_as_on_the_desktop(compiled):
     np.testing.assert_allclose(g, model.response(f), rtol=0, atol=1e-6 * np.abs(g).max())
 
 
-def test_the_half_sample_of_a_hold_is_taken_off(compiled):
+def test_the_half_sample_of_a_hold_is_subtracted(compiled):
     model = RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ)
     f, g = lines_of(compiled(model)[0], 15)
     ratio = g / model.response(f)
@@ -85,7 +85,7 @@ def test_the_half_sample_of_a_hold_is_taken_off(compiled):
 
 
 @pytest.mark.parametrize(("fs_hz", "hold"), [(1000, "none"), (1000, "zoh"), (7500, "none")])
-def test_the_rate_asked_for_is_that_of_the_step(compiled, fs_hz, hold):
+def test_the_requested_rate_is_that_of_the_step(compiled, fs_hz, hold):
     """Bug: --fs was taken and ignored, for every model has a rate; the code was for that one, in silence."""
     model = RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ, hold=hold)
     assert export_c(model, "rig", fs_hz=fs_hz).fs_hz == fs_hz
@@ -95,7 +95,7 @@ def test_the_rate_asked_for_is_that_of_the_step(compiled, fs_hz, hold):
     np.testing.assert_allclose(g, want, rtol=0, atol=2e-5 * np.abs(want).max())
 
 
-def test_a_plant_is_exported_at_the_rate_asked_for(compiled):
+def test_a_plant_is_exported_at_the_requested_rate(compiled):
     model = plant(*LINEAR)
     u = (5 * np.sin(2 * np.pi * 3 * np.arange(N) / N)).astype(np.float32)
     y = compiled(model, fs_hz=1000)[0](np.tile(u, 20))[-N:]
@@ -219,7 +219,7 @@ def test_a_cpp_program_links_it(tmp_path):
     assert subprocess.run([tmp_path / "user"]).returncode == 0
 
 
-def test_a_name_that_is_none():
+def test_an_invalid_name():
     with pytest.raises(ValueError, match="C identifier"):
         export_c(RationalModel([1], [1, 2], 0.1, fs_hz=FS_HZ), "2fast")
 

@@ -179,7 +179,7 @@ def test_no_literal_is_infinite(model):
 
 
 @pytest.mark.parametrize("fs_hz", [np.inf, np.nan, -1.0, 0.0])
-def test_a_rate_that_is_none_is_refused(fs_hz):
+def test_an_invalid_rate_is_refused(fs_hz):
     with pytest.raises(ValueError, match="fs_hz"):
         export_c(plant(), fs_hz=fs_hz)
 

@@ -330,7 +330,7 @@ def test_the_engine_is_chosen_by_length_and_number_of_lines():
         StreamingFrf(FS_HZ, 600, [1], engine="quick")
 
 
-def test_weak_lines_are_left_out_and_said(caplog):
+def test_weak_lines_are_left_out_and_reported(caplog):
     """Never silently: lines below a threshold, lost in the input's noise, or not in every record."""
     record = make_record(30)
     assert len(frf(record).rejected_hz) == 0
@@ -357,7 +357,7 @@ def test_weak_lines_are_left_out_and_said(caplog):
     assert 60 not in response.f_hz
 
 
-def test_lines_of_one_record_only_are_said(caplog):
+def test_lines_of_one_record_only_are_reported(caplog):
     first, second = make_record(32), make_record(33)
     lines = np.fft.rfft(second.u.reshape(PERIODS, N), axis=1)
     lines[:, 10] = 0

@@ -117,7 +117,7 @@ def test_lines_that_are_not_excited_count(with_friction):
     assert np.all(np.diff(record.line) == 1)
 
 
-def test_what_the_fit_leaves_is_what_it_says(with_friction):
+def test_the_fit_leaves_the_cost_that_it_reports(with_friction):
     fit = fit_plant(start(FRICTION_TRUTH), with_friction)
     assert fit.cost == pytest.approx(sum(r.residual @ r.residual for r in fit.records), rel=1e-12)
     jacobian = np.vstack([r.jacobian for r in fit.records])
@@ -295,7 +295,7 @@ def test_a_torque_that_only_shifts_the_mean_is_pinned():
     assert all(abs(z) < 3 for z in deviations(fit, TRUTH).values())
 
 
-def test_two_laws_that_the_travel_cannot_tell_apart():
+def test_two_laws_that_the_travel_cannot_distinguish():
     """Over a few degrees gravity is a spring. The cost comes down, and what is not known is named."""
     truth = TRUTH | {"mass_unbalance.level": 100.0, "mass_unbalance.angle_deg": 20.0}
     fit = fit_plant(start(truth), records(2))
@@ -330,7 +330,7 @@ def test_a_step_that_cannot_be_simulated_is_a_step_that_failed(with_friction, mo
     assert all(abs(z) < 3 for z in deviations(fit, FRICTION_TRUTH).values())
 
 
-def test_a_start_that_cannot_be_simulated_is_said():
+def test_a_start_that_cannot_be_simulated_is_reported():
     """A spring that pushes away: the angle grows by exp(30 t)."""
     model = start(TRUTH)
     model["cable_spring.stiffness"].value = -1e7

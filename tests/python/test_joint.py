@@ -21,7 +21,7 @@ def twist(torque, n, h, gap=GAP):
     return twist_of(torque[None], *lanes, h)[0]
 
 
-def test_without_play_the_twist_is_that_of_spring_and_damper():
+def test_without_backlash_the_twist_is_that_of_spring_and_damper():
     n, cycles, h = 3000, 40, 1e-4
     phase = 2 * np.pi * cycles * np.arange(n) / n
     got = twist(500 * np.cos(phase), n, h, gap=0.0)
@@ -31,7 +31,7 @@ def test_without_play_the_twist_is_that_of_spring_and_damper():
     np.testing.assert_allclose(got, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
-def test_a_slow_torque_twists_the_joint_by_half_its_play_more():
+def test_a_slow_torque_twists_the_gear_by_half_its_backlash_more():
     n, h = 20000, 1e-3
     torque = 500 * np.sin(2 * np.pi * np.arange(n) / n)
     got = twist(torque, n, h)
@@ -41,7 +41,7 @@ def test_a_slow_torque_twists_the_joint_by_half_its_play_more():
     np.testing.assert_allclose(got[pressed], wanted[pressed], atol=1e-3 * GAP)
 
 
-def test_within_the_play_only_the_damping_holds():
+def test_within_the_backlash_only_the_damping_acts():
     n, h = 1000, 1e-4
     torque = 40 * np.sin(2 * np.pi * np.arange(n) / n)
     got = twist(torque, n, h, gap=1.0)  # never reached: 40 / 40 deg/s for 0.05 s
@@ -91,7 +91,7 @@ def test_the_mean_does_not_count(fitted):
     np.testing.assert_array_equal(found.free_values, other.free_values)
 
 
-def test_a_play_of_zero_is_not_frozen(fitted):
+def test_a_backlash_of_zero_is_not_fixed(fitted):
     """A bug: steps were shares of the value, so that a parameter that stood at 0 stayed there."""
     found = fit_joint([stack(gap_deg=0.0)], fitted)
     # A few per cent of error are the method's own.

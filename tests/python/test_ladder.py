@@ -215,7 +215,7 @@ def test_records_in_a_history_that_are_none(records):
         add("torque_bias", model, records)
 
 
-def test_the_half_fitted_knows_nothing_of_the_other_half():
+def test_the_fit_of_one_half_does_not_use_the_other():
     """A bug: both halves kept the variance of the whole record where that had been asked for before."""
     fresh, used = realisation(SEED, n_periods=4), realisation(SEED, n_periods=4)
     assert np.all(used.noise_y >= 0)
@@ -263,7 +263,7 @@ def test_steps_judged_on_other_data_do_not_follow_one_another():
     assert titles[2].startswith("same, on r2")
 
 
-def test_steps_on_the_same_data_are_told_by_the_names_of_the_records(added, records):
+def test_steps_on_the_same_data_are_identified_by_record_names(added, records):
     """Bugs: other records whose costs agree within 2 % passed for the same, and so did any error of less than
     1e-8 of its unit."""
     data = {"fitted": ["r1", "r2"], "kept_out": ["r3"], "band_hz": [2.0, 100.0]}

@@ -107,7 +107,7 @@ def test_too_few_experiments():
         frf_mimo(gimbal.experiments(7)[:3])
 
 
-def test_the_same_experiment_again_tells_nothing():
+def test_the_same_experiment_again_has_no_power():
     first = gimbal.experiments(7)[0]
     with pytest.raises(InputError, match="cannot be separated"):
         frf_mimo([first] * 4)
@@ -161,7 +161,7 @@ def test_the_lowest_minimum_over_a_delay_is_taken():
     assert abs(model.delay_s[3, 1] - gimbal.DELAY_S[1]) < 5 * model.std_delay_s[3, 1]
 
 
-def test_a_delay_that_the_data_do_not_tell_is_called_so(capsys, tmp_path):
+def test_a_delay_that_the_data_do_not_determine_is_reported(capsys, tmp_path):
     """Bug: seed 15 has its lowest minimum at 3.27 ms, one near the true 2.1 ms, and nothing said so."""
     names = ["u1", "u2", "u3", "u4", "y1", "y2", "y3", "y4"]
     files = [str(tmp_path / f"{e}.npz") for e in range(4)]

@@ -159,7 +159,7 @@ def test_a_file_gives_the_same_model_back(tmp_path):
         ('{"gsid_model": 1, "rational": {"num": [1], "den": [1], "covariance": [1, 2]}}', "not usable"),
     ],
 )
-def test_a_bad_model_file_says_what_and_where(tmp_path, text, what):
+def test_a_bad_model_file_is_reported_with_fault_and_place(tmp_path, text, what):
     path = tmp_path / "bad.json"
     path.write_text(text)
     with pytest.raises(InputError, match=what) as caught:

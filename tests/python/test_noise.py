@@ -155,7 +155,7 @@ def test_multiples_without_noise_are_named():
     assert [tone.order for tone in find_tones(y, FS_HZ)[0][:2]] == [1, 3]
 
 
-def test_strong_sines_close_together_are_told_apart():
+def test_strong_sines_close_together_are_resolved():
     """Leakage of the one is no error of the other: both are fitted again when the other is known."""
     n = 4000
     t_s = np.arange(n) / FS_HZ
@@ -197,7 +197,7 @@ def excited(seed, tone_hz, n_period=500, n_periods=24, settle=500):
     return Record(u, y, FS_HZ, n_period, settle)
 
 
-def test_a_disturbance_is_taken_off_an_excited_record():
+def test_a_disturbance_is_subtracted_from_an_excited_record():
     record = excited(9, 30.9)
     found = noise(record)
     assert [round(tone.f_hz, 1) for tone in found.tones] == [30.9]

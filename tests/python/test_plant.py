@@ -193,7 +193,7 @@ def test_limits_leave_the_rest_to_the_catalogue():
         (file_of({"rigid_body": 7}), "params", "7", "gain"),
     ],
 )  # fmt: skip
-def test_files_that_are_wrong_say_so(data, what, value_or_where, hint):
+def test_invalid_files_are_reported(data, what, value_or_where, hint):
     with pytest.raises(InputError) as error:
         PlantModel.from_dict(data, "m.json")
     assert what in error.value.what

@@ -147,7 +147,7 @@ def test_frequency_response(measured):
     assert sigma == pytest.approx(10.0 * np.log10(measured.var_g))
 
 
-def test_frequency_response_says_how_it_was_made(record):
+def test_frequency_response_states_its_method(record):
     assert "mean of 9 periods, transient by local polynomials" in labels(
         plots.frf(frf(record, lpm=True, settle=0))
     )

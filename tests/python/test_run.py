@@ -311,7 +311,7 @@ def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
     assert os.listdir() == ["a.csv"]
 
 
-def test_ctrl_c_while_nobody_answers(folder):
+def test_ctrl_c_without_a_reply_from_the_axis(folder):
     with pseudo_terminal() as (_, _, port):
         process = started(port, "-o", "none.csv")
         wait_until(lambda: has_open(process, port))
@@ -425,7 +425,7 @@ def test_an_excitation_from_a_file(folder):
         ((), 2, "--port"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, words):
+def test_errors_are_reported_before_the_axis_moves(folder, arguments, code, words):
     done = gsid("run", *arguments)
     assert (done.returncode, words in done.stderr) == (code, True), done.stderr
     assert "hint:" in done.stderr
@@ -479,7 +479,7 @@ def test_bug_a_command_beyond_single_precision_was_a_usage_error(folder):
         (("--link", "mine"), 3, "a link of that name exists, which this simulation did not create"),
     ],
 )
-def test_what_is_wrong_with_the_simulator_is_said(folder, arguments, code, words):
+def test_faults_of_the_simulator_are_reported(folder, arguments, code, words):
     """A link of another was deleted."""
     os.symlink("/dev/pts/999999", "mine")
     done = gsid("simulate", *arguments)

@@ -210,7 +210,7 @@ def test_the_law_that_another_contains_stands_beside_it():
     assert [sorted(ranking[0].effects) for ranking in rankings] == [sorted(names.values()), ["c"]]
 
 
-def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for():
+def test_where_only_the_scores_reject_no_share_of_the_misfit_is_required():
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
     search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab", noise=99.0)
     rankings, _ = search.run(fit)
@@ -249,7 +249,7 @@ def test_constancy_rejects_at_the_stated_rate():
     assert low <= np.sum(p < 0.05) <= high, np.sum(p < 0.05)
 
 
-def test_values_that_differ_from_record_to_record_are_seen():
+def test_values_that_differ_from_record_to_record_are_detected():
     # Each record knows the value to 1 / sqrt(300): the four lie 5 and 10 standard deviations apart.
     search, fit = linear_fit(np.random.default_rng(10), 0.3)
     assert search.p_constant(fit) == 0.001  # of 999 draws

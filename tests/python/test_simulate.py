@@ -216,7 +216,7 @@ def test_the_watchdog_sets_the_command_to_zero():
     assert frames_in(server.keep_time(0.4))["a"][-1] == 8.0
 
 
-def test_damage_is_of_the_asked_rate_and_does_not_depend_on_the_pieces():
+def test_damage_has_the_requested_rate_and_does_not_depend_on_the_pieces():
     data = encode(frames(COMMAND, np.arange(20000), 1.0, 2.0), SESSION)
     whole = Damage(0.01, seed=3)
     damaged = whole.apply(data)

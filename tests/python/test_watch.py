@@ -64,7 +64,7 @@ def test_an_axis_whose_gyro_fails_does_not_move_on_unwatched(limits):
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
-def test_a_limit_that_is_none_is_refused(limit):
+def test_an_invalid_limit_is_refused(limit):
     with pytest.raises(ValueError, match="must be positive"):
         RunLimits(rate=limit)
 

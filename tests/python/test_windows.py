@@ -66,7 +66,7 @@ def test_an_input_that_does_not_repeat_is_windowed_with_a_warning(caplog):
     frf(short, window=100)  # when asked
 
 
-def test_windows_do_not_take_the_place_of_periods_that_were_asked_for():
+def test_windows_do_not_replace_requested_periods():
     """Merging was forgotten without a word, and Spectra beside such a record ended in an AttributeError."""
     first = random_record(2)
     periodic = Record(np.resize(first.u[:4096], 32768), np.resize(first.y[:4096], 32768), FS_HZ, 4096, 0)
@@ -89,7 +89,7 @@ def test_records_are_averaged_by_their_windows():
     assert (both.n_periods, both.n_realisations) == (94, 2)
 
 
-def test_what_is_thrown_away_first():
+def test_samples_discarded_first():
     record = random_record(5, settle_samples=1000)
     later = Record(record.u[2000:], record.y[2000:], FS_HZ)
     response = frf(record, window=WINDOW, settle=2000)
@@ -108,7 +108,7 @@ def test_windows_with_lost_samples_are_left_out():
     assert np.abs(response.g).max() < 1.5
 
 
-def test_lines_without_input_are_left_out_and_said(caplog):
+def test_lines_without_input_are_left_out_and_reported(caplog):
     record = random_record(6)
     slow = np.convolve(record.u, np.hanning(51) / 25, "same")  # nothing above 80 Hz
     record = Record(slow, lfilter(B, A, slow), FS_HZ)
