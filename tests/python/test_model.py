@@ -8,6 +8,7 @@ import pytest
 from scipy import signal
 
 from gsid.base.errors import GsidError, InputError
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.rational import RationalModel
 
 SEED = 20260301
@@ -129,6 +130,19 @@ def test_a_parameter_less_certain_than_its_size_moves_a_held_response_by_the_der
     expected = np.sum(np.abs(by_parameter) ** 2, axis=1)
     found = np.sum(np.abs(held.deviations(f)) ** 2, axis=1)
     np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
+def test_the_factor_of_the_hold_is_its_integral():
+    """(1 - exp(-j w T)) / (j w T), which is also a sinc and half a sample of delay."""
+    seed = 20261001
+    print("seed", seed)
+    f, rate_hz = np.random.default_rng(seed).uniform(0, 3000, 1000), 1000.0
+    s = 2j * np.pi * f
+    factor = hold_factor(f, rate_hz)
+    np.testing.assert_allclose(factor, -np.expm1(-s / rate_hz) * rate_hz / s, rtol=0, atol=1e-15)
+    expected = np.sinc(f / rate_hz) * np.exp(-1j * np.pi * f / rate_hz)
+    np.testing.assert_allclose(factor, expected, rtol=0, atol=1e-15)
+    assert hold_factor(np.zeros(1), rate_hz) == 1
 
 
 def test_a_file_gives_the_same_model_back(tmp_path):

@@ -150,7 +150,7 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
         what = "more zeros than poles: the output would contain a derivative of the command"
         raise InputError(what, where, f"{model.n_poles}/{model.n_zeros}", hint)
     delay_s = model.delay_s - (0.5 / (model.fs_hz or fs_hz) if model.hold == "none" else 0.0)
-    return _held(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
+    return _held_step_of(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
 
 
 def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
@@ -175,7 +175,7 @@ def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
         if lag_s > 0:
             axis = axis * filter_of([1], [lag_s, 1])
     system = _schur((axis.A, axis.B, axis.C, axis.D))
-    return _held(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
+    return _held_step_of(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
 
 
 def _all(model: PlantModel, part: str, stage: str | None = None) -> list[list[float]]:
@@ -199,9 +199,9 @@ def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     return a, (turn.T @ b)[:, 0], (c @ turn)[0], float(d.ravel()[0])
 
 
-def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
+def _held_step_of(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
     """Step for a held command behind a delay: the command switches inside a sample (MOD-2)."""
-    from scipy import linalg
+    from gsid.models.convert import held_step, split_delay
 
     a, b, c, d = system
     poles = np.linalg.eigvals(a)
@@ -209,19 +209,9 @@ def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
     if delay_s < -1e-9 / fs_hz:
         hint = "such a model is not causal; fit with a delay >= 0 (half a sample without hold)"
         raise InputError("the delay after the hold is negative", where, f"{delay_s:.3g} s", hint)
-    n_delay, part = divmod(max(delay_s, 0.0) * fs_hz, 1.0)
+    n_delay, part = split_delay(max(delay_s, 0.0) * fs_hz)
     _refuse_long(n_delay, where)
-    if part < 1e-9:
-        part = 0.0
-
-    def over(samples: float) -> tuple[np.ndarray, np.ndarray]:
-        with_input = np.zeros((len(a) + 1, len(a) + 1))
-        with_input[:-1, :-1], with_input[:-1, -1] = a, b
-        moved = linalg.expm(with_input * samples / fs_hz)
-        return moved[:-1, :-1], moved[:-1, -1]
-
-    (_, early), (rest, late) = over(part), over(1 - part)
-    return _Step(over(1.0)[0], rest @ early, late, c, d, int(n_delay), 1, n_delay + part)
+    return _Step(*held_step(a, b, part, 1 / fs_hz), c, d, n_delay, 1, n_delay + part)
 
 
 def _refuse_long(delay: float, where: str) -> None:

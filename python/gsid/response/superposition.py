@@ -22,6 +22,7 @@ from scipy.stats import beta, chi2, gamma, norm
 from gsid.base.cached import cached_property
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
+from gsid.spectrum.line_test import exponential_score
 
 if TYPE_CHECKING:
     from gsid.response.distortion import Distortion
@@ -232,7 +233,7 @@ def _p_value_over_ratios(power: np.ndarray, scatter: _Scatter) -> float:
 
 def _combined(t: np.ndarray, nu: int) -> float:
     """Combined p-value of the statistics t (F,), each F(2, 2 nu) (CMP-1)."""
-    return float(chi2.sf(2 * np.sum(nu * np.log1p(t / nu)), 2 * len(t)))
+    return float(chi2.sf(2 * np.sum(exponential_score(t, nu)), 2 * len(t)))
 
 
 def _p_value_of_one_ratio(scatter: _Scatter, log_ratio: float) -> float:
