@@ -11,8 +11,8 @@ typedef struct {
 
 /* One tick: the command from the reference and the measured rate. The integral is held while the command is at its limit
  * (anti-windup). */
-static inline float rate_controller_step(rate_controller *c, float wanted, float measured) {
-    const float error = wanted - measured;
+static inline float rate_controller_step(rate_controller *c, float reference, float measured) {
+    const float error = reference - measured;
     const float integral = c->integral + c->ki * error;
     const float command = c->kp * error + integral;
     if (command > c->limit) {

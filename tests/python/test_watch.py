@@ -13,13 +13,13 @@ from gsid.rig.watch import RunLimits, Watch
 FS_HZ = 100.0
 
 
-def first_excess(limits, u, y, came=None, offset=0.0, piece=7):
+def first_excess(limits, u, y, received=None, offset=0.0, piece=7):
     """Sample and words of the first excess, with the samples in pieces."""
     watch = Watch(limits, FS_HZ, offset)
-    came = np.ones(len(y), bool) if came is None else came
+    received = np.ones(len(y), bool) if received is None else received
     for first in range(0, len(y), piece):
         part = slice(first, first + piece)
-        if found := watch.check(u[part], y[part], came[part]):
+        if found := watch.check(u[part], y[part], received[part]):
             return first + found[0], found[1]
     return None
 
@@ -47,20 +47,20 @@ def test_the_offset_at_rest_is_no_travel():
 
 def test_a_lost_sample_holds_the_rate():
     y = np.full(300, 1.0)
-    came = np.ones(300, bool)
-    came[20:80] = False
-    y[~came] = 0.0
-    assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, came)[0] == 100
+    received = np.ones(300, bool)
+    received[20:80] = False
+    y[~received] = 0.0
+    assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, received)[0] == 100
 
 
 @pytest.mark.parametrize("limits", [RunLimits(rate=5.0), RunLimits(travel_deg=90.0)])
 def test_an_axis_whose_gyro_fails_does_not_move_on_unwatched(limits):
     """At 100 Hz a second is 100 samples."""
-    y, came = np.full(300, 1.0), np.ones(300, bool)
-    came[50:149] = False  # not long enough
-    came[160:] = False
-    assert first_excess(limits, np.zeros(300), y, came) == (260, "time without a rate [s] 1.01, limit 1")
-    assert first_excess(RunLimits(command=1.0), np.zeros(300), y, came) is None
+    y, received = np.full(300, 1.0), np.ones(300, bool)
+    received[50:149] = False  # not long enough
+    received[160:] = False
+    assert first_excess(limits, np.zeros(300), y, received) == (260, "time without a rate [s] 1.01, limit 1")
+    assert first_excess(RunLimits(command=1.0), np.zeros(300), y, received) is None
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])

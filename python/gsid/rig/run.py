@@ -240,7 +240,7 @@ class _Consumers:
 
     def _check_limits(self, watch: Watch, samples: Samples) -> None:
         first, new = self.n_watched, slice(self.n_watched, samples.end)
-        found = watch.check(samples.u[new], samples.y[new], samples.came[new])
+        found = watch.check(samples.u[new], samples.y[new], samples.received[new])
         self.n_watched = samples.end
         if found is not None:
             raise LimitError(

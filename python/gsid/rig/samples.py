@@ -91,7 +91,7 @@ class Samples:
         self.u = np.zeros(capacity)
         self.y = np.zeros(capacity)
         self.valid = np.zeros(capacity, bool)
-        self.came = np.zeros(capacity, bool)  # received with finite numbers, valid or not
+        self.received = np.zeros(capacity, bool)  # received with finite numbers, valid or not
         self.echo = Echo(table)
         self.end = 0
         self.kept = 0  # samples below are in the journal
@@ -111,7 +111,7 @@ class Samples:
         held_before = self._held_before(tick, got["flags"])
         finite = np.isfinite(got["a"]) & np.isfinite(got["b"])
         self.u[tick[finite]], self.y[tick[finite]] = got["a"][finite], got["b"][finite]
-        self.came[tick] = finite
+        self.received[tick] = finite
         good = finite & (tick - held_before > self.settle)
         good[good] = self.echo.check(tick[good], got["a"][good])
         self.valid[tick] = good
