@@ -96,7 +96,10 @@ class RationalModel(Plottable):
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.domain == "z" and self.hold == "zoh":
             raise ValueError("a model in z already includes the hold: hold must be 'none'")
-        self.num, self.den = self.num / self.den[0], self.den / self.den[0]
+        with np.errstate(over="ignore"):
+            self.num, self.den = self.num / self.den[0], self.den / self.den[0]
+        if not (np.all(np.isfinite(self.num)) and np.all(np.isfinite(self.den))):
+            raise ValueError("den[0] is too small: the other coefficients divided by it are not finite")
         self.delay_s = float(self.delay_s)
         if not np.isfinite(self.delay_s):
             raise ValueError(f"delay_s must be a finite number of seconds, got {self.delay_s}")

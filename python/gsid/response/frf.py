@@ -102,12 +102,13 @@ class Frf(Plottable):
         """Coherence of input and output over periods or windows, (F,), 0 .. 1 (thesis, eq. 5.3).
 
         Distortion is the same in all periods, and lowers the coherence only if the excitation is not
-        periodic.
+        periodic. NaN if the output is exactly zero: it has neither signal nor noise.
         """
         noise = error_variance(self.var_u, self.var_y, self.cov_yu, self.g)
         power = np.abs(self.g * self.u) ** 2
         share = 1 - 1 / (self.n_dof + 1)  # mean square about the sample mean over the variance
-        return power / (power + share * noise)
+        total = power + share * noise
+        return np.divide(power, total, out=np.full_like(total, np.nan), where=total > 0)
 
     def at(self, use: np.ndarray) -> Frf:
         """Select lines of the response: use, (F,) bool."""

@@ -15,7 +15,7 @@ import numpy as np
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
 from gsid.records.periods import find_period, require_period
-from gsid.records.record import Record
+from gsid.records.record import Record, check_range
 from gsid.response.frf import Frf, response_of
 from gsid.spectrum.excited import excited_lines, large_lines, warn_of_slip
 from gsid.spectrum.lines import period_lines
@@ -142,6 +142,7 @@ def unsettled(
 
 
 def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsettled:
+    check_range(record)
     settle = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     period = record.period_samples if period is None else whole_samples("period", period)
     if period is None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsid.base.bands import within
 from gsid.base.errors import InputError
-from gsid.records.record import Record
+from gsid.records.record import Record, check_range
 from gsid.response.frf import Frf
 from gsid.spectrum.excited import SHARE_OF_LARGEST
 from gsid.spectrum.noise import CORRELATION, hann_windows
@@ -138,6 +138,7 @@ class _Sums:
     """
 
     def __init__(self, record: Record, window: int, settle: int | None) -> None:
+        check_range(record)
         self.settle_samples = (record.settle_samples or 0) if settle is None else settle
         part = slice(self.settle_samples, None)
         U, Y = (hann_windows(x[part], record.valid[part], window) for x in (record.u, record.y))

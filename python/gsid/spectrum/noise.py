@@ -16,7 +16,7 @@ from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
 from gsid.records.periods import find_period, split_periods
-from gsid.records.record import Record
+from gsid.records.record import Record, check_range
 from gsid.spectrum.tones import Tone, find_tones, n_subtracted
 
 _log = logging.getLogger(__name__)
@@ -236,6 +236,7 @@ def _noise_alone(record: Record, period: int | None, settle: int | None) -> tupl
     start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     if not record.valid.any():
         raise InputError("no valid samples", record.name, "valid is 0 everywhere", "measure again")
+    check_range(record)
     if np.ptp(record.u[record.valid]) == 0:
         return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
     try:
