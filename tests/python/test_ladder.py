@@ -92,7 +92,7 @@ def test_a_second_step_that_the_data_do_not_need(added, records):
     assert second.rung.before["cost_per_dof"] == pytest.approx(added.rung.after["cost_per_dof"], rel=1e-4)
     assert second.rung.held_out["after"] == pytest.approx(added.rung.held_out["after"], rel=0.02)
     rows = second.ladder.rows()
-    assert [row[0] for row in rows] == ["as it was", "+ coulomb_friction", "+ quadratic_drag"]
+    assert [row[0] for row in rows] == ["initial model", "+ coulomb_friction", "+ quadratic_drag"]
     assert "not fitted [deg/s]" in repr(second)
     assert not second.rung.falls
     assert "DOES NOT FALL" in second.rung.sentence or "NOT fall significantly" in second.rung.sentence
@@ -255,9 +255,9 @@ def rung(effect, before, after, kept_out, data=None, unit=1.0):
 def test_steps_judged_on_other_data_do_not_follow_one_another():
     """A bug: 0.8 stood after 1.0 as if the second step had lowered it, which raised 0.7 to 0.8."""
     same = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 1.001, 0.9, "r1")])
-    assert [row[0] for row in same.rows()] == ["as it was", "+ a", "+ b"]
+    assert [row[0] for row in same.rows()] == ["initial model", "+ a", "+ b"]
     other = Ladder([rung("a", 2.0, 1.0, "r1"), rung("b", 0.7, 0.8, "r2")])
-    assert [row[0] for row in other.rows()] == ["as it was", "+ a", "same, on r2", "+ b"]
+    assert [row[0] for row in other.rows()] == ["initial model", "+ a", "same, on r2", "+ b"]
     assert [row[3] for row in other.rows()] == ["2", "1", "0.7", "0.8"]
     titles = [text.get_text() for text in other.plot().axes[0].get_xticklabels()]
     assert titles[2].startswith("same, on r2")
@@ -274,14 +274,14 @@ def test_steps_on_the_same_data_are_identified_by_record_names(added, records):
         return [row[0] for row in Ladder([first, second]).rows()]
 
     first = rung("a", 2.0, 1.0, "r3", data)
-    assert steps(first, rung("b", 1.001, 0.9, "r3", data)) == ["as it was", "+ a", "+ b"]
+    assert steps(first, rung("b", 1.001, 0.9, "r3", data)) == ["initial model", "+ a", "+ b"]
     for other in ({"fitted": ["r1"]}, {"kept_out": ["r4"]}, {"band_hz": [2.0, 50.0]}):
         again = steps(first, rung("b", 1.001, 0.9, "r3", data | other))
-        assert again == ["as it was", "+ a", "same, on other data", "+ b"]
+        assert again == ["initial model", "+ a", "same, on other data", "+ b"]
     worse = rung("b", 1.5, 0.9, "r3", data)
-    assert steps(first, worse) == ["as it was", "+ a", "same, fitted again", "+ b"]
+    assert steps(first, worse) == ["initial model", "+ a", "same, fitted again", "+ b"]
     small = [rung("a", 2.0, 1.0, "r3", unit=1e-9), rung("b", 1.0, 0.9, "r3", unit=3e-9)]
-    assert steps(*small) == ["as it was", "+ a", "same, fitted again", "+ b"]
+    assert steps(*small) == ["initial model", "+ a", "same, fitted again", "+ b"]
 
 
 def test_picture(added):

@@ -6,7 +6,7 @@ from line import SESSION, frames_in, quiet_axis
 from scipy import signal
 
 from gsid.base.errors import GsidError, InputError
-from gsid.demo.missing import BELIEVED
+from gsid.demo.missing import INITIAL_MODEL
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
@@ -85,7 +85,7 @@ def test_what_can_be_hidden_is_what_the_catalogue_means(effect):
     axis = quiet_axis(command_limit=0.0, **hidden_parameters(effect, SIZES.get(effect, {})))
     y = axis.step(np.tile(u, 9))[1][-3000:]  # settled to exp(-5.5 * 8) = 1e-19
     true = axis.parameters
-    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in BELIEVED.items()]
+    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in INITIAL_MODEL.items()]
     linear = PlantModel(3000, list(stack)).simulate(u).y
     stack.append(Effect(effect, {name: Param(true[of]) for name, of in HIDDEN[effect].items()}))
     plant = PlantModel(3000, stack).simulate(u)

@@ -17,7 +17,7 @@ from gsid.cli.options import (
     picture_option,
     record_options,
 )
-from gsid.cli.output import draw, print_json, print_table, say_assumed_hold, working
+from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
@@ -73,7 +73,7 @@ def compare(
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
-    say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
+    note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())

@@ -11,7 +11,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
 from gsid.cli.options import SEED, json_option
-from gsid.cli.output import print_json, print_ladder, print_table, say
+from gsid.cli.output import print_json, print_ladder, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.demo import Demo
@@ -65,7 +65,7 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
 
     _print(result)
     if not result.passed:
-        say("the demo did not give the expected results")
+        print_message("the demo did not give the expected results")
     return EXIT_GOOD if result.passed else EXIT_CRITERION
 
 
@@ -79,14 +79,14 @@ def _print(result: Demo) -> None:
     for text, passed in result.checks.items():
         print(f"  {'yes' if passed else 'NO ':3}  {text}")
     print(f"\nreport: {result.report}\n")
-    if rows := result.search.beside_truth():
+    if rows := result.search.compared_with_truth():
         _print_truth(rows)
         print()
-    print(result.search.revealed)
+    print(result.search.answer_sentence)
 
 
 def _print_search(found: Search) -> None:
-    print(f"hidden effect (SHA-256 {found.hidden.seal}): {found.comparison!r}")
+    print(f"hidden effect (SHA-256 {found.hidden.sha256}): {found.comparison!r}")
     print()
     print(repr(found.diagnosis))
     print()

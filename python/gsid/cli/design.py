@@ -31,7 +31,7 @@ from gsid.cli.options import (
     rate_option,
     record_options,
 )
-from gsid.cli.output import print_json, print_table, say, working
+from gsid.cli.output import print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.excitation.limits import Model
@@ -102,7 +102,7 @@ def _finished(command: Callable) -> Callable:
             travel_deg = travel(signal, model) if model else None
         if output:
             _write(output, signal)
-            say(f"wrote {output}")
+            print_message(f"wrote {output}")
         _show(signal, travel_deg, as_json)
 
     return json_option(add_options(LIMITS)(with_limits))

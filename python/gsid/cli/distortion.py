@@ -16,7 +16,7 @@ from gsid.cli.options import (
     reading_options,
     records_argument,
 )
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -125,7 +125,7 @@ def _change(change: Superposition) -> dict:
 def _print(d: Distortion) -> None:
     import numpy as np
 
-    say(
+    print_message(
         f"{d.name}: {d.n_realisations} realisation{'s' * (d.n_realisations != 1)}, {d.n_periods} periods of "
         f"{d.period_samples} samples, {len(d.line)} lines excited, {len(d.free_line)} free"
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments, rate_option
-from gsid.cli.output import print_json, say, say_assumed_hold
+from gsid.cli.output import note_assumed_hold, print_json, print_message
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
@@ -40,10 +40,10 @@ def export_c(
         model = load_single(model_path)
         made = export(model, source.stem, fs_hz=fs_hz, where=model_path)
     facts = facts_of(model)
-    say_assumed_hold(facts["hold_assumed"], facts["hold"], facts["other_delay_s"])
+    note_assumed_hold(facts["hold_assumed"], facts["hold"], facts["other_delay_s"])
     for path, text in ((header, made.header), (source, made.source)):
         write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
-        say(f"wrote {path}")
+        print_message(f"wrote {path}")
     if as_json:
         print_json(
             {

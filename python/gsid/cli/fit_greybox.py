@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.options import is_given, options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_parameters, say, say_assumed_hold, working
+from gsid.cli.output import (
+    describe,
+    draw,
+    note_assumed_hold,
+    print_json,
+    print_message,
+    print_parameters,
+    working,
+)
 
 if TYPE_CHECKING:
     from gsid.cli.fit_request import FitRequest
@@ -41,8 +49,8 @@ def fit_stack(request: FitRequest) -> None:
         found = fit_plant(linear_start(start, measured), measured, band=request.band, method=request.method)
     if request.output:
         found.model.save(request.output)
-        say(f"wrote {request.output}")
-    say_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
+        print_message(f"wrote {request.output}")
+    note_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
     draw(lambda: found.plot(measured), request.picture)
     if request.as_json:
         print_json(found.summary() | {"effects": found.model.to_dict()["effects"]})

@@ -9,7 +9,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
+from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
     held_out = request.read_held_out(records, matrix=True)
     with options_as_arguments():
         measured = frf_mimo(records, band=request.band)
-    say(f"note: intervals are those of the scatter over {measured.source}")
+    print_message(f"note: intervals are those of the scatter over {measured.source}")
     name, order, choice = describe(records), request.order, None
     options = {"delay": request.delay, "domain": request.domain}
     if order == "auto":
@@ -39,13 +39,13 @@ def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
         order = choice.chosen.order
     with working(f"fitting {order} to {name}"), options_as_arguments():
         model = fit_mimo(measured, order, method=request.method, **options)
-    say_assumed_hold(model.hold_assumed, model.hold)
+    note_assumed_hold(model.hold_assumed, model.hold)
     note_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
     errors = {key: nrmse(model, each, band=request.band) for key, each in judged.items() if each}
     if request.output:
         model.save(request.output)
-        say(f"wrote {request.output}")
+        print_message(f"wrote {request.output}")
     draw(lambda: model.plot(measured), request.picture)
     if request.as_json:
         print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
@@ -94,7 +94,9 @@ def note_ill_determined(model: MimoModel) -> None:
         if len(first) > 1:
             which = f"delay from {model.inputs[j]} to {model.outputs[i]}"
             hint += ", or use --delay common if the delays are equal"
-        say(f"note: the {which} is ill-determined: {low:.4g} ms and {high:.4g} ms fit equally well; {hint}")
+        print_message(
+            f"note: the {which} is ill-determined: {low:.4g} ms and {high:.4g} ms fit equally well; {hint}"
+        )
 
 
 def _delay_cell(model: MimoModel, i: int, j: int) -> str:

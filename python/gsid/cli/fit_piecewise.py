@@ -10,7 +10,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.fit_rational import model_as_json
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
+from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.cli.fit_request import FitRequest
@@ -33,10 +33,10 @@ def fit_pieces(records: Sequence[Record], request: FitRequest) -> None:
     n_pieces = None if request.piecewise == "auto" else request.piecewise
     with working(f"fitting pieces of {request.order} to {describe(records)}"), options_as_arguments():
         found = fit_piecewise(measured, request.order, n_pieces, **request.model_options)
-    say_assumed_hold(found.pieces[0].hold_assumed, found.pieces[0].hold)
+    note_assumed_hold(found.pieces[0].hold_assumed, found.pieces[0].hold)
     if request.output:
         found.save(request.output)
-        say(f"wrote {request.output}")
+        print_message(f"wrote {request.output}")
     draw(lambda: found.plot(measured), request.picture)
     if request.as_json:
         print_json(_as_json(found))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
+from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,11 +34,11 @@ def fit_transfer_function(records: Sequence[Record], request: FitRequest) -> Non
     with working(f"fitting {order} to {name}"), options_as_arguments():
         model = fit(measured, order, method=request.method, **request.model_options)
         judged = validate(model, held_out) if held_out else None
-    say_assumed_hold(model.hold_assumed, model.hold, model.other_delay_s)
+    note_assumed_hold(model.hold_assumed, model.hold, model.other_delay_s)
     _note_ill_determined(model, "" if choice else ": try --order auto")
     if request.output:
         save_model(model, request.output)
-        say(f"wrote {request.output}")
+        print_message(f"wrote {request.output}")
     draw(lambda: model.plot(measured), request.picture)
     if request.as_json:
         validation = {} if judged is None else {"held_out": vars(judged)}
@@ -96,10 +96,12 @@ def _note_ill_determined(model: RationalModel, advice: str) -> None:
         for pole, _ in near_cancelled(model)
     )
     for f in dict.fromkeys(f"{f:.4g}" for f in f_hz):  # of a pair once
-        say(f"note: a pole and a zero near {f} Hz cannot be distinguished{trade.format('them')}{advice}")
+        print_message(
+            f"note: a pole and a zero near {f} Hz cannot be distinguished{trade.format('them')}{advice}"
+        )
     for kind, f in far_out(model):
         where = f"the {kind} at {f:.4g} Hz, above the band,"
-        say(f"note: {where} may be anywhere{trade.format('it')}: try one {kind} fewer")
+        print_message(f"note: {where} may be anywhere{trade.format('it')}: try one {kind} fewer")
 
 
 def _print(model: RationalModel) -> None:

@@ -17,7 +17,7 @@ from gsid.cli.options import (
     record_options,
     reference_option,
 )
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -98,7 +98,7 @@ def frf(
         )
     if output:
         _write(output, result)
-        say(f"wrote {output}")
+        print_message(f"wrote {output}")
     draw(result.plot, picture)
     if as_json:
         removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
@@ -136,7 +136,7 @@ def _print(frf: Frf) -> None:
 
     transient = f", transient by local polynomials ({frf.n_dof} degrees of freedom)" * (frf.method == "lpm")
     piece = "window" if frf.method == "windows" else "period"
-    say(
+    print_message(
         f"{frf.name}: {frf.n_periods} {piece}{'s' * (frf.n_periods > 1)} of {frf.period_samples} samples at "
         f"{frf.fs_hz:g} Hz, {frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
         f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out{transient}"

@@ -15,7 +15,7 @@ from gsid.cli.options import (
     reading_options,
     records_argument,
 )
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -75,9 +75,11 @@ def _values(n: Noise) -> dict:
 def _print(n: Noise) -> None:
     import numpy as np
 
-    less = f", less what repeats every {n.period_samples}" if n.period_samples else ""
+    less = f", without the part that repeats every {n.period_samples} samples" if n.period_samples else ""
     lost = f", {n.n_lost} lost" if n.n_lost else ""
-    say(f"{n.name}: {n.n_samples} samples at {n.fs_hz:g} Hz{less}{lost}; windows of {n.segment_samples}")
+    print_message(
+        f"{n.name}: {n.n_samples} samples at {n.fs_hz:g} Hz{less}{lost}; windows of {n.segment_samples}"
+    )
     unit = n.y_unit or "1"
     octave = np.floor(np.log2(n.f_hz / n.f_hz[0])).astype(int)
     step = n.f_hz[0]  # f_hz begins one line above 0

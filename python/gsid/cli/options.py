@@ -189,9 +189,9 @@ class FilesInUse:
         for path in map(str, paths):
             folder = target_of(path).parent
             if not folder.is_dir():
-                raise InputError("the folder does not exist", path, None, "make it first, or name another")
+                raise InputError("the folder does not exist", path, None, "create it, or name another folder")
             if not os.access(folder, os.W_OK):
-                raise InputError("nothing can be written there", path, None, "name another folder")
+                raise InputError("the folder is not writable", path, None, "name another folder")
             self._check(path, self.inputs)
             refuse_overwrite(path, self.outputs, "two outputs have the same name")
             refuse_overwrite(path, STREAMS, "this command prints to the same file")
@@ -235,7 +235,7 @@ class InputPath(click.Path):
 
 
 class OutputPath(click.Path):
-    """A file to write, checked before the work begins; - is the standard output where `streams` is set."""
+    """A file to write, checked before the work begins; with `streams`, - is the standard output."""
 
     def __init__(self, *, streams: bool = True) -> None:
         super().__init__()
@@ -305,7 +305,7 @@ MULTISINE_OPTIONS = (
 
 
 def multisine_options(command: Callable) -> Callable:
-    """Options of verbs that make a multisine; the command is given `shape`, arguments of Multisine.design."""
+    """Options of verbs that make a multisine; the command receives `shape`, arguments of Multisine.design."""
 
     @functools.wraps(command)
     def with_shape(
@@ -379,7 +379,7 @@ def alpha_option(default: float) -> Callable:
 
 
 def reading_options(command: Callable) -> Callable:
-    """Options of verbs that read records; the command is given `read`, from paths to records."""
+    """Options of verbs that read records; the command receives `read`, a function from paths to records."""
 
     @functools.wraps(command)
     def with_reader(
@@ -411,7 +411,7 @@ def reading_options(command: Callable) -> Callable:
 
 
 def record_options(command: Callable) -> Callable:
-    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+    """Arguments and options of verbs that read records; the command receives `records`, already read."""
 
     @functools.wraps(command)
     def with_records(
@@ -439,7 +439,7 @@ def picture_option(command: Callable) -> Callable:
 
 
 def records_argument(command: Callable) -> Callable:
-    """REC..., one at least."""
+    """REC..., at least one."""
     return click.argument("records", metavar="REC...", nargs=-1, required=True, type=RECORD)(command)
 
 

@@ -32,7 +32,7 @@ def draw(figure: Callable[[], Figure], picture: str | None) -> None:
         from gsid.base.files import write_atomically
 
         write_atomically(picture, lambda part: figure().savefig(part))
-        say(f"wrote {picture}")
+        print_message(f"wrote {picture}")
 
 
 def describe(records: Sequence[Record]) -> str:
@@ -66,7 +66,7 @@ def _visible_character(char: str) -> str:
     return char if char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode()
 
 
-def say(text: str, mark: str = "", colour: str = "") -> None:
+def print_message(text: str, mark: str = "", colour: str = "") -> None:
     """Print a message on stderr, after a coloured mark if one is given."""
     mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
     show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
@@ -138,7 +138,7 @@ def _print_on_terminal(shown: Table) -> None:
 
 
 def column_widths(columns: Sequence[Sequence[str]], room: int) -> list[int] | None:
-    """Widths of columns that wrap between words only: the widest columns give way first.
+    """Widths of columns that wrap between words only: the widest columns are narrowed first.
 
     Parameters
     ----------
@@ -192,21 +192,21 @@ def print_ladder(ladder: Ladder) -> None:
     print_table(Table(header, ladder.rows(), left=["step"]))
 
 
-def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
+def note_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
     """Note that the records do not state their hold, which one was assumed, and how to state it."""
     if is_assumed:
         from gsid.base.hold import note_of_hold
 
-        say(f"note: {note_of_hold(hold, other_delay_s)}")
+        print_message(f"note: {note_of_hold(hold, other_delay_s)}")
 
 
 def suggest(text: str) -> None:
     """Suggest the next command."""
-    say(text, "hint:", "cyan")
+    print_message(text, "hint:", "cyan")
 
 
-def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:
-    """A complete command for the same records, or for REC... if there are more than three.
+def command_line(*words: str, records: Sequence[str], output: str | None = None) -> str:
+    """A complete command for the same records, or for REC... if they are more than three.
 
     It repeats --library and the options by which the records were read.
     """
@@ -224,5 +224,5 @@ def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> 
 
 
 def _band_words(band: tuple[float, float]) -> str:
-    """With all digits: a rounded edge may exclude its line."""
+    """LO:HI with all digits: a rounded edge may exclude its line."""
     return ":".join(repr(end).removesuffix(".0") for end in band)

@@ -18,7 +18,7 @@ from gsid.cli.options import (
     order_option,
     record_options,
 )
-from gsid.cli.output import describe, print_json, say, working
+from gsid.cli.output import describe, print_json, print_message, working
 
 if TYPE_CHECKING:
     from gsid.plant.model import PlantModel
@@ -99,7 +99,7 @@ def report(
         elif order:
             if order == "auto":
                 order = select_order(response).chosen.order
-                say(f"-- order {order} chosen")
+                print_message(f"-- order {order} chosen")
             model = fit(response, order)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         page = Report(title or f"Report on {describe(records)}")
@@ -135,7 +135,7 @@ def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | Non
     try:
         return distortion(measured, band=band)
     except InputError as error:
-        say(f"note: distortion left out: {error.what}")
+        print_message(f"note: distortion left out: {error.what}")
         return None
 
 
@@ -146,7 +146,7 @@ def _add_diagnosis(
     from gsid.diagnosis.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
-    found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
+    found = diagnose(model, measured, band=band, on_step=lambda text: print_message(f"-- {text}"))
     measured = found.read(measured)
     final = with_ladder(model, found, measured, band)
     page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(final), band=band)

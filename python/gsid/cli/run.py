@@ -31,8 +31,8 @@ from gsid.cli.options import (
     picture_option,
     rate_option,
 )
-from gsid.cli.output import draw, print_json, print_table, say
-from gsid.cli.stopping import Stopping, tell
+from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.stopping import Stopping, print_if_terminal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -194,7 +194,7 @@ def _multisine(fs_hz: float, period: int, band: tuple[float, float], amplitude: 
 
 
 def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str, Any]) -> Record:
-    """Run, and write the record whatever happens; then raise what ended the run early."""
+    """Run, and write the record in any case; then raise the error that ended the run early."""
     from gsid.rig.run import run
 
     stopping = Stopping()
@@ -212,10 +212,10 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
                     should_stop=stopping,
                     **options,
                 )
-        except BaseException as error:  # what was measured is written first, whatever happened
+        except BaseException as error:  # first write what was measured
             failure, record = error, getattr(error, "record", None)
         if stopping():
-            tell(f"{stopping.name()}: the run is stopped")
+            print_if_terminal(f"{stopping.name()}: the run is stopped")
         if record is not None:
             _keep(path, record, journal, failure)
     if failure is not None:
@@ -226,19 +226,17 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
 
 
 def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
-    """Write the record, then remove the journal; a record that cannot be written leaves the journal."""
+    """Write the record, then remove the journal; the journal is kept if the record cannot be written."""
     from gsid.base.errors import InputError
 
     try:
         _write(path, record)
     except (OSError, InputError, KeyboardInterrupt) as error:
         reason = getattr(error, "strerror", None) or str(error) or "stopped"
-        hint = (
-            f"what was measured is in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
-        )
+        hint = f"the samples are in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
         if failure is None:
             raise InputError("the record cannot be written", str(path), reason, hint) from error
-        tell(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
+        print_if_terminal(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
         return
     journal.unlink(missing_ok=True)
 
@@ -248,17 +246,17 @@ def _warn(meta: dict[str, str]) -> None:
     from gsid.rig.link import SILENCE_STOP_S
 
     if meta["command_zero_confirmed"] != "yes":
-        say("warning: the axis has not confirmed that its command is zero")
+        print_message("warning: the axis has not confirmed that its command is zero")
     silence_s = float(meta["longest_host_silence_s"])
     if silence_s > SILENCE_STOP_S:
-        say(
+        print_message(
             f"warning: this computer sent nothing for {silence_s:g} s, and the axis stopped meanwhile: "
-            "the periods that this disturbed are left out"
+            "the disturbed periods are left out"
         )
 
 
 def _recover(journal: str, output: str | None, as_json: bool) -> None:
-    """The record of a journal; the journal stays."""
+    """Write the record of a journal; the journal is kept."""
     from gsid.base.errors import InputError
     from gsid.rig.journal import recover
 
@@ -275,12 +273,12 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         raise InputError("the file exists already", str(path), None, "name the record with -o REC")
     got = recover(journal)
     if got.n_torn or got.n_damaged:
-        say(
-            f"warning: {journal}: {got.n_torn} bytes at the end are no whole block and are left out"
+        print_message(
+            f"warning: {journal}: {got.n_torn} bytes at the end are not a whole block and are ignored"
             + (f", and {got.n_damaged} damaged ones before: their samples are lost" if got.n_damaged else "")
         )
     _write(path, got.record)
-    say(f"{journal} is kept: remove it when the record is good")
+    print_message(f"{journal} is kept: remove it when the record is good")
     if as_json:
         meta = got.record.meta
         counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
@@ -299,7 +297,7 @@ def _from_file(path: str, fs_hz: float) -> _Plan:
     context = click.get_current_context()
     given = [f"--{name}" for name in DESIGN if is_given(context, name)]
     if given:
-        raise click.UsageError(f"--u brings the whole excitation: leave out {', '.join(given)}", context)
+        raise click.UsageError(f"--u provides the whole excitation: leave out {', '.join(given)}", context)
     record = read_record(path, u="u", y="u", fs_hz=fs_hz if is_given(context, "fs_hz") else None)
     u = record.u[: record.period_samples]
     if (peak := float(np.max(np.abs(u)))) > float(np.finfo(np.float32).max):
@@ -308,7 +306,12 @@ def _from_file(path: str, fs_hz: float) -> _Plan:
     spectrum = np.fft.rfft(u) * (2 / len(u))
     excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):
-        raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
+        raise InputError(
+            "u excites no line",
+            path,
+            None,
+            "a constant excites no line: make an excitation with `gsid design`",
+        )
     return _Plan(u, len(u), record.fs_hz, excited, {"excitation": f"from {Path(path).name}"})
 
 
@@ -340,11 +343,11 @@ def _write(path: Path, record: Record) -> None:
 
     write_record(path, record)
     good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]
-    tell(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
+    print_if_terminal(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
 
 
 @contextlib.contextmanager
-def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
+def _bar(n_periods: int) -> Iterator[Callable[[Progress], None] | None]:
     """A progress bar on stderr when that is a terminal."""
     if not sys.stderr.isatty():
         yield None
@@ -359,8 +362,8 @@ def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
         rich.TimeElapsedColumn(),
     )
     bar = rich.Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("", total=asked, lost=0, ticks=0)
-    gone = contextlib.suppress(OSError)  # the terminal was closed: no reason to end the run
+    task = bar.add_task("", total=n_periods, lost=0, ticks=0)
+    gone = contextlib.suppress(OSError)  # the terminal may be closed while the run continues
 
     def show(now: Progress) -> None:
         with gone:
