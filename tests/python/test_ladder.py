@@ -161,6 +161,15 @@ def test_the_fall_is_that_of_the_mean_square_and_scatters_as_stated(added, recor
     assert fall_p_value(after, after, [one], band=BAND) == 1.0
 
 
+def test_an_effect_without_effect_has_no_fall_to_be_tested(added, records):
+    """The p-value was that of the rounding of two simulations, anything from 0 to 1."""
+    before = undo(added.model)
+    after = before.with_effect("cubic_spring", {"stiffness": 1e-12})
+    assert fall_p_value(before, after, [records[2]], band=BAND) == 1.0
+    small = before.with_effect("cubic_spring", {"stiffness": 1e-3})
+    assert fall_p_value(small, before, [records[2]], band=BAND) < 0.5
+
+
 def test_the_degrees_of_freedom_of_a_fall():
     """One real line is Student's t of the periods, by scipy; equal parts add theirs."""
     noise = 0.5 + np.random.default_rng(SEED).standard_normal(5)
