@@ -19,7 +19,7 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
 FALL_ALARM = 0.05  # significance level of a fall
-ALIKE = 1e-9  # predictions that differ by less, over their largest line, are equal: two simulations round differently
+ALIKE = 1e-9  # predictions that differ by less, over their largest line, differ by rounding only
 
 
 def fall_p_value(
