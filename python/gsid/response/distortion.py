@@ -24,7 +24,7 @@ N_HARMONICS = 20  # number of harmonics evaluated when a single line is excited
 ALARM_RATE = 0.01  # false-alarm rate of all bands together
 BAND_RATIO = 2 ** (1 / 3)
 LINES_PER_BAND = 4  # at least
-ALIKE_DB = 10.0  # if the levels of odd and even distortion differ by less, both are reported
+COMPARABLE_DB = 10.0  # if the levels of odd and even distortion differ by less, both are reported
 LEAST_RATIO = 1e-3  # smallest reported ratio of powers, distortion over noise
 AVERAGING_HELPS_DB = 0.0  # below this level the noise is larger than the distortion
 
@@ -353,8 +353,8 @@ def _leading(level: dict[str, float]) -> tuple[str, float, float]:
     if not named:
         return ("nonlinear", whole, whole) if np.isfinite(whole) else ("noise", np.nan, np.nan)
     top = max(named.values())
-    alike = [name for name in ("odd", "even") if named.get(name, -np.inf) > top - ALIKE_DB]
-    return " and ".join(alike), top, top
+    largest = [name for name in ("odd", "even") if named.get(name, -np.inf) > top - COMPARABLE_DB]
+    return " and ".join(largest), top, top
 
 
 def _joined(bands: list[DistortedBand]) -> list[DistortedBand]:

@@ -190,15 +190,15 @@ def _between_lines(U: np.ndarray, Y: np.ndarray, line: np.ndarray, n_periods: in
     """Two periods or more: between the lines of the period are only transient and noise (LPM-2)."""
     free = np.arange(1, len(U))
     free = free[free % n_periods != 0]
-    powers, beside = _powers(line * n_periods, free, ORDER + 2 + N_DOF)
-    transient, leverage, rest_y = _local_fit(powers.astype(complex), powers, Y[beside])
-    u, y, rest_u = U[line * n_periods], Y[line * n_periods] - transient[:, 0], np.zeros_like(rest_y)
-    if np.abs(U[beside]).max() > ROUNDING * np.abs(u).max():  # otherwise u is periodic from the start
-        transient, _, rest_u = _local_fit(powers.astype(complex), powers, U[beside])
+    powers, neighbours = _powers(line * n_periods, free, ORDER + 2 + N_DOF)
+    transient, leverage, residual_y = _local_fit(powers.astype(complex), powers, Y[neighbours])
+    u, y, residual_u = U[line * n_periods], Y[line * n_periods] - transient[:, 0], np.zeros_like(residual_y)
+    if np.abs(U[neighbours]).max() > ROUNDING * np.abs(u).max():  # otherwise u is periodic from the start
+        transient, _, residual_u = _local_fit(powers.astype(complex), powers, U[neighbours])
         u = u - transient[:, 0]
     var_y, var_u, cov_yu = (
         np.einsum("kr,kr->k", a, b.conj()) / N_DOF
-        for a, b in ((rest_y, rest_y), (rest_u, rest_u), (rest_y, rest_u))
+        for a, b in ((residual_y, residual_y), (residual_u, residual_u), (residual_y, residual_u))
     )
     found = response_of(u, y, var_u.real, var_y.real, cov_yu, 1)
     return found | {"var_g": found["var_g"] * (1 + leverage)}  # with the error of the transient at the line
@@ -208,11 +208,11 @@ def _with_neighbours(
     U: np.ndarray, Y: np.ndarray, line: np.ndarray, _n_periods: int
 ) -> dict[str, np.ndarray]:
     """One period: response and transient from the neighbouring lines, excited or not (LPM-1)."""
-    powers, beside = _powers(line, np.arange(1, len(U) - 1), 2 * ORDER + 3 + N_DOF)
+    powers, neighbours = _powers(line, np.arange(1, len(U) - 1), 2 * ORDER + 3 + N_DOF)
     size = np.abs(U[line])  # scales the columns to similar size
-    columns = np.concatenate([powers * (U[beside] / size[:, None])[:, :, None], powers], axis=2)
-    fitted, leverage, rest = _local_fit(columns, powers, Y[beside])
-    var_y = np.sum(np.abs(rest) ** 2, axis=1) / N_DOF
+    columns = np.concatenate([powers * (U[neighbours] / size[:, None])[:, :, None], powers], axis=2)
+    fitted, leverage, residual = _local_fit(columns, powers, Y[neighbours])
+    var_y = np.sum(np.abs(residual) ** 2, axis=1) / N_DOF
     return {
         "g": fitted[:, 0] / size,
         "var_g": var_y * leverage / size**2,
@@ -227,10 +227,10 @@ def _with_neighbours(
 def _powers(at: np.ndarray, usable: np.ndarray, n_rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Powers 0 .. ORDER of the scaled distance of the usable lines nearest to each `at`, and those lines."""
     first = np.clip(np.searchsorted(usable, at) - n_rows // 2, 0, len(usable) - n_rows)
-    beside = usable[first[:, None] + np.arange(n_rows)]
-    distance = beside - at[:, None]
+    neighbours = usable[first[:, None] + np.arange(n_rows)]
+    distance = neighbours - at[:, None]
     scaled = distance / np.abs(distance).max(axis=1, keepdims=True)
-    return scaled[:, :, None] ** np.arange(ORDER + 1), beside
+    return scaled[:, :, None] ** np.arange(ORDER + 1), neighbours
 
 
 def _local_fit(
@@ -246,9 +246,9 @@ def _local_fit(
     q, r = np.linalg.qr(np.concatenate([columns, with_pole[:, :, None]], axis=2))
     diagonal = np.abs(np.diagonal(r, axis1=1, axis2=2))[:, : columns.shape[2]]
     if np.any(diagonal.min(axis=1) < WELL_POSED * diagonal.max(axis=1)):
-        raise np.linalg.LinAlgError("columns too alike")
+        raise np.linalg.LinAlgError("columns too similar")
     projected = np.einsum("krc,kr->kc", q.conj(), X)
-    rest = X - np.einsum("krc,kc->kr", q, projected)
+    residual = X - np.einsum("krc,kc->kr", q, projected)
     inverse = np.linalg.inv(r)
     fitted = np.einsum("kcd,kd->kc", inverse, projected)
-    return fitted[:, :-1], np.sum(np.abs(inverse[:, 0]) ** 2, axis=1), rest
+    return fitted[:, :-1], np.sum(np.abs(inverse[:, 0]) ** 2, axis=1), residual

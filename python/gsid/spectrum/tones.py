@@ -20,8 +20,8 @@ _log = logging.getLogger(__name__)
 MAX_TONES = 64
 LEAST_PEAK = 4.0  # times the noise around it: a lower peak counts as noise
 GUARD = 2  # bins on each side of a peak that contain its leakage
-BESIDE = 16  # bins on each side, outside the guard, that give the noise level
-FEWEST_BESIDE = 4  # closer to 0 Hz there are fewer bins, and sines are not searched for
+N_SIDE = 16  # bins on each side, outside the guard, that give the noise level
+FEWEST_SIDE = 4  # closer to 0 Hz there are fewer bins, and sines are not searched for
 FINE = 4  # points of the periodogram per bin
 OFF_LINE = 0.5  # bins from a line of the period within which sines are not searched for
 CLOSEST = 0.2  # bins from such a line within which the fit cannot separate a sine from the response
@@ -156,11 +156,11 @@ def find_tones(
     n = len(x)
     residual_of = Residual(np.ones(n, bool) if valid is None else np.asarray(valid, bool), period)
     residual = residual_of(np.asarray(x, float))
-    beside = _Beside(n, n // period if period else 0)
+    noise_floor = _NoiseFloor(n, n // period if period else 0)
     found: list[_Sine] = []
     power = residual @ residual
     while len(found) < MAX_TONES:
-        peak = _strongest(residual, beside)
+        peak = _strongest(residual, noise_floor)
         if peak is None or peak.p_value > alpha or residual @ residual < ROUNDING**2 * power:
             break
         found.append(_fitted(_Sine(peak.bins, 0.0, 0.0, peak.p_value), residual, residual_of))
@@ -168,8 +168,8 @@ def find_tones(
         residual = _fit_again(found, residual, residual_of, peak.std_amplitude)
     else:
         _log.warning("%d periodic disturbances found, which is the limit: there are more", MAX_TONES)
-    floor = beside.mean(_periodogram(residual))
-    tones = [_tone(sine, residual_of, floor, beside.n_beside, fs_hz, n) for sine in found]
+    floor = noise_floor.mean(_periodogram(residual))
+    tones = [_tone(sine, residual_of, floor, noise_floor.n_around, fs_hz, n) for sine in found]
     return _harmonics(sorted(tones, key=lambda tone: -tone.amplitude), fs_hz / n), residual
 
 
@@ -183,12 +183,12 @@ class _Peak:
     std_amplitude: float  # of a sine in the noise around it
 
 
-class _Beside:
+class _NoiseFloor:
     """Noise level around each point of the periodogram of a record of n samples.
 
     Attributes
     ----------
-    n_beside : (F,)
+    n_around : (F,)
         Number of bins that the mean is taken over; 0: the point is not searched.
     leak : (F,)
         Share of the power of a sine that leaks into that mean.
@@ -208,16 +208,16 @@ class _Beside:
             self._usable &= off > FINE * OFF_LINE
         last, guard = len(k) - 1, FINE * GUARD
         # the same number on both sides, since the noise spectrum has a slope
-        beside = np.clip(np.minimum(k, last - k) - guard - 1, 0, FINE * BESIDE)
-        self._outer = np.maximum(k - guard - beside, 0), np.minimum(k + guard + beside, last) + 1
+        n_side = np.clip(np.minimum(k, last - k) - guard - 1, 0, FINE * N_SIDE)
+        self._outer = np.maximum(k - guard - n_side, 0), np.minimum(k + guard + n_side, last) + 1
         self._inner = np.maximum(k - guard, 0), np.minimum(k + guard, last) + 1
         self._n_points = self._around(self._usable)
-        fewest = FINE * FEWEST_BESIDE
-        looked_at = self._usable & (beside >= fewest) & (self._n_points >= fewest)
-        self.n_beside = np.where(looked_at, self._n_points / FINE, 0)
-        self.n_bins = np.count_nonzero(looked_at) / FINE
-        leakage = np.sinc(np.arange(guard + 1, guard + FINE * BESIDE + 1) / FINE) ** 2
-        self.leak = np.concatenate(([0.0], np.cumsum(leakage) / np.arange(1, len(leakage) + 1)))[beside]
+        fewest = FINE * FEWEST_SIDE
+        searched = self._usable & (n_side >= fewest) & (self._n_points >= fewest)
+        self.n_around = np.where(searched, self._n_points / FINE, 0)
+        self.n_bins = np.count_nonzero(searched) / FINE
+        leakage = np.sinc(np.arange(guard + 1, guard + FINE * N_SIDE + 1) / FINE) ** 2
+        self.leak = np.concatenate(([0.0], np.cumsum(leakage) / np.arange(1, len(leakage) + 1)))[n_side]
 
     def _around(self, values: np.ndarray) -> np.ndarray:
         total = np.concatenate(([0], np.cumsum(values)))
@@ -236,18 +236,18 @@ def _periodogram(residual: np.ndarray) -> np.ndarray:
     return np.abs(fft.rfft(residual, FINE * len(residual))) ** 2
 
 
-def _strongest(residual: np.ndarray, beside: _Beside) -> _Peak | None:
+def _strongest(residual: np.ndarray, noise_floor: _NoiseFloor) -> _Peak | None:
     """Most significant peak of the periodogram, located between the bins (NOI-1)."""
     power = _periodogram(residual)
-    floor = beside.mean(power)
-    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (beside.n_beside[1:-1] > 0)
+    floor = noise_floor.mean(power)
+    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (noise_floor.n_around[1:-1] > 0)
     at = np.flatnonzero(is_peak & (power[1:-1] > LEAST_PEAK * floor[1:-1])) + 1
     if not len(at):
         return None
     place, height = _vertex(power, at)
-    leakage = height * beside.leak[at]  # of the peak itself
+    leakage = height * noise_floor.leak[at]  # of the peak itself
     noise = np.maximum(floor[at] - leakage, 0.01 * floor[at])
-    p = false_alarm(height / noise, beside.n_beside[at], beside.n_bins)
+    p = false_alarm(height / noise, noise_floor.n_around[at], noise_floor.n_bins)
     best = int(np.argmin(p))
     return _Peak(float(place[best] / FINE), float(p[best]), float(np.sqrt(2 * noise[best])) / len(residual))
 
@@ -261,14 +261,14 @@ def _vertex(power: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at + shift, np.exp(middle - (left - right) * shift / 4)
 
 
-def false_alarm(ratio: np.ndarray, n_beside: np.ndarray, n_bins: float) -> np.ndarray:
+def false_alarm(ratio: np.ndarray, n_around: np.ndarray, n_bins: float) -> np.ndarray:
     """Probability of a peak this high anywhere, in noise without sines (NOI-1).
 
     Parameters
     ----------
     ratio : (F,) float
         Height of the peak over the mean power of the bins around it.
-    n_beside : (F,) float
+    n_around : (F,) float
         Number of those bins.
     n_bins : float
         Number of bins searched.
@@ -277,7 +277,7 @@ def false_alarm(ratio: np.ndarray, n_beside: np.ndarray, n_bins: float) -> np.nd
     -------
     (F,) float, at most 1
     """
-    ratio, m = np.asarray(ratio, float), np.asarray(n_beside, float)
+    ratio, m = np.asarray(ratio, float), np.asarray(n_around, float)
     log_p = (
         np.log(n_bins * np.sqrt(np.pi / 3))
         + 0.5 * np.log(np.maximum(ratio, np.finfo(float).tiny) / m)
@@ -371,10 +371,10 @@ def _fit_again(
 
 
 def _tone(
-    sine: _Sine, residual_of: Residual, floor: np.ndarray, n_beside: np.ndarray, fs_hz: float, n: int
+    sine: _Sine, residual_of: Residual, floor: np.ndarray, n_around: np.ndarray, fs_hz: float, n: int
 ) -> Tone:
     nearest = min(round(FINE * sine.bins), len(floor) - 1)
-    while nearest + 1 < len(floor) and not n_beside[nearest]:  # next to a line of the excitation
+    while nearest + 1 < len(floor) and not n_around[nearest]:  # next to a line of the excitation
         nearest += 1
     variance = residual_of.variance(floor[nearest])  # as if the noise around the sine were white
     middle_angle = 2 * np.pi * sine.bins / n * (n - 1) / 2
