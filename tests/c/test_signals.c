@@ -56,6 +56,7 @@ static void valid_lengths(void **state) {
     (void)state;
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 1553), 1553);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 1500), 1499);
+    assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 9), 7); /* the shorter of 7 and 11 */
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 0), 3);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, UINT32_MAX), 16777213);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_MAXIMUM_LENGTH, 1500), 1023);
