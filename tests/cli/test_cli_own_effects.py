@@ -202,9 +202,9 @@ def test_a_model_that_runs_away(gsid, verb):
 @pytest.mark.parametrize(
     ("verb", "n_periods", "words"),
     [
-        (VERBS[0], 1, "less than two"),
-        (VERBS[1], 1, "less than two"),
-        (VERBS[2], 1, "less than two"),
+        (VERBS[0], 1, "fewer than two"),
+        (VERBS[1], 1, "fewer than two"),
+        (VERBS[2], 1, "fewer than two"),
         (VERBS[2], 3, "too few periods to keep half of them out"),
     ],
 )
