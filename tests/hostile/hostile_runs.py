@@ -23,7 +23,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[1] / "false_alarms"))
-from hostile_corpus import SEED, corpus, sound_files
+from hostile_corpus import corpus
+from sound_files import SEED, sound_files
 from study import current_commit
 
 from gsid.base.tables import Table
