@@ -148,9 +148,9 @@ demo: all ## measure, fit and compare a simulated axis, find what is hidden in i
 .PHONY: pictures
 HIDDEN := $(foreach i,1 2 3 4 5 6,demo/hidden$(i).csv)
 pictures: demo ## draw the pictures of README.md from what the demo measured
-	$(VENV)/bin/gsid fit --model demo/believed.json $(HIDDEN) -o demo/fitted.json
+	$(VENV)/bin/gsid fit --model demo/initial_model.json $(HIDDEN) -o demo/fitted.json
 	$(VENV)/bin/gsid compare --model demo/fitted.json demo/hidden7.csv --plot docs/pictures/where.png
-	$(VENV)/bin/gsid add quadratic_drag --model demo/believed.json $(HIDDEN) --held-out demo/hidden7.csv \
+	$(VENV)/bin/gsid add quadratic_drag --model demo/initial_model.json $(HIDDEN) --held-out demo/hidden7.csv \
 	    --held-out demo/hidden8.csv -o demo/added.json --plot docs/pictures/ladder.png
 	$(PY) tools/draw_before_after --before demo/fitted.json --after demo/added.json demo/hidden7.csv \
 	    -o docs/pictures/before_after.png
@@ -271,6 +271,10 @@ coverage-mimo: all ## the same for common poles, delays and responses of a simul
 .PHONY: minima-study
 minima-study: all ## how often a free delay of a random damped axis ends in a wrong minimum, and is reported (minutes)
 	$(PY) tests/python/damped_axes.py
+
+.PHONY: settings-study
+settings-study: all ## how the numerical settings of the grey-box fit change its results (minutes)
+	$(PY) benchmarks/greybox_settings.py
 
 .PHONY: distortion-study
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)

@@ -5,7 +5,7 @@
 EXAMPLES := $(BUILD)/firmware/minimal $(BUILD)/firmware/posix
 EXAMPLE_FLAGS := $(BASE_FLAGS) $(WARN) $(PRECISION_float)
 RATE_LOOP := firmware_examples/rate_loop/experiment.c
-# The drive of the bare-metal image, built for a computer: the test compares what both say to the same axis.
+# The drive of the bare-metal image, compiled for a computer: a test compares the bytes that both send to the same axis.
 REPLAY := $(BUILD)/firmware/replay
 
 $(BUILD)/firmware/minimal: firmware_examples/minimal/main.c
@@ -29,12 +29,12 @@ ARM_FLAGS := -std=c99 -pedantic -ffp-contract=off -Iinclude -MMD -MP -Os -g -mth
     -ffunction-sections -fdata-sections -fno-math-errno -fstack-usage $(WARN) $(PRECISION_float) -Werror
 ARM_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T firmware_examples/cortex_m7/mps2.ld
 # Single precision only on both, so that on the M4F an instruction in double would fault.
-# Not -ffreestanding: it makes calls of square root and fused multiply-add, which are one instruction each.
+# Not -ffreestanding: it turns square root and fused multiply-add, one instruction each, into function calls.
 CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
 CPU_m4 := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
 
-# The whole measurement, which a busy computer at the axis's end must not spoil by a pause; and a shorter one, for tests of
-# what goes wrong on the line. tests/build/test_firmware_examples.py measures the silence of the drive as it is shipped.
+# full: the whole measurement, with a long timeout, because the simulated axis may pause on a busy computer. short: a shorter
+# measurement, for tests of faults on the line. tests/build/test_firmware_examples.py tests the timeout of the drive as shipped.
 SIZE_full := -DDRIVE_SILENCE_MS=60000
 SIZE_short := -DEXPERIMENT_SHORT -DDRIVE_SILENCE_MS=1000
 
@@ -56,7 +56,7 @@ $(BUILD)/firmware/setup.stamp: tools/setup
 	tools/setup firmware
 	@mkdir -p $(@D) && touch $@
 
-# ---- what it costs -----------------------------------------------------------------------------------------------
+# ---- budget ------------------------------------------------------------------------------------------------------
 
 BUDGET_SRC := firmware_examples/budget/main.c $(filter-out %/main.c,$(BOARD)) $(CORE_SRC) $(EFFECTS_SRC)
 define budget_rules
@@ -72,7 +72,7 @@ $(BUILD)/firmware/count.so: firmware_examples/budget/count.c
 
 COUNTED := $(BUILD)/firmware/m7-budget.elf $(BUILD)/firmware/m4-budget.elf $(BUILD)/firmware/count.so
 .PHONY: size
-size: all firmware $(COUNTED) ## what the firmware costs: docs/reference/budget.md anew, and what has changed
+size: all firmware $(COUNTED) ## measure code size, stack and time of the firmware: update docs/reference/budget.md
 	$(PY) tools/firmware_budget > $(BUILD)/firmware/budget.md
 	@cp $(BUILD)/firmware/budget.md docs/reference/budget.md
 	@cat docs/reference/budget.md

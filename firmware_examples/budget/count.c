@@ -1,10 +1,10 @@
-/* Plugin of QEMU 7 and 8 (interface version 1, declared here since it is not packaged): counts the instructions between two
- * functions of the image. For each passage from `begin` to `end` it writes one line with the number, for each `case` a line
- * with a dash.
+/* Plugin for QEMU 7 and 8 that counts the instructions between two functions of the image. For each run from `begin` to `end`
+ * it writes a line with the number of instructions; for each call of `case` it writes a line with a dash. The plugin interface
+ * (version 1) is declared here because its header is not packaged.
  *
  *     qemu-system-arm ... -plugin file=count.so,case=ADDRESS,begin=ADDRESS,end=ADDRESS,out=FILE
  *
- * The number includes what the calls of `begin` and `end` themselves need; a passage with nothing inside says how much. */
+ * The number includes the calls of `begin` and `end` themselves. Measure an empty run to obtain that overhead. */
 #include <inttypes.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -73,8 +73,7 @@ int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv) {
     for (int i = 0; i < argc; i++) {
         for (int mark = 0; mark < N_MARKS; mark++) {
             if (strncmp(argv[i], names[mark], strlen(names[mark])) == 0) {
-                address[mark] =
-                    strtoull(argv[i] + strlen(names[mark]), NULL, 0) & ~UINT64_C(1); /* Thumb's lowest bit */
+                address[mark] = strtoull(argv[i] + strlen(names[mark]), NULL, 0) & ~UINT64_C(1); /* Thumb bit */
             }
         }
         if (strncmp(argv[i], "out=", 4) == 0) {

@@ -1,5 +1,5 @@
-/* Every call of the tick, many times over, between two marks at which the emulator's counter looks (count.c). One case after
- * the other; each is announced on the log by its name. */
+/* Calls each function of the tick many times, between two marks that the emulator's counter detects (count.c). The cases run
+ * one after the other, and each first writes its name to the log. */
 #include "../cortex_m7/board.h"
 
 #include "gsid/catalogue.h"
@@ -25,7 +25,7 @@ __attribute__((noinline)) void budget_end(void) {
 
 static gsid_cplx twiddle[N_PERIOD], u_known[N_LINES_MAX];
 static uint32_t line[N_LINES_MAX];
-static gsid_real output[N_PERIOD]; /* any signal: what the ticks cost does not depend on it */
+static gsid_real output[N_PERIOD]; /* any signal: the cost of a tick does not depend on it */
 static gsid_cplx memory[GSID_FRF_SPREAD_MEM_SIZE(N_PERIOD, N_LINES_MAX, 1) / sizeof(gsid_cplx) + 1];
 static gsid_frf frf;
 static uint32_t n_period;
@@ -55,7 +55,7 @@ static void init(engine *init_engine, uint32_t n_lines, int is_known) {
 
 static void count_frf(const char *name, engine *init_engine, uint32_t n_lines, int is_known) {
     init(init_engine, n_lines, is_known);
-    for (uint32_t n = 0; n < n_period; n++) { /* in the first period there is no period to work on */
+    for (uint32_t n = 0; n < n_period; n++) { /* in the first period there is no complete period to transform */
         gsid_frf_step(&frf, output[n], output[n]);
     }
     begin_case(name);
@@ -67,7 +67,7 @@ static void count_frf(const char *name, engine *init_engine, uint32_t n_lines, i
     }
 }
 
-/* One line of a stepped sine: what to add to the command, and the answer's line. */
+/* One line of a stepped sine: the excitation, and the line of the response. */
 static void count_stepped_sine(void) {
     gsid_sine sine;
     gsid_real u;
@@ -129,7 +129,7 @@ static void count_guard(void) {
     }
 }
 
-/* The axis of the examples predicted beside the loop; the last effect is the one that is not linear. */
+/* The axis of the examples, simulated in parallel with the loop. The last effect is the only nonlinear one. */
 static void count_plant(const char *name, uint32_t n_effects) {
     static const char *const id[] = {"rigid_body", "viscous_friction", "transport_delay", "flexible_mode",
                                      "coulomb_friction"};

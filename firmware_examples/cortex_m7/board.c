@@ -34,11 +34,11 @@ enum { ROOM = 256 };
 static uint8_t waiting[ROOM];
 static volatile uint32_t n_put, n_gone;
 
-/* The serial port above the tick, which may take long; both above the background. */
+/* Priorities: the serial port above the tick, which may take long; both above the background. */
 void board_init(uint32_t hz) {
     UART_BAUDDIV = CLOCK_HZ / BAUD;
     UART_CTRL = CTRL_ALL;
-    (void)UART_DATA; /* the emulator looks for the first byte only after a read */
+    (void)UART_DATA; /* the emulator accepts the first byte only after a read */
     NVIC_PRIORITY = 0x4040u;
     SYSTEM_PRIORITY_3 = 0x80u << 24;
     NVIC_ENABLE = 3u;
@@ -68,7 +68,7 @@ void uart_receive_handler(void) {
     }
 }
 
-/* Fill the port as long as it takes bytes. With nothing under way no interrupt will come: line_send starts it. */
+/* Fill the port as long as it accepts bytes. When it is idle no interrupt occurs: line_send then triggers one. */
 void uart_transmit_handler(void);
 void uart_transmit_handler(void) {
     UART_INT = INT_TX;

@@ -1,15 +1,15 @@
-/* What the example needs of the MPS2 boards (mps2-an500: Cortex-M7, mps2-an386: Cortex-M4F): a serial port, the timer of
- * the tick, and a way to end. */
+/* The parts of the MPS2 boards that the example uses (mps2-an500: Cortex-M7, mps2-an386: Cortex-M4F): a serial port, the timer
+ * of the tick, and an exit. */
 #ifndef BOARD_H
 #define BOARD_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Serial port and its interrupts on; then the timer, at `hz`. */
+/* Enable the serial port and its interrupts, then the timer, at `hz`. */
 void board_init(uint32_t hz);
 
-/* Ask for the tick's exception before its time. */
+/* Trigger the exception of the tick before the timer does. */
 void board_request_tick(void);
 
 /* Sleep until the next interrupt. */

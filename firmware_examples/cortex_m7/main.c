@@ -1,8 +1,8 @@
 /* Bare metal: the drive of rate_loop on a Cortex-M7 or M4F, in lock-step with an axis at the other end of the serial line.
  *
- * The tick is the SysTick exception. On a rig its timer makes it, 3000 times a second, and the tick reads the sensor. Here
- * the sensor is at the far end of the line: the sample's arrival asks for the same exception, and the timer measures silence
- * only. */
+ * The tick is the SysTick exception. On a rig the timer triggers it 3000 times a second, and the tick reads the sensor. Here
+ * the sensor is at the other end of the line: the arrival of a sample triggers the exception, and the timer only measures
+ * silence. */
 #include "../rate_loop/drive.h"
 #include "board.h"
 

@@ -1,4 +1,4 @@
-/* From reset to main. A fault ends the emulator with 100 plus the number of the exception. */
+/* Startup code. After a fault the emulator exits with 100 plus the number of the exception. */
 #include "board.h"
 
 extern uint32_t stack_end[], data_load[], data_begin[], data_end[], bss_begin[], bss_end[];
@@ -7,7 +7,7 @@ void systick_handler(void);
 void uart_receive_handler(void);
 void uart_transmit_handler(void);
 
-/* Naked of all that needs the floating-point unit, which is still off. */
+/* Must not use the floating-point unit, which is still off. */
 void reset_handler(void);
 void reset_handler(void) {
     *(volatile uint32_t *)0xE000ED88u |= 0xFu << 20; /* CPACR: full access */

@@ -1,5 +1,5 @@
-/* The least that measures a frequency response in a loop of your own: what stands between the lines of dashes is all. The
- * rest of this file is an axis to measure, and a print of the answer. */
+/* The minimum that measures a frequency response in an existing loop: the code between the lines of dashes. The rest of this
+ * file is an axis to measure, and the output of the response. */
 #include <stdio.h>
 
 /* ---- copy from here ---- */
@@ -15,7 +15,7 @@ static gsid_cplx memory[GSID_FRF_MEM_SIZE(N_LINES, 0) / sizeof(gsid_cplx) + 1];
 static gsid_frf frf;
 static uint32_t n; /* sample of the excitation */
 
-/* In the background, at the start and to begin anew: a multisine of 1 unit per line, and the measurement of its answer. */
+/* Background, at the start and to start again: a multisine of 1 unit per line, and the measurement of the response. */
 static gsid_status measure_init(void) {
     gsid_multisine multisine;
     const gsid_multisine_cfg sines = {N_PERIOD, N_LINES, line, amplitude, phase_rad, twiddle};
@@ -31,13 +31,14 @@ static gsid_status measure_init(void) {
     return status ? status : gsid_frf_init(&frf, &cfg, memory, sizeof memory);
 }
 
-/* Every tick, where the sensor is read: gives what to add to the command. */
+/* Every tick, where the sensor is read. Returns the excitation to add to the command. */
 static gsid_real measure_tick(gsid_real y) {
     if (gsid_frf_step(&frf, 0, y) == GSID_E_NONFINITE) {
-        gsid_frf_skip(&frf, 1); /* refused is lost: time goes on, its period is left out */
+        gsid_frf_skip(&frf, 1); /* a refused sample counts as lost: its period is left out */
     }
     const gsid_real u = excitation[n];
-    n = n + 1 < N_PERIOD ? n + 1 : 0; /* not a count of ticks, which would jump where it wraps around */
+    n = n + 1 < N_PERIOD ? n + 1
+                         : 0; /* do not use a count of ticks modulo N: the phase would jump when the count wraps */
     return u;
 }
 /* ---- to here ---- */

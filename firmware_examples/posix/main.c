@@ -1,5 +1,5 @@
-/* The rate controller of rate_loop with the experiment beside it, as a plain program: two calls in its loop. The axis is
- * simulated by gsid itself (plant.h), so that there is a truth to compare with. Prints the response and the model. */
+/* The rate controller of rate_loop with an experiment, as a plain program: the experiment needs two calls in the loop. The axis
+ * is simulated by gsid itself (plant.h), so that the true parameters are known. Prints the response and the model. */
 #include <stdio.h>
 
 #include "gsid/catalogue.h"
@@ -29,7 +29,7 @@ static gsid_status axis_init(void) {
     return gsid_plant_init(&axis, &cfg, axis_memory, sizeof axis_memory);
 }
 
-/* Noise of the sensor, about normal: the sum of twelve uniform numbers. */
+/* Noise of the sensor, approximately normal: the sum of twelve uniform numbers. */
 static float noise(void) {
     static uint32_t seed = 1;
     float sum = -6.0f;
@@ -44,7 +44,7 @@ static float clipped(float u) {
     return u > COMMAND_LIMIT ? COMMAND_LIMIT : u < -COMMAND_LIMIT ? -COMMAND_LIMIT : u;
 }
 
-static void print_answer(void) {
+static void print_result(void) {
     const gsid_rational *m = &beside.model;
     printf("# scale_rad_s: %.9g\n# delay_s: %.9g\n# cost: %.9g\n# num:", (double)m->scale_rad_s, (double)m->delay_s,
            (double)beside.cost);
@@ -76,7 +76,7 @@ int main(void) {
         return 1;
     }
     gsid_real u = 0;
-    while (beside.state == EXPERIMENT_RUNNING) { /* one turn is one tick */
+    while (beside.state == EXPERIMENT_RUNNING) { /* one pass is one tick */
         gsid_real y;
         if (gsid_plant_step(&axis, u, &y, NULL) != GSID_OK) { /* the rate at the instant from which u is applied */
             return 1;
@@ -96,6 +96,6 @@ int main(void) {
         fprintf(stderr, "fit: %s\n", gsid_status_str(status));
         return 1;
     }
-    print_answer();
+    print_result();
     return 0;
 }

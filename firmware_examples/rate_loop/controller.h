@@ -1,4 +1,4 @@
-/* A rate controller as a drive might have it: proportional and integral, its command within a limit. */
+/* A typical rate controller of a drive: proportional and integral, with a limited command. */
 #ifndef CONTROLLER_H
 #define CONTROLLER_H
 
@@ -9,10 +9,10 @@ typedef struct {
     float integral; /* state */
 } rate_controller;
 
-/* One tick: the command from the wanted and the measured rate. The integral stands still while the command is at its
- * limit, so that it has nothing to unwind. */
-static inline float rate_controller_step(rate_controller *c, float wanted, float measured) {
-    const float error = wanted - measured;
+/* One tick: the command from the reference and the measured rate. The integral is held while the command is at its limit
+ * (anti-windup). */
+static inline float rate_controller_step(rate_controller *c, float reference, float measured) {
+    const float error = reference - measured;
     const float integral = c->integral + c->ki * error;
     const float command = c->kp * error + integral;
     if (command > c->limit) {

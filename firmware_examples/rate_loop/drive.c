@@ -10,7 +10,7 @@
 #define KP 3.0f
 #define KI 0.005f
 
-/* Of an axis with 7.4 deg/s^2 per command and a delay of 5.4 ms, which may turn by 2 deg each way. */
+/* For an axis with 7.4 deg/s^2 per command, a delay of 5.4 ms and a permitted travel of +-2 deg. */
 static const gsid_guard_cfg limits = {.command_limit = COMMAND_LIMIT,
                                       .rate_limit = 20.0f,
                                       .angle_lo = -2.0f,
@@ -41,14 +41,14 @@ int drive_receive(drive *d, uint8_t byte) {
     d->n_damaged += d->link.n_damaged - damaged;
     if (n_frames > 0 && d->n_come - d->n_taken < DRIVE_FRAMES) {
         d->frame[d->n_come % DRIVE_FRAMES] = frame;
-        d->n_come++; /* last: the tick looks at it first */
+        d->n_come++; /* last: the tick reads it first */
     }
     return n_frames > 0 || d->link.n_damaged != damaged;
 }
 
 /* ---- tick ---- */
 
-/* The excitation stops within the tick: the axis sets its command to zero. */
+/* End the run: STOP makes the axis set its command to zero within this tick. */
 static void end(drive *d, drive_why why) {
     d->why = why;
     d->why_tick = d->tick;
@@ -56,8 +56,8 @@ static void end(drive *d, drive_why why) {
     send(d, GSID_FRAME_STOP, 0, 0, 0.0f, 0.0f);
 }
 
-/* The next tick's command, and the experiment's end when there is to be none. sample: NULL when it was lost; the
- * controller goes on with the rate it had. A controller cannot know the command after this one: no copy. */
+/* Send the command of the next tick, or end the run if the experiment has ended. sample: NULL when it was lost; the controller
+ * then uses the last rate. The frame's second command, that of the tick after next, is left empty: it is not known yet. */
 static void command_next(drive *d, const gsid_guard_sample *sample) {
     if (sample != NULL) {
         d->rate_deg_s = sample->rate;
@@ -77,7 +77,7 @@ static void command_next(drive *d, const gsid_guard_sample *sample) {
 
 static void take_sample(drive *d, const gsid_frame *frame) {
     if (frame->tick != d->tick) {
-        return; /* given up before */
+        return; /* already counted as lost */
     }
     if ((frame->flags & GSID_FLAG_LOST_COUNT) != d->lost_count) {
         d->lost_count = frame->flags & GSID_FLAG_LOST_COUNT;
@@ -98,7 +98,7 @@ static void lose_sample(drive *d) {
     }
 }
 
-/* An axis of this version of the protocol, in the session that was opened last. */
+/* Whether a HELLO is the reply of an axis with this version of the protocol, to the session opened last. */
 static int is_answer(const drive *d, const gsid_frame *hello) {
     return hello->flags == GSID_LINK_VERSION && hello->tick == d->link.session &&
            fabsf(hello->a - EXPERIMENT_FS_HZ) < 0.5f;
@@ -109,7 +109,7 @@ static void take_frame(drive *d, const gsid_frame *frame) {
     if (frame->kind == GSID_FRAME_SAMPLE && running) {
         take_sample(d, frame);
     } else if (frame->kind == GSID_FRAME_STOP && running) {
-        end(d, DRIVE_ASKED);
+        end(d, DRIVE_STOP_RECEIVED);
     } else if (frame->kind == GSID_FRAME_HELLO && running) {
         end(d, DRIVE_RESTARTED);
     } else if (frame->kind == GSID_FRAME_HELLO && is_answer(d, frame)) {
@@ -153,7 +153,7 @@ static void start(drive *d) {
     const rate_controller at_rest = {.kp = KP, .ki = KI, .limit = COMMAND_LIMIT};
     d->axis_answered = 0;
     if (d->why != DRIVE_NEVER_RAN) {
-        report_state(d); /* who comes now may not have heard it */
+        report_state(d); /* of the last run: a new axis or host may not have received it */
     }
     if (experiment_start(&d->experiment) != GSID_OK) {
         end(d, DRIVE_REFUSED);
@@ -162,14 +162,13 @@ static void start(drive *d) {
     d->controller = at_rest;
     d->rate_deg_s = 0;
     d->lost_count = d->n_lost = 0;
-    d->tick =
-        UINT32_MAX; /* the command of tick 0 is the next one; the tick sends it, which then is there for the answer */
+    d->tick = UINT32_MAX; /* the next command is that of tick 0; the tick sends it, to be ready for the reply */
     d->begin = 1;
     HANDOVER();
-    d->state = DRIVE_RUNNING; /* last: from here on the tick owns it */
+    d->state = DRIVE_RUNNING; /* last: from here on the object belongs to the tick */
 }
 
-/* A rig that may be reset in the middle of a run takes the first id from something that a reset does not repeat. */
+/* If the drive can be reset during a run, draw the first id from a source that a reset does not repeat. */
 static void open_session(drive *d) {
     d->link.session = (uint16_t)(d->link.session < GSID_LINK_SESSION_MAX ? d->link.session + 1u : 1u);
     send(d, GSID_FRAME_HELLO, GSID_LINK_VERSION, d->link.session, 0.0f, 0.0f);
@@ -184,7 +183,7 @@ static void wait(drive *d) {
     }
 }
 
-/* Lines of the response first, then the model. Returns 0 after the last frame. */
+/* Send frame i of the report: the lines of the response first, then the model. Returns 0 after the last frame. */
 static int report_next(const drive *d, uint32_t i) {
     const experiment *e = &d->experiment;
     const gsid_rational *m = &e->model;

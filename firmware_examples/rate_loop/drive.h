@@ -1,9 +1,10 @@
-/* The drive: rate controller, experiment, and their end of the serial line (docs/reference/protocol.md), without a line of what they
- * run on. The axis is at the other end of the line; the drive is what the protocol calls the host, and takes the sample
- * of a tick for the cue to the next one, so that drive and simulated axis go in lock-step.
+/* The drive: rate controller, experiment, and the host's end of the serial line (docs/reference/protocol.md). This code does not
+ * depend on the board. The axis is at the other end of the line. Each sample starts the next tick, so that drive and simulated
+ * axis run in lock-step.
  *
- * Three contexts: the receive interrupt, the tick, the background. The tick may interrupt the background, the receive
- * interrupt both. Nothing is masked: `state` says who may touch what, and each side hands it to the other. */
+ * There are three contexts: the receive interrupt, the tick, the background. The tick may interrupt the background, the receive
+ * interrupt may interrupt both. No interrupt is masked: `state` shows which context owns the shared data, and its owner hands
+ * them over by writing `state`. */
 #ifndef DRIVE_H
 #define DRIVE_H
 
@@ -12,39 +13,40 @@
 #include "controller.h"
 #include "experiment.h"
 
-/* The line may be silent for 0.25 s, then the excitation is to be gone (docs/reference/protocol.md). The guard stands
+/* After 0.25 s of silence on the line the excitation must be zero (docs/reference/protocol.md). The guard tolerates
  * EXPERIMENT_N_MISSING_MAX samples lost in a row: the next one trips it. Images for tests wait longer. */
 #ifndef DRIVE_SILENCE_MS
 #define DRIVE_SILENCE_MS 80
 typedef char drive_is_silent_for_250_ms_at_most[(EXPERIMENT_N_MISSING_MAX + 1) * DRIVE_SILENCE_MS <= 250 ? 1 : -1];
 #endif
 
-/* By the timer, since in lock-step a slow partner stretches the ticks. */
+/* Times in periods of the timer, not in ticks: in lock-step a slow axis makes the ticks longer. */
 enum {
     DRIVE_HELLO_EVERY = EXPERIMENT_FS_HZ, /* 1 s */
-    DRIVE_SILENCE_MAX = DRIVE_SILENCE_MS * (EXPERIMENT_FS_HZ / 1000), /* without the sample that is due: it is lost */
-    DRIVE_LOST_MAX = 16 /* samples of one run: the line is no good */
+    DRIVE_SILENCE_MAX = DRIVE_SILENCE_MS *
+        (EXPERIMENT_FS_HZ / 1000), /* without the expected sample: it counts as lost */
+    DRIVE_LOST_MAX = 16 /* lost samples in one run, after which it ends */
 };
 
 typedef enum {
-    DRIVE_WAITING = 0, /* background's: command zero, says HELLO until an axis answers */
-    DRIVE_RUNNING = 1, /* tick's: the loop is closed, the experiment runs */
-    DRIVE_ENDED = 2, /* background's: command zero; the answer is to be worked out */
-    DRIVE_REPORTING = 3 /* background's: command zero; the answer goes up */
+    DRIVE_WAITING = 0, /* owned by the background: command zero, sends HELLO until an axis replies */
+    DRIVE_RUNNING = 1, /* owned by the tick: the loop is closed, the experiment runs */
+    DRIVE_ENDED = 2, /* owned by the background: command zero, the model is to be fitted */
+    DRIVE_REPORTING = 3 /* owned by the background: command zero, the report is being sent */
 } drive_state;
 
-/* Why a run has ended. */
+/* Why a run ended. */
 typedef enum {
     DRIVE_NEVER_RAN = 0,
     DRIVE_MEASURED = 1,
-    DRIVE_TRIPPED = 2, /* the guard took the excitation away */
+    DRIVE_TRIPPED = 2, /* the guard removed the excitation */
     DRIVE_LOSSES = 3, /* too many samples or periods lost */
-    DRIVE_ASKED = 4, /* STOP came */
-    DRIVE_RESTARTED = 5, /* the axis said HELLO: it has begun anew */
+    DRIVE_STOP_RECEIVED = 4, /* the axis sent STOP */
+    DRIVE_RESTARTED = 5, /* the axis sent HELLO: it has restarted */
     DRIVE_REFUSED = 6 /* the experiment could not be started */
 } drive_why;
 
-/* Flags of a RESULT frame: what it carries. */
+/* Flags of a RESULT frame: its contents. */
 typedef enum {
     DRIVE_RESULT_STATE = 0, /* tick: at which the run ended; a: drive_why; b: good periods */
     DRIVE_RESULT_G = 1, /* tick: line number; a, b: response, real and imaginary part */
@@ -52,32 +54,32 @@ typedef enum {
     DRIVE_RESULT_FIT = 3, /* tick: status of the fit, plus 128; a: delay [s]; b: cost */
     DRIVE_RESULT_NUM = 4, /* tick: power of s/scale; a: coefficient; b: scale [rad/s] */
     DRIVE_RESULT_DEN = 5, /* the same */
-    DRIVE_RESULT_TRIP = 6 /* tick: gsid_trip of the last run; a: what passed its limit; b: angle [deg] */
+    DRIVE_RESULT_TRIP = 6 /* tick: gsid_trip of the last run; a: value that exceeded its limit; b: angle [deg] */
 } drive_result;
 
-enum { DRIVE_FRAMES = 4 }; /* waiting for the tick: one is usual, a power of two */
+enum { DRIVE_FRAMES = 4 }; /* queue of frames for the tick, a power of two; usually one is waiting */
 
 typedef struct {
     volatile drive_state state;
-    drive_why why; /* of the last run's end */
+    drive_why why; /* of the end of the last run */
     uint32_t why_tick;
     /* From the receive interrupt to the tick. */
-    gsid_link link; /* but for its session, which the background sets while WAITING */
+    gsid_link link; /* except its session, which the background sets while WAITING */
     gsid_frame frame[DRIVE_FRAMES];
-    volatile uint32_t n_come, n_taken; /* frames ever */
-    volatile uint32_t n_damaged; /* frames ever */
-    /* The tick's. */
-    uint32_t tick; /* whose sample is due */
-    uint32_t n_silent; /* timer's turns since the last command went */
-    uint32_t damage_seen;
+    volatile uint32_t n_come, n_taken; /* frames received and processed since the start */
+    volatile uint32_t n_damaged; /* damaged frames since the start */
+    /* Owned by the tick. */
+    uint32_t tick; /* number of the tick whose sample is expected */
+    uint32_t n_silent; /* periods of the timer since the last command was sent */
+    uint32_t damage_seen; /* n_damaged at the last tick */
     uint32_t lost_count; /* the axis's count of lost commands */
     uint32_t n_lost;
-    int begin; /* a run: its first command is due */
-    float rate_deg_s; /* measured last */
+    int begin; /* 1: the first command of a run is due */
+    float rate_deg_s; /* last measured rate */
     rate_controller controller;
     /* From the tick to the background. */
     volatile int axis_answered, hello_due;
-    /* The background's. */
+    /* Owned by the background. */
     gsid_status fit_status;
     uint32_t n_reported; /* frames of the report so far */
     experiment experiment;
@@ -86,22 +88,22 @@ typedef struct {
 /* Background, once. */
 gsid_status drive_init(drive *d);
 
-/* Receive interrupt: take a byte. Returns 1 when the tick is due: a frame is there, or what came was damaged. */
+/* Receive interrupt: process a byte. Returns 1 when the tick is due: a frame is complete, or a damaged one was discarded. */
 int drive_receive(drive *d, uint8_t byte);
 
-/* Tick. by_timer: 1 when the timer called it, 0 when drive_receive asked for it. */
+/* Tick. by_timer: 1 when the timer triggered it, 0 when drive_receive did. */
 void drive_tick(drive *d, int by_timer);
 
 /* Background, for ever. Returns 0 when there is nothing to do before the next interrupt. */
 int drive_background(drive *d);
 
-/* ---- what the board provides ---- */
+/* ---- functions of the board ---- */
 
-/* Send bytes, never waiting: all or, when there is no room, none. Called by the tick while RUNNING, by the background
+/* Send all bytes, or none when there is no room; never wait. Called by the tick while RUNNING, by the background
  * otherwise. */
 void line_send(const uint8_t *bytes, size_t n_bytes);
 
-/* Bytes that line_send would take now. */
+/* Number of bytes that line_send would accept now. */
 size_t line_room(void);
 
 #endif

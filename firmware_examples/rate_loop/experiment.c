@@ -11,12 +11,12 @@
 #endif
 #define PI GSID_R(3.14159265358979)
 
-/* Delays from which the model is tried [s], whatever the axis: 0 to 12 ms. */
+/* Delays at which a fit is started, for any axis: 0 to 12 ms. */
 enum { N_DELAYS = 13 };
 #define DELAY_STEP_S GSID_R(1e-3)
 
 static gsid_status fill_excitation(experiment *e, gsid_real peak) {
-    /* Needed for the table only: the arrays of the answer are free until then. */
+    /* Temporary, for the table only: the arrays of the result are not in use yet. */
     gsid_real *amplitude = e->f_hz, *phase_rad = e->sigma;
     const gsid_multisine_cfg cfg = {EXPERIMENT_N_PERIOD, EXPERIMENT_N_LINES, e->line, amplitude, phase_rad, e->twiddle};
     gsid_multisine multisine;
@@ -59,7 +59,7 @@ gsid_status experiment_init(experiment *e, gsid_real peak, const gsid_guard_cfg 
 }
 
 gsid_status experiment_start(experiment *e) {
-    /* The controller answers the excitation: the input is not known, it is measured. */
+    /* The controller responds to the excitation, so the input must be measured. */
     const gsid_frf_cfg cfg = {.n_period = EXPERIMENT_N_PERIOD,
                               .n_lines = EXPERIMENT_N_LINES,
                               .n_settle = EXPERIMENT_N_SETTLE,
@@ -68,13 +68,13 @@ gsid_status experiment_start(experiment *e) {
     gsid_status status = gsid_frf_init_spread(&e->frf, &cfg, e->memory, sizeof e->memory);
     gsid_guard_reset(&e->guard);
     if (status == GSID_OK) {
-        status = gsid_guard_start(&e->guard, 0); /* the range of angles counts from here */
+        status = gsid_guard_start(&e->guard, 0); /* the range of angles is relative to this angle */
     }
     e->n = 0;
     e->n_left_out = 0;
     HANDOVER();
     if (status == GSID_OK) {
-        e->state = EXPERIMENT_RUNNING; /* last: from here on the tick owns it */
+        e->state = EXPERIMENT_RUNNING; /* last: from here on the object belongs to the tick */
     }
     return status;
 }
@@ -91,7 +91,7 @@ gsid_real experiment_excite(experiment *e, const gsid_guard_sample *sample, gsid
     return allowed;
 }
 
-/* The spread engine adds a period in the course of the next: the experiment ends that much later. */
+/* The spread engine adds a period during the next one: the experiment ends that much later. */
 static void judge_period(experiment *e) {
     if (e->frf.n_periods >= EXPERIMENT_N_GOOD) {
         e->state = EXPERIMENT_MEASURED;
@@ -131,8 +131,8 @@ void experiment_settle(experiment *e) {
     experiment_skip(e);
 }
 
-/* The best of linear fits with delays tried over a grid: V has a minimum every few samples of delay, and Gauss-Newton
- * finds the one it starts in. */
+/* The best of the linear fits over a grid of delays. V has a local minimum every few samples of delay, and Gauss-Newton
+ * converges to the one nearest to its start. */
 static gsid_status start_of_fit(const gsid_frd *data, gsid_rational *model, void *work, size_t work_size) {
     const gsid_iwls_cfg cfg = {.n_iterations = 8};
     gsid_rational best = *model;

@@ -1,7 +1,7 @@
-/* Between what is shared with an interrupt and the volatile word that hands it over. `volatile` orders volatile accesses among
- * themselves; the compiler may move all others across them. Needed on the side that can be interrupted, before it gives and
- * after it is given: the interrupt itself is one instant to it. One core keeps its own order; with two of them this is the
- * processor's barrier. */
+/* Compiler barrier between data shared with an interrupt and the volatile word that hands them over. `volatile` orders volatile
+ * accesses among themselves only; the compiler may move all others across them. The side that can be interrupted needs the
+ * barrier, before it hands data over and after it receives them. The interrupt does not: to the other side it is one instant.
+ * A single core keeps its own order; with two cores use the processor's memory barrier here. */
 #ifndef HANDOVER_H
 #define HANDOVER_H
 

@@ -1,4 +1,4 @@
-"""Runs of the emulated drive, made once for all tests."""
+"""Runs of the emulated drive, executed once for all tests."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def three_pole_axis() -> SimulatedAxis:
 
 @contextlib.contextmanager
 def emulated(name: str, serial: str) -> Iterator[subprocess.Popen]:
-    """The image in the emulator, with a serial port of that kind."""
+    """Run an image in the emulator with the given serial port."""
     process = subprocess.Popen(
         emulator(name, "-serial", serial), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         yield process
         assert process.poll() is None, (
-            f"the emulator has ended with {process.returncode}: 100 + a fault's number"
+            f"the emulator exited with {process.returncode}: 100 + the number of a fault"
         )
     finally:
         process.terminate()
@@ -55,26 +55,26 @@ def connect(path: Path) -> SocketLine:
 
 @dataclass
 class Run:
-    """All bytes that the axis said and heard, and the report as `Axis.reports`."""
+    """All bytes that the axis sent and received, and the report as `Axis.reports`."""
 
-    said: bytes
-    heard: bytes
+    sent: bytes
+    received: bytes
     reports: list[tuple[str, int, float, float]]
 
 
 def measure(name: str, path: Path, cpu: int) -> Run:
-    """One whole run; emulator and axis on one processor answer each other several times as fast."""
+    """Execute one whole run. It is several times faster with emulator and axis on the same processor."""
     cpus = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {cpus[cpu % len(cpus)]})  # of this process, and of what it starts
+    os.sched_setaffinity(0, {cpus[cpu % len(cpus)]})  # inherited by the emulator
     axis = Axis(three_pole_axis())
     with emulated(name, f"unix:{path},server=on,wait=on"):
         serve(axis, connect(path), axis.finished)
-    return Run(bytes(axis.said), bytes(axis.heard), axis.reports)
+    return Run(bytes(axis.sent), bytes(axis.received), axis.reports)
 
 
 @pytest.fixture(scope="session")
 def runs(tmp_path_factory) -> dict[str, Run]:
-    """500 lines over 10 periods on the M7, the same again, and on the M4F."""
+    """500 lines over 10 periods: twice on the M7, once on the M4F."""
     folder = tmp_path_factory.mktemp("line")
     names = {"first": "m7-full", "second": "m7-full", "m4": "m4-full"}
     with ProcessPoolExecutor(len(names)) as pool:

@@ -15,7 +15,7 @@ from gsid.rig.link import Transport
 
 ROOT = Path(__file__).resolve().parents[2]
 BOARDS = {"m7": "mps2-an500", "m4": "mps2-an386"}
-SILENCE_S = 120  # of the emulator: then a test has failed. No test judges a time.
+SILENCE_S = 120  # silence of the emulator after which a test fails; no other time is checked
 RESULTS = ("state", "g", "sigma", "fit", "num", "den", "trip")  # drive_result, in rate_loop/drive.h
 
 
@@ -24,7 +24,7 @@ def image(name: str) -> Path:
 
 
 def emulator(name: str, *options: str) -> list[str]:
-    """Words that run the image of that name ("m7-full"), without a serial port."""
+    """Command line that runs an image ("m7-full"), without a serial port."""
     board = BOARDS[name.split("-")[0]]
     semihosting = ["-semihosting-config", "enable=on,target=native"]
     return ["qemu-system-arm", "-M", board, "-display", "none", "-monitor", "none", *semihosting, *options,
@@ -34,25 +34,25 @@ def emulator(name: str, *options: str) -> list[str]:
 class Axis:
     """The axis's end of the line in lock-step.
 
-    It keeps the rules that `gsid.rig.server.Server` keeps, but frame by frame, and so much faster;
-    what the drive reports is collected.
+    It follows the same rules as `gsid.rig.server.Server`, but frame by frame, which is much faster here. The
+    reports of the drive are collected.
 
     Attributes
     ----------
-    said, heard : bytearray
+    sent, received : bytearray
         All bytes to and from the drive.
     reports : list of (what, tick, a, b)
     ticks : int
-        Advanced since HELLO.
+        Ticks since HELLO.
     n_hello, n_stop : int
-        Frames that came.
+        Number of received frames.
     bump : (int, float)
-        Added to the output at that tick.
+        A tick, and a value that is added to the output at this tick.
     """
 
     def __init__(self, axis: SimulatedAxis) -> None:
         self.axis = axis
-        self.said, self.heard = bytearray(), bytearray()
+        self.sent, self.received = bytearray(), bytearray()
         self.reports: list[tuple[str, int, float, float]] = []
         self.n_hello, self.n_stop = 0, 0
         self.bump = (-1, 0.0)
@@ -66,17 +66,17 @@ class Axis:
         self._u = np.zeros(1)
 
     def take(self, data: bytes) -> bytes:
-        """Take bytes off the line and give the answer."""
-        self.heard += data
-        answer = b""
+        """Process received bytes and return the reply."""
+        self.received += data
+        reply = b""
         while data:
             used = lib.gsid_link_decode(self._link, len(data), data, 64, self._frames, self._n)
-            answer += b"".join(self._answer(self._frames[i]) for i in range(self._n[0]))
+            reply += b"".join(self._reply(self._frames[i]) for i in range(self._n[0]))
             data = data[used:]
-        self.said += answer
-        return answer
+        self.sent += reply
+        return reply
 
-    def _answer(self, frame) -> bytes:
+    def _reply(self, frame) -> bytes:
         if frame.kind == lib.GSID_FRAME_COMMAND:
             return self._advance(frame.tick, frame.a) if self.running else b""
         if frame.kind == lib.GSID_FRAME_HELLO:
@@ -94,7 +94,7 @@ class Axis:
         return b""
 
     def _advance(self, tick: int, u: float) -> bytes:
-        answer = b""
+        samples = b""
         while self.ticks <= tick:
             lost = self.ticks < tick
             self.n_lost += lost
@@ -103,9 +103,9 @@ class Axis:
             applied, y, _ = self.axis.step(self._u)
             y = y + (self.bump[1] if self.ticks == self.bump[0] else 0.0)
             flags = lost | (self.n_lost % 128) << 1
-            answer += self._encode(lib.GSID_FRAME_SAMPLE, flags, self.ticks, applied[0], y[0])
+            samples += self._encode(lib.GSID_FRAME_SAMPLE, flags, self.ticks, applied[0], y[0])
             self.ticks += 1
-        return answer
+        return samples
 
     def _encode(self, kind: int, flags: int, tick: int, a: float, b: float) -> bytes:
         f = self._frame
@@ -113,7 +113,7 @@ class Axis:
         return bytes(ffi.buffer(self._bytes, lib.gsid_link_encode(f, self._link.session, self._bytes)))
 
     def finished(self) -> bool:
-        """Whether the whole report of a run is in."""
+        """Whether the whole report of a run was received."""
         return bool(self.reports) and self.reports[-1][0] == "fit"
 
 
@@ -129,7 +129,7 @@ class SocketLine:
 def serve(
     axis: Axis, line: Transport, until: Callable[[], bool], damage: Callable[[bytes], bytes] = bytes
 ) -> None:
-    """Answer the drive until `until`, with `damage` on the line both ways."""
+    """Reply to the drive until `until` is true, with `damage` applied to the bytes in both directions."""
     end = time.monotonic() + SILENCE_S
     while not until():
         if data := line.read():

@@ -1,4 +1,4 @@
-/* Drives an exported model with a fixed signal and prints the bits of its answer, on the emulated board or on a computer. */
+/* Drives an exported model with a fixed signal and prints the bits of its response, on the emulated board or on a computer. */
 #include <string.h>
 
 #include "exported.h"

@@ -1,4 +1,4 @@
-/* The drive built for a computer: bytes of the axis on stdin, bytes of the drive on stdout. */
+/* The drive, compiled for a computer: bytes of the axis on stdin, bytes of the drive on stdout. */
 #include <stdio.h>
 
 #include "../rate_loop/drive.h"

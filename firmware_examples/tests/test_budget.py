@@ -1,4 +1,4 @@
-"""What the firmware may cost: the figures of the design, on both processors."""
+"""Limits of code size, stack and instructions of the firmware, on both processors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CPUS = ("m7", "m4")
 
 @pytest.fixture(scope="module")
 def budget() -> dict:
-    """What docs/reference/budget.md is made of."""
+    """The figures of docs/reference/budget.md."""
     command = [ROOT / ".venv/bin/python", ROOT / "tools/firmware_budget", "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
@@ -23,7 +23,7 @@ def budget() -> dict:
 
 @pytest.fixture
 def instructions(budget) -> dict:
-    """What the emulator counts; code and stack are compared without it."""
+    """Counts of the emulator. The tests of code and stack do not need them."""
     if budget["uncounted"]:
         pytest.skip(budget["uncounted"])
     return budget["instructions"]
@@ -43,7 +43,7 @@ def test_stack(budget, cpu):
 
 @pytest.mark.parametrize("cpu", CPUS)
 def test_one_line_alone(instructions, cpu):
-    """Excitation and response, the tick in which the period ends included."""
+    """Excitation and response, including the tick in which the period ends."""
     assert instructions["stepped sine"][cpu][2] <= 110
 
 

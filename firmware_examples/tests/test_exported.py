@@ -1,4 +1,4 @@
-"""Exported models compiled for Cortex-M7: to the bit what the same C does on a computer."""
+"""Exported models compiled for Cortex-M7: identical to the bit to the same C on a computer."""
 
 from __future__ import annotations
 

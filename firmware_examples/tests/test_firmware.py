@@ -1,4 +1,4 @@
-"""The bare-metal drive in the emulator: what it measures, and that it is the same everywhere."""
+"""The bare-metal drive in the emulator: its measurement, identical on all processors."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def model_of(run):
 
 @pytest.fixture(scope="session")
 def desktop(runs):
-    """What the desktop makes, in double precision, of the samples that the drive got."""
-    got = Receiver(follows_hello=True).decode(bytes(runs["first"].said))
+    """Response that the desktop computes in double precision from the samples that the drive received."""
+    got = Receiver(follows_hello=True).decode(bytes(runs["first"].sent))
     got = got[got["kind"] == SAMPLE][: (1 + N_GOOD) * N_PERIOD]
     assert (got["tick"] == np.arange(len(got))).all()
     u, y = got["a"].astype(float), got["b"].astype(float)
@@ -42,7 +42,7 @@ def desktop(runs):
     return gsid.frf([record])
 
 
-def test_the_run_is_whole(runs):
+def test_the_run_is_complete(runs):
     for run in runs.values():
         (_, why, n_good), g, sigma = report_of(run)
         assert (why, n_good) == (1, N_GOOD)
@@ -51,23 +51,23 @@ def test_the_run_is_whole(runs):
 
 
 def test_a_second_run_gives_the_same_bytes(runs):
-    assert runs["second"].heard == runs["first"].heard
+    assert runs["second"].received == runs["first"].received
 
 
 def test_m4f_and_m7_give_the_same_bytes(runs):
-    assert runs["m4"].heard == runs["first"].heard
+    assert runs["m4"].received == runs["first"].received
 
 
 def test_the_drive_built_for_a_computer_gives_the_same_bytes(runs):
     """Commands, response and model: everything that the drive sends, bit for bit."""
     result = subprocess.run(
-        [ROOT / "build/firmware/replay"], input=bytes(runs["first"].said), capture_output=True, check=True
+        [ROOT / "build/firmware/replay"], input=bytes(runs["first"].sent), capture_output=True, check=True
     )
-    assert result.stdout == bytes(runs["first"].heard)
+    assert result.stdout == bytes(runs["first"].received)
 
 
 def test_the_response_is_that_of_the_desktop(runs, desktop):
-    """Within what single precision costs Y and U: 2e-6 of the largest line (include/gsid/frf.h)."""
+    """Within the errors of Y and U in single precision: 2e-6 of the largest line (include/gsid/frf.h)."""
     _, g, sigma = report_of(runs["first"])
     y, u = np.abs(desktop.y), np.abs(desktop.u)
     bound = 2e-6 * (y.max() + np.abs(desktop.g) * u.max()) / u
@@ -81,7 +81,7 @@ def test_the_response_is_that_of_the_desktop(runs, desktop):
 
 
 def test_the_model_is_that_of_the_desktop(runs, desktop):
-    """Both stop where V would fall by less than 0.005: at a line that is far below its own deviation."""
+    """Both stop where V would fall by less than 0.005: far less than the standard deviation of any line."""
     model, status, cost = model_of(runs["first"])
     fitted = gsid.fit(desktop, "3/2", delay="free", method="ml", hold="none")
     f, sigma = desktop.f_hz, np.sqrt(desktop.var_g)
@@ -104,7 +104,7 @@ def disassembly(name):
 
 @pytest.mark.parametrize("name", ["m7-full", "m4-full"])
 def test_no_heap_no_double_and_nothing_masked(name):
-    """On the M4F an instruction in double precision would have faulted; the M7's image has none either."""
+    """On the M4F an instruction in double precision would cause a fault; the M7's image has none either."""
     symbols = subprocess.run(
         ["arm-none-eabi-nm", image(name)], check=True, capture_output=True, text=True
     ).stdout

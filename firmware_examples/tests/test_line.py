@@ -1,4 +1,4 @@
-"""What goes wrong on the line leaves the drive safe, is reported, and does not hinder the next run."""
+"""After a fault on the line the drive is safe, the fault is reported, and the next run is good."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import Run, connect, emulated, measure, three_pole_axis
 from emulator import Axis, serve
 
+from conftest import Run, connect, emulated, measure, three_pole_axis
 from gsid.rig.frames import COMMAND, HELLO, STOP, Receiver
 from gsid.rig.link import SerialTransport
 
@@ -23,17 +23,17 @@ TRIP_MISSING, TRIP_RATE, TRIP_COMMAND = 2, 3, 5  # gsid_trip
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory) -> Run:
-    """A run on a good line."""
+    """A run on an undisturbed line."""
     return measure(IMAGE, tmp_path_factory.mktemp("line") / "good", 0)
 
 
 def assert_next_run_is_good(line, undisturbed) -> tuple[int, int]:
-    """Without a reset: what the drive says of the run before, and then, to the bit, a fresh drive's run.
+    """The drive, without a reset, reports the run before; its next run equals that of a new drive to the bit.
 
     Returns
     -------
     trip, why : int
-        Of the run before.
+        The reasons reported for the run before.
     """
     axis = Axis(three_pole_axis())
     serve(axis, line, axis.finished)
@@ -44,7 +44,7 @@ def assert_next_run_is_good(line, undisturbed) -> tuple[int, int]:
 
 
 def until_the_middle(path) -> None:
-    """A host that drops dead."""
+    """An axis whose process is killed in the middle of a run."""
     axis = Axis(three_pole_axis())
     serve(axis, connect(path), lambda: axis.ticks >= MIDDLE)
     os.kill(os.getpid(), signal.SIGKILL)
@@ -84,13 +84,13 @@ def test_one_byte_in_a_hundred_is_wrong(tmp_path, undisturbed):
     path = tmp_path / "line"
     with emulated(IMAGE, f"unix:{path},server=on,wait=on"):
         line, axis = connect(path), Axis(three_pole_axis())
-        serve(axis, line, lambda: axis.ticks > 0 and not axis.running, damage)  # STOP came
+        serve(axis, line, lambda: axis.ticks > 0 and not axis.running, damage)  # STOP received
         trip, why = assert_next_run_is_good(line, undisturbed)
         assert (trip, why) == (TRIP_MISSING, TRIPPED) or why == LOSSES
 
 
 def test_a_lost_sample_spoils_its_period_only(tmp_path, undisturbed):
-    """The drive sees the damaged frame, and does without this sample."""
+    """The drive detects the damaged frame and leaves this sample out."""
     lost = []
 
     def damage(data: bytes) -> bytes:
@@ -118,9 +118,9 @@ def test_the_guard_stops_the_excitation_within_a_tick(tmp_path, undisturbed, bum
         line, axis = connect(path), Axis(three_pole_axis())
         axis.bump = (MIDDLE, bump_deg_s)
         serve(axis, line, lambda: axis.n_stop > 0)
-        heard = Receiver(follows_hello=True).decode(bytes(axis.heard))
-        last = np.flatnonzero(heard["kind"] == COMMAND)[-1]
-        assert heard["tick"][last] == MIDDLE  # whose sample has the bump
-        assert heard["kind"][last + 1] == STOP
-        assert heard["kind"][0] == HELLO
+        received = Receiver(follows_hello=True).decode(bytes(axis.received))
+        last = np.flatnonzero(received["kind"] == COMMAND)[-1]
+        assert received["tick"][last] == MIDDLE  # the sample of this tick has the bump
+        assert received["kind"][last + 1] == STOP
+        assert received["kind"][0] == HELLO
         assert assert_next_run_is_good(line, undisturbed) == (trip, TRIPPED)

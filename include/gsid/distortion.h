@@ -1,4 +1,4 @@
-/* Noise split from nonlinear distortion: the robust method over realisations, and levels at lines left free. */
+/* Separation of noise and nonlinear distortion: the robust method over realisations, and levels at detection lines. */
 #ifndef GSID_DISTORTION_H
 #define GSID_DISTORTION_H
 
@@ -11,9 +11,9 @@ extern "C" {
 /* All pointers stay the caller's and must outlive the object. */
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
-    uint32_t n_lines;         /* all lines looked at */
+    uint32_t n_lines;         /* all lines that are evaluated */
     uint32_t n_excited;       /* F >= 1, the first of them, which every realisation excites; the rest detect */
-    uint32_t n_settle;        /* samples thrown away at the start of every realisation */
+    uint32_t n_settle;        /* samples discarded at the start of each realisation */
     const uint32_t *line;     /* [n_lines] 1 <= line < N/2; ascending among the excited, and among the others */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     uint32_t input_is_known;  /* 1: exactly, gsid_distortion_start is given its lines; 0: the input is measured */
@@ -69,7 +69,7 @@ gsid_status gsid_distortion_init(gsid_distortion *d, const gsid_distortion_cfg *
 gsid_status gsid_distortion_init_spread(gsid_distortion *d, const gsid_distortion_cfg *cfg, void *mem, size_t mem_size);
 
 /** Begin a realisation: other random phases, the same amplitudes. One that was under way is given up.
- *  @param[in] u_known  [n_lines] the input's lines when it is known, 0 where not excited; else not looked at
+ *  @param[in] u_known  [n_lines] the input's lines when it is known, 0 where not excited; otherwise not used
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_distortion_start(gsid_distortion *d, const gsid_cplx *u_known);
@@ -78,23 +78,23 @@ gsid_status gsid_distortion_start(gsid_distortion *d, const gsid_cplx *u_known);
  *  @return, cost and context as gsid_frf_step; GSID_E_STATE before gsid_distortion_start */
 gsid_status gsid_distortion_step(gsid_distortion *d, gsid_real u, gsid_real y);
 
-/** Let samples pass that were lost: as gsid_frf_skip. */
+/** Account for lost samples: as gsid_frf_skip. */
 gsid_status gsid_distortion_skip(gsid_distortion *d, uint32_t n_samples);
 
-/** Add a period whose lines are known already: as gsid_frf_add_period. */
+/** Add a period whose lines were computed elsewhere: as gsid_frf_add_period. */
 gsid_status gsid_distortion_add_period(gsid_distortion *d, const gsid_cplx *lines);
 
 /** End the realisation and add it to the means.
- *  Eq: DIS-1, DIS-2 (source, eqs. 5.12 to 5.14), DIS-3 at the lines not excited: there a measured input's own
- *  distortion, times the response between the excited lines beside it, is taken off the output.
+ *  Eq: DIS-1, DIS-2 (thesis, eqs. 5.12 to 5.14), DIS-3 at the lines not excited: there the distortion of
+ *  a measured input, times the response interpolated between the excited lines, is subtracted from the output.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE none is under way; GSID_E_TOO_FEW fewer than 2 good periods, or an excited
  *          line without input; GSID_E_NONFINITE a line, its variance or the square of its size is beyond the range of numbers
- *          (see gsid_frf_result): the realisation goes on, nothing was added
+ *          (see gsid_frf_result): the realisation continues, nothing was added
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_distortion_finish(gsid_distortion *d);
 
 /** Read the result of the realisations finished.
- *  Eq: DIS-2 (source, eqs. 5.14 to 5.16). With one realisation only results that need no second may be requested.
+ *  Eq: DIS-2 (thesis, eqs. 5.14 to 5.16). With one realisation only results that need no second may be requested.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW; GSID_E_NONFINITE a sum over realisations is beyond the range of
  *          numbers: outputs untouched
  *  Cost: one pass over the lines.  Context: background. */

@@ -1,5 +1,5 @@
 /* What one physical effect is: a descriptor, and its equations with their derivatives. src/effects has one file for each;
- * the plant (plant.h) puts a stack of them together. An effect of your own is one more such struct. */
+ * the plant (plant.h) combines a stack of them. A user-defined effect is one more such struct. */
 #ifndef GSID_EFFECT_H
 #define GSID_EFFECT_H
 
@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 #define GSID_EFFECT_PARAMETERS_MAX 4
-/* Most samples that a controller takes the change of the angle over. */
+/* The most samples over which a controller can difference the angle. */
 #define GSID_RATE_SAMPLES_MAX 16
 
 /* Where an effect acts. The plant takes the stages in this order, and within a stage the order of the stack. */
@@ -22,19 +22,19 @@ typedef enum {
     GSID_STAGE_SENSOR = 4
 } gsid_stage;
 
-/* What the first derivative by the strength of an effect is worth where the effect vanishes. */
+/* Whether the first derivative by the strength of an effect is useful where the effect vanishes. */
 typedef enum {
     GSID_NULL_SMOOTH = 0,    /* a derivative, of either sign */
     GSID_NULL_ONE_SIDED = 1, /* a derivative, but the strength cannot be negative */
-    GSID_NULL_THRESHOLD = 2, /* none that helps: compare with finite sizes */
-    GSID_NULL_NEVER = 3      /* the plant is not one without it, or it is known */
+    GSID_NULL_THRESHOLD = 2, /* no useful derivative: compare with finite sizes */
+    GSID_NULL_NEVER = 3      /* the effect cannot be left out, or it is known */
 } gsid_null_kind;
 
 typedef struct {
     const char *name, *unit;
-    gsid_real typical;      /* of a gimbal like that of the thesis */
+    gsid_real typical;      /* for a gimbal like that of the thesis */
     gsid_real lower, upper; /* values outside are refused, except null_value */
-    gsid_real null_value;   /* the effect vanishes here; NaN: a shape, without meaning when the effect is absent */
+    gsid_real null_value;   /* the effect vanishes here; NaN: a shape, which has no meaning without the effect */
 } gsid_effect_parameter;
 
 typedef struct gsid_effect gsid_effect;
@@ -48,20 +48,20 @@ typedef struct {
 
 /* ---- torques that are not linear ---- */
 
-/* What a torque law may look at. Torques are divided by the inertia. */
+/* Inputs of a torque law. Torques are divided by the inertia. */
 typedef struct {
-    gsid_real angle;    /* of the axis, or the twist of the joint that the effect makes */
+    gsid_real angle;    /* of the axis; of an effect with backlash, the twist between motor and load */
     gsid_real rate;     /* of the axis */
     gsid_real command;  /* as it drives the motor: after static maps, delay and lags */
-    gsid_real side;     /* +1 or -1: the direction of motion, fixed between two reversals whatever the sign of rate; for
+    gsid_real side;     /* +1 or -1: the direction of motion, fixed between two reversals, whatever the sign of rate; for
                            effects that can hold the axis or have a memory */
     int zone;           /* -1, 0, +1: below -edge, between, above edge; fixed between two crossings */
-    gsid_real turned;   /* angle of the axis since memory was taken */
-    gsid_real memory;   /* the law's own state, when it has one */
+    gsid_real turned;   /* change of the axis's angle since memory was updated */
+    gsid_real memory;   /* the law's own state, if it has one */
     gsid_real unit_rad; /* radians in a unit of angle */
 } gsid_motion;
 
-/* What it answers: the torque, the memory at the end, and their derivatives; the plant clears it before the call. */
+/* Results of a torque law: the torque, the memory at the end, and their derivatives. The plant clears them before the call. */
 typedef struct {
     gsid_real torque, by_angle, by_rate, by_command, by_turned, by_memory;
     gsid_real by_value[GSID_EFFECT_PARAMETERS_MAX];
@@ -71,7 +71,7 @@ typedef struct {
 
 /* ---- what is linear: z' = A z ---- */
 
-/* Entries of z that every plant has: what drives it, then its states. */
+/* Entries of z that every plant has: its inputs, then its states. */
 enum { GSID_Z_COMMAND = 0, GSID_Z_ONE = 1, GSID_Z_ANGLE = 2, GSID_Z_RATE = 3, GSID_Z_STATES = GSID_Z_ANGLE };
 #define GSID_Z_MAX 32
 
@@ -81,21 +81,21 @@ typedef struct {
     gsid_real value;
 } gsid_linear_entry;
 
-/* The matrix A and its derivatives, while the effects put in what they add. */
+/* The matrix A and its derivatives, while the effects add their entries. */
 typedef struct {
     uint32_t n;            /* entries of z so far */
     uint32_t command;      /* entry of z where the actuator chain ends so far */
     uint32_t drive;        /* row that the motor torque acts on */
-    uint32_t twist;        /* entry of the joint's twist; 0: no joint */
-    uint32_t reaction;     /* row that the joint's torque acts back on */
+    uint32_t twist;        /* entry of the twist between motor and load; 0: no backlash */
+    uint32_t reaction;     /* row of the motor, on which the gear's torque reacts */
     uint32_t item;         /* number of the item that is adding now */
     uint32_t n_bodies;     /* rigid bodies so far: the number of the last one's item, and its gain */
     uint32_t rigid_body;
     gsid_real gain;
-    int output_angle;      /* the sensor sees the angle, not the rate */
+    int output_angle;      /* the sensor measures the angle, not the rate */
     gsid_real delay_s;     /* of the command so far */
     gsid_real instant_s;   /* a lag shorter than this counts as a delay */
-    gsid_real signal[GSID_Z_MAX]; /* the sensor sees signal z */
+    gsid_real signal[GSID_Z_MAX]; /* row vector: the sensor measures signal z */
     const uint32_t *column;       /* private: [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
     uint32_t n_entries, n_slopes, n_delays;     /* private */
     gsid_linear_entry *entry, *slope, *delay;   /* private: NULL while they are counted */
@@ -107,7 +107,7 @@ uint32_t gsid_linear_state(gsid_linear *to);
 /** A[row][column] += value. */
 void gsid_linear_add(gsid_linear *to, uint32_t row, uint32_t column, gsid_real value);
 
-/** dA[row][column]/dp += slope, for a parameter p of any item; nothing happens when that parameter is not free. */
+/** dA[row][column]/dp += slope, for a parameter p of any item; no effect when that parameter is not free. */
 void gsid_linear_slope(gsid_linear *to, uint32_t item, uint32_t parameter, uint32_t row, uint32_t column,
                        gsid_real slope);
 
@@ -121,7 +121,7 @@ void gsid_linear_delay(gsid_linear *to, uint32_t parameter, gsid_real delay_s);
 struct gsid_effect {
     const char *id;
     const char *sentence;      /* what it is, in one sentence */
-    const char *confused_with; /* ids, comma-separated: what it is easily taken for */
+    const char *confused_with; /* ids, comma-separated: effects that it is easily confused with */
     gsid_stage stage;
     gsid_null_kind null_kind;
     uint32_t n_parameters;
@@ -130,8 +130,8 @@ struct gsid_effect {
     int looks_at_angle; /* 0: shifting the angle changes nothing */
     int looks_at_command;
     int is_constant;    /* the torque depends on side and zone only */
-    int may_be_steep;   /* the slope is unknown: steps are halved where the torque turns out different from what the step
-                           was made with; where that leads nowhere the plant stops with GSID_E_STEEP */
+    int may_be_steep;   /* the slope is unknown: a step is halved where the torque differs from the one that the step was
+                           computed with; if that does not help, the plant stops with GSID_E_STEEP */
     int has_memory;     /* the torque has a state of its own, a function of the angle turned between two reversals */
 
     /* What is linear. */
@@ -140,14 +140,14 @@ struct gsid_effect {
     void (*torque)(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer);
     /* The law is smooth on both sides of +-edge, but not across. */
     gsid_real (*edge)(const gsid_plant_item *item);
-    /* Largest torque that the effect can hold at rest; a torque with side in it has one. */
+    /* Largest torque that the effect can hold at rest; required of a torque that depends on side. */
     gsid_real (*holding)(const gsid_plant_item *item);
     /* Static map of the command; by_value [n_parameters]. */
     gsid_real (*command)(const gsid_plant_item *item, gsid_real u, gsid_real *by_u, gsid_real *by_value);
     /* Command from reference, angle and rate, once a sample; by_signal [3], by_value [n_parameters]. */
     gsid_real (*control)(const gsid_plant_item *item, const gsid_real signal[3], gsid_real *by_signal,
                          gsid_real *by_value);
-    /* Samples over which the controller takes the change of the angle for its rate; 0 or NULL: it is given the rate. */
+    /* Samples over which the controller differences the angle to obtain the rate; 0 or NULL: it is given the rate. */
     uint32_t (*rate_samples)(const gsid_plant_item *item);
     /* Rate at which the sensor is refreshed [Hz]; 0: always. */
     gsid_real (*refresh_hz)(const gsid_plant_item *item);
@@ -155,9 +155,9 @@ struct gsid_effect {
     gsid_real (*disturbance)(const gsid_plant_item *item, gsid_real t_s, gsid_real *by_value);
 };
 
-/* An effect of your own in a shared object, for gsid.effects.load in Python: behind its definition write
+/* A user-defined effect in a shared object, for gsid.effects.load in Python. After its definition write
  *     GSID_SHARE_EFFECT(my_effect);
- * The size tells a shared object that was compiled with another version of this header. */
+ * The size reveals a shared object that was compiled with another version of this header. */
 typedef struct {
     size_t size;
     const gsid_effect *effect;

@@ -17,7 +17,7 @@ size_t gsid_estimate_mem_size(uint32_t n_poles, uint32_t n_zeros);
      ((GSID_LSQ_BLOCK + 3) * ((n_poles) + (n_zeros) + 2) + GSID_LSQ_BLOCK) * sizeof(gsid_real))
 
 /** Weighted sum of squared errors V = sum |g - G(model)|^2 / sigma^2, or as gsid_frd states.  Eq: EST-3, EST-8, EST-9
- *  (source, eqs. 7.28, 7.23, 7.24 and 7.26).
+ *  (thesis, eqs. 7.28, 7.23, 7.24 and 7.26).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a sigma that is not > 0, covariances that contradict each
  *          other, an order or a rate out of range; GSID_E_NONFINITE */
 gsid_status gsid_estimate_cost(const gsid_frd *data, const gsid_rational *model, gsid_real *cost);
@@ -32,7 +32,7 @@ typedef struct {
 } gsid_iwls_cfg;
 
 /** Linear least squares, reweighted by the last denominator; the delay of the model is taken as known.
- *  Eq: EST-1, EST-2 (source, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The highest denominator
+ *  Eq: EST-1, EST-2 (thesis, eqs. 7.9 and 7.14 to 7.16). Errors are weighted by 1/sigma too. The highest denominator
  *  coefficient (domain z: the lowest) is 1. Where no fixed point is reached the iterate with the least cost V is kept.
  *  @param[in,out] model  in: domain, orders, scale, delay; out: coefficients
  *  @param[out]    cost   V of the model; may be NULL
@@ -44,24 +44,24 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
 
 typedef struct {
     uint32_t n_iterations; /* limit; 0: 50 */
-    gsid_real tolerance;   /* >= 0: settled when the undamped step promises to lower V by less, or the best damped one does;
+    gsid_real tolerance;   /* >= 0: converged when the predicted decrease of V by the undamped step, or the best damped one, is less;
                               0: 0.005, a hundredth of what one parameter gains on noise. Where V is below one per line it
                               counts in proportion, so that the unit of unweighted data does not matter. */
     int free_delay;        /* 1: the delay is a parameter too */
-    /* Where g is a measurement freed of something that the model itself predicts, such as the images of a held input:
-     * `update` sets data->g for a model, and when asked drift, the [n_lines][n_poles + n_zeros + 2] derivatives of g by den
-     * without its 1, num, delay. NULL: g is what it is. It is left as for the last model tried. */
+    /* For data that are corrected by something that the model itself predicts, such as the images of a held input: `update`
+     * sets data->g for a model and, if requested, drift, the [n_lines][n_poles + n_zeros + 2] derivatives of g by den without
+     * its 1, num, delay. NULL: g is constant. After the call g is that of the last model evaluated. */
     gsid_status (*update)(void *user, const gsid_rational *model, int with_drift);
     void *user;
     const gsid_cplx *drift;
 } gsid_ml_cfg;
 
 /** Gauss-Newton on V, whichever gsid_frd makes it, with Levenberg-Marquardt damping and geodesic acceleration, from the model given.
- *  Eq: EST-3 (source, eq. 7.28).
+ *  Eq: EST-3 (thesis, eq. 7.28).
  *  @param[in,out] model  in: start; out: the model of least cost found. The held coefficient (gsid_rational_held) stays
  *  @param[out]    cost   V; may be NULL
  *  @return GSID_OK; GSID_MAX_ITER; GSID_E_NULL; GSID_E_CONFIG; GSID_E_TOO_FEW; GSID_E_NONFINITE; GSID_E_MEMORY
- *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block, and for each damping tried two passes over the lines (four on
+ *  Cost: per iteration 2 n_lines rows of gsid_lsq_add_block, and for each damping two passes over the lines (four on
  *  average, 60 at most).  Context: background. */
 gsid_status gsid_estimate_ml(const gsid_frd *data, const gsid_ml_cfg *cfg, gsid_rational *model, gsid_real *cost,
                              void *mem, size_t mem_size);

@@ -38,14 +38,14 @@ gsid_status gsid_lines_fill(gsid_grid grid, uint32_t line_lo, uint32_t line_hi, 
 gsid_status gsid_amplitude_shape(uint32_t n_lines, const uint32_t *line, gsid_real db_per_decade, gsid_real *amplitude);
 
 /** Schroeder phases for any amplitude spectrum: phi_k = -2 pi sum_{l<k} (k - l) p_l, p_l the share of power in line l.
- *  Eq: EXC-2; for a flat spectrum it is phi_k = -k (k - 1) pi / F (source, definition 3.5.1).
+ *  Eq: EXC-2; for a flat spectrum it is phi_k = -k (k - 1) pi / F (thesis, definition 3.5.1).
  *  @param[in]  n_lines    F >= 1
  *  @param[in]  amplitude  [n_lines] >= 0, not all zero
  *  @param[out] phase_rad  [n_lines] in [0, 2 pi)
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_phase_schroeder(uint32_t n_lines, const gsid_real *amplitude, gsid_real *phase_rad);
 
-/** Independent phases, uniform on [0, 2 pi) (source, definition 5.3.1). The same seed gives the same phases in both
+/** Independent phases, uniform on [0, 2 pi) (thesis, definition 5.3.1). The same seed gives the same phases in both
  *  precisions up to rounding. Eq: EXC-3.
  *  @param[in]  n_lines    >= 1
  *  @param[in]  seed       any value, 0 included
@@ -68,12 +68,12 @@ typedef struct {
     uint32_t n; /* private: sample within the period */
 } gsid_multisine;
 
-/** Check a multisine and set it to its first sample.  Eq: EXC-1 (source, eq. 3.4 and 3.8).
+/** Check a multisine and set it to its first sample.  Eq: EXC-1 (thesis, eqs. 3.4 and 3.8).
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG line at or above N/2, not ascending, or zero; GSID_E_NONFINITE
  *  Cost: one pass over the lines.  Context: background. */
 gsid_status gsid_multisine_init(gsid_multisine *m, const gsid_multisine_cfg *cfg);
 
-/** Give the next sample. The phase index is an integer: the signal repeats to the bit after any number of periods.
+/** Compute the next sample. The phase index is an integer: the signal repeats to the bit after any number of periods.
  *  @param[out] u  next sample, unit of the amplitudes
  *  @return GSID_OK; GSID_DONE that was the last sample of a period; GSID_E_NULL; GSID_E_STATE
  *  Cost: per line one 64-bit remainder, one cosine, one sine and two multiply-adds; use a table for many lines.

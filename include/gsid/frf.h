@@ -8,8 +8,7 @@
  * last tick 35 and 91), with the spread one 210 at most for any number of lines (300): that pays from eight lines on, and
  * costs two buffers of the period for each signal that is measured.
  *
- * On a target gsid_frf_step or gsid_frf_skip belongs into the tick, one of the two in each; init and result into the
- * background. */
+ * On a target call either gsid_frf_step or gsid_frf_skip in each tick, and init and result in the background. */
 #ifndef GSID_FRF_H
 #define GSID_FRF_H
 
@@ -24,7 +23,7 @@ extern "C" {
 typedef struct {
     uint32_t n_period;        /* N, samples in a period, 2 .. 2^30 */
     uint32_t n_lines;         /* F >= 1 */
-    uint32_t n_settle;        /* samples thrown away first */
+    uint32_t n_settle;        /* samples discarded at the start */
     const uint32_t *line;     /* [n_lines] 1 <= line < N/2, any order */
     const gsid_cplx *twiddle; /* [n_period] from gsid_twiddle_fill */
     const gsid_cplx *u_known; /* [n_lines] the input's lines when it is known exactly; NULL: the input is measured too */
@@ -87,7 +86,7 @@ gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *m
 
 /** Take one sample of input and output, from the first sample of the excitation on.
  *  Eq: FRF-1, FRF-2 (Welford's update of eqs. 4.10 and 4.11, once a period).
- *  @param[in] u  input, finite; not looked at when the input is known
+ *  @param[in] u  input, finite; not used if the input is known
  *  @param[in] y  output at the same instant, finite
  *  @return GSID_OK; GSID_SETTLING; GSID_DONE a good period was added; GSID_SPOILED a period was left out;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE refused and counted, nothing else changed: call gsid_frf_skip
@@ -95,12 +94,12 @@ gsid_status gsid_frf_init_spread(gsid_frf *frf, const gsid_frf_cfg *cfg, void *m
  *  slice of the transform or the updates of a few lines, at every sample about the same; no work of a period is left over.
  *  Context: ISR-safe, one writer.
  *  Limits: the float build stays within 2e-6 (direct) or 2e-7 (spread) of the largest line (500 lines, 75 periods of 6000;
- *  printed by tests/python/test_float_build.py); an offset of y far above the lines costs digits: take it off first. In float a
- *  mean stands still after some 2^24 r periods, r the noise of one period over the line: 160 000 at 1 %. Error bars go on
- *  shrinking: begin anew before. */
+ *  printed by tests/python/test_float_build.py); an offset of y far above the lines costs digits: subtract it first. In float a
+ *  mean no longer changes after some 2^24 r periods, r the noise of one period over the line: 160 000 at 1 %. Its error bars
+ *  would still shrink: start a new measurement before. */
 gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
 
-/** Let n_samples pass that were lost. The periods they fall in are left out of the mean and counted in n_spoiled.
+/** Account for n_samples lost samples. The periods they fall in are left out of the mean and counted in n_spoiled.
  *  @return GSID_OK; GSID_SETTLING every one fell in the settling; GSID_SPOILED the end of a period was passed, even
  *          when the lines of the one before were added on the way: n_periods tells; GSID_DONE these were added and no end was
  *          passed; GSID_E_NULL; GSID_E_STATE
@@ -108,13 +107,13 @@ gsid_status gsid_frf_step(gsid_frf *frf, gsid_real u, gsid_real y);
  *  Context: as gsid_frf_step. */
 gsid_status gsid_frf_skip(gsid_frf *frf, uint32_t n_samples);
 
-/** Add the last whole period at once, when no more samples will come: the ticks over which the spread engine would have
- *  done it are not waited for. The result is the same to the bit; direct: there is nothing to do.
+/** Add the last whole period at once, when no more samples will come, instead of over the ticks that the spread engine
+ *  would need. The result is the same to the bit. Direct engine: there is nothing to do.
  *  @return GSID_OK there was nothing to add; GSID_DONE; GSID_E_NULL; GSID_E_STATE
  *  Cost: at most that of n_period steps.  Context: background, not concurrently with gsid_frf_step. */
 gsid_status gsid_frf_finish(gsid_frf *frf);
 
-/** Add a period whose lines are known already, from a transform of a whole record. Settling is the caller's business.
+/** Add a period whose lines were computed elsewhere, from a transform of a whole record. The caller handles settling.
  *  Eq: FRF-2.
  *  @param[in] lines  [n_lines][n_channels] as gsid_spectrum_result gives them: of y, then of u unless that is known
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE also while the spread engine adds lines; GSID_E_NONFINITE nothing changed
@@ -129,12 +128,12 @@ gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines);
  *  Cost: one pass over the lines.  Context: background, between periods. */
 gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other);
 
-/** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: nothing is known there. Nor is it where
- *  the variance would need squares beyond the range of numbers: var_g is infinite, and its other variances are undefined. In
- *  float that is so for |U| below 1e-12, for |Y| below 1e-12 with deviations below 1e-19, for lines above 1e19, |g| below 1e-19
+/** Read the result so far. A line whose mean input is 0 has g = 0 with an infinite var_g: g is unknown. If the
+ *  variance needs squares beyond the range of numbers, var_g is infinite too, and the other variances are undefined. In
+ *  float this is the case for |U| below 1e-12, for |Y| below 1e-12 with deviations below 1e-19, for lines above 1e19, |g| below 1e-19
  *  and var_g below 1e-38 or above 1e38.
- *  @return GSID_OK; GSID_RANGE a line's squares are beyond the range of numbers: scale u and y; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 when no
- *          variance is asked)
+ *  @return GSID_OK; GSID_RANGE a line's squares are beyond the range of numbers: scale u and y; GSID_E_NULL; GSID_E_STATE; GSID_E_TOO_FEW fewer than 2 good periods (1 if no
+ *          variance is requested)
  *  Cost: one pass over the lines, with the division of eq. 4.10.  Context: background. Beside a running interrupt: within
  *  n_period - 1 ticks (direct) or spread.n_ticks ticks (spread) after a GSID_DONE; the next period begins to enter the
  *  mean after that. */

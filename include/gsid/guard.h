@@ -1,5 +1,5 @@
-/* The guard of an excitation: it lets the excitation through while the axis stays within its limits, and takes it away in
- * the same tick in which it does not, or is about to leave them.
+/* The guard of an excitation: it passes the excitation while the axis is within its limits, and removes it in the tick in which
+ * a limit is exceeded or predicted to be exceeded.
  *
  *            start            ramp complete
  *     OFF ----------> RAMP_IN -------------> RUN
@@ -9,7 +9,7 @@
  *
  *     RAMP_IN, RUN, RAMP_OUT -- any limit --> TRIPPED -- reset --> OFF
  *
- * The controller's own command is never touched: the guard decides about the excitation only. */
+ * The controller's own command is never changed: the guard acts on the excitation only. */
 #ifndef GSID_GUARD_H
 #define GSID_GUARD_H
 
@@ -27,7 +27,7 @@ typedef enum {
     GSID_GUARD_TRIPPED = 4
 } gsid_guard_state;
 
-/* X(name, code, meaning). AHEAD: the prediction passed the limit, the measurement not yet. */
+/* X(name, code, meaning). AHEAD: the prediction exceeds the limit, the measurement does not yet. */
 #define GSID_TRIP_LIST(X)                                                                                              \
     X(GSID_TRIP_NONE, 0, "not tripped")                                                                                \
     X(GSID_TRIP_SAMPLE, 1, "a sample was not finite")                                                                  \
@@ -41,7 +41,7 @@ typedef enum {
 #define GSID_TRIP_ENUM(name, code, meaning) name = code,
 typedef enum { GSID_TRIP_LIST(GSID_TRIP_ENUM) GSID_TRIP_END_ = 127 } gsid_trip;
 
-/* Angle is the integral of rate over seconds, whatever the unit of rate. A limit that is infinite is not watched. */
+/* Angle is the integral of rate over seconds, whatever the unit of rate. An infinite limit is not monitored. */
 typedef struct {
     gsid_real fs_hz;                    /* sample rate, > 0 */
     gsid_real command_limit;            /* of |command + excitation|, > 0 */
@@ -60,14 +60,14 @@ typedef struct {
 /* What was measured in a tick. */
 typedef struct {
     gsid_real rate;
-    gsid_real angle; /* not looked at unless angle_is_measured */
+    gsid_real angle; /* used only if angle_is_measured */
 } gsid_guard_sample;
 
 typedef struct {
     gsid_guard_cfg cfg;
     gsid_guard_state state;
     gsid_trip reason;          /* why it tripped; stays until the reset */
-    gsid_real value;           /* what passed the limit: the rate, angle or command, or how many samples were missing */
+    gsid_real value;           /* value that exceeded the limit: rate, angle or command, or the number of missing samples */
     gsid_real rate, angle;     /* the last ones known */
     gsid_real rate_ahead;      /* predicted, when the axis begins to answer */
     gsid_real angle_ahead;     /* predicted, where it comes to rest */
@@ -88,7 +88,7 @@ const char *gsid_trip_str(gsid_trip reason);
 gsid_status gsid_guard_init(gsid_guard *guard, const gsid_guard_cfg *cfg);
 
 /** Begin to let the excitation through.
- *  @param[in] angle  where the axis is now, finite; not looked at when the angle is measured
+ *  @param[in] angle  where the axis is now, finite; not used if the angle is measured
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE not initialised, or not OFF: after a trip call gsid_guard_reset
  *          first; GSID_E_NONFINITE
  *  Context: that of gsid_guard_step, or while it cannot interrupt; so are stop and reset. */
@@ -102,7 +102,7 @@ gsid_status gsid_guard_stop(gsid_guard *guard);
  *  @return GSID_OK; GSID_E_NULL */
 gsid_status gsid_guard_reset(gsid_guard *guard);
 
-/** Decide about the excitation of this tick. To be called in every tick, with or without a sample.
+/** Compute the allowed excitation of this tick. Call it in every tick, with or without a sample.
  *  Eq: GRD-1 (the predictions).
  *  @param[in]  sample      what was measured; NULL: no sample came. The rate is then taken to be the last one known
  *  @param[in]  command     the controller's own command of this tick

@@ -12,6 +12,7 @@
 #include "gsid/host/law_columns.h"
 #include "gsid/host/mimo.h"
 #include "gsid/host/optimise_excitation.h"
+#include "gsid/host/pool.h"
 
 #ifdef GSID_SINGLE
 #error "the host library is double precision only"

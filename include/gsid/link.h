@@ -23,27 +23,27 @@ typedef enum {
     GSID_FRAME_HELLO = 3, /* host to axis: start again at tick 0, at rest; flags = version, tick = id of the session.
                                The axis answers with both, a = ticks per second [Hz], b = commands it can queue */
     GSID_FRAME_STOP = 4, /* host to axis: command zero, forget what is queued; answered with the same */
-    GSID_FRAME_RESULT = 5 /* from a drive that measures alone: flags = what a and b are, tick = which of them */
+    GSID_FRAME_RESULT = 5 /* from a drive that measures on its own: flags = meaning of a and b, tick = index */
 } gsid_frame_kind;
 
-/* Flags of a sample frame. The count tells of a lost command whose own sample was lost too. */
+/* Flags of a sample frame. The count reveals a lost command even if the sample of its tick was lost too. */
 #define GSID_FLAG_COMMAND_LOST 1u /* no command for this tick arrived: the last one was held */
 #define GSID_FLAG_LOST_COUNT 0xFEu /* twice the number of commands lost since the start, modulo 256 */
 
-/* Always single precision: it is what the line carries. */
+/* Always in single precision, like the line. */
 typedef struct {
     uint8_t kind; /* gsid_frame_kind */
     uint8_t flags;
-    uint32_t tick; /* the tick that the frame is about; HELLO: the session's id */
+    uint32_t tick; /* tick to which the frame refers; HELLO: id of the session */
     float a, b;
 } gsid_frame;
 
-/* Receiver: resynchronises after garbage, counts what it throws away. HELLO is accepted always, other frames of this
+/* Receiver: resynchronises after garbage, counts the bytes it discards. HELLO is accepted always, other frames of this
  * session only: one of another session counts as damaged. */
 typedef struct {
     uint32_t n_frames; /* good frames */
     uint32_t n_damaged; /* sync found, check failed */
-    uint32_t n_garbage; /* bytes thrown away outside frames */
+    uint32_t n_garbage; /* bytes discarded outside frames */
     uint32_t n_held; /* private: bytes in held */
     uint8_t held[GSID_LINK_FRAME_MAX]; /* private */
     uint16_t session; /* set by the caller: the host before it sends HELLO, the axis when HELLO has come */
@@ -57,8 +57,8 @@ typedef struct {
  *  Cost: one table step per half byte for the check.  Context: ISR-safe. */
 size_t gsid_link_encode(const gsid_frame *frame, uint16_t session, uint8_t *bytes);
 
-/** Empty a receiver, zero its counts and forget its session: before the first byte, unless it is static.  NULL: nothing
- *  happens. */
+/** Empty a receiver, zero its counts and clear its session. Call it before the first byte, unless the receiver is static.
+ *  NULL: no effect. */
 void gsid_link_reset(gsid_link *link);
 
 /** Take bytes off the line and give whole, checked frames. It ends when `frames` is full, and after a HELLO, so that an

@@ -1,5 +1,5 @@
 /* A plant is a stack of effects: simulated sample by sample, or in its periodic steady state, with the sensitivities of its
- * output to every parameter asked.
+ * output to the requested parameters.
  *
  * The command is held over each sample, passes static maps and a delay of any length, and drives a linear system that is
  * integrated exactly; torques that are not linear by an exponential Runge-Kutta method of order 3 between their events. */
@@ -46,13 +46,13 @@ size_t gsid_plant_mem_size(const gsid_plant_cfg *cfg);
 
 /** Lay a plant out in the caller's memory, at rest.
  *  @param[in,out] mem  mem_size bytes, aligned for gsid_cplx
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a value out of its bounds, too long a delay, no rigid body or two, two joints
- *          or controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG a value out of its bounds, too long a delay, no rigid body or two, two gears
+ *          with backlash, two controllers, or a law too stiff for the sample time; GSID_E_NONFINITE; GSID_E_MEMORY; GSID_E_BUILD.  Context: background. */
 gsid_status gsid_plant_init(gsid_plant *plant, const gsid_plant_cfg *cfg, void *mem, size_t mem_size);
 
-/** Take over changed values of the items. The state is kept, unless it is a different one now.
- *  @return as gsid_plant_init; GSID_E_CONFIG also for another effect than at the start. After a refusal the plant is as it was,
- *          whatever stands in the caller's items.  Context: background, not concurrently with gsid_plant_step. */
+/** Take over changed values of the items. The state is kept; if the values change the number of states, the plant is reset.
+ *  @return as gsid_plant_init; GSID_E_CONFIG also for another effect than at the start. After a refusal the plant is unchanged,
+ *          whatever the caller's items contain.  Context: background, not concurrently with gsid_plant_step. */
 gsid_status gsid_plant_update(gsid_plant *plant);
 
 /** Come to rest, with command 0.
@@ -72,15 +72,15 @@ gsid_status gsid_plant_reset(gsid_plant *plant);
  *  cut a step into at most 256 parts, each found by at most 20 halvings. A sample that has taken GSID_PLANT_MOVES_MAX moves is
  *  given up after the next three motions, of at most 8001 moves each. Measured by benchmarks/bench_plant.py.
  *  Limits: rounding for linear stacks and Coulomb friction; 3e-5 of the peak for the other laws (tests/c/test_effects.c).
- *  The float build stays within 1e-3 of the peak, but for periodic_disturbance, whose time is summed up: it is off by a
- *  hundredth of its amplitude after 1 s and tells nothing after 10 s (double: 4e-4 after two hours).
+ *  The float build stays within 1e-3 of the peak, except for periodic_disturbance, whose time is a running sum: its error is
+ *  a hundredth of its amplitude after 1 s, and it is useless after 10 s (double: 4e-4 after two hours).
  *  Context: a linear stack: ISR-safe, one writer. Other laws: background; their time is bounded, but by far more than a tick has
  *  (docs/reference/budget.md). */
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy);
 
-/** Put the plant on the periodic orbit that it would have without its nonlinear torques, where a search for the true one best
- *  begins: from rest, a plant with stops or play can be thrown onto another orbit, which is periodic too. In closed loop
- *  behind a delay it is near that orbit, not on it: what is under way is that of a period begun at rest.
+/** Put the plant on the periodic orbit that it would have without its nonlinear torques: a good start for the search for the
+ *  true orbit. From rest, a plant with stops or backlash can reach another orbit, which is periodic too. In closed loop
+ *  behind a delay the start is near that orbit, not on it: the delayed commands are those of a period begun at rest.
  *  @param[in]  u         [n_period] one period
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period is 0; GSID_E_NONFINITE u is not finite: nothing changed;
  *          or the plant left the range of numbers: it is at rest now.
@@ -88,7 +88,7 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
 gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u);
 
 /** Find the periodic steady state by shooting: Newton's method on the state at the period's start, from the state the plant
- *  is in. A state that no equation determines (the angle of an axis that nothing pulls back) stays where it is.
+ *  is in. A state that no equation determines (the angle of an axis without a spring) stays where it is.
  *  Effects that are not locked to the excitation (periodic_disturbance) are left out. A sensor's refresh starts at the
  *  period's first sample: rate_hz n_period / fs_hz should be whole.
  *  @param[in]  u         [n_period] one period
@@ -104,7 +104,7 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
  *          steep to follow: it is at rest now, the outputs hold what was found until then.
  *  Cost: n_settle_periods with one column; with dy, where a law is not constant between events and no loop is closed, n_newton
  *  + 2 periods at most, mostly 1 to 3, with columns for each state; then n_newton + 2 at most, mostly 2, with columns for the
- *  free parameters too. A drift that no start mends is given up after two of each.  Context: background. */
+ *  free parameters too. A drift that no start removes is given up after two of each.  Context: background. */
 gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid_real *u, uint32_t n_settle_periods,
                                 uint32_t n_newton, gsid_real *y, gsid_real *dy, gsid_real *angle, gsid_real *rate,
                                 gsid_real *residual);

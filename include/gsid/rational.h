@@ -34,7 +34,7 @@ gsid_status gsid_rational_init(gsid_rational *model, gsid_domain domain, uint32_
 /** The variable v at an angular frequency: j w / scale_rad_s, or exp(-j w sample_s). The model is not NULL.  Context: ISR-safe. */
 gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s);
 
-/** Evaluate the frequency response.  Eq: MOD-1 (source, eqs. 6.4 and 6.5).
+/** Evaluate the frequency response.  Eq: MOD-1 (thesis, eqs. 6.4 and 6.5).
  *  @param[in]  n_freq, f_hz  [n_freq] Hz
  *  @param[out] g             [n_freq]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG an order; GSID_E_NONFINITE a frequency is not finite or falls on a pole:
@@ -59,7 +59,7 @@ gsid_status gsid_rational_gradient(const gsid_rational *model, gsid_real f_hz, g
 
 /** Test for stability: all poles inside the left half plane (Routh's array) or the unit circle (Schur and Cohn's
  *  recursion). A model whose den[n_poles] (domain s) or den[0] (domain z) is zero is not stable: it has fewer poles, or
- *  answers before it is asked.
+ *  is not causal.
  *  @param[out] is_stable  1 or 0
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_rational_is_stable(const gsid_rational *model, int *is_stable);

@@ -31,7 +31,7 @@ typedef struct {
 uint32_t gsid_prbs_nearest(gsid_prbs_kind kind, uint32_t n_chips);
 
 /** Check a sequence and set it to its first sample.
- *  Eq: EXC-4 (source, definition 3.6.1 and its program), EXC-5.
+ *  Eq: EXC-4 (thesis, definition 3.6.1 and its program), EXC-5.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE.  Context: background. */
 gsid_status gsid_prbs_init(gsid_prbs *prbs, const gsid_prbs_cfg *cfg);
 
@@ -61,7 +61,7 @@ typedef struct {
 } gsid_sweep;
 
 /** Check a sweep and set it to its first sample.
- *  Eq: EXC-6 linear, EXC-7 logarithmic (source, eqs. 3.5 to 3.7): the phase is the integral of the frequency.
+ *  Eq: EXC-6 linear, EXC-7 logarithmic (thesis, eqs. 3.5 to 3.7): the phase is the integral of the frequency.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE.  Context: background. */
 gsid_status gsid_sweep_init(gsid_sweep *sweep, const gsid_sweep_cfg *cfg);
 
@@ -81,7 +81,7 @@ typedef struct {
     uint32_t n_period;          /* N, samples */
     uint32_t n_lines;           /* >= 1 */
     uint32_t n_settle;          /* samples before each line's estimation, so that the change of frequency dies out */
-    uint32_t n_periods;         /* periods of N that each line is then kept, >= 1 */
+    uint32_t n_periods;         /* periods of N for which each line is then held, >= 1 */
     const uint32_t *line;       /* [n_lines] 1 <= line < N/2, in any order */
     const gsid_real *amplitude; /* [n_lines] */
     const gsid_cplx *twiddle;   /* [n_period] from gsid_twiddle_fill */
@@ -96,7 +96,7 @@ typedef struct {
 } gsid_stepped;
 
 /** Check a stepped sine and set it to the first sample of its first line.
- *  Eq: EXC-1, line by line (source, figure 3.2). All pointers stay the caller's.
+ *  Eq: EXC-1, line by line (thesis, figure 3.2). All pointers stay the caller's.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE.  Context: background. */
 gsid_status gsid_stepped_init(gsid_stepped *stepped, const gsid_stepped_cfg *cfg);
 

@@ -43,15 +43,15 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
 gsid_status gsid_spectrum_reset(gsid_spectrum *s);
 
 /** Sum one sample of each channel.
- *  Eq: FRF-1  X(k) += x[n] exp(-j 2 pi k n / N)  (source, eq. 3.2).
+ *  Eq: FRF-1  X(k) += x[n] exp(-j 2 pi k n / N)  (thesis, eq. 3.2).
  *  @param[in] x  [n_channels] finite
  *  @return GSID_OK; GSID_DONE that was the N-th sample: read the result before the next step, which starts a new period;
  *          GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE sample refused, nothing changed
- *  Cost: per line one index update and 2 n_channels multiply-adds, every sample the same; no drift, ever: the phase is an
- *  integer.  Context: ISR-safe, one writer. */
+ *  Cost: per line one index update and 2 n_channels multiply-adds, the same for every sample. There is no drift, because the phase
+ *  is an integer.  Context: ISR-safe, one writer. */
 gsid_status gsid_spectrum_step(gsid_spectrum *s, const gsid_real *x);
 
-/** Let n_samples pass unmeasured: the time goes on, the sums do not, and the period they fall in is incomplete.
+/** Account for n_samples missing samples: time advances, the sums do not, and the period they fall in is incomplete.
  *  Passing the last sample of a period clears the sums.
  *  @return GSID_OK; GSID_DONE at least one period end was passed; GSID_E_NULL; GSID_E_STATE
  *  Cost: one 64-bit remainder per line. */

@@ -1,9 +1,9 @@
 /* The lines of one period by a transform whose work is spread over the ticks of the next: about 1/60 of the direct sum.
  *
- * Two buffers change places at the end of each period: one takes the samples that come, the other is transformed in
- * place, one slice of work a tick. Every slice costs about the same, and the last one ends before the buffers change
- * places again. gsid_spectrum gives the same lines to rounding for any N, at once, and without buffers; it is the better
- * one up to seven lines. */
+ * Two buffers are swapped at the end of each period: one receives the new samples, the other is transformed in place, one
+ * slice of work per tick. Every slice costs about the same, and the last one ends before the buffers are swapped again.
+ * gsid_spectrum gives the same lines, to rounding, for any N, at once, and without buffers. It is cheaper up to seven
+ * lines. */
 #ifndef GSID_SPREAD_H
 #define GSID_SPREAD_H
 
@@ -55,7 +55,7 @@ size_t gsid_spread_mem_size(const gsid_spectrum_cfg *cfg);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_MEMORY; GSID_E_BUILD.  Cost: some divisions per line.  Context: background. */
 gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);
 
-/** Forget all samples and lines and start again at the sample number cfg.n_first.
+/** Discard all samples and lines and restart at the sample number cfg.n_first.
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
 gsid_status gsid_spread_reset(gsid_spread *s);
 
@@ -69,13 +69,13 @@ gsid_status gsid_spread_reset(gsid_spread *s);
  *  complete. No division, no sine, no cosine.  Context: ISR-safe, one writer. */
 gsid_status gsid_spread_step(gsid_spread *s, const gsid_real *x);
 
-/** Let n_samples pass that were lost: the time goes on, and the periods they fall in will not be transformed.
+/** Account for n_samples lost samples: time advances, and the periods they fall in will not be transformed.
  *  @return GSID_OK; GSID_DONE as above; GSID_SPOILED the end of a period was passed: no lines are ready; GSID_E_NULL;
  *          GSID_E_STATE
  *  Cost: one slice for each sample, until the transform is complete.  Context: as gsid_spread_step. */
 gsid_status gsid_spread_skip(gsid_spread *s, uint32_t n_samples);
 
-/** Do at once what is left of the transform, so that the lines of the last whole period are ready.
+/** Complete the transform at once, so that the lines of the last whole period are ready.
  *  @return GSID_OK there was nothing left; GSID_DONE; GSID_E_NULL; GSID_E_STATE
  *  Cost: all slices left.  Context: background, not concurrently with gsid_spread_step. */
 gsid_status gsid_spread_finish(gsid_spread *s);

@@ -1,4 +1,4 @@
-/* A torque law as a table: a curve measured, or the one that a diagnosis left unexplained. */
+/* A torque law as a table: a measured curve, or the residual torque curve of a diagnosis. */
 #ifndef GSID_TABLE_H
 #define GSID_TABLE_H
 
@@ -13,7 +13,7 @@ extern "C" {
 
 typedef enum { GSID_TABLE_RATE = 0, GSID_TABLE_ANGLE = 1, GSID_TABLE_COMMAND = 2 } gsid_table_variable;
 
-/* Between the points a cubic with the slopes below; beyond them the line on which the curve ends. */
+/* A cubic between the points, with the slopes below; beyond them it continues as a straight line. */
 typedef struct {
     gsid_table_variable variable;
     uint32_t n_points;
@@ -22,7 +22,7 @@ typedef struct {
     const gsid_real *slope;  /* [n_points] from gsid_table_slopes */
 } gsid_table;
 
-/** Slopes for a curve that has no bumps which the points do not have (TAB-1).
+/** Slopes of a monotone cubic without overshoot between the points (TAB-1).
  *  @param[in]  at, torque  [n_points], at ascending
  *  @param[out] slope       [n_points]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_NONFINITE; GSID_E_CONFIG too few or too many points, or not ascending */

@@ -19,13 +19,13 @@ typedef float gsid_real;
 typedef double gsid_real;
 #endif
 
-/* Complex number: the bytes of numpy's complex and of FFTW, readable from C++. */
+/* Complex number, with the same layout as in numpy and FFTW; usable from C++. */
 typedef struct {
     gsid_real re, im;
 } gsid_cplx;
 
 /* X(name, code, meaning, hint). Negative: the call failed and left its outputs and its object as they were.
- * Positive: it worked, and this is why it returned. tools/make_errors_page prints docs/reference/errors.md from this list. */
+ * Positive: the call succeeded, and the code states why it returned. tools/make_errors_page prints docs/reference/errors.md from this list. */
 #define GSID_STATUS_LIST(X)                                                                                            \
     X(GSID_OK, 0, "done", "")                                                                                          \
     X(GSID_DONE, 1, "the period, or the sequence, is complete", "")                                                    \
@@ -51,7 +51,7 @@ typedef struct {
     X(GSID_E_BACKEND, -10, "the library that does this was left out of the build", "rebuild with it")                  \
     X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                    \
       "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")                     \
-    X(GSID_E_BUILD, -12, "the library is compiled so that numbers that are not finite are not seen",                   \
+    X(GSID_E_BUILD, -12, "the compiler options prevent the detection of numbers that are not finite",                  \
       "compile without -ffast-math, -ffinite-math-only and -fno-honor-nans")
 
 #define GSID_STATUS_ENUM(name, code, meaning, hint) name = code,

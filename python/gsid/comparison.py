@@ -13,6 +13,7 @@ instead.
 
 from __future__ import annotations
 
+import html
 import itertools
 import logging
 from collections.abc import Callable, Sequence
@@ -20,13 +21,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.greybox.problem import least_size
-from gsid.greybox.weights import UNSETTLED, lines_used
+from gsid.greybox.settings import SETTINGS
+from gsid.greybox.weights import lines_used
 from gsid.models.misfit import Errors, misfit
 from gsid.models.rational import half_of
 from gsid.models.sample_rate import at_rate_of
@@ -45,7 +47,8 @@ _log = logging.getLogger(__name__)
 
 KINDS = ("excited", "odd", "even")
 
-# Neighbouring bands are merged if their mean excess per line differs by no more than this factor.
+# Neighbouring bands are merged if their mean excess per line differs by no more than this factor. Chosen: it
+# affects only the list of bands, not the tests.
 ALIKE = 10.0
 
 
@@ -145,11 +148,9 @@ class Comparison(Plottable):
             size += f" and the model's uncertainty {self.model_uncertainty_rms:.3g}"
         if self.adequate:
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
-            return f"Adequate: what is left is noise ({size}; {rate})."
+            return f"Adequate: only noise remains ({size}; {rate})."
         if not self.where:
-            return (
-                f"Not adequate: {size}; the excess is spread thinly over the band (p = {self.p_value:.2g})."
-            )
+            return f"Not adequate: {size}; the excess is spread over the whole band (p = {self.p_value:.2g})."
         worst = self.where[0]
         lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"
         band = f"{worst['f_lo_hz']:.3g} to {worst['f_hi_hz']:.3g} Hz"
@@ -185,17 +186,17 @@ class Comparison(Plottable):
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        import html
-
-        rows = "".join(
-            f"<tr><td>{band['f_lo_hz']:.4g} to {band['f_hi_hz']:.4g}</td><td>{band['lines']}</td>"
-            f"<td>{100 * band['share']:.1f}</td><td>{band['db']:.1f}</td></tr>"
+        head = ("band [Hz]", "lines", "share of excess [%]", "error / response [dB]")
+        rows = [
+            (
+                f"{band['f_lo_hz']:.4g} to {band['f_hi_hz']:.4g}",
+                band["lines"],
+                f"{100 * band['share']:.1f}",
+                f"{band['db']:.1f}",
+            )
             for band in self.where
-        )
-        titles = ("band [Hz]", "lines", "share of excess [%]", "error / response [dB]")
-        head = "<tr>" + "".join(f"<th>{title}</th>" for title in titles) + "</tr>"
-        table = f"<table>{head}{rows}</table>" if rows else ""
-        return f"<p>{html.escape(self.verdict)}</p>{table}"
+        ]
+        return f"<p>{html.escape(self.verdict)}</p>" + (Table(head, rows).html() if rows else "")
 
 
 @dataclass
@@ -329,8 +330,7 @@ def _compared(
     found = misfit(errors)
 
     n, n_fitted = len(errors), _n_parameters(model) if fitted else 0
-    n_dof = max(found.n_dof - n_fitted, 1)
-    p_value = float(stats.chi2.sf(found.chi2, n_dof))
+    p_value = found.p_value_of_fit(n_fitted)
     left = _by_record(parts, found.left)
     shown = int(np.argmax([np.sum(np.abs(part.y) ** 2) for part in parts]))
     of = parts[shown]
@@ -386,13 +386,13 @@ def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
     A parameter that was made free after the fit has no standard deviation and is not covered.
     """
 
-    def known(cov: np.ndarray | None, n_free: int) -> bool:
-        return cov is not None and cov.shape == (n_free, n_free) and bool(np.all(np.isfinite(cov)))
-
-    if isinstance(model, PlantModel) and any(model[name].std is None for name in model.free_names):
-        return False
-    pieces = getattr(model, "pieces", (model,))
-    return all(known(piece.cov, _n_parameters(piece)) for piece in pieces)
+    if isinstance(model, PlantModel):
+        if any(model[name].std is None for name in model.free_names):
+            return False
+        covariances = [model.covariance]
+    else:
+        covariances = [piece.cov for piece in getattr(model, "pieces", (model,))]
+    return all(cov is not None and bool(np.all(np.isfinite(cov))) for cov in covariances)
 
 
 def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
@@ -450,7 +450,7 @@ def _answer(
         return model.response(s.f_hz[use]) * s.U[:, use], by_model
     answer = model.predict(s, sensitivities=with_uncertainty)
     noise_rms = np.sqrt(np.sum(s.var_y[use]) / (2 * s.n_periods))
-    if not answer.settled and answer.residual > UNSETTLED * noise_rms:
+    if not answer.settled and answer.residual > SETTINGS.unsettled * noise_rms:
         _log.warning("no steady state was found for %s: do not trust this comparison", s.name)
     return answer.Y[use], answer.dY[:, use].T @ _plant_deviations(model) if with_uncertainty else none
 
@@ -460,7 +460,7 @@ def _plant_deviations(model: PlantModel) -> np.ndarray:
 
     A parameter that the fit did not determine has a standard deviation of its own size.
     """
-    cov = np.array(model.cov)
+    cov = np.array(model.covariance)
     for name in _undetermined(model):
         i = model.free_names.index(name)
         cov[i, i] += max(abs(model[name].value), least_size(model.parameter(name))) ** 2

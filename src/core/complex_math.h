@@ -57,7 +57,7 @@ static inline int gsid_cplx_is_finite(gsid_cplx a) {
 
 /* Smith's division: |b|^2 is never formed, which would leave the range of float for |b| below 1e-19. */
 static inline gsid_cplx gsid_cplx_div(gsid_cplx a, gsid_cplx b) {
-    if (gsid_fabs(b.re) < gsid_fabs(b.im)) { /* a quarter of a turn for both */
+    if (gsid_fabs(b.re) < gsid_fabs(b.im)) { /* rotate both by a quarter turn */
         a = gsid_cplx_make(a.im, -a.re);
         b = gsid_cplx_make(b.im, -b.re);
     }
@@ -89,12 +89,12 @@ static inline gsid_cplx gsid_cplx_cis_octant(gsid_real x, gsid_real rest) {
         s = sine[i] + x2 * s;
         c = cosine[i] + x2 * c;
     }
-    /* What rounding took from 1 - x^2/2 is put back with the small terms. */
+    /* The rounding error of 1 - x^2/2 is added with the small terms. */
     return gsid_cplx_make(near_one + (((1 - near_one) - half) + (x2 * x2 * c - rest * x)),
                           x + (x * x2 * s + rest * near_one));
 }
 
-/* exp(j angle). Beyond some million radians an angle is known no better than to a part of a turn, and so is the answer. */
+/* exp(j angle). Beyond some million radians the angle, and so the result, is only known to a fraction of a turn. */
 static inline gsid_cplx gsid_cplx_cis(gsid_real angle) {
     /* pi/2 in three pieces, the first two so short that their multiples are exact up to 10^4 quarter turns (10^6). */
 #ifdef GSID_SINGLE
@@ -103,7 +103,7 @@ static inline gsid_cplx gsid_cplx_cis(gsid_real angle) {
     const gsid_real first = GSID_R(1.5707963267341256), second = GSID_R(6.077100506303966e-11);
     const gsid_real third = GSID_R(2.0222662487959506e-21);
 #endif
-    const gsid_real largest = GSID_R(0.8); /* pi/4 and what rounding adds to it */
+    const gsid_real largest = GSID_R(0.8); /* pi/4 plus rounding */
     const gsid_real n_quarters = gsid_floor(angle * GSID_R(0.636619772367581343) + GSID_R(0.5));
     const gsid_real quadrant = n_quarters - 4 * gsid_floor(n_quarters * GSID_R(0.25));
     gsid_real rest = ((angle - n_quarters * first) - n_quarters * second) - n_quarters * third;

@@ -25,7 +25,7 @@ static int is_ascending(const uint32_t *line, uint32_t first, uint32_t end) {
     return 1;
 }
 
-/* frf_size: bytes of the measurement of one realisation, 0 where its engine refuses. */
+/* frf_size: bytes of the measurement of one realisation, 0 if its engine refuses the configuration. */
 static gsid_status check_cfg(const gsid_distortion_cfg *cfg, size_t frf_size) {
     if (cfg->n_excited < 1 || cfg->n_excited > cfg->n_lines || cfg->input_is_known > 1 || frf_size == 0 ||
         cfg->n_lines > (SIZE_MAX - frf_size) / GSID_DISTORTION_MEAN_SIZE(1, 1) ||
@@ -39,7 +39,7 @@ static int has_pointers(const gsid_distortion_cfg *cfg) {
     return cfg != NULL && cfg->line != NULL && cfg->twiddle != NULL;
 }
 
-/* Asked with a measured input, since a known one is not known before gsid_distortion_start. */
+/* Checked as for a measured input, because gsid_distortion_start supplies the lines of a known one. */
 static size_t direct_size(const gsid_distortion_cfg *cfg) {
     const gsid_frf_cfg f = frf_cfg(cfg, NULL);
     return gsid_frf_mem_size(&f) > 0 ? GSID_FRF_MEM_SIZE(cfg->n_lines, (size_t)1 - cfg->input_is_known) : 0;
@@ -141,8 +141,8 @@ static void add_excited(gsid_distortion *d) {
     }
 }
 
-/* The response at a line between excited ones, on the chord between them; the nearest one's beyond the ends. `above` is
- * the first excited line above it, kept from line to line. */
+/* The response at a line that is not excited: interpolated linearly between the excited lines on both sides, and equal to
+ * the nearest one beyond the ends. `above` is the first excited line above it, kept from line to line. */
 static gsid_cplx response_between(const gsid_distortion *d, uint32_t line, uint32_t *above) {
     const uint32_t n = d->cfg.n_excited;
     const uint32_t *excited = d->cfg.line;
@@ -188,7 +188,8 @@ static void add_free(gsid_distortion *d) {
     }
 }
 
-/* Whether all that this realisation adds is in the range of numbers: what a sum has lost once shows in none of its results. */
+/* Whether all that this realisation adds is in the range of numbers. Checked before it is added, because a loss inside a sum
+ * cannot be detected in its results. */
 static gsid_status check_lines(const gsid_distortion *d) {
     uint32_t above = 0;
     for (uint32_t i = 0; i < d->cfg.n_excited; i++) {
@@ -216,7 +217,7 @@ gsid_status gsid_distortion_finish(gsid_distortion *d) {
     if (d->frf.engine == NULL) {
         return GSID_E_STATE;
     }
-    gsid_frf_finish(&d->frf); /* what the spread engine still has to do */
+    gsid_frf_finish(&d->frf); /* completes the work left to the spread engine */
     if (d->frf.n_periods < 2) {
         return GSID_E_TOO_FEW;
     }
@@ -228,7 +229,7 @@ gsid_status gsid_distortion_finish(gsid_distortion *d) {
     d->n_periods = gsid_count(d->n_periods, d->frf.n_periods);
     add_excited(d);
     add_free(d);
-    d->frf.engine = NULL; /* none is under way */
+    d->frf.engine = NULL; /* no realisation is in progress */
     return GSID_OK;
 }
 

@@ -3,8 +3,8 @@
 #include "equations.h"
 #include "residual.h"
 
-/* Whether the variance of g - G is positive for every G: the error of g and that of the input have no more in common than their
- * variances allow, but for the rounding of two numbers that cancel. */
+/* Whether the variance of g - G is positive for every G: the covariance of the errors of g and of the input is within the limit
+ * that their variances set, apart from the rounding of two numbers that cancel. */
 static int is_covariance(const gsid_frd *data, uint32_t k) {
     const gsid_real var_u = data->var_u[k];
     const gsid_cplx cov = data->cov_yu[k], common = gsid_cplx_sub(cov, gsid_cplx_scale(var_u, data->g[k]));

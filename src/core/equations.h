@@ -20,7 +20,7 @@ typedef struct {
     uint32_t n_den, n_num, n; /* n = n_den + n_num + free_delay */
     uint32_t held;            /* index of the denominator coefficient that is 1 */
     gsid_lsq normal, damped;
-    uint32_t n_rows;          /* of the block that wait */
+    uint32_t n_rows;          /* rows waiting in the block */
     gsid_real *block;         /* [n + 1][GSID_LSQ_BLOCK] */
     gsid_real *step, *bend;   /* [n] */
     gsid_real *length;        /* [n] of the columns of J */
@@ -40,7 +40,7 @@ static inline void gsid_equations_put(const gsid_equations *q, uint32_t column, 
 /** The two rows are complete. */
 gsid_status gsid_equations_next(gsid_equations *q);
 
-/** No more rows: those that wait go into the triangle. */
+/** End of the rows: those waiting in the block go into the triangle. */
 gsid_status gsid_equations_end(gsid_equations *q);
 
 /** Write x, in the order of the columns, into a model. */
@@ -50,7 +50,7 @@ void gsid_equations_set(const gsid_equations *q, const gsid_real *x, gsid_real h
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE */
 gsid_status gsid_equations_check(const gsid_frd *data, const gsid_rational *model);
 
-/** Whether delay and coefficients are: an infinite denominator answers 0, and the cost is finite. */
+/** Whether delay and coefficients are finite. The cost does not show it: with an infinite denominator the response is 0. */
 int gsid_equations_is_finite(const gsid_rational *model);
 
 /** V, infinite where the model cannot be evaluated.  Eq: EST-3 */

@@ -110,7 +110,7 @@ gsid_status gsid_estimate_iwls(const gsid_frd *data, const gsid_iwls_cfg *cfg, g
             return status;
         }
         if (status < 0) {
-            break; /* a denominator that vanishes on a line: what was found before stands */
+            break; /* the denominator vanishes on a line: keep the iterate before */
         }
         const gsid_real v = gsid_equations_cost(data, &trial);
         settled = reweight && gsid_equations_are_alike(data, &last, &trial, cfg->tolerance);

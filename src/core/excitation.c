@@ -17,7 +17,7 @@ static gsid_cplx unit_at_eighth(uint32_t r, uint32_t n_period) {
     }
     const gsid_real over = (gsid_real)r, under = (gsid_real)n_period;
     const gsid_real ratio = over / under;
-    /* What rounding took from r, n_period and their quotient; the first two only in float, beyond 24 bits. */
+    /* Rounding errors of r, n_period and their quotient; the first two only in float, beyond 24 bits. */
     const gsid_real over_rest = (gsid_real)((int32_t)r - (int32_t)over);
     const gsid_real under_rest = (gsid_real)((int32_t)n_period - (int32_t)under);
     const gsid_real ratio_rest = (gsid_fma(-ratio, under, over) + (over_rest - ratio * under_rest)) / under;

@@ -1,11 +1,11 @@
-/* The direct engine of gsid_frf: every line at every sample, the whole period into the means at its last sample. */
+/* The direct engine of gsid_frf: each sample is added to every line; a period enters the means at its last sample. */
 #include "streaming.h"
 
 static gsid_status init(gsid_frf *frf, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size) {
     return gsid_spectrum_init(&frf->spectrum, cfg, mem, mem_size);
 }
 
-/* The last sample of a period of which others are missing moves the phases on; the sums are of no use. */
+/* The last sample of a period with missing samples only advances the phases; the sums are discarded. */
 gsid_status gsid_frf_leave_out(gsid_frf *frf, gsid_real u, gsid_real y) {
     gsid_spectrum_sum(&frf->spectrum, u, y);
     gsid_spectrum_clear(&frf->spectrum);
@@ -14,15 +14,16 @@ gsid_status gsid_frf_leave_out(gsid_frf *frf, gsid_real u, gsid_real y) {
     return GSID_SPOILED;
 }
 
-/* One good period more; its share in the means. */
+/* Count one more good period. Returns its weight in the means. */
 static gsid_real count_period(gsid_frf *frf) {
     frf->spectrum.n = 0;
     frf->n_periods = gsid_count(frf->n_periods, 1);
     return gsid_frf_share(frf->n_periods);
 }
 
-/* The last sample of a period enters the sums, and they the means, line by line: in this tick, the costliest of all, nothing
- * is read or written twice. Two functions, and local copies of the object's fields, for the reasons of gsid_spectrum_sum. */
+/* The last sample of a period enters the sums, and the sums enter the means, line by line. This tick costs the most, so nothing
+ * is read or written twice. Two functions, and local copies of the object's fields, for the reasons given at
+ * gsid_spectrum_sum. */
 static gsid_status step_known(gsid_frf *frf, gsid_real u, gsid_real y) {
     const gsid_spectrum *s = &frf->spectrum;
     const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line;

@@ -1,8 +1,7 @@
-/* Means of what was measured elsewhere: whole periods, other measurements. */
-#include "complex_math.h"
-#include "streaming.h"
+/* Add what was measured elsewhere to the means: whole periods, and other measurements. */
+#include "frf_private.h"
 
-/* The spread engine adds a period over several ticks: some lines have it already. */
+/* The spread engine adds a period over several ticks: some lines already include it. */
 static int is_adding(const gsid_frf *frf) {
     return frf->line_next > 0 && frf->line_next < frf->cfg.n_lines;
 }
@@ -58,15 +57,6 @@ static int is_same_measurement(const gsid_frf *a, const gsid_frf *b) {
     return 1;
 }
 
-/* FRF-4 for one channel of one line; returns the distance of the two means. */
-static gsid_cplx merge_mean(gsid_real share, gsid_real weight, gsid_cplx *mean, gsid_real *m2, gsid_cplx mean_other,
-                            gsid_real m2_other) {
-    const gsid_cplx d = gsid_cplx_sub(mean_other, *mean);
-    *mean = gsid_cplx_add(*mean, gsid_cplx_scale(share, d));
-    *m2 += m2_other + weight * gsid_cplx_abs2(d);
-    return d;
-}
-
 gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other) {
     if (frf == NULL || other == NULL) {
         return GSID_E_NULL;
@@ -82,18 +72,16 @@ gsid_status gsid_frf_merge(gsid_frf *frf, const gsid_frf *other) {
     if (other->n_periods == 0) {
         return GSID_OK;
     }
-    const gsid_real a = (gsid_real)frf->n_periods, b = (gsid_real)other->n_periods;
-    const gsid_real share = b / (a + b), weight = a * share;
+    const gsid_frf_parts parts = gsid_frf_parts_of((gsid_real)frf->n_periods, (gsid_real)other->n_periods);
     for (uint32_t i = 0; i < frf->cfg.n_lines; i++) {
         if (frf->cross == NULL) {
-            merge_mean(share, weight, &frf->mean[i], &frf->m2[i], other->mean[i], other->m2[i]);
+            gsid_frf_merge_mean(parts, &frf->mean[i], &frf->m2[i], other->mean[i], other->m2[i]);
             continue;
         }
         const size_t y = 2 * (size_t)i, u = y + 1;
-        gsid_cplx dy = merge_mean(share, weight, &frf->mean[y], &frf->m2[y], other->mean[y], other->m2[y]);
-        gsid_cplx du = merge_mean(share, weight, &frf->mean[u], &frf->m2[u], other->mean[u], other->m2[u]);
-        gsid_cplx product = gsid_cplx_scale(weight, gsid_cplx_mul(dy, gsid_cplx_conj(du)));
-        frf->cross[i] = gsid_cplx_add(frf->cross[i], gsid_cplx_add(other->cross[i], product));
+        gsid_cplx dy = gsid_frf_merge_mean(parts, &frf->mean[y], &frf->m2[y], other->mean[y], other->m2[y]);
+        gsid_cplx du = gsid_frf_merge_mean(parts, &frf->mean[u], &frf->m2[u], other->mean[u], other->m2[u]);
+        gsid_frf_merge_cross(parts, dy, du, &frf->cross[i], other->cross[i]);
     }
     frf->n_periods = gsid_count(frf->n_periods, other->n_periods);
     return GSID_OK;

@@ -43,7 +43,7 @@ static gsid_status add_lines(gsid_frf *frf) {
     return GSID_DONE;
 }
 
-/* So many ticks' work, or what is left. */
+/* Do the work of n_ticks ticks, or what is left of it. */
 static gsid_status work_off(gsid_frf *frf, uint32_t n_ticks) {
     gsid_spread *s = &frf->spread;
     gsid_status status = GSID_OK;
@@ -53,7 +53,7 @@ static gsid_status work_off(gsid_frf *frf, uint32_t n_ticks) {
     return status;
 }
 
-/* The sample, and what there is to do, which is all done before the period ends: the transform, then the lines. */
+/* Take the sample, then do one tick's work: first the transform, then the lines. All of it is done before the period ends. */
 static gsid_status step(gsid_frf *frf, gsid_real u, gsid_real y) {
     gsid_spread *s = &frf->spread;
     if (!gsid_spread_put(s, u, y)) {

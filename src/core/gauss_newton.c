@@ -9,7 +9,7 @@
 #define DAMPING_LEAST GSID_R(1e-13)
 #define DAMPING_MOST GSID_R(1e8)
 #define DAMPING_FACTOR 4
-#define BEND_MOST GSID_R(0.75) /* of the step's length: beyond it the expansion that gave both is not to be trusted */
+#define BEND_MOST GSID_R(0.75) /* of the step's length: a larger bend is outside the range of the expansion */
 
 /* The cost of a model that cannot be evaluated: more than any that can. */
 #define UNUSABLE ((gsid_real)INFINITY)
@@ -115,7 +115,7 @@ static gsid_cplx second_derivative(const gsid_rational *model, const gsid_ration
     return gsid_cplx_sub(gsid_cplx_mul(g, squares), gsid_cplx_scale(2, gsid_cplx_mul(s, db)));
 }
 
-/* The error's own: for ln G it is G''/G - (G'/G)^2; that of the weight is left out. */
+/* Second derivative of the error: for ln G it is G''/G - (G'/G)^2; that of the weight is neglected. */
 static gsid_cplx second_of_error(const gsid_frd *data, const linearised *l, gsid_cplx along, gsid_cplx second) {
     if (data->logarithmic) {
         second = gsid_cplx_sub(second, gsid_cplx_div(gsid_cplx_mul(along, along), l->g));
@@ -161,7 +161,7 @@ static gsid_real scaled_length(const gsid_equations *q, const gsid_real *x) {
     return length;
 }
 
-/* Geodesic acceleration (Transtrum and Sethna): the straight step plus what the model's curvature along it asks for. In the
+/* Geodesic acceleration (Transtrum and Sethna): the straight step plus what the model's curvature along it requires. In the
  * curved valleys of over-parameterised models straight steps must be tiny, and there are hundreds of them. */
 static gsid_status bend_step(gsid_equations *q, const gsid_frd *data, const gsid_cplx *drift,
                              const gsid_rational *model) {
@@ -191,7 +191,7 @@ static void add_step(const gsid_equations *q, const gsid_rational *from, gsid_ra
     }
 }
 
-/* V that rounding leaves of exact data. */
+/* V that rounding leaves with exact data. */
 static gsid_real rounding_cost(const gsid_frd *data) {
     gsid_real cost = 0;
     for (uint32_t k = 0; k < data->n_lines; k++) {

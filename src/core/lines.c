@@ -39,7 +39,7 @@ static uint32_t put_quasi_log(uint32_t first, uint32_t last, gsid_real ratio, ui
     uint32_t n = 0;
     gsid_real wanted = (gsid_real)first;
     for (uint32_t k = first; k <= last; k += 2) {
-        /* the odd line nearest to what is wanted is less than 1 away; then on to what lies beyond it */
+        /* the odd line nearest to the wanted one is less than 1 away; then continue beyond it */
         const gsid_real beyond = (gsid_real)k + GSID_R(1.0);
         if (beyond <= wanted) {
             continue;

@@ -2,8 +2,8 @@
 
 #include <string.h>
 
-/* Two sync bytes, kind, flags, tick, a, b, check: the same length for every kind, so that the receiver never has to
- * believe a length it has not checked. */
+/* Two sync bytes, kind, flags, tick, a, b, check: the same length for every kind, so that the receiver never
+ * depends on an unchecked length. */
 #define SYNC_0 0xA5u
 #define SYNC_1 0x5Au
 #define AT_KIND 2u
@@ -62,7 +62,7 @@ static int is_known(uint8_t kind) {
     return kind >= GSID_FRAME_COMMAND && kind <= GSID_FRAME_RESULT;
 }
 
-/* HELLO opens a session, so its id is unknown before. */
+/* HELLO opens a session: its receiver does not know the id yet. */
 static uint32_t start_of(uint8_t kind, uint16_t session) {
     return kind == GSID_FRAME_HELLO ? 0xFFFFu : session;
 }

@@ -139,7 +139,7 @@ static gsid_real row_rate(const gsid_plant_layout *l, uint32_t row, const gsid_r
     for (uint32_t channel = 0; channel < l->laws.n_channels; channel++) {
         if (row == GSID_Z_RATE) {
             sum -= torque[channel * l->shape.n_columns];
-        } else if (channel == JOINT && row == a->reaction) {
+        } else if (channel == BACKLASH && row == a->reaction) {
             sum += torque[channel * l->shape.n_columns];
         }
     }
@@ -186,7 +186,7 @@ static int zone_of(gsid_real angle, gsid_real edge) {
 
 void gsid_plant_enter_zone(gsid_plant_layout *l, plant_law *law, int zone) {
     law->zone = zone;
-    if (law->channel == JOINT) {
+    if (law->channel == BACKLASH) {
         l->regime.is_loose = zone == 0;
     }
 }

@@ -16,7 +16,7 @@
 
 /* Row of the angle that a law works with. */
 static inline uint32_t gsid_plant_angle_row(const gsid_plant_layout *l, const plant_law *law) {
-    return law->channel == JOINT ? l->linear.a.twist : (uint32_t)GSID_Z_ANGLE;
+    return law->channel == BACKLASH ? l->linear.a.twist : (uint32_t)GSID_Z_ANGLE;
 }
 
 /* to = torques of all laws by channel, [CHANNELS_MAX][n_columns], at z in a step that began at z0; without those that hold

@@ -8,11 +8,12 @@
 #include "plant_linear.h"
 
 /* A step of the Runge-Kutta method is at most this many radians of the stiffest law. The derivative by the delay at a hard stop
- * is what asks for such fine ones. Between events a joint is linear: its steps are only there to see a short touch. */
+ * requires such short steps. Backlash is linear between events: its steps only have to be short enough to detect a short
+ * contact. */
 #define STEP_RAD GSID_R(0.025)
-#define JOINT_STEP_RAD GSID_R(0.5)
+#define GEAR_STEP_RAD GSID_R(0.5)
 #define STEPS_MAX 256
-/* Bounds the doublings and parts of the exponentials: rates of the linear part times the sample time. */
+/* Limit of the rates of the linear part times the sample time. It bounds the doublings and parts of the exponentials. */
 #define RATE_SAMPLES_MAX GSID_R(4000.0)
 #define UNIT_DEGREE GSID_R(0.0174532925199432958)
 
@@ -53,16 +54,16 @@ static gsid_status check_free(const gsid_plant_cfg *cfg) {
     return GSID_OK;
 }
 
-static int is_joint(const gsid_effect *effect) {
+static int is_backlash(const gsid_effect *effect) {
     return effect->stage == GSID_STAGE_TORQUE && effect->n_states > 0;
 }
 
 /* What a configuration needs. */
 typedef struct {
     gsid_linear linear; /* counted only */
-    uint32_t n_laws, n_memories, n_joints, n_controllers, n_samplers, n_states;
+    uint32_t n_laws, n_memories, n_backlash, n_controllers, n_samplers, n_states;
     int holds, looks_at_angle, looks_at_command, is_constant, may_be_steep,
-        maps_command; /* maps_command: or makes it */
+        maps_command; /* maps_command: has a static map of the command, or a controller */
 } needs;
 
 static void count(const gsid_plant_cfg *cfg, needs *n) {
@@ -72,7 +73,7 @@ static void count(const gsid_plant_cfg *cfg, needs *n) {
         const gsid_effect *effect = cfg->item[i].effect;
         n->n_laws += effect->torque != NULL;
         n->n_memories += effect->has_memory != 0;
-        n->n_joints += is_joint(effect) ? 1u : 0u;
+        n->n_backlash += is_backlash(effect) ? 1u : 0u;
         n->n_controllers += effect->control != NULL;
         n->n_samplers += effect->refresh_hz != NULL;
         n->n_states += effect->n_states;
@@ -103,7 +104,7 @@ static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
         }
     }
     count(cfg, n);
-    if (n->n_joints > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX) {
+    if (n->n_backlash > 1 || n->n_controllers > 1 || n->n_samplers > 1 || GSID_Z_RATE + 1 + n->n_states > GSID_Z_MAX) {
         return GSID_E_CONFIG;
     }
     const gsid_status status = check_free(cfg);
@@ -125,7 +126,7 @@ static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_l
     const size_t n_maps = 1 + (size_t)cfg->n_free, n_square = (size_t)l->shape.width * l->shape.width;
     for (int piece = 0; piece < 2; piece++) {
         for (int regime = 0; regime < REGIMES; regime++) {
-            if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_joints == 0)) {
+            if (((regime & HELD) && !n->holds) || ((regime & LOOSE) && n->n_backlash == 0)) {
                 continue;
             }
             for (int part = WHOLE; part <= (n->n_laws > 0 ? HALF : WHOLE); part++) {
@@ -143,7 +144,7 @@ static void take_lists(const needs *n, gsid_linear *linear, gsid_block *b) {
 }
 
 static void take_blocks(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
-    l->laws.n_channels = n->n_laws > 0 ? 1 + n->n_joints : 0;
+    l->laws.n_channels = n->n_laws > 0 ? 1 + n->n_backlash : 0;
     l->shape.width = n->linear.n + FORCING * l->laws.n_channels;
     l->laws.n = n->n_laws;
     l->laws.n_memories = n->n_memories;
@@ -216,7 +217,7 @@ static void list_items(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
         const gsid_plant_item *item = &l->stack.item[i];
         const uint32_t *column = l->stack.column + (size_t)i * GSID_EFFECT_PARAMETERS_MAX;
         if (item->effect->torque != NULL) {
-            const uint32_t channel = is_joint(item->effect) ? JOINT : AXIS;
+            const uint32_t channel = is_backlash(item->effect) ? BACKLASH : AXIS;
             const uint32_t memory = item->effect->has_memory ? l->shape.n_rows - 1 - n_memories++ : NONE;
             l->laws.law[n_laws++] = (plant_law){item, column, channel, memory, 0};
         }
@@ -266,8 +267,8 @@ gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_
 
 /* ---- values ---- */
 
-/* Square of the joint's angular rate: twist times acceleration by twist. */
-static gsid_real joint_rate_squared(const gsid_linear *a) {
+/* Square of the angular frequency of the gear's spring between motor and load: twist times acceleration by twist. */
+static gsid_real gear_frequency_squared(const gsid_linear *a) {
     gsid_real sum = 0;
     for (uint32_t i = 0; i < a->n_entries; i++) {
         for (uint32_t k = 0; a->entry[i].row == a->twist && k < a->n_entries; k++) {
@@ -279,12 +280,12 @@ static gsid_real joint_rate_squared(const gsid_linear *a) {
     return sum > 0 ? sum : 0;
 }
 
-/* Square of the steps a second that a law needs with the values of its item, by the slope of its torque at its steepest. */
+/* Square of the steps per second that a law needs with the values of its item, from the steepest slope of its torque. */
 static gsid_real steps_squared(const gsid_plant_layout *l, const gsid_linear *linear, const plant_law *law,
                                const gsid_plant_item *item) {
     gsid_real steepest = 0;
-    if (law->channel == JOINT) {
-        return joint_rate_squared(linear) / (JOINT_STEP_RAD * JOINT_STEP_RAD);
+    if (law->channel == BACKLASH) {
+        return gear_frequency_squared(linear) / (GEAR_STEP_RAD * GEAR_STEP_RAD);
     }
     for (int zone = -1; zone <= 1 && !item->effect->may_be_steep; zone++) {
         const gsid_motion motion = {.side = 1, .zone = zone, .unit_rad = l->laws.unit_rad};
@@ -330,7 +331,7 @@ static gsid_status plan_timing(const gsid_plant_cfg *cfg, const gsid_plant_layou
     return GSID_OK;
 }
 
-/* The rows of the states; first those that laws look at. */
+/* The rows of the states; first those that laws depend on. */
 static void order_rows(gsid_plant_layout *l) {
     const gsid_linear *a = &l->linear.a;
     uint32_t n = 0;
@@ -377,7 +378,7 @@ static void list_slope_columns(gsid_plant_layout *l, uint32_t n_free) {
     }
 }
 
-/* Make the draft what holds. */
+/* Put the draft into effect. */
 static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
     const gsid_linear built = l->linear.draft;
     l->linear.draft = l->linear.a;
@@ -398,7 +399,7 @@ static void adopt(gsid_plant_layout *l, const timing *t, uint32_t n_free) {
     }
 }
 
-/* The memory was laid out for these effects. */
+/* Whether the memory was laid out for these effects. */
 static int is_same_stack(const gsid_plant_cfg *cfg, const gsid_plant_layout *l) {
     uint32_t i = 0;
     while (i < cfg->n_items && cfg->item[i].effect == l->stack.item[i].effect) {

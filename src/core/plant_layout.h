@@ -16,7 +16,7 @@ size_t gsid_plant_size_within(const gsid_plant_cfg *cfg, size_t most);
 gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_size, gsid_plant_layout **layout);
 
 /* Check the values of the items and take them over; after a refusal the plant is as it was.
- * @param[out] has_same_states  0: the state is a different one now, the plant has to come to rest
+ * @param[out] has_same_states  0: the states are other ones now, so the plant must be reset
  * @return as gsid_plant_update */
 gsid_status gsid_plant_take_values(const gsid_plant_cfg *cfg, gsid_plant_layout *l, int *has_same_states);
 

@@ -58,11 +58,11 @@ void gsid_linear_delay(gsid_linear *to, uint32_t parameter, gsid_real delay_s) {
     }
 }
 
-static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage stage, int joints) {
+static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage stage, int backlash) {
     for (uint32_t i = 0; i < cfg->n_items; i++) {
         const gsid_effect *effect = cfg->item[i].effect;
-        const int is_joint = stage == GSID_STAGE_TORQUE && effect->n_states > 0;
-        if (effect->stage != stage || effect->linear == NULL || is_joint != joints) {
+        const int is_backlash = stage == GSID_STAGE_TORQUE && effect->n_states > 0;
+        if (effect->stage != stage || effect->linear == NULL || is_backlash != backlash) {
             continue;
         }
         to->item = i;
@@ -70,8 +70,8 @@ static void add_stage(const gsid_plant_cfg *cfg, gsid_linear *to, gsid_stage sta
     }
 }
 
-/* Torques that are not linear drive the axis, and react on the motor when they act in the joint; their entries of z follow
- * the states. */
+/* Torques that are not linear drive the axis; those of backlash also react on the motor. Their entries of z follow the
+ * states. */
 static void add_channels(const gsid_plant_cfg *cfg, gsid_linear *to) {
     uint32_t n_laws = 0;
     for (uint32_t i = 0; i < cfg->n_items; i++) {
@@ -87,7 +87,7 @@ static void add_channels(const gsid_plant_cfg *cfg, gsid_linear *to) {
     }
 }
 
-/* A joint comes first: it decides which row the motor drives. Lags shorter than instant_s are delays. */
+/* Backlash comes first: it decides which row the motor drives. Lags shorter than instant_s are delays. */
 static void build(const gsid_plant_cfg *cfg, gsid_real instant_s, gsid_linear *to) {
     to->n = GSID_Z_RATE + 1;
     to->command = GSID_Z_COMMAND;

@@ -12,8 +12,8 @@
 #define gsid_plant_series_move GSID_NAME(gsid_plant_series_move)
 #define gsid_plant_series_parts GSID_NAME(gsid_plant_series_parts)
 
-/* Whether an entry of A, or of a slope of it, acts in a regime: a held axis does not accelerate, and within the play the
- * joint's spring, which is all that looks at the twist, is slack. */
+/* Whether an entry of A, or of a slope of it, acts in a regime: a held axis does not accelerate, and within the backlash
+ * the gear's spring, the only term that depends on the twist, is slack. */
 static inline int gsid_plant_acts(const gsid_linear *a, int regime, gsid_linear_entry e) {
     return !((regime & HELD) && e.row == GSID_Z_RATE) && !((regime & LOOSE) && e.column == a->twist);
 }
@@ -23,14 +23,14 @@ static inline int gsid_plant_regime(const gsid_plant_layout *l) {
     return (l->regime.sticks ? HELD : 0) | (l->regime.is_loose ? LOOSE : 0);
 }
 
-/* The most that any values need: every lag with its state, and as many delays as when every lag is one. */
+/* The largest counts that any values need: states as when every lag is a state, delays as when every lag is a delay. */
 void gsid_plant_linear_count(const gsid_plant_cfg *cfg, gsid_linear *to);
 
 /* `to` brings its lists and the columns of the free parameters. */
 void gsid_plant_linear_build(const gsid_plant_cfg *cfg, gsid_linear *to);
 
-/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. What
- * drives the states from outside cannot make them faster. */
+/* Bound on the rates of A: the largest sum of a row, with angles scaled so that a spring counts with its frequency. Inputs
+ * cannot make the states faster. */
 gsid_real gsid_plant_fastest(const gsid_linear *a);
 
 /* The maps of a flow that are needed, for its length. */
@@ -40,10 +40,10 @@ void gsid_plant_flow_build(gsid_plant_layout *l, plant_flow *flow);
 void gsid_plant_flow_move(const gsid_plant_layout *l, const gsid_real *map, uint32_t n_rows, const gsid_real *z,
                           gsid_real *to);
 
-/* A series is summed up over so many parts of a length. */
+/* Number of parts of a length over which a series is summed. */
 uint32_t gsid_plant_series_parts(const gsid_plant_layout *l, gsid_real length_s);
 
-/* As gsid_plant_flow_move, for a length without a map: events do not wait for the end of a step. */
+/* As gsid_plant_flow_move, for a length without a map: an event cuts a step anywhere. */
 void gsid_plant_series_move(const gsid_plant_layout *l, gsid_real length_s, uint32_t n_rows, const gsid_real *z,
                             gsid_real *to);
 

@@ -14,18 +14,18 @@
 
 #ifdef GSID_SINGLE
 #define ROUNDING_UNIT FLT_EPSILON
-#define NEARLY 1e-5f /* samples: instants that rounding has parted are one */
+#define NEARLY 1e-5f /* samples: instants closer than this, by rounding, count as one */
 #else
 #define ROUNDING_UNIT DBL_EPSILON
 #define NEARLY 1e-9
 #endif
 
-/* After so many events in one step the rest of it runs without looking for more: bounded time. */
+/* After this many events in one step, the rest of the step is run without a search for more, to bound the time. */
 #define EVENTS_MAX 16
 #define SEARCH_MAX 50
 
-/* Steep laws: parts of the largest torque so far. By so much the torque at the end of a step may be off what was predicted,
- * and the one in the middle off the mean of both ends. */
+/* Tolerances of a step with steep laws, relative to the largest torque so far. SURPRISE: torque at the end of the step against
+ * its prediction. CURVED: torque in the middle against the mean of both ends. */
 #ifdef GSID_SINGLE
 #define SURPRISE 1e-4f
 #else
@@ -88,7 +88,7 @@ static void force(gsid_plant_layout *l, gsid_real start[3], gsid_real middle[3],
     }
 }
 
-/* The sample has taken so many moves that it is given up: bounded time, whatever the values. */
+/* The sample has taken so many moves that it is given up: this bounds the time, whatever the values. */
 static int is_spent(const gsid_plant_layout *l) {
     return l->motion.n_moves > GSID_PLANT_MOVES_MAX;
 }
@@ -134,8 +134,8 @@ static void advance(gsid_plant_layout *l, const plant_flow *flow, gsid_real leng
 
 /* ---- events ---- */
 
-/* Instant at which the first guard is broken, known to be before length_s: false position (Illinois), with a bisection now and
- * then. Only the value moves. */
+/* Instant at which the first guard is broken, known to be before length_s: false position (Illinois), with an occasional
+ * bisection. Values only, no sensitivities. */
 static gsid_real locate(gsid_plant_layout *l, gsid_real length_s, gsid_real margin_at_end) {
     const uint32_t n_active = l->shape.n_active, n_free = l->shape.n_free;
     gsid_real low = 0, high = length_s, at_low = look(l, l->z).margin, at_high = margin_at_end;
@@ -229,8 +229,8 @@ static void accept(gsid_plant_layout *l, gsid_real length_s) {
     swap(&l->z, &l->motion.next);
 }
 
-/* Whether the torques of the step to l->motion.next are not what it was made with: the parabola's last point is a prediction, and
- * three points far from a line may be a jump (PLT-4). */
+/* Whether the torques of the step to l->motion.next differ from those that the step was computed with. The parabola's last point
+ * is a prediction, and three points far from a straight line may hide a jump (PLT-4). */
 static int is_surprised(gsid_plant_layout *l) {
     gsid_real found[CHANNELS_MAX], off = 0, curved = 0;
     const gsid_real size = gsid_plant_torques_at_end(l, l->motion.next, found);
@@ -245,8 +245,8 @@ static int is_surprised(gsid_plant_layout *l) {
     return off > SURPRISE * l->steep.largest_torque || curved > CURVED * l->steep.largest_torque;
 }
 
-/* Length of a step, at most left_s, over which the torques are those that it is made with. Only the value moves. A law that
- * jumps surprises however short the step is. */
+/* Length of a step, at most left_s, over which the torques agree with those that the step is computed with. Values only, no
+ * sensitivities. With a law that jumps they never agree, however short the step is. */
 static gsid_real foreseeable(gsid_plant_layout *l, const plant_flow *maps, gsid_real left_s) {
     const uint32_t n_active = l->shape.n_active, n_free = l->shape.n_free;
     gsid_real length_s = l->steep.stride_s < left_s ? l->steep.stride_s : left_s;

@@ -9,10 +9,10 @@
 enum { VALUE = 0, FIRST_FREE = 1 };
 
 /* A channel is a place where laws act, with the torque over a step a parabola in time: three more entries of z. */
-enum { AXIS = 0, JOINT = 1, CHANNELS_MAX = 2, FORCING = 3 };
+enum { AXIS = 0, BACKLASH = 1, CHANNELS_MAX = 2, FORCING = 3 };
 
 enum { WHOLE = 0, HALF = 1 };
-/* Which linear motion holds between events: the axis held by friction, the joint within its play. */
+/* Which linear motion holds between events: the axis held by friction, the gear within its backlash. */
 enum { HELD = 1, LOOSE = 2, REGIMES = 4 };
 
 #define NONE UINT32_MAX
@@ -22,7 +22,7 @@ typedef struct {
     gsid_plant_item *item; /* [n_items] copies, made when the values were last found good */
     uint32_t *column;      /* [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
     int has_controller;
-    int looks_at_angle;   /* something depends on the angle */
+    int looks_at_angle;   /* an effect depends on the angle */
     int looks_at_command; /* a law depends on the motor's command */
 } plant_stack;
 
@@ -32,7 +32,7 @@ typedef struct {
     uint32_t n_rows;              /* rows in memory; the last are the laws' memories */
     uint32_t n_columns, n_active; /* in memory; in use */
     uint32_t n_free;              /* columns of free parameters in use: all or none */
-    uint32_t n_look, *row;        /* rows of the states; the first n_look are those that laws look at */
+    uint32_t n_look, *row;        /* rows of the states; laws depend on the first n_look of them */
 } plant_shape;
 
 /* The linear part, z' = A z. */
@@ -68,7 +68,7 @@ typedef struct {
 /* What is fixed between two events, together with the zones of the laws. */
 typedef struct {
     int sticks;     /* the axis is held by friction */
-    int is_loose;   /* the joint is within its play */
+    int is_loose;   /* the gear is within its backlash */
     gsid_real side; /* direction of motion, +1 or -1 */
 } plant_regime;
 
@@ -97,13 +97,13 @@ typedef struct {
 
 /* Steps of laws that may be steep. */
 typedef struct {
-    gsid_real stride_s;       /* length that the next step is tried with */
+    gsid_real stride_s;       /* length of the next step to try */
     gsid_real largest_torque; /* so far */
     uint32_t n_parts;         /* of this step so far */
     int is_given_up;          /* too steep, or too many moves in a sample */
 } plant_steepness;
 
-/* The sensor: what it shows, and when it is refreshed. */
+/* The sensor: its output, and when it is refreshed. */
 typedef struct {
     const gsid_plant_item *sampler; /* NULL: refreshed always */
     const uint32_t *column;         /* of the sampler's parameters */
@@ -111,11 +111,11 @@ typedef struct {
     gsid_real to_refresh;    /* from this sample's start to the next refresh [samples] */
     gsid_real since_start_s; /* of the refreshes so far */
     gsid_real time_s;        /* of the disturbances */
-    gsid_real *held;         /* [n_columns] what it shows until it is refreshed */
+    gsid_real *held;         /* [n_columns] its output until the next refresh */
     gsid_real *y;            /* work: [n_columns] */
 } plant_sensor;
 
-/* The command's way to the motor. */
+/* The path of the command to the motor. */
 typedef struct {
     uint32_t delay_samples; /* whole ones; the fraction is the first piece */
     uint32_t ring_columns, newest;

@@ -29,10 +29,10 @@ typedef struct {
     uint32_t first_shoot; /* column */
     int closed_loop;
     gsid_real angle_start; /* where the angle stays when nothing determines it */
-    gsid_real drift; /* change of the last period that no correction was promised to mend */
+    gsid_real drift; /* change over the last period that no correction was predicted to remove */
 } shooting;
 
-/* The commands on their way at the start are the period's last; in closed loop, those of the period before. */
+/* The delayed commands at the start are the last ones of the period; in closed loop, those of the period before. */
 static void fill_delay(shooting *s) {
     gsid_plant_layout *l = s->l;
     if (s->closed_loop) {
@@ -129,7 +129,7 @@ static void go_back(const shooting *s) {
     }
 }
 
-/* What one more period would change of a column of y, to first order: sum |dy/dx_j| |change of x_j|. */
+/* Change of a column of y over one more period, to first order: sum |dy/dx_j| |change of x_j|. */
 static gsid_real change_of(const shooting *s, uint32_t column) {
     gsid_real sum = 0;
     for (uint32_t j = 0; j < s->l->shooting.n; j++) {
@@ -138,7 +138,8 @@ static gsid_real change_of(const shooting *s, uint32_t column) {
     return sum;
 }
 
-/* What a column of the start makes of y: beside it, the change of a derivative that is 0 but for rounding is none. */
+/* Size of a column of y, with the share that the start contributes. Changes are judged relative to it, so that a derivative
+ * which is 0 apart from rounding counts as settled. */
 static gsid_real reach_of(const shooting *s, uint32_t column) {
     gsid_real sum = s->l->shooting.largest_dy[column];
     for (uint32_t j = 0; j < s->l->shooting.n; j++) {
@@ -164,8 +165,8 @@ static int is_settled(const shooting *s, gsid_real change) {
 }
 
 /* x0 += (I - Phi)^-1 (x(T) - x0), in the columns of the free parameters too: their fixed point obeys the same equation. A
- * direction with eigenvalue 1 is determined by nothing: it stays. After a failure only a part of the columns is corrected.
- * What the last one was stays in l->shooting.correction. */
+ * direction with eigenvalue 1 is undetermined and stays as it is. After a failure only a part of the columns is corrected.
+ * The last correction stays in l->shooting.correction. */
 static gsid_status correct_start(shooting *s) {
     gsid_plant_layout *l = s->l;
     const uint32_t n = l->shooting.n;
@@ -189,7 +190,7 @@ static gsid_status correct_start(shooting *s) {
     return status < 0 ? status : GSID_OK;
 }
 
-/* What the correction just made leaves of the change, to first order. */
+/* The change that remains after the last correction, to first order. */
 static gsid_real left_of_change(const shooting *s) {
     const gsid_plant_layout *l = s->l;
     gsid_real sum = 0;
@@ -204,8 +205,9 @@ static gsid_real left_of_change(const shooting *s) {
 }
 
 /* After a good period: correct the start.
- * @param[out] before  the change, which the next period has to halve; INFINITY where no start stops the drift and only time may
- * @return 1 when time has not */
+ * @param[out] before  the change, which the next period has to halve; INFINITY where no start removes the drift: the plant is
+ *                     then simulated further
+ * @return 1 when further simulation has not halved the drift either */
 static int correct_or_drift(shooting *s, gsid_real change, gsid_real *before) {
     keep(s);
     *before = correct_start(s) == GSID_OK ? change : INFINITY;
@@ -227,9 +229,9 @@ static gsid_status pass(shooting *s, gsid_real *change) {
     return gsid_plant_health(s->l);
 }
 
-/* Where Newton's method does not help (an orbit that sticks can be one of many, one with impacts can be unstable), time may:
- * the search goes on from where the last good period ended. It ends when all columns repeat, or with `approach` when the next
- * step will end at rounding. */
+/* Newton's method can fail: an orbit with sticking can be one of many, one with impacts can be unstable. The search then goes on
+ * from the end of the last good period, which is plain simulation. It ends when all columns repeat, or with `approach` when the
+ * next step will end at rounding. */
 static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real *change) {
     gsid_real before = INFINITY;
     s->drift = INFINITY;
@@ -261,8 +263,9 @@ static gsid_status shoot(shooting *s, uint32_t n_newton, int approach, gsid_real
     return status == GSID_OK ? GSID_MAX_ITER : status;
 }
 
-/* First the values alone, without the columns of the free parameters, which are most. In closed loop what is under way has to
- * settle too, sensitivities and all; and a plant that is linear between events takes but one step. */
+/* First the values alone, without the columns of the free parameters, which are most of the work. Not so in closed loop, where
+ * the delayed commands and their sensitivities have to settle too, nor for a plant that is linear between events, which takes
+ * only one step. */
 static gsid_status find_orbit(shooting *s, uint32_t n_newton, gsid_real *change) {
     gsid_plant_layout *l = s->l;
     const uint32_t n_free = l->shape.n_free;
@@ -280,7 +283,7 @@ static gsid_status find_orbit(shooting *s, uint32_t n_newton, gsid_real *change)
 }
 
 /* One step of Newton's method from rest: exact where no law acts and no loop is closed behind a delay. A controller's
- * commands under way and angles seen are no part of the state that is corrected: they stay those of the period from rest. */
+ * delayed commands and measured angles are not part of the corrected state: they stay those of the period from rest. */
 static gsid_status find_linear_orbit(shooting *s) {
     gsid_plant_layout *l = s->l;
     l->shape.n_free = 0;

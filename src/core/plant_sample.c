@@ -102,8 +102,8 @@ void gsid_plant_take_command(gsid_plant_layout *l) {
     memcpy(l->z + GSID_Z_COMMAND * l->shape.n_columns, command_given(l, l->command.delay_samples), n * sizeof *l->z);
 }
 
-/* The command that the motor sees changes at an instant that moves with the delay, dt*= d delay: S jumps by f before - f
- * after. This is what makes the delay a smooth parameter. */
+/* The motor's command switches at an instant that moves with the delay, dt* = d delay: S jumps by f before - f after. With
+ * this jump the output is a smooth function of the delay. */
 static void switch_command(gsid_plant_layout *l) {
     const int moves = l->shape.n_free > 0 && l->linear.a.n_delays > 0;
     gsid_real before[GSID_Z_MAX], after[GSID_Z_MAX];

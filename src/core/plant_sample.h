@@ -10,19 +10,19 @@
 #define gsid_plant_sample GSID_NAME(gsid_plant_sample)
 #define gsid_plant_take_command GSID_NAME(gsid_plant_take_command)
 
-/* A command on its way: through controller and static maps into the delay. */
+/* Pass a command through controller and static maps into the delay. */
 void gsid_plant_give(gsid_plant *plant, gsid_real u);
 
 /* The motor gets the command given a delay ago. */
 void gsid_plant_take_command(gsid_plant_layout *l);
 
-/* Derivatives of commands and angles on their way, from this column on, are 0. */
+/* Set the derivatives of the delayed commands and of the controller's angles to 0, from this column on. */
 void gsid_plant_clear_ring(gsid_plant_layout *l, uint32_t first_column);
 
 /* Take a command, and move to the end of the sample. */
 void gsid_plant_sample(gsid_plant *plant, gsid_real u);
 
-/* GSID_OK, or why the state is no longer to be believed. */
+/* GSID_OK, or why the state is no longer valid. */
 gsid_status gsid_plant_health(const gsid_plant_layout *l);
 
 #endif

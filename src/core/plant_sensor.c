@@ -1,4 +1,4 @@
-/* The sensor of a plant: what it shows of the motion, refreshed at its own rate, and what disturbs it. */
+/* The sensor of a plant: its output, refreshed at its own rate, and its disturbances. */
 #include <string.h>
 
 #include "plant_laws.h"
@@ -14,7 +14,7 @@ static void add_signal(const gsid_plant_layout *l, const gsid_real *z, gsid_real
     }
 }
 
-/* The k-th refresh at t = k / rate moves with the rate by -t / rate, and the signal seen with it. */
+/* The k-th refresh at t = k / rate moves with the rate by -t / rate, and so does the sampled signal. */
 void gsid_plant_refresh(gsid_plant_layout *l, const gsid_real *z) {
     add_signal(l, z, l->sensor.held);
     const uint32_t by = l->sensor.column[0];

@@ -9,7 +9,7 @@
 #define gsid_plant_refresh GSID_NAME(gsid_plant_refresh)
 #define gsid_plant_start_refresh GSID_NAME(gsid_plant_start_refresh)
 
-/* What the sensor shows, [n_active]. */
+/* Output of the sensor, [n_active]. */
 void gsid_plant_output(const gsid_plant_layout *l, gsid_real *y);
 
 /* y += effects that are not locked to the excitation. */

@@ -33,7 +33,7 @@ gsid_cplx gsid_rational_variable(const gsid_rational *model, gsid_real w_rad_s) 
 }
 
 /* Eq: MOD-1 */
-/* What a hand may have written into the struct, before its arrays are read by it. */
+/* Checks the orders before they index the arrays: the caller may have written any value into the struct. */
 static int has_orders(const gsid_rational *model) {
     return model->n_poles <= GSID_ORDER_MAX && model->n_zeros <= GSID_ORDER_MAX;
 }
@@ -53,7 +53,7 @@ gsid_status gsid_rational_eval(const gsid_rational *model, uint32_t n_freq, cons
     if (!has_orders(model)) {
         return GSID_E_CONFIG;
     }
-    if (n_freq == 1) { /* the same in half the time: fits ask line by line */
+    if (n_freq == 1) { /* the same in half the time: fits evaluate line by line */
         const gsid_cplx one = response(model, f_hz[0]);
         if (!gsid_cplx_is_finite(one)) {
             return GSID_E_NONFINITE;

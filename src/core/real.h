@@ -1,4 +1,4 @@
-/* Maths in the precision of the build, so that no float build ever computes in double behind our back. */
+/* Maths in the precision of the build, so that a float build never computes in double unnoticed. */
 #ifndef GSID_REAL_H
 #define GSID_REAL_H
 
@@ -39,12 +39,12 @@
 /* Longest period [samples]: a phase index plus a line number stays inside 32 bits. */
 #define GSID_N_PERIOD_MAX (UINT32_C(1) << 30)
 
-/* Whether gsid_is_finite sees a NaN: GSID_OK or GSID_E_BUILD. -fno-honor-nans takes that away and defines
- * no macro, so that objects look when they are initialised.  types.c */
+/* Whether gsid_is_finite detects a NaN: GSID_OK or GSID_E_BUILD. -fno-honor-nans disables that and defines
+ * no macro, so objects check it when they are initialised.  In types.c. */
 #define gsid_check_build GSID_NAME(gsid_check_build)
 gsid_status gsid_check_build(void);
 
-/* A count that saturates: a wrap to 0 after 2^32 would be a share of 1/0. */
+/* A count that saturates: a wrap to 0 after 2^32 would give a weight of 1/0. */
 static inline uint32_t gsid_count(uint32_t n, uint32_t more) {
     return more > UINT32_MAX - n ? UINT32_MAX : n + more;
 }
@@ -68,7 +68,7 @@ static inline gsid_real gsid_hypot(gsid_real a, gsid_real b) {
     return large * gsid_sqrt(1 + ratio * ratio);
 }
 
-/* Infinity less itself is not a number. An instruction less than isfinite, and its constant. */
+/* Infinity minus itself is not a number. This needs one instruction and one constant less than isfinite. */
 static inline int gsid_is_finite(gsid_real x) {
     return x - x == 0;
 }

@@ -46,7 +46,7 @@ static inline void gsid_residual_tilt(const gsid_frd *data, uint32_t k, gsid_cpl
     e->tilt = gsid_cplx_scale(weight * weight, e->tilt);
 }
 
-/* The error at line k when the model answers g. */
+/* The error at line k when the model's response is g. */
 static inline gsid_residual gsid_residual_at(const gsid_frd *data, uint32_t k, gsid_cplx g) {
     if (data->logarithmic) {
         return gsid_residual_logarithmic(data, k, g);

@@ -67,8 +67,8 @@ gsid_status gsid_spectrum_reset(gsid_spectrum *s) {
     return GSID_OK;
 }
 
-/* FRF-1. Two loops, because a loop over channels inside costs half the speed; and local copies of its fields, because it
- * might be what the sums are written into, for all the compiler knows. */
+/* FRF-1. Two loops, because an inner loop over channels halves the speed. Local copies of the fields, because the compiler
+ * must otherwise assume that writing a sum changes them. */
 gsid_status gsid_spectrum_sum(gsid_spectrum *s, gsid_real u, gsid_real y) {
     const uint32_t n_period = s->cfg.n_period, *line = s->cfg.line, *end = line + s->cfg.n_lines;
     const gsid_cplx *twiddle = s->cfg.twiddle;

@@ -3,7 +3,7 @@
 #include "complex_math.h"
 #include "streaming.h"
 
-/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a tick that lets a line enter a mean: only their ratios
+/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a tick that adds a line to a mean. Only their ratios
  * matter. */
 static const uint16_t cost_of[8] = {[2] = 36, [3] = 61, [4] = 71, [5] = 112, [7] = 450};
 enum { COST_LINE = 90 };
@@ -41,12 +41,12 @@ static uint32_t plan(gsid_spread *s, uint32_t budget) {
         s->n_ticks += ticks_for(n_points / s->radix[i], per_tick);
     }
     s->lines_per_tick = times_in(COST_LINE * s->cfg.n_channels, budget);
-    s->n_ticks += s->n_stages; /* from each stage to what follows */
+    s->n_ticks += s->n_stages; /* one from each stage to the next: see next_stage */
     return s->n_ticks + ticks_for(s->cfg.n_lines, s->lines_per_tick);
 }
 
-/* The smallest slices that are done in less than a period, but no smaller than what cannot be cut: and half of the cheapest
- * butterfly more, since whole numbers of the cheap ones stay below it more often than they pass it. */
+/* The smallest slices whose work is done in less than a period. A slice is no smaller than one butterfly or one line, plus half
+ * of the cheapest butterfly, because whole numbers of the cheap ones fall short of the budget more often than they exceed it. */
 static void make_plan(gsid_spread *s) {
     uint32_t budget = COST_LINE * s->cfg.n_channels;
     for (uint32_t i = 0; i < s->n_stages; i++) {
@@ -193,7 +193,7 @@ static void butterfly_5(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
     *x4 = gsid_cplx_mul_conj(gsid_cplx_plus_j(even_1, odd_1), w[4 * step]);
 }
 
-/* In loops, for the sake of its code: it is the rarest, and the dearest by far. */
+/* In loops, to keep its code small: this butterfly is the rarest and by far the costliest. */
 static void butterfly_7(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
     const gsid_cplx *w = s->cfg.twiddle;
     const uint32_t n_period = s->cfg.n_period, radix = 7, span = s->span;
@@ -236,7 +236,7 @@ static void begin_stage(gsid_spread *s, uint32_t stage) {
     s->left = s->cfg.n_channels * (s->cfg.n_period / 2) / radix;
 }
 
-/* A tick of its own, so that none has to do both. */
+/* Takes a tick of its own, so that no tick has to do this and a slice. */
 static void next_stage(gsid_spread *s) {
     if (s->stage + 1 < s->n_stages) {
         s->stride *= s->radix[s->stage];
@@ -271,7 +271,7 @@ gsid_status gsid_spread_slice(gsid_spread *s) {
 
 /* ---- the samples ---- */
 
-/* The buffers change places, unless samples are missing from the one that was filled. */
+/* Swap the buffers, unless samples are missing from the one that was filled. */
 gsid_status gsid_spread_end(gsid_spread *s) {
     s->has_lines = 0;
     if (s->has_gap) {

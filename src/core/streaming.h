@@ -1,5 +1,5 @@
-/* The streaming measurement inside: the work of a tick without the checks that gsid_frf_step has made already, and what the
- * engines of gsid_frf have in common. Shared by spectrum.c, spread.c and frf*.c only. */
+/* Internals of the streaming measurement: the work of a tick without the checks that gsid_frf_step has already made, and what
+ * the engines of gsid_frf share. For spectrum.c, spread.c and frf*.c only. */
 #ifndef GSID_STREAMING_H
 #define GSID_STREAMING_H
 
@@ -17,12 +17,12 @@
 #define gsid_frf_add_measured GSID_NAME(gsid_frf_add_measured)
 #define gsid_frf_leave_out GSID_NAME(gsid_frf_leave_out)
 
-/* gsid_spectrum_step of arguments that are known to be good, of the next sample of a period that is not complete. y is the
- * first channel, u the second, and anything where there is no second. */
+/* As gsid_spectrum_step, without its checks: the arguments are valid and the period is not complete yet. y is the first
+ * channel, u the second; with one channel u is ignored. */
 gsid_status gsid_spectrum_sum(gsid_spectrum *s, gsid_real u, gsid_real y);
 void gsid_spectrum_clear(gsid_spectrum *s);
 
-/* FRF-1, one term of one line; and its exp(j 2 pi k n / N), whose phase moves on. */
+/* FRF-1: one term of one line; and its exp(j 2 pi k n / N), after which the phase is advanced. */
 static inline gsid_cplx gsid_spectrum_add(gsid_cplx sum, gsid_real x, gsid_cplx w) {
     return gsid_cplx_make(sum.re + x * w.re, sum.im - x * w.im);
 }
@@ -34,11 +34,11 @@ static inline gsid_cplx gsid_spectrum_turn(uint32_t n_period, const gsid_cplx *t
     return w;
 }
 
-/* The parts of gsid_spread_step, of an object that is known to be good: a slice of the transform, where some is left. Always
- * GSID_OK, for a tick that ends with it. */
+/* The parts of gsid_spread_step, for a valid object. First: one slice of the transform, if any is left. Always returns GSID_OK,
+ * so that a tick can end by returning it. */
 gsid_status gsid_spread_slice(gsid_spread *s);
 
-/* One sample into its place. Nonzero: it was the last one of a period, which is to be ended. */
+/* Store one sample. Returns nonzero at the last sample of a period: call gsid_spread_end then. */
 static inline int gsid_spread_put(gsid_spread *s, gsid_real u, gsid_real y) {
     const uint32_t n_period = s->cfg.n_period, next = s->next;
     gsid_real *place = s->filling + next;
@@ -55,10 +55,10 @@ static inline uint32_t gsid_spread_n(const gsid_spread *s) {
     return s->next >= s->cfg.n_first ? s->next - s->cfg.n_first : s->next + s->cfg.n_period - s->cfg.n_first;
 }
 
-/* The transform of the period begins: GSID_OK; or samples of it are missing: GSID_SPOILED. */
+/* Begin the transform of the period and return GSID_OK; or GSID_SPOILED if samples of it are missing. */
 gsid_status gsid_spread_end(gsid_spread *s);
 
-/* The loss of some samples: GSID_SPOILED, the end of a period was passed. */
+/* Account for lost samples. Returns GSID_SPOILED if the end of a period was passed. */
 gsid_status gsid_spread_pass(gsid_spread *s, uint32_t n_samples);
 
 /* FRF-3, real samples: a line, neither 0 nor N/2, of a complete transform Z of x[2m] + j x[2m+1]. With * the mirror image
@@ -73,7 +73,8 @@ static inline gsid_cplx gsid_spread_read(const gsid_cplx *work, const uint32_t *
     return gsid_cplx_scale(scale, gsid_cplx_minus_j(gsid_cplx_add(z, mirror), odd));
 }
 
-/* What makes lines of samples. Reached through a pointer, so that the linker leaves out an engine that is not used. */
+/* An engine: it computes lines from samples. It is reached through a pointer, so that the linker leaves out the one that is not
+ * used. */
 struct gsid_frf_engine {
     size_t (*mem_size)(const gsid_spectrum_cfg *cfg); /* 0: refused */
     gsid_status (*init)(gsid_frf *frf, const gsid_spectrum_cfg *cfg, void *mem, size_t mem_size);
@@ -90,13 +91,13 @@ static inline uint32_t gsid_frf_channels(const gsid_frf_cfg *cfg) {
     return cfg->u_known == NULL ? 2 : 1;
 }
 
-/* The share of a period in the mean of so many. */
+/* The weight of one period in the mean of n_periods. */
 static inline gsid_real gsid_frf_share(uint32_t n_periods) {
     return GSID_R(1.0) / (gsid_real)n_periods;
 }
 
-/* FRF-2: with d the distance of the new period from the old mean. Nothing is ever the difference of two large sums, as it
- * would be with sums of squares. */
+/* FRF-2, with d the distance of the new period from the old mean. No difference of two large sums is formed, as it would be
+ * with sums of squares. */
 static inline gsid_cplx gsid_frf_welford(gsid_real share, gsid_cplx x, gsid_cplx *mean, gsid_real *m2) {
     const gsid_cplx d = gsid_cplx_sub(x, *mean);
     *mean = gsid_cplx_add(*mean, gsid_cplx_scale(share, d));

@@ -27,7 +27,7 @@ const char *gsid_status_hint(gsid_status status) {
     }
 }
 
-/* Volatile: the compiler may not answer in advance. */
+/* Volatile, so that the compiler cannot evaluate the check in advance. */
 gsid_status gsid_check_build(void) {
     const volatile gsid_real nan = (gsid_real)NAN;
     return gsid_is_finite(nan) ? GSID_E_BUILD : GSID_OK;

@@ -60,6 +60,6 @@ const gsid_effect_facts FACTS(gear_backlash) = {
     .law =
         "between motor (inertia inertia_ratio) and load: stiffness times the twist beyond +-gap_deg / 2, damping times "
         "its rate",
-    .linear_part = GSID_LINEAR_JOINT,
+    .linear_part = GSID_LINEAR_BACKLASH,
     .parameter = {{0}, {.in_response = 1}, {0}, {.in_response = 1}},
 };

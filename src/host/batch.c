@@ -108,3 +108,16 @@ gsid_status gsid_batch_frf_step(gsid_frf *frf, size_t n, const double *u, const 
     }
     return GSID_OK;
 }
+
+gsid_status gsid_batch_rational_gradient(const gsid_rational *model, uint32_t n_freq, const double *f_hz, gsid_cplx *g,
+                                         gsid_cplx *gradient) {
+    if (model == NULL || (n_freq > 0 && (f_hz == NULL || g == NULL || gradient == NULL))) {
+        return GSID_E_NULL;
+    }
+    gsid_status status = GSID_OK;
+    for (uint32_t k = 0; k < n_freq && status == GSID_OK; k++) {
+        const size_t row = (size_t)k * (model->n_poles + model->n_zeros + 2);
+        status = gsid_rational_gradient(model, f_hz[k], g + k, gradient + row);
+    }
+    return status;
+}

@@ -15,8 +15,8 @@
 #define HOPELESS 2 /* times the least cost so far: a start still above it after the first iterations is given up */
 #define HOLD_ROUNDS_MAX 12
 #define HOLD_SETTLED 0.005 /* of V, or of V per line where that is less: as in gsid_estimate_ml */
-#define FEW_PARAMETERS 8 /* more are often a surplus, which has roots far above the lines without harm */
-#define BEGUN_MAX 8 /* times that a fit begins again from another delay */
+#define FEW_PARAMETERS 8 /* with more, a model is often over-parameterised, and far roots do no harm */
+#define BEGUN_MAX 8 /* most restarts of a fit from another delay */
 #define FAST_POLE 2 /* over the sample time: beyond, there may be a lower minimum */
 #define HOLD_SETTLED_LINEAR 1e-6 /* of the response: linear methods stop at a fixed point, not at the least V */
 
@@ -34,7 +34,7 @@ static void run_free(fit_run *r) {
     free(r->mem);
 }
 
-/* What a method needs besides the response. */
+/* Check the data that a method needs besides the response. */
 static gsid_status check_needs(const gsid_frd *data, const gsid_fit_cfg *cfg) {
     if (cfg->method == GSID_METHOD_ML_INPUT_OUTPUT && (data->var_u == NULL || data->cov_yu == NULL)) {
         return GSID_E_NULL;
@@ -123,7 +123,10 @@ static gsid_status run_init(fit_run *r, const gsid_frd *data, const gsid_fit_cfg
         return GSID_E_NO_MEMORY;
     }
     for (uint32_t k = 0; k < data->n_lines; k++) {
-        r->hold[k] = cfg->hold ? gsid_fit_hold(GSID_TWO_PI * data->f_hz[k], cfg->sample_s) : gsid_cplx_make(1, 0);
+        r->hold[k] = gsid_cplx_make(1, 0);
+    }
+    if (cfg->hold) {
+        gsid_hold_factor(cfg->sample_s, data->n_lines, data->f_hz, r->hold);
     }
     r->work.n_lines = data->n_lines;
     r->work.f_hz = data->f_hz;
@@ -239,7 +242,7 @@ static gsid_status fit_again(fit_run *r, fit_candidate *c) {
     return refine_best(r, 1, &start, c);
 }
 
-/* Linear methods: fit again with the model's images taken off, until the model changes no further. */
+/* Linear methods: repeat the fit with the images of the model subtracted, until the model no longer changes. */
 static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candidate *best) {
     int settled = 0;
     for (int i = 0; i < HOLD_ROUNDS_MAX && !settled && how >= 0; i++) {
@@ -260,8 +263,8 @@ static gsid_status settle_images_linear(fit_run *r, gsid_status how, fit_candida
     return status != GSID_OK ? status : settled ? how : GSID_MAX_ITER;
 }
 
-/* Fit again with the model's images taken off, until V falls no further. V is that of a model with its own images off. `how` is
- * the status of the first fit; returns that of the best, or GSID_MAX_ITER. */
+/* Repeat the fit with the images of the model subtracted, until V no longer falls. V is that of a model less
+ * its own images. `how` is the status of the first fit; returns that of the best, or GSID_MAX_ITER. */
 static gsid_status settle_images(fit_run *r, gsid_status how, fit_candidate *best) {
     fit_candidate c = *best;
     gsid_status status = GSID_OK, best_how = how;
@@ -303,7 +306,7 @@ static int has_fast_pole(const fit_run *r, const gsid_rational *model) {
     return sqrt(fastest) * model->scale_rad_s * r->cfg.sample_s > FAST_POLE;
 }
 
-/* Begin again with the delay fixed, then free it, and take the lower of the two. */
+/* Restart with the delay fixed, then free it. Keeps the better of this fit and the one before. */
 static gsid_status begin_from_delay(fit_run *r, double delay_s, gsid_status how, fit_candidate *best) {
     fit_candidate c;
     r->cfg.delay = GSID_DELAY_FIXED;
@@ -324,8 +327,8 @@ static gsid_status begin_from_delay(fit_run *r, double delay_s, gsid_status how,
     return status != GSID_OK ? status : how;
 }
 
-/* Behind a hold V has another minimum where a delay takes the place of a fast pole. Begin again with the delay at the sample
- * before, where the pole is found. */
+/* Behind a hold V has another minimum, where a delay replaces a fast pole. Restart with the delay at the sample before, from
+ * where the fit finds the pole. */
 static gsid_status settle_from_sample(fit_run *r, gsid_status how, fit_candidate *best) {
     const size_t n_drift = (size_t)r->data->n_lines * (r->cfg.n_poles + r->cfg.n_zeros + 2);
     memset(r->images, 0, r->data->n_lines * sizeof *r->images);
@@ -335,7 +338,7 @@ static gsid_status settle_from_sample(fit_run *r, gsid_status how, fit_candidate
     return begin_from_delay(r, fmax(0, floor(best->model.delay_s / r->cfg.sample_s)) * r->cfg.sample_s, how, best);
 }
 
-/* Sum of Re(1/x) over the roots x [rad/s] beyond the highest frequency: what they do to the slope of the phase at 0. */
+/* Sum of Re(1/x) over the roots x [rad/s] beyond the highest frequency: their contribution to the slope of the phase at 0. */
 static gsid_status slope_of_far_roots(const fit_run *r, uint32_t degree, const double *coef, double scale,
                                       double *slope_s) {
     const double w_max = GSID_TWO_PI * gsid_fit_highest_frequency(r->data);
@@ -352,7 +355,7 @@ static gsid_status slope_of_far_roots(const fit_run *r, uint32_t degree, const d
     return status;
 }
 
-/* The delay that the roots beyond the highest frequency stand for, 0 without such roots. */
+/* The delay equivalent to the roots beyond the highest frequency; 0 without such roots. */
 static double delay_of_far_roots(const fit_run *r, const gsid_rational *m) {
     double by_zeros, by_poles;
     if (m->domain != GSID_DOMAIN_S || slope_of_far_roots(r, m->n_zeros, m->num, m->scale_rad_s, &by_zeros) < 0 ||
@@ -362,16 +365,16 @@ static double delay_of_far_roots(const fit_run *r, const gsid_rational *m) {
     return by_zeros - by_poles;
 }
 
-/* Whether V, by the measured variance, is more than noise leaves of a right model by a standard deviation. */
+/* Whether V, with the measured variance, exceeds that of a correct model by more than a standard deviation. */
 static int leaves_more_than_noise(const fit_run *r, const gsid_rational *model) {
     const double n = r->data->n_lines - gsid_fit_n_parameters(&r->cfg) / 2.0, dof = r->cfg.sigma_dof;
     const double mean = dof > 1 ? dof / (dof - 1) : 1, variance = dof > 2 ? dof / (dof - 2) : 1;
     return gsid_fit_cost_by_variance(r, model) > mean * (n + sqrt(n * variance));
 }
 
-/* V has minima beside the least where a pole and a zero far above the lines make up for a wrong delay, and are missing where
- * the plant has its own. Begin again with the delay that they stand for, and with parts of it where V is more than noise leaves,
- * until that lowers V no further. */
+/* V has local minima in which a pole and a zero far above the lines compensate a wrong delay, while those of the plant are not
+ * found. Restart with the delay equivalent to these roots, and with fractions of it if V is more than noise leaves, until V no
+ * longer falls. */
 static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *best) {
     static const double parts[] = {1, 0.9, 0.75};
     const int has_few = gsid_fit_n_parameters(&r->cfg) <= FEW_PARAMETERS;
@@ -383,7 +386,7 @@ static gsid_status settle_far_roots(fit_run *r, gsid_status how, fit_candidate *
         }
         how = begin_from_delay(r, best->model.delay_s + parts[i] * shift_s, how, best);
         const int is_lower = best->cost < last - HOLD_SETTLED * fmin(1, last / r->work.n_lines);
-        i = is_lower ? 0 : i + 1; /* the lower minimum may have such roots, too */
+        i = is_lower ? 0 : i + 1; /* the lower minimum may have such roots too */
     }
     return how;
 }

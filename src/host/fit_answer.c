@@ -57,7 +57,7 @@ static void multiply(uint32_t n, const double *a, const double *b, double *produ
 }
 
 /* Covariance of an estimate that minimises sum w^2 |g - G|^2 while the errors of g have variance sigma^2:
- * M^-1 N M^-1 / 2, M = sum w^2 Re(x x^H). For ML it is Fisher's.  Eq: EST-6 */
+ * M^-1 N M^-1 / 2, M = sum w^2 Re(x x^H). For ML it is the inverse of Fisher's information.  Eq: EST-6 */
 static gsid_status covariance(fit_run *r, const gsid_rational *model, gsid_fit_result *result) {
     const uint32_t n = result->n_parameters;
     double *memory = malloc(3 * (size_t)n * n * sizeof *memory);

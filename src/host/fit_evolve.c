@@ -17,11 +17,11 @@ gsid_status gsid_fit_evolve(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
 
 #else
 
-/* The settings of the thesis; its genes were the coefficients. One population finds a light resonance every other time:
- * several are bred, from seeds of their own. */
+/* The settings of the thesis, where the genes were the coefficients. One population finds a lightly damped resonance in half of
+ * the cases, so several are used, each with its own seed. */
 #define POPULATION 80
 #define GENERATIONS 100
-#define BEYOND 2 /* poles are looked for from 1/BEYOND of the lowest line to BEYOND times the highest */
+#define BEYOND 2 /* poles are searched from the lowest line / BEYOND to the highest line * BEYOND */
 #define DAMPING_LEAST 3e-3
 #define DAMPING_MOST 2.0
 
@@ -67,8 +67,8 @@ static void set_denominator(const gsid_cplx *pole, gsid_rational *model) {
     }
 }
 
-/* Eq: EST-10. Weighed between absolute and relative errors: with the former a resonance where the response is small is lost beside small
- * errors of where it is large. */
+/* Eq: EST-10. Weights between absolute and relative errors: with absolute errors a resonance at a small response would be lost
+ * beside small errors at a large one. */
 static void weigh(fit_run *r) {
     for (uint32_t k = 0; k < r->thin.n_lines; k++) {
         const double size = hypot(r->thin_g[k].re, r->thin_g[k].im);

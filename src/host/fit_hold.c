@@ -3,7 +3,7 @@
 #include "../core/complex_math.h"
 #include "fit_run.h"
 
-/* Standard deviation of g / hold by the method: what its squares are weighted with. */
+/* Standard deviation of g / hold with which the method weights its squares. */
 static double sigma_of(const fit_run *r, uint32_t k, double hold_size) {
     switch (r->cfg.method) {
     case GSID_METHOD_ML:
@@ -18,7 +18,7 @@ static double sigma_of(const fit_run *r, uint32_t k, double hold_size) {
     }
 }
 
-/* g, its errors and theirs with the input, freed of the hold: (measured - images) / hold.  Eq: MOD-2 */
+/* g, its errors and their covariance with the input, without the hold: (measured - images) / hold.  Eq: MOD-2 */
 void gsid_fit_free_of_hold(fit_run *r) {
     for (uint32_t k = 0; k < r->data->n_lines; k++) {
         r->g[k] = gsid_cplx_div(gsid_cplx_sub(r->data->g[k], r->images[k]), r->hold[k]);
@@ -28,12 +28,6 @@ void gsid_fit_free_of_hold(fit_run *r) {
             r->cov_yu[k] = gsid_cplx_div(gsid_cplx_sub(r->data->cov_yu[k], of_images), r->hold[k]);
         }
     }
-}
-
-/* (1 - exp(-j w T)) / (j w T), the response of the zero-order hold. */
-gsid_cplx gsid_fit_hold(double w_rad_s, double sample_s) {
-    const double x = w_rad_s * sample_s / 2;
-    return gsid_cplx_scale(x == 0 ? 1 : sin(x) / x, gsid_cplx_cis(-x));
 }
 
 /* What sampling folds back of a held input: the held response less hold times G. */
@@ -56,7 +50,7 @@ static double *parameter(gsid_rational *model, uint32_t i) {
     return i <= model->n_zeros ? &model->num[i] : &model->delay_s;
 }
 
-/* Steps of the parameters that change the response by a millionth of its size: small for the model, large for rounding. */
+/* Steps of the parameters that change the response by a millionth: small for the model, large against rounding. */
 static gsid_status difference_steps(const fit_run *r, const gsid_rational *model, double *step) {
     const uint32_t n = r->cfg.n_poles + r->cfg.n_zeros + 2;
     double size = 0, by_parameter[GSID_RATIONAL_PARAMETERS_MAX] = {0};
@@ -77,7 +71,7 @@ static gsid_status difference_steps(const fit_run *r, const gsid_rational *model
     return GSID_OK;
 }
 
-/* How the images change with the parameters, by differences. */
+/* Derivatives of the images by the parameters, from finite differences. */
 static gsid_status set_drift(fit_run *r, const gsid_rational *model) {
     const uint32_t n = r->data->n_lines, stride = r->cfg.n_poles + r->cfg.n_zeros + 2;
     double step[GSID_RATIONAL_PARAMETERS_MAX];
@@ -94,7 +88,7 @@ static gsid_status set_drift(fit_run *r, const gsid_rational *model) {
     return status;
 }
 
-/* Take the images of a model off the data; a gsid_ml_cfg's update. */
+/* Subtract the images of a model from the data: the `update` of a gsid_ml_cfg. */
 gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int with_drift) {
     fit_run *r = user;
     gsid_status status = images_of(r, model, r->images);

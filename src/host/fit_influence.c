@@ -5,21 +5,21 @@
 #include "../core/complex_math.h"
 #include "fit_run.h"
 
-/* Linear methods: how far the error of each line moves the estimate, which gives its covariance and its bias.  Eq: EST-6, EST-11 */
+/* Linear methods: the influence of each line's error on the estimate, from which its covariance and bias follow.
+ * Eq: EST-6, EST-11 */
 typedef struct {
     const fit_run *r;
     const gsid_rational *model;
     uint32_t n, n_linear;           /* parameters; without the delay */
     double *inverse;                /* [n_linear][n_linear] M^-1 */
     double along[GSID_RATIONAL_PARAMETERS_MAX];    /* [n_linear] change of the linear parameters with the delay */
-    double pull
-        [GSID_RATIONAL_PARAMETERS_MAX]; /* [n_linear] M^-1 q, q how the output error falls with them along the delay */
-    double slope2; /* sum of |z|^2, z the change of the response with the delay, all parameters following */
+    double coupling[GSID_RATIONAL_PARAMETERS_MAX]; /* [n_linear] M^-1 q, q as in second_pass */
+    double slope2; /* sum of |z|^2, z the derivative of the response by the delay with all others following */
 } influence;
 
-/* One line as the method sees it. */
+/* The terms of one line. */
 typedef struct {
-    gsid_cplx x[GSID_RATIONAL_PARAMETERS_MAX]; /* derivatives of the model less those of the data */
+    gsid_cplx x[GSID_RATIONAL_PARAMETERS_MAX]; /* derivatives of the model minus those of the data */
     gsid_cplx z;
     gsid_cplx v, a; /* variable, and denominator at it */
     double u2; /* weight of the output error, squared */
@@ -85,7 +85,7 @@ static gsid_status first_pass(influence *in, double *mixed, double *noise) {
         for (uint32_t i = 0; i < in->n_linear; i++) {
             re[i] = u * l.x[i].re;
             im[i] = u * l.x[i].im;
-            mixed[i] += l.u2 * inner(l.x[i], l.z); /* of the delay alone, as long as `along` is 0 */
+            mixed[i] += l.u2 * inner(l.x[i], l.z); /* z is the derivative by the delay alone, as long as `along` is 0 */
         }
         status = gsid_lsq_add(&rows, re, 0);
         if (status == GSID_OK) {
@@ -114,13 +114,13 @@ static gsid_status second_pass(influence *in, double *q) {
     return in->slope2 > 0 ? GSID_OK : GSID_E_SINGULAR;
 }
 
-/* c: an error e of this line moves parameter i by Re(conj(c_i) e). */
+/* c <- influence: an error e of this line changes parameter i by Re(conj(c_i) e). */
 static void influence_of(const influence *in, const line *l, gsid_cplx *c) {
     gsid_cplx by_delay = {0, 0};
     if (in->n > in->n_linear) {
         by_delay = l->z;
         for (uint32_t i = 0; i < in->n_linear; i++) {
-            by_delay = gsid_cplx_sub(by_delay, gsid_cplx_scale(l->u2 * in->pull[i], l->x[i]));
+            by_delay = gsid_cplx_sub(by_delay, gsid_cplx_scale(l->u2 * in->coupling[i], l->x[i]));
         }
         by_delay = gsid_cplx_scale(1 / in->slope2, by_delay);
         c[in->n_linear] = by_delay;
@@ -172,7 +172,7 @@ gsid_status gsid_fit_influence(const fit_run *r, const gsid_rational *model, gsi
             in.along[i] = -in.along[i];
         }
         status = second_pass(&in, q);
-        apply_inverse(&in, q, in.pull);
+        apply_inverse(&in, q, in.coupling);
         for (uint32_t i = 0; i < n_linear; i++) {
             delay_bias += q[i] * result->bias[i] / in.slope2;
         }

@@ -1,23 +1,23 @@
-/* What the files of the rational fit share: the run, its data as an estimator sees them, and the steps of it. */
+/* Shared by the files of the rational fit: the run, its data in the form that estimators take, and its steps. */
 #ifndef GSID_FIT_RUN_H
 #define GSID_FIT_RUN_H
 
 #include "gsid/host/fit.h"
 #include "gsid/lsq.h"
 
-/* What one run works on. `work` is the data as the estimators see them: without the hold, with the method's weights. */
+/* Data of one run. `work` is what the estimators take: without the hold, with the weights of the method. */
 typedef struct {
     const gsid_frd *data;
     gsid_fit_cfg cfg;
     gsid_frd work;
-    gsid_cplx *g; /* [n_lines] the response freed of the hold */
+    gsid_cplx *g; /* [n_lines] the response without the hold */
     gsid_cplx *hold; /* [n_lines] response of the hold itself; 1 without hold */
-    gsid_cplx *moved; /* [n_lines] for images of a model next to it */
-    gsid_cplx *images; /* [n_lines] what sampling folds back of a held input, by the last model */
+    gsid_cplx *moved; /* [n_lines] work: images of a model after a small step */
+    gsid_cplx *images; /* [n_lines] images of the last model, which sampling aliases from a held input */
     gsid_cplx *drift; /* [n_lines][n_poles + n_zeros + 2] of g by the parameters, through the images */
-    int follow_images; /* 1: Gauss-Newton takes its model's own images off */
+    int follow_images; /* 1: Gauss-Newton subtracts its model's own images */
     double *sigma; /* [n_lines] of g, by the method */
-    gsid_cplx *cov_yu; /* [n_lines] of the data, freed of the hold */
+    gsid_cplx *cov_yu; /* [n_lines] of the data, without the hold */
     gsid_frd thin; /* every few of the lines of work, for the scan of delays */
     double *thin_f, *thin_sigma; /* [n_lines] at most */
     gsid_cplx *thin_g; /* [n_lines] at most */
@@ -37,7 +37,7 @@ uint32_t gsid_fit_n_parameters(const gsid_fit_cfg *cfg);
 int gsid_fit_is_linear(const fit_run *r); /* LS or IWLS */
 int gsid_fit_is_admissible(const fit_run *r, const gsid_rational *model); /* stable and late enough, if requested */
 
-/* Weight of the output error that a method amounts to: 1/sigma, but |A|^(1 - r) for the linear ones, where LS has r = 0. */
+/* Equivalent weight of the output error: 1/sigma, times |A|^(1 - r) for linear methods, with r = 0 for LS. */
 double gsid_fit_equivalent_weight(const fit_run *r, const gsid_rational *model, uint32_t k);
 
 /* Put c into the n_kept best, in order. */
@@ -45,7 +45,6 @@ void gsid_fit_keep_best(const fit_candidate *c, uint32_t n_kept, fit_candidate *
 
 /* ---- fit_hold.c */
 void gsid_fit_free_of_hold(fit_run *r);
-gsid_cplx gsid_fit_hold(double w_rad_s, double sample_s);
 gsid_status gsid_fit_take_images(void *user, const gsid_rational *model, int with_drift);
 
 /* ---- fit_scan.c: delays and linear fits */

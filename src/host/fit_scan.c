@@ -39,8 +39,8 @@ static double line_spacing(uint32_t n, double *f) {
     return spacing;
 }
 
-/* The range of delays, and how many lines the scan looks at. Lines a distance apart tell delays apart up to one over the
- * distance: the default range ends there, and the lines of the scan are near enough for twice the range. */
+/* The range of delays, and the number of lines that the scan uses. The spacing of the lines determines a delay up to one over
+ * the spacing only: the default range ends there, and the lines of the scan are close enough for twice the range. */
 void gsid_fit_plan_scan(fit_run *r) {
     const double f_max = gsid_fit_highest_frequency(r->data);
     memcpy(r->thin_f, r->data->f_hz, r->data->n_lines * sizeof *r->thin_f);
@@ -73,7 +73,7 @@ static gsid_status linear_fit(fit_run *r, const gsid_frd *lines, double delay_s,
     return status;
 }
 
-/* LS; IWLS at its fixed point, looked for from a model near by, or without one from LS. */
+/* LS; or IWLS at its fixed point, iterated from a neighbouring model or, without one, from LS. */
 static gsid_status settled_fit(fit_run *r, double delay_s, const gsid_rational *near, fit_candidate *c) {
     if (r->cfg.method == GSID_METHOD_LS) {
         return linear_fit(r, &r->work, delay_s, 0, c);
@@ -191,7 +191,7 @@ static gsid_status scan(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     return kept[0].cost < HUGE_VAL ? GSID_OK : last;
 }
 
-/* Where to start from, best first: the scan when the delay is free. */
+/* Starts of the nonlinear methods, best first: those of the scan when the delay is free. */
 gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
     if (r->cfg.delay == GSID_DELAY_FREE) {
         return scan(r, n_kept, kept);
@@ -204,7 +204,7 @@ gsid_status gsid_fit_starts(fit_run *r, uint32_t n_kept, fit_candidate *kept) {
 typedef struct {
     fit_run *r;
     double lower_s, upper_s, unit; /* unit: cost of the start, so that the search sees numbers about 1 */
-    const gsid_rational *near;     /* where fixed points are looked for; NULL: a few reweightings will do */
+    const gsid_rational *near;     /* start of the search for fixed points; NULL: a few reweightings suffice */
     fit_candidate best;
     gsid_status how; /* of best */
 } delay_search;
@@ -224,7 +224,7 @@ static double cost_at_delay(delay_search *s, double delay_s) {
 #ifdef GSID_WITH_NLOPT
 
 #define EVALUATIONS_MAX 100
-#define NO_FIT 1e6 /* times the cost of the start, where there is no fit: a number that the search can bear */
+#define NO_FIT 1e6 /* times the cost of the start, where there is no fit: a finite number for the search */
 
 static double objective(unsigned n, const double *share, double *gradient, void *user) {
     delay_search *s = user;
@@ -325,7 +325,7 @@ static gsid_status scan_linear(fit_run *r, fit_candidate *best) {
             gsid_fit_keep_best(&c, 1, gsid_fit_is_admissible(r, &c.model) ? best : &unstable);
         }
     }
-    if (!(best->cost < HUGE_VAL)) { /* none is: gsid_fit_run refuses it */
+    if (!(best->cost < HUGE_VAL)) { /* no fit is admissible: gsid_fit_run refuses it */
         *best = unstable;
     }
     return best->cost < HUGE_VAL ? gsid_fit_linear_again(r, best) : status;

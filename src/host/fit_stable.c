@@ -23,7 +23,7 @@ gsid_status gsid_fit_stable(const gsid_frd *data, const gsid_fit_bounds *bounds,
 #else
 
 #define EVALUATIONS_MAX 3000
-#define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of what the Gauss-Newton stage leaves */
+#define TOLERANCE 1e-4 /* of V, or of V per line where that is less: a fiftieth of that of Gauss-Newton */
 #define FAR 1000 /* times the V of the start: where reflected poles leave more, numerator and delay must follow them */
 
 #define PARAMETERS_MAX (2 * GSID_ORDER_MAX + 2)
@@ -168,9 +168,9 @@ static void set_bounds(const search *s, double *lower, double *upper) {
     }
 }
 
-/* Numerator and delay for poles that were reflected, taken where they lower V from v. A pole beyond the edge leads where
- * its image lags, and a shorter delay makes up for that: without it the search starts many decades above the least V and
- * crawls. The numerator is of least squares, which need not be V: errors may be logarithmic, or of the input too.
+/* Numerator and delay for reflected poles, used if they lower V from v. An unstable pole has a phase lead where its reflection
+ * has a lag, and a shorter delay compensates this. Without it the search starts many decades above the least V and converges
+ * slowly. The numerator is that of least squares, which need not minimise V: errors may be logarithmic, or of the input too.
  * Eq: EST-4 */
 static gsid_status follow_reflection(search *s, double v, double *x) {
     const gsid_fit_bounds *b = s->bounds;

@@ -1,4 +1,4 @@
-/* Algebra of grey-box fits: block-arrow least squares, and the door to the general minimiser. */
+/* Algebra of grey-box fits: block-arrow least squares, and the interface to the general minimiser. */
 #include "gsid/host/greybox.h"
 
 #include <math.h>
@@ -53,7 +53,7 @@ static gsid_status add_rows(gsid_lsq *q, uint32_t n_rows, const double *row) {
     return status;
 }
 
-/* One record's rows to a triangle: its own unknowns are done with, what is left speaks of the shared ones alone. */
+/* Reduce the rows of one record to a triangle. Its last rows contain the shared unknowns only. */
 static gsid_status reduce_record(const gsid_arrow *arrow, uint32_t r, gsid_lsq *record, gsid_lsq *shared,
                                  double *triangle) {
     const uint32_t n_local = arrow->n_local, n = n_local + arrow->n_shared;

@@ -6,7 +6,7 @@
 
 /* num/den in the controllable form, time in units of 1/scale, with the held input as one more state that does not change:
  *   x_i' = x_(i+1),   x_(n-1)' = u - sum den_i x_i,   u' = 0,   y = sum out_i x_i + direct u   (den_n = 1)
- * Nothing is asked of the poles, which may be equal, zero or unstable. */
+ * There is no condition on the poles, which may be equal, zero or unstable. */
 #define N_MAX (GSID_ORDER_MAX + 1)
 
 typedef struct {
@@ -190,6 +190,17 @@ gsid_status gsid_hold_response(const gsid_rational *model, double sample_s, uint
     }
     for (uint32_t k = 0; k < n_freq; k++) {
         g[k] = held_response(&s, &step, GSID_TWO_PI * f_hz[k] * sample_s);
+    }
+    return GSID_OK;
+}
+
+gsid_status gsid_hold_factor(double sample_s, uint32_t n_freq, const double *f_hz, gsid_cplx *hold) {
+    if (n_freq > 0 && (f_hz == NULL || hold == NULL)) {
+        return GSID_E_NULL;
+    }
+    for (uint32_t k = 0; k < n_freq; k++) {
+        const double x = GSID_TWO_PI * f_hz[k] * sample_s / 2;
+        hold[k] = gsid_cplx_scale(x == 0 ? 1 : sin(x) / x, gsid_cplx_cis(-x));
     }
     return GSID_OK;
 }

@@ -131,18 +131,13 @@ static gsid_status run_init(mimo_run *r, uint32_t n_channels, const gsid_frd *we
 /* V with the measured variance: the weights of ML, whatever the method was. */
 static double cost_by_measured_variance(mimo_run *r, const gsid_frd *measured, const mimo_candidate *best) {
     double q[GSID_MIMO_POLES_MAX], cost = 0;
-    gsid_cplx phi[GSID_MIMO_POLES_MAX + 1];
     gsid_mimo_sections(r, best->x, q);
     for (uint32_t i = 0; i < r->n_channels; i++) {
-        const double *num = r->num + (size_t)i * r->n_local;
+        const gsid_mimo_channel model = gsid_mimo_channel_at(r, i, q, best->delay_s[i]);
         for (uint32_t k = 0; k < measured[i].n_lines; k++) {
-            gsid_cplx g = {0, 0};
-            gsid_mimo_basis(r, q, gsid_mimo_variable(r, measured[i].f_hz[k]), phi);
-            for (uint32_t j = 0; j < r->n_local; j++) {
-                g = gsid_cplx_add(g, gsid_cplx_scale(num[j], phi[j]));
-            }
-            g = gsid_cplx_mul(g, gsid_cplx_cis(-GSID_TWO_PI * measured[i].f_hz[k] * best->delay_s[i]));
-            cost += gsid_cplx_abs2(gsid_residual_at(&measured[i], k, g).value);
+            mimo_terms t;
+            gsid_mimo_terms(&model, measured[i].f_hz[k], &t);
+            cost += gsid_cplx_abs2(gsid_residual_at(&measured[i], k, t.g).value);
         }
     }
     return cost;

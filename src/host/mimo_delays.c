@@ -1,5 +1,5 @@
-/* The other minima of a MIMO fit: over the delay of a response that stands out of the noise near its resonances only V
- * has several.  Eq: MIM-5 */
+/* The other minima of a MIMO fit: if a response exceeds the noise only near its resonances, V has several minima over its
+ * delay.  Eq: MIM-5 */
 #include <math.h>
 #include <string.h>
 
@@ -17,7 +17,7 @@ typedef struct {
     double delay_s, cost;
 } delay_minimum;
 
-/* What a group's delay is looked for with: the poles held, the numerators solved for at each step. */
+/* Search for the delay of a group: the poles are held, the numerators are solved for at each step. */
 typedef struct {
     uint32_t group, n_steps;
     double q[GSID_MIMO_POLES_MAX];

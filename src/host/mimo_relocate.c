@@ -29,13 +29,14 @@ void gsid_mimo_spread_poles(const mimo_run *r, mimo_candidate *c) {
 static gsid_status fill_channel(mimo_run *r, uint32_t channel, const double *q, double delay_s) {
     const gsid_frd *data = &r->channel[channel];
     const uint32_t n = r->cfg.n_poles;
+    const gsid_mimo_channel model = gsid_mimo_channel_at(r, channel, q, delay_s);
     gsid_status status = gsid_mimo_begin(r, channel, n);
     for (uint32_t k = 0; k < data->n_lines && status == GSID_OK; k++) {
         gsid_cplx phi[GSID_MIMO_POLES_MAX + 1];
         const double weight = gsid_residual_weight(data, k);
         const gsid_cplx turn = gsid_cplx_cis(GSID_TWO_PI * data->f_hz[k] * delay_s);
         const gsid_cplx g = gsid_cplx_scale(weight, gsid_cplx_mul(turn, data->g[k]));
-        gsid_mimo_basis(r, q, gsid_mimo_variable(r, data->f_hz[k]), phi);
+        gsid_mimo_basis(&model, gsid_mimo_variable(&model, data->f_hz[k]), phi);
         for (uint32_t i = 0; i < r->n_local; i++) {
             gsid_mimo_put(r, i, gsid_cplx_scale(weight, phi[i]));
         }

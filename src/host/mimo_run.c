@@ -1,4 +1,4 @@
-/* What the steps of a MIMO fit share: the model at one line, its equations, its delays. */
+/* What the steps of a MIMO fit share: the model, its equations, its delays. */
 #include "mimo_run.h"
 
 #include <math.h>
@@ -11,14 +11,17 @@
 #define FARTHEST 100   /* of a pole, in units of the highest frequency */
 #define SCAN_PERIODS 3 /* of the highest frequency: the default range of delays */
 
-/* ---- the model, at one line */
+/* ---- the model */
 
-gsid_cplx gsid_mimo_variable(const mimo_run *r, double f_hz) {
-    const double w_rad_s = GSID_TWO_PI * f_hz;
-    if (r->cfg.domain == GSID_DOMAIN_Z) {
-        return gsid_cplx_cis(w_rad_s * r->cfg.sample_s);
-    }
-    return gsid_cplx_make(0, w_rad_s / r->scale_rad_s);
+gsid_mimo_channel gsid_mimo_channel_at(const mimo_run *r, uint32_t channel, const double *q, double delay_s) {
+    const gsid_mimo_channel c = {.domain = r->cfg.domain,
+                                 .n_poles = r->cfg.n_poles,
+                                 .direct = r->cfg.direct,
+                                 .rate = r->cfg.domain == GSID_DOMAIN_Z ? r->cfg.sample_s : r->scale_rad_s,
+                                 .section = q,
+                                 .num = r->num + (size_t)channel * r->n_local,
+                                 .delay_s = delay_s};
+    return c;
 }
 
 void gsid_mimo_sections(const mimo_run *r, const double *x, double *q) {
@@ -39,24 +42,6 @@ void gsid_mimo_bounds(const mimo_run *r, uint32_t j, double *lower, double *uppe
     gsid_fit_section_bounds(r->cfg.domain, lower, upper);
     *lower = r->cfg.allow_unstable ? -HUGE_VAL : *lower;
     *upper = r->cfg.allow_unstable ? HUGE_VAL : fmin(*upper, is_product ? FARTHEST * FARTHEST : FARTHEST);
-}
-
-void gsid_mimo_basis(const mimo_run *r, const double *q, gsid_cplx v, gsid_cplx *phi) {
-    const uint32_t n = r->cfg.n_poles;
-    for (uint32_t first = 0; first < n; first += 2) {
-        gsid_cplx section = {v.re + q[first], v.im};
-        if (gsid_fit_section_order(n, first) == 2) {
-            section = gsid_cplx_mul(v, gsid_cplx_make(v.re + q[first + 1], v.im));
-            section.re += q[first];
-        }
-        phi[first] = gsid_cplx_div(gsid_cplx_make(1, 0), section);
-        if (first + 1 < n) {
-            phi[first + 1] = gsid_cplx_mul(v, phi[first]);
-        }
-    }
-    if (r->cfg.direct) {
-        phi[n] = gsid_cplx_make(1, 0);
-    }
 }
 
 /* ---- equations */
@@ -85,6 +70,7 @@ gsid_status gsid_mimo_next(mimo_run *r, gsid_lsq *equations) {
 
 double gsid_mimo_solve_channel(mimo_run *r, uint32_t channel, const double *q, double delay_s) {
     const gsid_frd *data = &r->channel[channel];
+    const gsid_mimo_channel model = gsid_mimo_channel_at(r, channel, q, delay_s);
     gsid_lsq *equations = &r->equations[channel];
     double cost = HUGE_VAL;
     gsid_status status = gsid_mimo_begin(r, channel, 0);
@@ -92,7 +78,7 @@ double gsid_mimo_solve_channel(mimo_run *r, uint32_t channel, const double *q, d
         gsid_cplx phi[GSID_MIMO_POLES_MAX + 1];
         const gsid_cplx turn = gsid_cplx_cis(-GSID_TWO_PI * data->f_hz[k] * delay_s);
         const gsid_residual error = gsid_residual_at(data, k, gsid_cplx_make(0, 0));
-        gsid_mimo_basis(r, q, gsid_mimo_variable(r, data->f_hz[k]), phi);
+        gsid_mimo_basis(&model, gsid_mimo_variable(&model, data->f_hz[k]), phi);
         for (uint32_t i = 0; i < r->n_local; i++) {
             gsid_mimo_put(r, i, gsid_residual_slope(&error, gsid_cplx_mul(turn, phi[i])));
         }

@@ -34,16 +34,30 @@ typedef struct {
     double cost;
 } mimo_candidate;
 
-gsid_cplx gsid_mimo_variable(const mimo_run *r, double f_hz);
+/* ---- mimo_channel.c: the response of one channel, at one line */
+
+/* What the numerators multiply there, with the delay's turn; their sum; dG/dS of each section. */
+typedef struct {
+    gsid_cplx v, g, phi[GSID_MIMO_POLES_MAX + 1], by_section[GSID_MIMO_POLES_MAX / 2];
+} mimo_terms;
+
+gsid_cplx gsid_mimo_variable(const gsid_mimo_channel *c, double f_hz);
+
+/* The n_local functions of v that the numerators multiply, without the delay. */
+void gsid_mimo_basis(const gsid_mimo_channel *c, gsid_cplx v, gsid_cplx *phi);
+
+void gsid_mimo_terms(const gsid_mimo_channel *c, double f_hz, mimo_terms *t);
+
+/* ---- mimo_run.c */
+
+/* A channel of the fit, with r->num for its numerators. */
+gsid_mimo_channel gsid_mimo_channel_at(const mimo_run *r, uint32_t channel, const double *q, double delay_s);
 
 /* q0 and q1 of each section. */
 void gsid_mimo_sections(const mimo_run *r, const double *x, double *q);
 
 /* Bounds of x[j]: those of stable sections, and no pole so far out that it does what d does. */
 void gsid_mimo_bounds(const mimo_run *r, uint32_t j, double *lower, double *upper);
-
-/* The n_local functions of v that the numerators multiply. */
-void gsid_mimo_basis(const mimo_run *r, const double *q, gsid_cplx v, gsid_cplx *phi);
 
 /* r->num <- the numerators of least V, c->cost <- V; HUGE_VAL when they cannot be found. */
 void gsid_mimo_solve(mimo_run *r, mimo_candidate *c);

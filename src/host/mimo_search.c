@@ -37,33 +37,22 @@ static void section_slopes(const mimo_run *r, const double *x, uint32_t first, g
 }
 
 /* The two rows of one line: derivatives of the error by numerators, poles and delays, and the error's negative. */
-static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const double *q, const double *x, double delay_s) {
+static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const gsid_mimo_channel *model, const double *x) {
     const gsid_frd *data = &r->channel[channel];
     const uint32_t n = r->cfg.n_poles;
-    const double *num = r->num + (size_t)channel * r->n_local, w_rad_s = GSID_TWO_PI * data->f_hz[k];
-    const gsid_cplx v = gsid_mimo_variable(r, data->f_hz[k]), turn = gsid_cplx_cis(-w_rad_s * delay_s);
-    gsid_cplx phi[GSID_MIMO_POLES_MAX + 1], g = {0, 0};
-    gsid_mimo_basis(r, q, v, phi);
+    const double w_rad_s = GSID_TWO_PI * data->f_hz[k];
+    mimo_terms t;
+    gsid_mimo_terms(model, data->f_hz[k], &t);
+    const gsid_residual error = gsid_residual_at(data, k, t.g);
     for (uint32_t i = 0; i < r->n_local; i++) {
-        phi[i] = gsid_cplx_mul(turn, phi[i]);
-        g = gsid_cplx_add(g, gsid_cplx_scale(num[i], phi[i]));
-    }
-    const gsid_residual error = gsid_residual_at(data, k, g);
-    for (uint32_t i = 0; i < r->n_local; i++) {
-        gsid_mimo_put(r, i, gsid_residual_slope(&error, phi[i]));
+        gsid_mimo_put(r, i, gsid_residual_slope(&error, t.phi[i]));
     }
     for (uint32_t first = 0; first < n; first += 2) {
-        const uint32_t order = gsid_fit_section_order(n, first);
-        gsid_cplx by[2], section = {v.re + q[first], v.im}, part = gsid_cplx_scale(num[first], phi[first]);
-        if (order == 2) {
-            section = gsid_cplx_mul(v, gsid_cplx_make(v.re + q[first + 1], v.im));
-            section.re += q[first];
-            part = gsid_cplx_add(part, gsid_cplx_scale(num[first + 1], phi[first + 1]));
-        }
-        section_slopes(r, x, first, v, by);
-        part = gsid_cplx_scale(-1, gsid_cplx_div(part, section));
-        for (uint32_t i = 0; i < order; i++) {
-            gsid_mimo_put(r, r->n_local + first + i, gsid_residual_slope(&error, gsid_cplx_mul(part, by[i])));
+        gsid_cplx by[2];
+        section_slopes(r, x, first, t.v, by);
+        for (uint32_t i = 0; i < gsid_fit_section_order(n, first); i++) {
+            const gsid_cplx slope = gsid_cplx_mul(t.by_section[first / 2], by[i]);
+            gsid_mimo_put(r, r->n_local + first + i, gsid_residual_slope(&error, slope));
         }
     }
     for (uint32_t i = n; i < r->n_shared; i++) {
@@ -71,7 +60,7 @@ static void fill_line(mimo_run *r, uint32_t channel, uint32_t k, const double *q
     }
     if (r->n_shared > n) {
         gsid_mimo_put(r, r->n_local + n + r->cfg.delay_of[channel],
-                      gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * g.im, -w_rad_s * g.re)));
+                      gsid_residual_slope(&error, gsid_cplx_make(w_rad_s * t.g.im, -w_rad_s * t.g.re)));
     }
     gsid_mimo_put(r, r->n_local + r->n_shared, gsid_cplx_scale(-1, error.value));
 }
@@ -82,9 +71,10 @@ static gsid_status linearise(mimo_run *r, const mimo_candidate *c, int by_x) {
     gsid_status status = GSID_OK;
     gsid_mimo_sections(r, c->x, q);
     for (uint32_t channel = 0; channel < r->n_channels && status == GSID_OK; channel++) {
+        const gsid_mimo_channel model = gsid_mimo_channel_at(r, channel, q, c->delay_s[channel]);
         status = gsid_mimo_begin(r, channel, r->n_shared);
         for (uint32_t k = 0; k < r->channel[channel].n_lines && status == GSID_OK; k++) {
-            fill_line(r, channel, k, q, by_x ? c->x : NULL, c->delay_s[channel]);
+            fill_line(r, channel, k, &model, by_x ? c->x : NULL);
             status = gsid_mimo_next(r, &r->equations[channel]);
         }
         if (status == GSID_OK) {

@@ -160,7 +160,7 @@ static gsid_status put_to_use(mimo_run *r, mimo_candidate *c) {
     return GSID_OK;
 }
 
-/* Channels with delays of their own move apart. */
+/* Give the channels their separate delays. */
 static gsid_status part_delays(mimo_run *r, mimo_candidate *c) {
     for (int round = 0; round < DELAY_ROUNDS && r->cfg.n_delays > 1; round++) {
         mimo_candidate moved = *c;

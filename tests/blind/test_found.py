@@ -18,7 +18,7 @@ SEED = 11  # a development seed
 
 @pytest.mark.parametrize("effect", ["gear_backlash", "sensor_sample_hold", "hard_stop"])
 def test_what_is_hidden_is_in_the_first_group(effect, tmp_path, monkeypatch):
-    """Bugs: a joint had no start, a sensor's rate was missed between the rates tried, a stop was found on the
+    """Bugs: backlash had no start, a sensor rate was missed between the rates tried, a stop was found on the
     wrong one of two orbits."""
     monkeypatch.setattr(trials, "_choose", lambda rng, kind: [effect])
     monkeypatch.setattr(trials, "TARGETS", (1024.0,))
@@ -31,7 +31,7 @@ def test_what_is_hidden_is_in_the_first_group(effect, tmp_path, monkeypatch):
     assert said["error_over_floor"] < 1.5
 
 
-def test_a_large_play_is_fitted_past_its_walls(tmp_path):
+def test_a_large_backlash_is_fitted_past_its_walls(tmp_path):
     """A bug: this gear's fit ended at a wall of one record's cost, 2 % from the truth with 4.6 per degree of
     freedom, and effects that are not there were added to it."""
     trial = trials.make_trial(1013, 18, {"single": 1.0})
@@ -41,7 +41,7 @@ def test_a_large_play_is_fitted_past_its_walls(tmp_path):
     without = fit_plant(linear_start(null, measured), measured, max_iter=1)
     (found,) = fit_candidates(
         without, [], {}, SearchInput(null, measured, None, score.ALPHA, print)
-    )  # the joint only
+    )  # the gear only
     truth_ratio = trial.key["effects"][0]["params"]["inertia_ratio"]
     assert found.fit.cost_per_dof < 1.1  # 0.94 at the truth
     assert abs(found.params["inertia_ratio"].value / truth_ratio - 1) < 0.01  # its deviation is 0.06 %

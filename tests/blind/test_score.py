@@ -72,7 +72,7 @@ def test_single_effects_are_counted_by_group_and_drop():
     assert (power[96, 192]["n"], power[96, 192]["in_first_group"]["hits"]) == (10, 8)
 
 
-def test_alone_is_asked_for_where_no_other_effect_explains_it():
+def test_an_effect_must_be_named_alone_where_no_other_explains_it():
     near, far = single(["stribeck_friction", "coulomb_friction"], 100.0), single(["coulomb_friction"], 200.0)
     assert (near.separable, far.separable) == (False, True)  # 50 and 100 left by the best other effect
     figures = score.summary([near, far])
@@ -198,7 +198,7 @@ def failing_tool(place: Path) -> dict:
     raise ArithmeticError(place.name)
 
 
-def test_run_goes_on_where_it_stopped_and_opens_sealed_keys(tmp_path):
+def test_run_continues_where_it_stopped_and_checks_hashed_keys(tmp_path):
     kinds = {"null": 1, "single": 1}
     score.run(tmp_path, 2, 7, kinds, tool=honest_tool)
     rows = score.run(tmp_path, 4, 7, kinds, tool=failing_tool)

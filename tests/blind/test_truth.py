@@ -182,7 +182,7 @@ def test_energy_and_steady_state(extra):
     assert work == pytest.approx(dissipated, rel=1e-5)  # stored energy moves by rate times tolerance
 
 
-def test_sample_hold_repeats_what_was_seen():
+def test_sample_hold_repeats_the_last_sample():
     u = multisine()[1]
     y, *_ = truth.steady(AXIS, u, tolerance=1e-7)
     held, *_ = truth.steady(AXIS | {"sample_hold_hz": 1000.0}, u, tolerance=1e-7)

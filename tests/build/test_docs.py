@@ -1,6 +1,7 @@
 """What `make docs` shows of the code is whole."""
 
 import inspect
+import pkgutil
 import re
 import sys
 
@@ -63,3 +64,21 @@ def test_every_page_is_of_one_kind(root):
     for page in (root / "docs").rglob("*.md"):
         parts = page.relative_to(root / "docs").parts
         assert parts == ("index.md",) or (len(parts) == 2 and parts[0] in kinds), page
+
+
+def test_every_python_name_on_a_page_can_be_imported(root):
+    """A bug: a page cited a function that had moved away."""
+    names = {
+        (name, page.relative_to(root))
+        for page in [root / "README.md", root / "CONTRIBUTING.md", *(root / "docs").rglob("*.md")]
+        for name in re.findall(r"(?<![\w./-])gsid(?:\.[A-Za-z_]\w*)+", page.read_text())
+        if name != "gsid.h"
+    }
+    missing = []
+    for name, page in sorted(names):
+        try:
+            pkgutil.resolve_name(name)
+        except (ImportError, AttributeError) as error:
+            missing.append(f"{page}: {name}: {error}")
+    assert len(names) > 20
+    assert missing == []

@@ -87,7 +87,7 @@ def test_lines_of_a_rounded_command(run, root, tmp_path):
     copied = (root / "firmware_examples/minimal/main.c").read_text()
     copied = copied[copied.index("#include") : copied.index("/* ---- to here")]
     copied = copied.replace("gsid_multisine_spectrum(&multisine, input)", "round_command(179)")
-    copied = copied.replace("/* In the background,", f"{block}\n/* In the background,")
+    copied = copied.replace("/* Background, at the start", f"{block}\n/* Background, at the start")
     (tmp_path / "user.c").write_text(copied + SENDS_WHOLE_NUMBERS)
     flags = [
         "-std=c99",

@@ -34,21 +34,21 @@ def test_what_is_missing_is_named_for_each_system(run, bare_path):
         assert line in result.stderr
 
 
-def test_what_firmware_needs_is_asked_for_apart(run, bare_path):
+def test_tools_for_firmware_are_required_separately(run, bare_path):
     result = run("tools/setup", "firmware", PATH=bare_path, CC="nocc")
     assert result.returncode == 1
     assert "sudo apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm\n" in result.stderr
     assert "nocc" not in result.stderr
 
 
-def test_what_the_benchmarks_compare_with_is_asked_for_apart(run, bare_path):
+def test_packages_for_benchmarks_are_required_separately(run, bare_path):
     result = run("tools/setup", "peers", PATH=bare_path, CC="nocc")
     assert result.returncode == 1
     assert "sudo apt-get install octave octave-signal octave-control\n" in result.stderr
     assert "nocc" not in result.stderr
 
 
-def test_a_library_left_out_is_not_asked_for(run, bare_path):
+def test_a_library_left_out_is_not_required(run, bare_path):
     result = run(
         "tools/setup",
         PATH=bare_path,

@@ -1,6 +1,10 @@
 """The tests themselves: each asserts something, and none replaces a name by its path in the package."""
 
 import ast
+import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
@@ -58,3 +62,31 @@ def test_no_test_names_what_it_replaces_by_a_path():
         and str(call.args[0].value).startswith("gsid.")
     ]
     assert not named
+
+
+def test_programs_obey_signals_that_the_tests_inherit_as_ignored(tmp_path):
+    """Bug: in a background job of a shell, tests that end a program by SIGINT, SIGQUIT or SIGHUP failed."""
+    ended = "import signal, sys; signal.raise_signal(int(sys.argv[1]))"
+    (tmp_path / "test_signals.py").write_text(
+        "import signal, subprocess, sys\n"
+        f"ENDED = {ended!r}\n"
+        "def test_programs_end():\n"
+        "    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):\n"
+        "        ended = subprocess.run([sys.executable, '-c', ENDED, str(number.value)])\n"
+        "        assert ended.returncode == -number\n"
+        "        signal.raise_signal(number)  # the tests themselves go on\n"
+    )
+
+    def ignore():
+        for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+
+    shutil.copy(TESTS / "conftest.py", tmp_path)
+    result = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        preexec_fn=ignore,
+    )
+    assert result.returncode == 0, result.stdout

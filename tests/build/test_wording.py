@@ -32,7 +32,15 @@ def test_the_tree_as_it_stands_is_clean(run, root):
         ("page.md", "```sh\nmake\n```\nThe house\n", 4, "The house"),
         ("code.py", '"""Summary.\n\nThe period that was asked for.\n"""\n', 3, "asked for"),
         ("code.py", "x = 1  # nobody knows\n", 1, "nobody"),
+        ("code.py", "x = 1  # a fault that is not seen\n", 1, "not seen"),
+        ("code.py", '"""Samples thrown away at the start."""\n', 1, "thrown away"),
+        ("code.py", '"""Not looked at for spectra."""\n', 1, "looked at"),
+        ("page.md", "The mean period is taken off first.\n", 1, "taken off"),
+        ("page.md", "The line stands out of the noise.\n", 1, "stands out"),
         ("code.py", 'raise ValueError(f"took back {x}")\n', 1, "took back"),
+        ("code.py", '"""Mean over periods (source, eq. 4.10)."""\n', 1, "source"),
+        ("code.py", "x = 1  # DIS-1; source, eqs. 5.12 to 5.16\n", 1, "source"),
+        ("code.h", "/* The mean (source, eqs. 4.10\n * and 4.11). */\n", 1, "source"),
         ("code.h", "/* Summary.\n * Is heard at the end. */\nint x;\n", 2, "heard"),
     ],
 )
@@ -48,6 +56,7 @@ def test_everyday_words_are_found(check, name, text, line, words):
         ("page.md", "```console\n$ gsid run\nit said so\n```\n\n    told\n\n`said`, saying, retold.\n"),
         ("code.py", "told = said = 1\n"),
         ("code.c", "int told; /* The value. */\n"),
+        ("page.md", "The record names its file (source and date), a header, source and objects.\n"),
     ],
 )
 def test_code_and_longer_words_are_not_looked_at(check, name, text):

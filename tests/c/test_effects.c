@@ -23,10 +23,10 @@ typedef struct {
     double motor_lag, f_hz, zeta, residue, sensor_lag, refresh_samples;
     double coulomb, stribeck, stribeck_speed, dahl, dahl_stiffness, drag, quadratic, cubic, unbalance, unbalance_rad;
     double cogging, cycles, phase, stop, stop_stiffness, bias;
-    double gap, joint, ratio, damping;
+    double gap, gear_stiffness, ratio, damping;
     double step, dead_zone, limit;
     double kp, kv, loop_limit;
-    int rate_samples; /* the loop's rate is the change of the angle over so many; 0: it is the rate */
+    int rate_samples; /* the loop's rate is the change of the angle over this many samples; 0: the measured rate */
     double fan_hz, fan, fan_phase;
 } physics;
 
@@ -59,9 +59,9 @@ static void derivative(const physics *p, double u, const double *x, double *dx) 
     memset(dx, 0, N_STATES * sizeof *dx);
     dx[ANGLE] = x[RATE];
     dx[RATE] = p->gain * motor - against;
-    if (p->joint > 0) {
+    if (p->gear_stiffness > 0) {
         const double twist = x[MOTOR_ANGLE] - x[ANGLE], speed = x[MOTOR_RATE] - x[RATE];
-        const double passed = p->joint * outside(twist, p->gap / 2) + p->damping * speed;
+        const double passed = p->gear_stiffness * outside(twist, p->gap / 2) + p->damping * speed;
         dx[RATE] = passed - against;
         dx[MOTOR_ANGLE] = x[MOTOR_RATE];
         dx[MOTOR_RATE] = (p->gain * motor - passed) / p->ratio;
@@ -260,7 +260,7 @@ static void backlash_follows_the_truth(void **state) {
     physics p = plain;
     start_stack();
     bench_add_with(&b, "gear_backlash", 0.02, 1e5, 0.1)->value[3] = GSID_R(20.0);
-    p.gap = 0.02, p.joint = 1e5, p.ratio = 0.1, p.damping = 20;
+    p.gap = 0.02, p.gear_stiffness = 1e5, p.ratio = 0.1, p.damping = 20;
     compare(&p, 50, 0);
 }
 

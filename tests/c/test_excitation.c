@@ -165,6 +165,12 @@ static void shaped_schroeder_is_the_double_sum(void **state) {
         }
         assert_true(turns_apart((double)phase[k], (double)(-2 * PI_L * sum)) < 4 * F * EPSILON);
     }
+    gsid_real scaled[F];
+    for (int i = 0; i < F; i++) { /* the scale does not matter, exact for a power of two */
+        scaled[i] = a[i] / 8;
+    }
+    assert_int_equal(gsid_phase_schroeder(F, scaled, scaled), GSID_OK);
+    assert_memory_equal(scaled, phase, sizeof phase);
     assert_int_equal(gsid_phase_schroeder(F, a, a), GSID_OK); /* in place */
     assert_memory_equal(a, phase, sizeof a);
 }
@@ -272,6 +278,24 @@ static void spectrum_is_amplitude_and_phase(void **state) {
     }
 }
 
+static void sine_refuses(void **state) {
+    (void)state;
+    enum { N = 12 };
+    static gsid_cplx twiddle[N];
+    gsid_sine sine, before;
+    memset(&sine, 0, sizeof sine);
+    before = sine;
+    assert_int_equal(gsid_sine_init(NULL, N, 1, 1, 0, twiddle), GSID_E_NULL);
+    assert_int_equal(gsid_sine_init(&sine, N, 1, 1, 0, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_sine_init(&sine, 1, 0, 1, 0, twiddle), GSID_E_CONFIG);
+    assert_int_equal(gsid_sine_init(&sine, (UINT32_C(1) << 30) + 1, 1, 1, 0, twiddle), GSID_E_CONFIG);
+    assert_int_equal(gsid_sine_init(&sine, N, N / 2 + 1, 1, 0, twiddle), GSID_E_CONFIG);
+    assert_int_equal(gsid_sine_init(&sine, N, 1, (gsid_real)NAN, 0, twiddle), GSID_E_NONFINITE);
+    assert_int_equal(gsid_sine_init(&sine, N, 1, 1, (gsid_real)INFINITY, twiddle), GSID_E_NONFINITE);
+    assert_memory_equal(&sine, &before, sizeof sine);
+    assert_int_equal(gsid_sine_init(&sine, N, N / 2, 1, 0, twiddle), GSID_OK);
+}
+
 static void multisine_refuses(void **state) {
     (void)state;
     const gsid_multisine_cfg good = small_cfg();
@@ -303,6 +327,7 @@ static void multisine_refuses(void **state) {
     REFUSED(line, twice, GSID_E_CONFIG);
     REFUSED(n_lines, 0, GSID_E_CONFIG);
     REFUSED(n_period, 1, GSID_E_CONFIG);
+    REFUSED(n_period, (UINT32_C(1) << 30) + 1, GSID_E_CONFIG);
     REFUSED(amplitude, infinite, GSID_E_NONFINITE);
     REFUSED(phase_rad, infinite, GSID_E_NONFINITE);
     assert_memory_equal(&m, &before, sizeof m);
@@ -332,6 +357,7 @@ int main(void) {
         cmocka_unit_test(multisine_is_the_sum_of_cosines),
         cmocka_unit_test(table_equals_stream_and_every_period_equals_the_first),
         cmocka_unit_test(spectrum_is_amplitude_and_phase),
+        cmocka_unit_test(sine_refuses),
         cmocka_unit_test(multisine_refuses),
     };
     return cmocka_run_group_tests_name("excitation", tests, NULL, NULL);

@@ -233,6 +233,15 @@ static void lost_samples_spoil_their_periods_only(void **state) {
     assert_result(&r, 5, good);
 }
 
+static void the_last_sample_of_the_settling_is_settling(void **state) {
+    (void)state;
+    gsid_frf_cfg cfg = cfg_of(NULL, 1);
+    gsid_frf frf;
+    init(&frf, &cfg);
+    assert_int_equal(gsid_frf_skip(&frf, 1), GSID_SETTLING);
+    assert_int_equal(run(&frf, 1, 1 + N), GSID_DONE);
+}
+
 static void a_skip_out_of_the_settling_reaches_the_periods(void **state) {
     (void)state;
     gsid_frf_cfg cfg = cfg_of(NULL, 10);
@@ -240,7 +249,8 @@ static void a_skip_out_of_the_settling_reaches_the_periods(void **state) {
     result r;
     const uint64_t good[2] = {10 + 3 * N, 10 + 4 * N};
     init(&frf, &cfg);
-    assert_int_equal(gsid_frf_skip(&frf, 4), GSID_SETTLING);
+    assert_int_equal(gsid_frf_skip(&frf, 3), GSID_SETTLING);
+    assert_int_equal(gsid_frf_skip(&frf, 1), GSID_SETTLING);
     assert_int_equal(gsid_frf_skip(&frf, 6 + 2 * N + 5), GSID_SPOILED);
     assert_int_equal(frf.n_spoiled, 2);
     assert_int_equal(run(&frf, 15 + 2 * N, 10 + 3 * N), GSID_SPOILED);
@@ -515,6 +525,7 @@ int main(void) {
         cmocka_unit_test(known_input_divides_by_it),
         cmocka_unit_test(noise_common_to_input_and_output_leaves_no_variance),
         cmocka_unit_test(lost_samples_spoil_their_periods_only),
+        cmocka_unit_test(the_last_sample_of_the_settling_is_settling),
         cmocka_unit_test(a_skip_out_of_the_settling_reaches_the_periods),
         cmocka_unit_test(refused_samples_are_counted_and_change_nothing),
         cmocka_unit_test(a_million_periods_later_the_answer_is_the_same_to_the_bit),

@@ -131,7 +131,7 @@ static void assert_trip(const gsid_guard_cfg *cfg, const gsid_guard_sample *samp
     assert_int_equal(gsid_guard_start(&guard, 0), GSID_OK);
 }
 
-static void every_limit_trips_in_its_tick_and_says_so(void **state) {
+static void every_limit_trips_in_its_tick_with_its_reason(void **state) {
     (void)state;
     const gsid_guard_cfg cfg = cfg_of();
 #define TRIP(rate, angle, command, excitation, reason, value)                                                          \
@@ -159,6 +159,15 @@ static void every_limit_trips_in_its_tick_and_says_so(void **state) {
     assert_int_equal(gsid_guard_step(&guard, &(const gsid_guard_sample){41, 10}, 0, 0, &allowed), GSID_TRIPPED);
     assert_int_equal(guard.reason, GSID_TRIP_RATE_AHEAD);
     assert_true(fabs((double)guard.value - 51) < 1e-4);
+}
+
+static void a_limit_itself_is_allowed(void **state) {
+    (void)state;
+    const gsid_guard_cfg cfg = cfg_of();
+    gsid_guard guard = running(&cfg);
+    gsid_real allowed;
+    assert_int_equal(gsid_guard_step(&guard, &(const gsid_guard_sample){0, -5}, 0, 0, &allowed), GSID_OK);
+    assert_int_equal(gsid_guard_step(&guard, &(const gsid_guard_sample){0, 20}, 0, 0, &allowed), GSID_OK);
 }
 
 static void what_is_not_a_number_never_passes(void **state) {
@@ -329,7 +338,8 @@ int main(void) {
         cmocka_unit_test(the_excitation_passes_between_its_ramps_and_only_there),
         cmocka_unit_test(a_stop_on_the_way_in_turns_round_where_it_is),
         cmocka_unit_test(without_a_ramp_it_begins_and_ends_at_once),
-        cmocka_unit_test(every_limit_trips_in_its_tick_and_says_so),
+        cmocka_unit_test(every_limit_trips_in_its_tick_with_its_reason),
+        cmocka_unit_test(a_limit_itself_is_allowed),
         cmocka_unit_test(what_is_not_a_number_never_passes),
         cmocka_unit_test(missing_samples_are_bridged_for_as_long_as_allowed),
         cmocka_unit_test(the_angle_is_integrated_from_the_start_where_it_is_not_measured),

@@ -331,7 +331,7 @@ static void bad_configurations_are_refused(void **state) {
     gsid_axis_destroy(NULL);
 }
 
-static void a_command_that_is_no_number_advances_nothing(void **state) {
+static void a_command_that_is_not_finite_advances_nothing(void **state) {
     (void)state;
     const gsid_axis_cfg cfg = rigid();
     gsid_axis *axis;
@@ -365,7 +365,7 @@ int main(void) {
         cmocka_unit_test(noise_has_its_rms_and_its_colour),
         cmocka_unit_test(the_fan_keeps_its_phase_for_three_hours),
         cmocka_unit_test(bad_configurations_are_refused),
-        cmocka_unit_test(a_command_that_is_no_number_advances_nothing),
+        cmocka_unit_test(a_command_that_is_not_finite_advances_nothing),
     };
     return cmocka_run_group_tests_name("axis", tests, NULL, NULL);
 }

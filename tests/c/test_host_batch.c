@@ -161,6 +161,89 @@ static void a_refused_block_leaves_the_object_as_it_was(void **state) {
     assert_int_equal(gsid_batch_frf_step(&frf, 3, good, bad, without), GSID_OK); /* not a sample: not looked at */
 }
 
+typedef struct {
+    gsid_cplx g[2], y[2], u[2], cov_yu[2];
+    double var_g[2], var_y[2], var_u[2];
+    gsid_frf_out out;
+} means;
+
+static void read_means(const gsid_frf *frf, means *m) {
+    const gsid_frf_out out = {m->g, m->var_g, m->y, m->u, m->var_y, m->var_u, m->cov_yu};
+    m->out = out;
+    assert_int_equal(gsid_frf_result(frf, &out), GSID_OK);
+}
+
+static void assert_near(const void *found, const void *expected, size_t n_bytes) {
+    const double *a = found, *b = expected;
+    for (size_t i = 0; i < n_bytes / sizeof *a; i++) {
+        assert_true(fabs(a[i] - b[i]) <= 1e-12 * fabs(b[i]) + 1e-18);
+    }
+}
+
+static void merged_means_are_those_of_merged_measurements(void **state) {
+    (void)state;
+    enum { SETTLE = 30, FIRST = SETTLE + 300, ALL = SETTLE + 1000 };
+    static gsid_cplx memory_b[sizeof memory / sizeof memory[0]];
+    gsid_frf a, b;
+    means first, second, whole, kept;
+    start(&a);
+    const gsid_frf_cfg cfg = {.n_period = 100, .n_lines = 2, .line = frf_line, .twiddle = twiddle};
+    assert_int_equal(gsid_frf_init(&b, &cfg, memory_b, sizeof memory_b), GSID_OK);
+    assert_int_equal(gsid_batch_frf_step(&a, FIRST, x, y, NULL), GSID_OK);
+    assert_int_equal(gsid_batch_frf_step(&b, ALL - FIRST, x + FIRST, y + FIRST, NULL), GSID_OK);
+    read_means(&a, &first);
+    read_means(&b, &second);
+    assert_int_equal(gsid_frf_merge(&a, &b), GSID_OK);
+    read_means(&a, &whole);
+    assert_int_equal(gsid_batch_frf_merge(2, 3, &first.out, 7, &second.out), GSID_OK);
+    assert_near(&first, &whole, offsetof(means, out));
+    double variance[2];
+    assert_int_equal(gsid_batch_frf_error_variance(2, &whole.out, whole.g, variance), GSID_OK);
+    for (int i = 0; i < 2; i++) {
+        const double u2 = whole.u[i].re * whole.u[i].re + whole.u[i].im * whole.u[i].im;
+        assert_true(fabs(variance[i] / u2 / 10 / whole.var_g[i] - 1) < 1e-12);
+    }
+
+    kept = first;
+    kept.out = first.out;
+    assert_int_equal(gsid_batch_frf_merge(2, 0, &first.out, 7, &second.out), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_frf_merge(2, UINT32_MAX, &first.out, 1, &second.out), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_frf_divide(2, 0, &first.out), GSID_E_CONFIG);
+    assert_int_equal(gsid_batch_frf_merge(2, 3, NULL, 7, &second.out), GSID_E_NULL);
+    second.out.cov_yu = NULL;
+    assert_int_equal(gsid_batch_frf_merge(2, 3, &first.out, 7, &second.out), GSID_E_NULL);
+    assert_int_equal(gsid_batch_frf_divide(2, 7, &second.out), GSID_E_NULL);
+    assert_int_equal(gsid_batch_frf_error_variance(2, &second.out, second.g, variance), GSID_E_NULL);
+    assert_memory_equal(&first, &kept, offsetof(means, out));
+    first.u[0].re = first.u[0].im = 0; /* nothing is known there */
+    assert_int_equal(gsid_batch_frf_divide(2, 10, &first.out), GSID_OK);
+    assert_true(first.g[0].re == 0 && isinf(first.var_g[0]) && isfinite(first.var_g[1]));
+}
+
+static void derivatives_at_many_frequencies_are_those_at_each(void **state) {
+    (void)state;
+    enum { N_FREQ = 5, N_PARAMETERS = 5 };
+    gsid_rational m;
+    assert_int_equal(gsid_rational_init(&m, GSID_DOMAIN_S, 2, 1, 300), GSID_OK);
+    m.num[0] = 0.4, m.num[1] = -0.1, m.den[0] = 1.1, m.den[1] = 0.2, m.den[2] = 1, m.delay_s = 2e-3;
+    const double f_hz[N_FREQ] = {0, 1, 20, 47.7, 300}, bad[2] = {1, NAN};
+    gsid_cplx g[N_FREQ], gradient[N_FREQ * N_PARAMETERS], one, row[N_PARAMETERS];
+    assert_int_equal(gsid_batch_rational_gradient(&m, N_FREQ, f_hz, g, gradient), GSID_OK);
+    for (int k = 0; k < N_FREQ; k++) {
+        assert_int_equal(gsid_rational_gradient(&m, f_hz[k], &one, row), GSID_OK);
+        assert_memory_equal(&one, g + k, sizeof one);
+        assert_memory_equal(row, gradient + (size_t)k * N_PARAMETERS, sizeof row);
+    }
+    assert_int_equal(gsid_batch_rational_gradient(&m, 2, bad, g, gradient), GSID_E_NONFINITE);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 0, NULL, NULL, NULL), GSID_OK);
+    assert_int_equal(gsid_batch_rational_gradient(NULL, 1, f_hz, g, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, NULL, g, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, NULL, gradient), GSID_E_NULL);
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, g, NULL), GSID_E_NULL);
+    m.n_poles = GSID_ORDER_MAX + 1;
+    assert_int_equal(gsid_batch_rational_gradient(&m, 1, f_hz, g, gradient), GSID_E_CONFIG);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(batch_equals_streaming_to_rounding),
@@ -168,6 +251,8 @@ int main(void) {
         cmocka_unit_test(spectra_refuse),
         cmocka_unit_test(blocks_of_any_size_give_the_same_bits),
         cmocka_unit_test(a_refused_block_leaves_the_object_as_it_was),
+        cmocka_unit_test(merged_means_are_those_of_merged_measurements),
+        cmocka_unit_test(derivatives_at_many_frequencies_are_those_at_each),
     };
     return cmocka_run_group_tests_name("host batch", tests, fill_samples, NULL);
 }

@@ -392,7 +392,7 @@ static void a_delay_that_is_given_stays(void **state) {
     assert_true(r.model.delay_s == 0 && r.cost <= cost_of(truth));
 }
 
-static void an_unstable_model_is_returned_only_when_asked_for(void **state) {
+static void an_unstable_model_is_returned_only_on_request(void **state) {
     (void)state;
     measure(unstable_system, 0.002, 0, 100, 1, 1);
     for (int method = GSID_METHOD_LS; method <= GSID_METHOD_ML; method++) {
@@ -675,7 +675,7 @@ int main(void) {
         cmocka_unit_test(linear_methods_find_a_stable_model_at_any_delay),
         cmocka_unit_test(nls_does_not_depend_on_the_unit),
         cmocka_unit_test(a_delay_that_is_given_stays),
-        cmocka_unit_test(an_unstable_model_is_returned_only_when_asked_for),
+        cmocka_unit_test(an_unstable_model_is_returned_only_on_request),
         cmocka_unit_test(domain_z),
         cmocka_unit_test(delays_that_repeat_are_not_taken),
         cmocka_unit_test(intervals_hold_the_truth),

@@ -280,6 +280,71 @@ static void too_many_for_a_covariance_are_refused_first(void **state) {
     assert_int_equal(gsid_mimo_run(34, channel, &cfg, &result), GSID_E_TOO_FEW);
 }
 
+/* ---- one channel alone */
+
+static const double SECTION[N_POLES] = {90400, 40, 100}, NUM[N_POLES] = {5e4, 30, 50};
+
+static gsid_mimo_channel channel_0(double delay_s) {
+    const gsid_mimo_channel c = {
+        .domain = GSID_DOMAIN_S, .n_poles = N_POLES, .rate = 1, .section = SECTION, .num = NUM, .delay_s = delay_s};
+    return c;
+}
+
+static void a_channel_s_response_is_that_of_its_sections(void **state) {
+    (void)state;
+    const double f_hz[3] = {0, 3, 47.7};
+    gsid_cplx g[3];
+    const gsid_mimo_channel c = channel_0(1e-3);
+    assert_int_equal(gsid_mimo_response(&c, 3, f_hz, g), GSID_OK);
+    for (int k = 0; k < 3; k++) {
+        const gsid_cplx expected = response(0, f_hz[k], 1e-3);
+        assert_true(hypot(g[k].re - expected.re, g[k].im - expected.im) < 1e-13);
+    }
+}
+
+/* Far below the sample rate a held input is one that is late by half a sample. */
+static void a_held_channel_answers_half_a_sample_late(void **state) {
+    (void)state;
+    const double f_hz[2] = {1, 3}, sample_s = 1e-5;
+    gsid_cplx held[2], late[2];
+    const gsid_mimo_channel c = channel_0(1e-3), behind = channel_0(1e-3 + sample_s / 2);
+    assert_int_equal(gsid_mimo_hold_response(&c, sample_s, 2, f_hz, held), GSID_OK);
+    assert_int_equal(gsid_mimo_response(&behind, 2, f_hz, late), GSID_OK);
+    for (int k = 0; k < 2; k++) {
+        assert_true(hypot(held[k].re - late[k].re, held[k].im - late[k].im) < 1e-6);
+    }
+}
+
+static void a_channel_is_refused(void **state) {
+    (void)state;
+    const double f_hz[2] = {1, NAN}, on_the_pole[1] = {0}, zero[1] = {0};
+    gsid_cplx g[2] = {{-7, 0}, {-7, 0}}, gradient[2 * (2 * N_POLES + 2)];
+    gsid_mimo_channel c = channel_0(0);
+    assert_int_equal(gsid_mimo_response(NULL, 1, f_hz, g), GSID_E_NULL);
+    assert_int_equal(gsid_mimo_response(&c, 1, NULL, g), GSID_E_NULL);
+    assert_int_equal(gsid_mimo_gradient(&c, 1, f_hz, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_mimo_response(&c, 0, NULL, NULL), GSID_OK);
+    assert_int_equal(gsid_mimo_gradient(&c, 2, f_hz, gradient), GSID_E_NONFINITE);
+    assert_int_equal(gsid_mimo_hold_response(&c, 1e-3, 2, f_hz, g), GSID_E_NONFINITE);
+    assert_int_equal(gsid_mimo_hold_response(&c, 0, 1, f_hz, g), GSID_E_CONFIG);
+    assert_true(g[0].re == -7);
+    c.direct = 1;
+    assert_int_equal(gsid_mimo_hold_response(&c, 1e-3, 1, f_hz, g), GSID_E_CONFIG);
+    c = channel_0(0);
+    c.rate = 0;
+    assert_int_equal(gsid_mimo_response(&c, 1, f_hz, g), GSID_E_CONFIG);
+    c = channel_0(0);
+    c.n_poles = GSID_MIMO_POLES_MAX + 1;
+    assert_int_equal(gsid_mimo_response(&c, 1, f_hz, g), GSID_E_CONFIG);
+    c = channel_0(0);
+    c.section = NULL;
+    assert_int_equal(gsid_mimo_response(&c, 1, f_hz, g), GSID_E_NULL);
+    c = channel_0(0);
+    c.n_poles = 1; /* an integrator */
+    c.section = zero;
+    assert_int_equal(gsid_mimo_response(&c, 1, on_the_pole, g), GSID_E_NONFINITE);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(exact_responses_give_sections_numerators_and_delays),
@@ -289,6 +354,9 @@ int main(void) {
         cmocka_unit_test(singular_leaves_all_of_the_result),
         cmocka_unit_test(failures_leave_the_result),
         cmocka_unit_test(too_many_for_a_covariance_are_refused_first),
+        cmocka_unit_test(a_channel_s_response_is_that_of_its_sections),
+        cmocka_unit_test(a_held_channel_answers_half_a_sample_late),
+        cmocka_unit_test(a_channel_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

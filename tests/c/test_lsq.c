@@ -182,7 +182,7 @@ static void assert_pinned(int bad) {
     assert_true(cov[0] == 7);
 }
 
-static void a_column_that_says_nothing_new_is_pinned_and_the_rest_stays_optimal(void **state) {
+static void a_linearly_dependent_column_is_pinned_and_the_rest_stays_optimal(void **state) {
     (void)state;
     for (int bad = 0; bad < N; bad++) { /* 0: a column of zeros */
         draw_problem();
@@ -370,7 +370,7 @@ static gsid_lsq load_blocks(uint32_t n_rows, double scale) {
 }
 
 /* Against rows one by one, for every size of block, in mid range and where squares leave it. */
-static void blocks_of_rows_say_what_single_rows_say(void **state) {
+static void blocks_of_rows_give_the_result_of_single_rows(void **state) {
     (void)state;
     const double scales[] = {1, sizeof(gsid_real) == 4 ? 1e25 : 1e200, sizeof(gsid_real) == 4 ? 1e-25 : 1e-200};
     draw_problem();
@@ -409,11 +409,11 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(solution_cost_and_covariance_are_those_of_the_normal_equations),
         cmocka_unit_test(as_many_rows_as_unknowns_leave_no_residual),
-        cmocka_unit_test(a_column_that_says_nothing_new_is_pinned_and_the_rest_stays_optimal),
+        cmocka_unit_test(a_linearly_dependent_column_is_pinned_and_the_rest_stays_optimal),
         cmocka_unit_test(reset_forgets_rows_and_pins),
         cmocka_unit_test(the_rank_tolerance_is_relative_to_the_column),
         cmocka_unit_test(entries_near_the_ends_of_the_range_are_no_rank_loss),
-        cmocka_unit_test(blocks_of_rows_say_what_single_rows_say),
+        cmocka_unit_test(blocks_of_rows_give_the_result_of_single_rows),
         cmocka_unit_test(refused_blocks_change_nothing),
         cmocka_unit_test(refused_rows_change_nothing),
         cmocka_unit_test(failures_leave_the_outputs),

@@ -160,6 +160,64 @@ static void periodic_sensitivities_are_those_reached_by_stepping(void **state) {
 }
 
 /* Nothing pulls a free axis back: its angle stays where it was, and the rate is found all the same. */
+/* One free parameter has the same sensitivities alone as beside all others. */
+static void a_free_parameter_alone_moves_the_answer_as_among_others(void **state) {
+    (void)state;
+    gsid_real out, among[FREE_MAX], alone;
+    static gsid_real all[FREE_MAX][N];
+    start_rich_stack();
+    bench_free_all(&b);
+    bench_init(&b);
+    const uint32_t n_free = b.cfg.n_free;
+    for (int n = 0; n < N; n++) {
+        assert_int_equal(gsid_plant_step(&b.plant, u[n], &out, among), GSID_OK);
+        for (uint32_t p = 0; p < n_free; p++) {
+            all[p][n] = among[p];
+        }
+    }
+    for (uint32_t p = 0; p < n_free; p++) {
+        start_rich_stack();
+        bench_free_all(&b);
+        b.free_parameter[0] = b.free_parameter[p];
+        b.cfg.n_free = 1;
+        bench_init(&b);
+        double largest = 0;
+        for (int n = 0; n < N; n++) {
+            assert_int_equal(gsid_plant_step(&b.plant, u[n], &out, &alone), GSID_OK);
+            largest = fmax(largest, fabs((double)all[p][n]));
+            assert_near((double)alone, (double)all[p][n], FINE * largest);
+        }
+        assert_true(largest > 0);
+    }
+}
+
+/* A controller reads the reference wherever it stands in the stack: the stages have an order, the items none. */
+static void a_controller_comes_before_the_drive_in_any_order_of_the_stack(void **state) {
+    (void)state;
+    for (int controller_last = 0; controller_last < 2; controller_last++) {
+        bench_clear(&b);
+        if (!controller_last) {
+            bench_add_with(&b, "position_velocity_loop", 4, 2, 0);
+        }
+        bench_add_with(&b, "drive_dead_zone", 5, 0, 0);
+        bench_add_source(&b);
+        if (controller_last) {
+            bench_add_with(&b, "position_velocity_loop", 4, 2, 0);
+        }
+        bench_init(&b);
+        fill_command(5);
+        for (int n = 0; n < N; n++) {
+            (controller_last ? again : y)[n] = step(u[n]);
+        }
+    }
+    double largest = 0;
+    for (int n = 0; n < N; n++) {
+        largest = fmax(largest, fabs((double)y[n]));
+        assert_near((double)again[n], (double)y[n], FINE * largest);
+    }
+    assert_true(largest > 0);
+}
+
 static void an_angle_that_nothing_determines_stays(void **state) {
     (void)state;
     gsid_real residual;
@@ -180,7 +238,7 @@ static void an_angle_that_nothing_determines_stays(void **state) {
 }
 
 /* A constant torque on a free axis with no friction has no periodic state: the answer says how far off it is. */
-static void no_periodic_state_is_said(void **state) {
+static void a_missing_periodic_state_is_reported(void **state) {
     (void)state;
     gsid_real residual = 0;
     bench_clear(&b);
@@ -260,7 +318,7 @@ static void run_wild(void) {
     }
 }
 
-/* The joint is damped: an impact for ever makes its motion chaotic, and the sensitivities grow beyond any number. */
+/* The gear is damped: repeated impacts without damping make the motion chaotic, and the sensitivities grow beyond any number. */
 static void stiff_laws_stay_finite(void **state) {
     (void)state;
     const struct {
@@ -551,8 +609,10 @@ int main(void) {
         cmocka_unit_test(the_path_is_that_of_the_answer),
         cmocka_unit_test(shooting_agrees_with_200_periods),
         cmocka_unit_test(periodic_sensitivities_are_those_reached_by_stepping),
+        cmocka_unit_test(a_free_parameter_alone_moves_the_answer_as_among_others),
+        cmocka_unit_test(a_controller_comes_before_the_drive_in_any_order_of_the_stack),
         cmocka_unit_test(an_angle_that_nothing_determines_stays),
-        cmocka_unit_test(no_periodic_state_is_said),
+        cmocka_unit_test(a_missing_periodic_state_is_reported),
         cmocka_unit_test(a_drift_is_given_up),
         cmocka_unit_test(the_disturbance_is_left_out_of_the_periodic_answer),
         cmocka_unit_test(stiff_laws_stay_finite),

@@ -83,7 +83,7 @@ static gsid_rational off_by(double part) {
     return m;
 }
 
-/* Source, eq. 7.23, the phases unwrapped by hand: both from the first line on, along the model. */
+/* Thesis, eq. 7.23, the phases unwrapped by hand: both from the first line on, along the model. */
 static void logarithmic_cost_is_that_of_unwrapped_phases(void **state) {
     (void)state;
     gsid_frd data = measure(0.1);
@@ -107,7 +107,7 @@ static void logarithmic_cost_is_that_of_unwrapped_phases(void **state) {
     }
 }
 
-/* Source, eq. 7.24: equation errors over their variance. Its form of the output error, eq. 7.26, is what is computed. */
+/* Thesis, eq. 7.24: equation errors over their variance. Its form of the output error, eq. 7.26, is what is computed. */
 static void input_and_output_errors_cost_what_their_equation_errors_do(void **state) {
     (void)state;
     const gsid_frd data = with_input(measure(0.1));

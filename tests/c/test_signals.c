@@ -52,10 +52,11 @@ static void maximum_length_is_maximum(void **state) {
     }
 }
 
-static void lengths_that_there_are(void **state) {
+static void valid_lengths(void **state) {
     (void)state;
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 1553), 1553);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 1500), 1499);
+    assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 9), 7); /* the shorter of 7 and 11 */
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, 0), 3);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_QUADRATIC_RESIDUE, UINT32_MAX), 16777213);
     assert_int_equal(gsid_prbs_nearest(GSID_PRBS_MAXIMUM_LENGTH, 1500), 1023);
@@ -290,7 +291,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(quadratic_residues_are_the_source_s_program),
         cmocka_unit_test(maximum_length_is_maximum),
-        cmocka_unit_test(lengths_that_there_are),
+        cmocka_unit_test(valid_lengths),
         cmocka_unit_test(sweeps_are_their_formulas_in_every_period),
         cmocka_unit_test(a_sweep_between_near_lines_has_all_its_turns),
         cmocka_unit_test(a_sweep_of_too_many_octaves_is_refused),

@@ -79,7 +79,7 @@ def test_misuse(gsid, axis_json):
     for more, words in (
         (["--limit-travel-deg", 2], "--limit-travel-deg needs --model"),
         (["--limit-command", 5, "--peak", 3], "limits set the amplitude"),
-        (["--limit-command", -5], "must be a positive number"),
+        (["--limit-command", -5], "is not in the range x>0"),
         (["--optimise", "--peak", -3], "peak must be a positive number"),  # was taken, and turned round
         (["--optimise", "--peak", 3, "--amplitude", 2], "give one of"),
     ):

@@ -208,7 +208,7 @@ def test_report(gsid):
     result = gsid("report", "--diagnose", "--model", "null.json", *RECORDS, "-o", "page.html")
     assert (result.code, result.out) == (0, "page.html\n")
     page = Path("page.html").read_text(encoding="utf-8")
-    for words in ("Missing: ", "Which effect", "Torque that is missing", "Ladder"):
+    for words in ("Missing: ", "Which effect", "Missing torque", "Ladder"):
         assert words in page
     # A bug: too few periods to keep any out for the ladder, and there was no page.
     result = gsid("report", "--diagnose", "--model", "null.json", "s0.npz", "s1.npz", "-o", "short.html")

@@ -11,7 +11,7 @@ def test_the_table_has_a_line_for_each_effect(gsid):
     assert "delay_s [s]" in gsid("effects").out
 
 
-def test_json_tells_all(gsid):
+def test_json_has_all_results(gsid):
     effects = {one["effect"]: one for one in json.loads(gsid("effects", "--json").out)["effects"]}
     assert list(effects) == list(catalogue())
     stribeck = effects["stribeck_friction"]

@@ -47,7 +47,7 @@ def test_it_fits_the_stack_and_writes_it(gsid, files, method):
     assert "converged" in words
     # Least squares of the output had been told to leave a cost of 1, which only maximum likelihood does.
     assert ("1 when only noise is left" in words) == (method == "ml")
-    assert ("a right model, too, may have more than 1" in words) == (method == "nls-output")
+    assert ("a correct model may have more than 1" in words) == (method == "nls-output")
     # And so had its comparison.
     assert COST_MEANS[method] in gsid("compare", "rec.csv", "--model", "fitted.json").out
 

@@ -33,7 +33,7 @@ def test_one_period_from_rest(gsid, short_csv):
     assert np.mean(error**2 / np.array(values["var_g"])) == pytest.approx(9 / 8, abs=0.5)
     without = gsid("frf", short_csv, "--period", N)
     assert without.code == 3
-    assert "less than two good periods" in without.err
+    assert "fewer than two good periods" in without.err
     said = gsid("frf", short_csv, "--lpm", "--period", N).err
     assert "1 period of 1000 samples" in said
     assert "transient by local polynomials (9 degrees of freedom)" in said
@@ -46,7 +46,7 @@ def test_random_noise_is_windowed_with_a_warning(gsid, tmp_path):
     write_record(tmp_path / "random.csv", record)
     result = gsid("frf", "random.csv", "--json")
     assert result.code == 0
-    assert "warning: random.csv: not by periods but by 15 Hann windows of 2048 samples (H1)" in result.err
+    assert "warning: random.csv: averaging over 15 Hann windows of 2048 samples (H1)" in result.err
     values = json.loads(result.out)
     assert values["method"] == "windows"
     assert min(values["var_g"]) > 0
@@ -72,7 +72,7 @@ def test_parts_and_weak_lines(gsid, record, tmp_path):
     np.testing.assert_allclose(merged["var_g"], whole["var_g"], rtol=1e-6)
     none = gsid("frf", "whole.csv", "--min-input", "1000")
     assert none.code == 3
-    assert "no line has that much input" in none.err
+    assert "no line reaches the minimum input amplitude" in none.err
     assert gsid("frf", "whole.csv", "--lpm", "--window", "100").code == 2
 
 

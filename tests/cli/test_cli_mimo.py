@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gsid as package
-from gsid.cli.fit_matrix import JSON_KEYS, say_what_is_ill_determined
+from gsid.cli.fit_matrix import JSON_KEYS, note_ill_determined
 
 FS_HZ, N, LINES = 1000.0, 1000, np.arange(1, 201)
 POLES = 2 * np.pi * np.array([-2 + 30j, -5 + 90j])
@@ -107,7 +107,7 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", experiments[1])
     whole = gsid(*fit)
     assert whole.code == 3
-    assert "not told apart at" in whole.err
+    assert "cannot be separated at" in whole.err
     result = gsid(*fit, "--band", "5:150", "--json")
     assert result.code == 0, result.err
     d = json.loads(result.out)
@@ -184,7 +184,7 @@ def test_verbs_of_one_response_refuse_a_matrix(gsid, experiments, verb):
 
 
 @pytest.mark.parametrize("common", [True, False])
-def test_an_ill_determined_delay_is_said_once(common, capsys):
+def test_an_ill_determined_delay_is_reported_once(common, capsys):
     """Bug: a common delay was said for each response, each time with the advice to take a common one."""
     model = SimpleNamespace(
         inputs=["u1", "u2"],
@@ -193,7 +193,21 @@ def test_an_ill_determined_delay_is_said_once(common, capsys):
         delay_range_s=np.tile([1e-3, 2e-3], (2, 2, 1)),
         ill_determined_delays=np.full((2, 2), common) | np.array([[False, True], [False, False]]),
     )
-    say_what_is_ill_determined(model)
+    note_ill_determined(model)
     (note,) = capsys.readouterr().err.splitlines()
     assert ("common delay is" if common else "delay from u2 to y1 is") in note
     assert ("--delay common" in note) != common
+
+
+def test_a_held_out_experiment_with_the_inputs_of_a_fitted_one_is_noted(gsid, experiments, tmp_path):
+    (tmp_path / "again.csv").write_text(_with_more_noise((tmp_path / experiments[1]).read_text()))
+    fit = ("fit", *experiments[:2], *CHANNELS, "--order", "4/3", "--delay", "common", "--held-out")
+    assert f"again.csv has the same input as {experiments[1]}" in gsid(*fit, "again.csv").err
+    assert "has the same input" not in gsid(*fit, experiments[2]).err
+
+
+def _with_more_noise(text):
+    head, rows = text.split("y1,y2\n")
+    values = np.array([row.split(",") for row in rows.split()], dtype=float)
+    values[:, 2:] += 0.01 * np.random.default_rng(8).standard_normal((len(values), 2))
+    return f"{head}y1,y2\n" + "\n".join(",".join(f"{x:.12g}" for x in row) for row in values) + "\n"

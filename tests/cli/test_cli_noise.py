@@ -52,7 +52,9 @@ def test_picture(gsid, rest_csv, tmp_path):
     assert gsid("noise", rest_csv, "--plot", "noise.png").code == 0
     assert (tmp_path / "noise.png").stat().st_size > 10000
     assert gsid("noise", rest_csv, "--plot", "noise.txt").code == 2
-    assert "one record at a time" in gsid("noise", rest_csv, rest_csv, "--plot", "noise.png").err
+    assert (
+        "--plot draws the noise of one record" in gsid("noise", rest_csv, rest_csv, "--plot", "noise.png").err
+    )
 
 
 def test_a_named_input_must_be_there(gsid, rest_csv):
@@ -70,7 +72,7 @@ def test_frf_without_the_disturbance(gsid, record, tmp_path):
     with_fan = json.loads(gsid("frf", "fan.csv", "--json").out)
     result = gsid("frf", "fan.csv", "--remove-periodic", "--json")
     without = json.loads(result.out)
-    assert "taken off as periodic disturbance: 61.3" in result.err
+    assert "periodic disturbances removed: 61.3" in result.err
     (tone,) = without["removed"]
     assert tone["amplitude"] == pytest.approx(0.5, rel=0.01)
     assert with_fan["removed"] == []

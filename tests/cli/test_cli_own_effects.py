@@ -202,9 +202,9 @@ def test_a_model_that_runs_away(gsid, verb):
 @pytest.mark.parametrize(
     ("verb", "n_periods", "words"),
     [
-        (VERBS[0], 1, "less than two"),
-        (VERBS[1], 1, "less than two"),
-        (VERBS[2], 1, "less than two"),
+        (VERBS[0], 1, "fewer than two"),
+        (VERBS[1], 1, "fewer than two"),
+        (VERBS[2], 1, "fewer than two"),
         (VERBS[2], 3, "too few periods to keep half of them out"),
     ],
 )
@@ -216,7 +216,7 @@ def test_a_record_too_short_for_the_test(gsid, verb, n_periods, words):
     assert "hint: " in result.err
 
 
-def test_a_singular_fit_is_said(gsid):
+def test_a_singular_fit_is_reported(gsid):
     """Two frictions that are the same: the sum is determined, neither of them is."""
     law = ["--torque", "b*w", "--param", "b=1"]
     result = gsid("add", *law, "--model", "null.json", *RECORDS, "-o", "two.json")

@@ -16,7 +16,7 @@ def test_page_with_a_fit(gsid, rec_csv):
     assert "Adequate: " in text
 
 
-def test_the_order_is_chosen_when_asked(gsid, rec_csv):
+def test_the_order_is_chosen_on_request(gsid, rec_csv):
     """A bug: what `gsid fit` takes as an order, the report refused."""
     orders = json.loads(gsid("fit", rec_csv, "--order", "auto", "--json").out)["orders"]
     (chosen,) = (row["order"] for row in orders if row["chosen"])

@@ -10,7 +10,7 @@ from gsid.rig.axis import HIDDEN
     ("arguments", "code", "words"),
     [
         (("--effect", "cubic_sprint"), 3, "did you mean cubic_spring?"),
-        (("--effect", "gear_backlash"), 3, "it has one for drive_dead_zone"),
+        (("--effect", "gear_backlash"), 3, "it has drive_dead_zone"),
         (("--effect", "coulomb_friction", "--param", "levle=1"), 3, "did you mean level?"),
         (("--effect", "coulomb_friction", "--param", "level=-1"), 2, "out of its range"),
         (("--effect", "coulomb_friction", "--param", "level"), 2, "is not NAME=VALUE"),
@@ -30,5 +30,5 @@ def test_an_effect_without_a_law_of_the_axis_is_not_simulated(gsid):
     for effect in without:
         result = gsid("simulate", "--effect", effect)
         assert result.code == 3, effect
-        assert "no law of its own" in result.err
-        assert "hint: it has one for drive_dead_zone" in result.err
+        assert "does not have this effect" in result.err
+        assert "hint: it has drive_dead_zone" in result.err

@@ -115,7 +115,7 @@ def test_output_that_cannot_be_written(gsid, rec_csv):
     assert "found from" not in result.err
 
 
-def test_a_write_that_fails_names_the_file_that_was_asked_for(tmp_path):
+def test_a_write_that_fails_names_the_requested_file(tmp_path):
     def fail(part):
         raise OSError(28, "No space left on device", str(part))
 
@@ -183,7 +183,7 @@ def test_data_that_the_library_refuses_are_bad_input(broken_frf, status):
     assert "hint: " in result.err
 
 
-def test_faults_of_gsid_are_code_4_and_traced_when_asked(broken_frf, monkeypatch):
+def test_faults_of_gsid_are_code_4_and_traced_on_request(broken_frf, monkeypatch):
     result = broken_frf(ZeroDivisionError("division by zero"))
     assert result.code == 4
     assert "Traceback" not in result.err

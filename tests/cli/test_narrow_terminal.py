@@ -7,6 +7,7 @@ import click
 import pytest
 
 import gsid.cli.output
+from gsid.base.tables import Table
 from gsid.cli.main import VERBS
 from gsid.cli.output import column_widths, print_table
 from gsid.effects.types import catalogue
@@ -83,7 +84,7 @@ def test_fit_and_add_show_every_parameter_whole(gsid, rec_csv, terminal):
 def test_the_table_of_diagnose_shows_every_effect_whole(capsys, terminal):
     effects = [e.id for e in catalogue().values()]
     header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]
-    print_table(header, [["1", "99.9%", " or ".join(effects), "1234.5", "1.002"]], left=["effects"])
+    print_table(Table(header, [["1", "99.9%", " or ".join(effects), "1234.5", "1.002"]], left=["effects"]))
     assert set(effects) <= words(capsys.readouterr().out)
 
 

@@ -20,7 +20,7 @@ NAMES = ["--u", "iq", "--y", "omega_motor"]
 
 
 def numpy_frf(u, y, line, n_period):
-    """Mean and its variance from numpy's FFT of the periods (source, eqs. 4.10, 4.11 and 7.29)."""
+    """Mean and its variance from numpy's FFT of the periods (thesis, eqs. 4.10, 4.11 and 7.29)."""
     U, Y = (np.fft.rfft(x.reshape(-1, n_period))[:, line] * 2 / n_period for x in (u, y))
     P, mean_u, mean_y = len(U), U.mean(0), Y.mean(0)
     g = mean_y / mean_u
@@ -139,7 +139,7 @@ def test_fit_in_words(gsid, rec_csv):
 
 
 @pytest.mark.parametrize("method", ["ls", "iwls", "nls", "log", "ml"])
-def test_every_method_is_told_in_words(gsid, rec_csv, method):
+def test_every_method_prints_its_cost_in_words(gsid, rec_csv, method):
     """A bug: the words wanted the cost expected of noise alone, which only maximum likelihood has."""
     result = gsid("fit", rec_csv, "--order", "2/0", "--method", method)
     assert result.code == 0
@@ -277,7 +277,7 @@ def test_bench_fit_and_compare(gsid):
     assert verdict["rms_error"] > verdict["noise_floor_rms"]
 
 
-def test_known_response_is_what_was_said():
+def test_known_response_is_as_documented():
     """The system of these records, at rest: gain 3."""
     assert abs(response(0.0)) == pytest.approx(3)
 
@@ -303,7 +303,7 @@ def test_fit_of_an_order_found(gsid, rec_csv):
     assert [row["chosen"] for row in values["orders"]].count(True) == 1
 
 
-def test_fit_says_what_is_ill_determined(gsid, rec_csv, monkeypatch):
+def test_fit_reports_what_is_ill_determined(gsid, rec_csv, monkeypatch):
     assert "cannot be distinguished" not in gsid("fit", rec_csv, "--order", "2/0").err
     monkeypatch.setattr(order, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err
@@ -354,7 +354,7 @@ def test_pieces_of_low_order(gsid, rec_csv):
         assert gsid("fit", rec_csv, "--order", "1/0", *wrong).code == 2
     refused = gsid("export-c", "pieces.json")
     assert refused.code == 3
-    assert "a set of models answers at a frequency, not in time" in refused.err
+    assert "a set of models has no time response" in refused.err
 
 
 def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
@@ -374,4 +374,32 @@ def test_fit_judged_on_a_record_kept_out(gsid, record, rec_csv):
     Path("copy.csv").write_bytes(Path(rec_csv).read_bytes())
     refused = gsid("fit", rec_csv, "--order", "2/0", "--held-out", "copy.csv")
     assert (refused.code, refused.out) == (3, "")
-    assert "a record is fitted and kept out\n  where: copy.csv\n" in refused.err
+    assert "a held-out record is also fitted\n  where: copy.csv\n" in refused.err
+
+
+def test_bug_a_held_out_record_with_the_input_of_a_fitted_one_was_no_reason_for_a_note(gsid, record, rec_csv):
+    """On the same input the errors of the model are those that the fit has made small."""
+    rng = np.random.default_rng(33)
+    noise = 0.01 * rng.standard_normal(len(record.y))
+    write_record("same.csv", Record(record.u, record.y + noise, FS_HZ))
+    later = slice(123, None)  # of the same periodic input
+    write_record("later.csv", Record(record.u[later], (record.y + noise)[later], FS_HZ))
+    write_record("louder.csv", Record(1.1 * record.u, 1.1 * record.y + noise, FS_HZ))
+    spectrum = np.fft.rfft(record.u.reshape(-1, N_PERIOD)[0]) * np.exp(
+        2j * np.pi * rng.random(N_PERIOD // 2 + 1)
+    )
+    u = np.tile(np.fft.irfft(spectrum, N_PERIOD), N_PERIODS)
+    answer = np.fft.irfft(spectrum * response(np.fft.rfftfreq(N_PERIOD, 1 / FS_HZ)), N_PERIOD)
+    write_record("new.csv", Record(u, np.tile(answer, N_PERIODS) + noise, FS_HZ))
+    fit = ("fit", rec_csv, "--order", "2/0", "--held-out")
+    for name in ("same.csv", "later.csv"):
+        result = gsid(*fit, name)
+        assert result.code == 0, result.err
+        assert (
+            result.err.count(f"warning: {name} has the same input as rec.csv: it tests the noise only") == 1
+        )
+        assert "hold out another realisation of the input" in result.err
+    for name in ("louder.csv", "new.csv"):
+        result = gsid(*fit, name)
+        assert result.code == 0, result.err
+        assert "has the same input" not in result.err

@@ -23,8 +23,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[1] / "false_alarms"))
-from hostile_corpus import SEED, corpus, sound_files
+from hostile_corpus import corpus
+from sound_files import SEED, sound_files
 from study import current_commit
+
+from gsid.base.tables import Table
 
 SECONDS, MEGABYTES = 10.0, 500.0
 PATIENCE = 60  # s of the processor until a run is ended; ten times as long by the clock, on a busy computer
@@ -146,10 +149,8 @@ def show(result):
 
 def table(results):
     """One row for each class of fault, as Markdown."""
-    rows = [
-        "| class | inputs | runs | exit 0 | exit 3 | others | longest [s] | largest [MB] |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    head = ["class", "inputs", "runs", "exit 0", "exit 3", "others", "longest [s]", "largest [MB]"]
+    rows = []
     by_kind = collections.defaultdict(list)
     for result in results:
         by_kind[result["kind"]].append(result)
@@ -158,8 +159,8 @@ def table(results):
         inputs = len({(r["kind"], r["name"]) for r in runs})
         longest, largest = (max(r[key] for r in runs) for key in ("seconds", "megabytes"))
         counts = [len(runs), codes[0], codes[3], codes["other"], f"{longest:.1f}", f"{largest:.0f}"]
-        rows.append(f"| {' | '.join(map(str, [kind, inputs, *counts]))} |")
-    return "\n".join(rows)
+        rows.append(list(map(str, [kind, inputs, *counts])))
+    return Table(head, rows, left=head).markdown()
 
 
 def main():

@@ -11,8 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from hostile_corpus import PLANT_VERBS, Entry, catalogue_plant, corpus, plant, read_by
+from entries import PLANT_VERBS, Entry, read_by
+from hostile_corpus import corpus
 from hostile_runs import SECONDS, faults, key, load, run_corpus, table
+from sound_files import catalogue_plant, plant
 
 RUNS = Path(__file__).with_name("hostile_runs.py")
 CLASSES = {

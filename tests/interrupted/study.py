@@ -27,6 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsid.base.tables import Table
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.rig.journal import recover
@@ -264,11 +265,11 @@ def what_is_left(folder: Path) -> Record:
 
 def table(trials: list[Trial]) -> str:
     """Markdown, a row for each way."""
-    lines = [
-        "| ended by | runs | command zero [ms]: median, latest | periods due | of them kept | spoiled "
-        "| record / journal | exit code | fulfilled |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    head = [
+        "ended by", "runs", "command zero [ms]: median, latest", "periods due", "of them kept", "spoiled",
+        "record / journal", "exit code", "fulfilled",
+    ]  # fmt: skip
+    rows = []
     for way, code in WAYS.items():
         of = [trial for trial in trials if trial.way == way]
         if not of:
@@ -278,12 +279,20 @@ def table(trials: list[Trial]) -> str:
         kept = sum(min(trial.n_due, trial.n_kept) for trial in of)
         in_record = sum(trial.kept_in == "record" for trial in of)
         codes = sum(trial.exit_code == code for trial in of)
-        lines.append(
-            f"| {way} | {len(of)} | {np.median(zero_ms):.0f}, {max(zero_ms):.0f} | {due} | {kept} | "
-            f"{sum(trial.n_spoiled for trial in of)} | {in_record} / {len(of) - in_record} | "
-            f"{code}: {codes} of {len(of)} | {sum(trial.is_good for trial in of)} of {len(of)} |"
+        rows.append(
+            [
+                way,
+                f"{len(of)}",
+                f"{np.median(zero_ms):.0f}, {max(zero_ms):.0f}",
+                f"{due}",
+                f"{kept}",
+                f"{sum(trial.n_spoiled for trial in of)}",
+                f"{in_record} / {len(of) - in_record}",
+                f"{code}: {codes} of {len(of)}",
+                f"{sum(trial.is_good for trial in of)} of {len(of)}",
+            ]
         )
-    return "\n".join(lines)
+    return Table(head, rows, left=head[:1]).markdown()
 
 
 def write_page(page: Path, text: str) -> None:

@@ -59,7 +59,7 @@ class CTests:
         }
 
     def _executed(self, folder: Path, names: list[str], files: list[str]) -> dict[str, dict[int, list[str]]]:
-        """Of each file and line the test programs that execute it in double precision."""
+        """Of each file and line with code the test programs that execute it in double precision."""
         built = "build/coverage"
         first = {name: _paths(built, name)[0] for name in names}
         self._make(COVERAGE, built, list(first.values()))
@@ -78,8 +78,9 @@ class CTests:
                 for one in report["files"]:
                     if one["file"] in lines:
                         for line in one["lines"]:
+                            executing = lines[one["file"]][line["line_number"]]
                             if line["count"]:
-                                lines[one["file"]][line["line_number"]].append(name)
+                                executing.append(name)
             shutil.rmtree(counts)
         return lines
 
@@ -90,8 +91,12 @@ class CTests:
         return time.monotonic() - start
 
     def covering(self, mutant: Mutant) -> list[str]:
-        """Programs that execute the line of a mutant, in both precisions, the quickest first."""
-        names = self.programs[mutant.file].get(mutant.line, set())
+        """Programs that execute the line of a mutant, in both precisions, the quickest first.
+
+        A line without code, such as a constant table, is covered by all programs of the file.
+        """
+        lines = self.programs[mutant.file]
+        names = lines[mutant.line] if mutant.line in lines else set().union(*lines.values())
         programs = [one for name in names for one in _paths("build", name)]
         chosen, total = [], 0.0
         for program in sorted(programs, key=lambda one: (self.seconds[one], one)):

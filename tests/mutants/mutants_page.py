@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+
+from gsid.base.tables import Table
 
 REASONS = Path(__file__).with_name("reasons.json")
 HEAD = """# Mutants that the tests do not find
 
-A mutant is the source with one small change: a sign, a comparison, a number, a statement left out. A test
+A mutant is the source with one small change: a sign, a comparison, a number, or a removed statement. A test
 that fails with it has found it. `make mutants` draws {n} mutants of each part of the source from seed {seed},
 judges each by the tests that execute its line, and writes this page. Changes that do not compile, or that
 compile to the same program, are not counted. [Decisions](decisions.md) has the reasons for the tools.
-A run that was stopped has judged fewer than {n}. This one was of commit {commit}.
-
-| part | judged | found | not found | found, 95 % interval |
-|---|---|---|---|---|
+A run that was stopped early has judged fewer than {n}. This run was made at commit {commit}.
 """
 
 
@@ -36,29 +35,38 @@ def text(found: Mapping[str, Sequence[Mapping]], seed: int, n: int, commit: str)
     -------
     str
     """
+    reasons = json.loads(REASONS.read_text(encoding="utf-8"))
+    head = ["part", "judged", "found", "not found", "found, 95 % interval"]
+    parts = [HEAD.format(seed=seed, n=n, commit=commit), _markdown(head, map(_counts, found, found.values()))]
+    head = ["file", "change", "why no test finds it"]
+    for part, mutants in found.items():
+        left = [one for one in mutants if one["status"] != "killed"]
+        left.sort(key=lambda one: (one["file"], one["line"]))
+        parts += [f"\n## {part.capitalize()}\n", _markdown(head, (_survivor(one, reasons) for one in left))]
+    return "\n".join(parts) + "\n"
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return Table(head, list(rows), left=head).markdown()
+
+
+def _counts(part: str, mutants: Sequence[Mapping]) -> list[str]:
     from scipy.stats import binomtest
 
-    reasons = json.loads(REASONS.read_text(encoding="utf-8"))
-    out = HEAD.format(seed=seed, n=n, commit=commit)
-    for part, mutants in found.items():
-        n_found = sum(one["status"] == "killed" for one in mutants)
-        if mutants:
-            interval = binomtest(n_found, len(mutants)).proportion_ci(method="wilson")
-            low_high = f"{interval.low:.0%} to {interval.high:.0%}".replace("%", " %")
-        else:
-            low_high = ""
-        out += f"| {part} | {len(mutants)} | {n_found} | {len(mutants) - n_found} | {low_high} |\n"
-    for part, mutants in found.items():
-        out += f"\n## {part.capitalize()}\n\n| file | change | why no test finds it |\n|---|---|---|\n"
-        left = [one for one in mutants if one["status"] != "killed"]
-        for one in sorted(left, key=lambda one: (one["file"], one["line"])):
-            change = f"{_code(one['before'])} → {_code(one['after'])}"
-            out += f"| {one['file']}:{one['line']} | {change} | {_reason(one, reasons)} |\n"
-    return out
+    n_found = sum(one["status"] == "killed" for one in mutants)
+    low_high = ""
+    if mutants:
+        interval = binomtest(n_found, len(mutants)).proportion_ci(method="wilson")
+        low_high = f"{interval.low:.0%} to {interval.high:.0%}".replace("%", " %")
+    return [part, str(len(mutants)), str(n_found), str(len(mutants) - n_found), low_high]
+
+
+def _survivor(one: Mapping, reasons: Mapping[str, str]) -> list[str]:
+    change = f"{_code(one['before'])} → {_code(one['after'])}"
+    return [f"{one['file']}:{one['line']}", change, _reason(one, reasons)]
 
 
 def _code(line: str) -> str:
-    line = line.replace("|", "\\|")
     return f"`{line}`" if line else "nothing"
 
 

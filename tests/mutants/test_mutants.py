@@ -103,6 +103,16 @@ def test_a_mutant_is_judged_by_the_tests_of_its_line(project, monkeypatch, old, 
     assert (project.tree / "python/law.py").read_text() == LAW
 
 
+def test_what_a_file_sets_up_counts_once(project, monkeypatch):
+    """A quick test behind a slow fixture came first: it took as long as all others together."""
+    project.durations = {"a.py::slow": 9.0, "a.py::quick": 0.1, "b.py::one": 1.0, "b.py::other": 2.0}
+    project.setups = {"a.py": 30.0, "b.py": 0.5}
+    names = project.durations.keys()
+    assert project._quickest(names) == ["b.py::one", "b.py::other", "a.py::quick", "a.py::slow"]
+    monkeypatch.setattr(python_tests, "MOST_S", 35.0)
+    assert project._quickest(names) == ["b.py::one", "b.py::other", "a.py::quick"]
+
+
 def test_each_part_has_sources():
     """A part whose files have moved would be judged as found whole."""
     for part in run_mutants.TARGETS:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.rig.axis import SimulatedAxis
@@ -25,6 +26,12 @@ class BareStack(SimpleNamespace):
     """As much of a PlantModel as a search changes: its effects."""
 
     with_effect, without_effect = PlantModel.with_effect, PlantModel.without_effect
+
+
+class BareFit(SimpleNamespace):
+    """As much of a PlantFit as a search reads: its records, and what follows from them."""
+
+    residual, jacobian = PlantFit.residual, PlantFit.jacobian
 
 
 def plant(stack, **more):

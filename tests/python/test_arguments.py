@@ -102,7 +102,7 @@ def test_what_is_no_record_or_no_response(record):
         (lambda: gsid.frf([record.u, record.y]), r"got ndarray; Record\(u, y, fs_hz\) makes one"),
         (lambda: gsid.compare(model, response), "got Frf"),
         (lambda: gsid.compare(record, model), "got RationalModel"),
-        (lambda: gsid.fit(record.y, "1/0"), r"an Frf, got ndarray; frf\(record\) measures it"),
+        (lambda: gsid.fit(record.y, "1/0"), r"an Frf, got ndarray; frf\(record\) estimates it"),
         (lambda: gsid.fit(model, "1/0"), "an Frf, got RationalModel"),
         (lambda: gsid.noise([record]), "one Record at a time, got list"),
     ):
@@ -142,7 +142,7 @@ def test_the_verbs_of_the_command_are_functions(record):
 
 
 @pytest.mark.parametrize("period", [N - 1, N + 1, N])
-def test_a_period_that_slips_is_said(caplog, period):
+def test_a_period_that_slips_is_reported(caplog, period):
     """Generator and recorder without a common clock, or a period that is off by one: half of the lines went,
     and errors were four times their sigma; nothing was said."""
     # 0.02 samples per period are 40 ppm, the difference of two ordinary quartzes
@@ -158,7 +158,7 @@ def test_a_period_that_slips_is_said(caplog, period):
     assert (f"give {N}," in caplog.text) == (period != N)
 
 
-def test_a_period_that_is_right_is_not_said_to_slip(caplog):
+def test_a_correct_period_is_not_reported_to_slip(caplog):
     lines = np.arange(1, 40, 2)
     clean = np.tile(np.cos(2 * np.pi * np.outer(np.arange(N), lines) / N + lines**2).sum(axis=1), 5)
     for seed in range(200):
@@ -195,7 +195,7 @@ def test_stamps_that_jitter_are_even_where_the_rate_is_given(tmp_path, record):
         read_record(path, fs_hz=FS_HZ)
 
 
-def test_a_response_from_elsewhere_says_what_it_lacks(record):
+def test_an_imported_response_reports_what_it_lacks(record):
     # each was a status of the core: "a configuration value is out of its range"
     response = gsid.frf(record)
 

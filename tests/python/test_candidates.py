@@ -32,8 +32,8 @@ class FakeFits(SearchInput):
     def fit(self, model, max_iter=50, only=None):
         return self.answers(model, max_iter)
 
-    def noise_p_value(self, fit):
-        return float(self.is_enough)
+    def is_noise(self, fit):
+        return self.is_enough
 
     def joint_starts(self, fit):
         return list(self.joints)
@@ -147,7 +147,7 @@ def test_a_law_that_contains_another_is_not_ruled_out_by_its_price():
 
 
 @pytest.mark.parametrize("joint", [False, True])
-def test_the_linear_view_of_a_joint_is_the_plants_answer(joint):
+def test_the_linear_response_of_backlash_is_that_of_the_plant(joint):
     """Without play the plant is linear, and its simulation owes the formula nothing."""
     stack = AXIS | ({"gear_backlash": GEAR} if joint else {})
     f = np.arange(N // 2 + 1) * FS_HZ / N
@@ -177,7 +177,7 @@ def stopped_plant():
     return PeriodicPlant(stopped, command, FS_HZ), furthest, stopped.free_values
 
 
-def test_an_axis_with_stops_is_not_thrown_onto_another_orbit():
+def test_an_axis_with_stops_does_not_reach_another_orbit():
     """A bug: from rest the transient hit the stops, and the orbit found rattled between them."""
     stopped, furthest, _ = stopped_plant()
     answer = stopped.run()
@@ -185,7 +185,7 @@ def test_an_axis_with_stops_is_not_thrown_onto_another_orbit():
     assert np.max(np.abs(answer.angle)) < furthest
 
 
-def test_a_step_that_is_taken_back_leaves_no_trace():
+def test_a_rejected_step_has_no_influence():
     """A bug: the next answer was searched from the rejected one, on its orbit."""
     stopped, _, values = stopped_plant()
     first = stopped.run(values)
@@ -198,7 +198,7 @@ def test_a_step_that_is_taken_back_leaves_no_trace():
     np.testing.assert_allclose(again.y, first.y, atol=1e-9 * np.max(np.abs(first.y)))
 
 
-def test_a_joint_that_others_beat_is_not_followed():
+def test_backlash_worse_than_other_effects_is_not_refined():
     """A bug: on a record with hysteresis half an hour went into a gear that was worse than a spring."""
     joint = BareStack(effects=[SimpleNamespace(id="gear_backlash", params={})])
 

@@ -111,7 +111,7 @@ def test_the_parametric_fit_is_right_within_its_covariance(method):
     assert abs(free.delay_s - 2 / FS_HZ) < 3.3 * free.std_delay_s
 
 
-def test_lines_that_the_input_does_not_show_are_said(caplog):
+def test_lines_below_the_noise_of_the_input_are_reported(caplog):
     """They were left out in silence."""
     record = loop(np.random.default_rng(SEED), 4, 0.05)
     assert len(frf(record, reference="r").rejected_hz) == 0
@@ -122,15 +122,15 @@ def test_lines_that_the_input_does_not_show_are_said(caplog):
     response = frf(quiet, reference="r")
     np.testing.assert_allclose(response.rejected_hz, silent * FS_HZ / N)
     np.testing.assert_allclose(response.f_hz, np.delete(LINES, np.s_[10:15]) * FS_HZ / N)
-    assert "left out, their input being too weak: 5 (52.5, 57.5, 62.5, 67.5, 72.5 Hz)" in caplog.text
+    assert "left out because their input is too weak: 5 (52.5, 57.5, 62.5, 67.5, 72.5 Hz)" in caplog.text
     np.testing.assert_allclose(frf(quiet, reference="r", band=(70, 200)).rejected_hz, [72.5])
 
 
-def test_what_is_missing_is_said():
+def test_missing_reference_and_response_are_reported():
     record = loop(np.random.default_rng(SEED), 4, 0.05)
     with pytest.raises(InputError, match="no column named ref"):
         frf(record, reference="ref")
-    with pytest.raises(InputError, match="stands out"):
+    with pytest.raises(InputError, match="does not exceed its noise"):
         frf(replace(record, u=np.random.default_rng(1).standard_normal(len(record))), reference="r")
     with pytest.raises(InputError, match="loop with w for u"):
         frf(

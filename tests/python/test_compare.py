@@ -108,7 +108,7 @@ def test_a_model_in_z_is_not_compared_at_another_rate():
         (RationalModel([0.1], [1, -0.9], domain="z", fs_hz=FS), "none", None),
     ],
 )
-def test_half_a_sample_between_model_and_record_is_told(caplog, model, hold, words):
+def test_half_a_sample_between_model_and_record_is_reported(caplog, model, hold, words):
     """Bug: a model of a held input was compared with one that was not, or the reverse, in silence."""
     record = dataclasses.replace(measured(np.random.default_rng(SEED), periods=3), hold=hold)
     compare(model, record)
@@ -246,7 +246,7 @@ def test_what_the_model_is_allowed_is_reported():
     np.testing.assert_allclose(included.sigma**2 - included.sigma_model**2, bare.sigma**2, rtol=1e-9)
 
 
-def test_bands_do_not_blame_what_the_covariance_allows():
+def test_bands_do_not_fail_within_the_covariance():
     """A gain off by two standard deviations fails nowhere, one off by twenty at every line that shows it."""
     rng = np.random.default_rng(SEED)
     cov = np.zeros((3, 3))
@@ -374,6 +374,26 @@ def test_a_covariance_of_as_many_other_parameters_is_not_used(command):
     assert compare(model, record).model_uncertainty == "none"
 
 
+def test_a_covariance_of_an_older_fit_is_not_used(command, tmp_path):
+    """A parameter was fixed, the model refitted, and the parameter freed again in place of another one.
+
+    The matrix has the right shape and every free parameter a standard deviation, but one is of the first fit.
+    """
+    rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
+    record = noisy(rng, command, y, 4)
+    first = fit_plant(plant(STACK), record).model
+    model = fit_plant(first, record, fixed=["rigid_body.gain"]).model
+    assert compare(model, record).model_uncertainty == "included"
+    model["rigid_body.gain"].free, model["cable_spring.stiffness"].free = True, False
+    assert model.cov.shape == (len(model.free_names),) * 2
+    assert all(model[name].std is not None for name in model.free_names)
+    assert compare(model, record).model_uncertainty == "none"
+    model.save(tmp_path / "m.json")
+    assert compare(PlantModel.load(tmp_path / "m.json"), record).model_uncertainty == "none"
+    model["rigid_body.gain"].free, model["cable_spring.stiffness"].free = False, True
+    assert compare(model, record).model_uncertainty == "included"
+
+
 def test_what_the_fit_left_open_may_have_any_value(command, caplog):
     """An undetermined parameter (NaN) and one of each record alone say nothing of a new record."""
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
@@ -396,7 +416,7 @@ def test_what_the_fit_left_open_may_have_any_value(command, caplog):
         np.testing.assert_allclose(found.sigma_model[:3], expected, rtol=0.01)
 
 
-def test_friction_is_seen_in_a_plant_without_it(command):
+def test_friction_is_detected_in_a_plant_without_it(command):
     rng = np.random.default_rng(SEED)
     y = axis_period(command, coulomb_level=2.0, **AXIS)
     result = compare(plant(STACK), noisy(rng, command, y, 6))
@@ -407,7 +427,7 @@ def test_friction_is_seen_in_a_plant_without_it(command):
     assert compare(with_it, noisy(rng, command, y, 6)).adequate
 
 
-def test_an_offset_is_seen_at_0_only_where_the_plant_knows_its_mean(command):
+def test_line_0_counts_only_where_the_plant_determines_the_mean(command):
     rng, y = np.random.default_rng(SEED), axis_period(command, **AXIS)
     away = noisy(rng, command, y + 0.1, 6)
     where = compare(plant(STACK), away, band=(0.0, 60.0)).where
@@ -438,7 +458,7 @@ def test_a_band_of_the_line_at_0_alone(command):
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.05, False), (0.2, True)])
-def test_an_answer_that_is_not_steady_is_told(command, monkeypatch, caplog, share, told):
+def test_a_response_that_is_not_steady_is_reported(command, monkeypatch, caplog, share, told):
     """A bug: a plant without steady state was judged like any other. A tenth of the noise may move."""
     caplog.set_level("WARNING", "gsid")
     seen = noisy(np.random.default_rng(SEED), command, axis_period(command, **AXIS), 3)

@@ -11,8 +11,8 @@ import pytest
 import gsid.demo
 from gsid.cli.main import main
 from gsid.demo.hidden import SIZES, draw
-from gsid.demo.linear import beside_truth, mode_pole
-from gsid.demo.missing import BELIEVED, believed, excitations
+from gsid.demo.linear import compared_with_truth, mode_pole
+from gsid.demo.missing import INITIAL_MODEL, excitations, initial_model
 from gsid.models.rational import RationalModel
 from gsid.plant.model import PlantModel
 from gsid.rig.axis import HIDDEN, SimulatedAxis, hidden_parameters
@@ -76,21 +76,21 @@ def test_it_prints_what_the_readme_shows(command):
         np.testing.assert_allclose(*values, rtol=0.1, atol=1e-12)
 
 
-def test_the_answer_was_sealed_before_the_first_measurement_and_told_last(shown, command):
+def test_the_answer_was_hashed_before_the_first_measurement_and_printed_last(shown, command):
     result, said = shown
     answer = (result.report.parent / "hidden.json").read_bytes()
-    seal = hashlib.sha256(answer).hexdigest()
+    sha256 = hashlib.sha256(answer).hexdigest()
     first_hidden = next(text for text in said if text.startswith("hidden:"))
-    assert seal in first_hidden
+    assert sha256 in first_hidden
     effect = json.loads(answer)["effect"]
     assert not any(effect in text for text in said[: said.index("hidden: fitting the given model")])
-    assert command()[1].splitlines()[-1] == result.search.revealed
+    assert command()[1].splitlines()[-1] == result.search.answer_sentence
     page = result.report.read_text()
-    assert seal in page
-    assert page.rindex(result.search.revealed) > page.rindex("<svg")
+    assert sha256 in page
+    assert page.rindex(result.search.answer_sentence) > page.rindex("<svg")
 
 
-def test_a_failed_demo_says_so(shown, command):
+def test_a_failed_demo_is_reported(shown, command):
     checks = shown[0].checks
     checks["the hidden effect is named"] = False
     try:
@@ -110,12 +110,12 @@ def test_every_effect_that_can_be_drawn_can_be_hidden_and_is_drawn():
         SimulatedAxis(**hidden_parameters(hidden.effect, hidden.params))  # refuses what is out of range
 
 
-def test_what_is_believed_is_off_by_5_percent_and_has_nothing_hidden():
-    model, true = believed(3), SimulatedAxis().parameters
-    assert [effect.id for effect in model.effects] == list(BELIEVED)
+def test_the_initial_model_is_off_by_5_percent_and_has_nothing_hidden():
+    model, true = initial_model(3), SimulatedAxis().parameters
+    assert [effect.id for effect in model.effects] == list(INITIAL_MODEL)
     ratios = [
         model[f"{effect}.{name}"].value / true[of]
-        for effect, names in BELIEVED.items()
+        for effect, names in INITIAL_MODEL.items()
         for name, of in names.items()
     ]
     np.testing.assert_allclose(np.abs(np.array(ratios) - 1), 0.05, rtol=1e-12)
@@ -133,7 +133,7 @@ def test_a_wrong_model_stands_out_beside_the_truth():
     truth = {"num": [2.0, 0.0], "den": [1.0, 3.0, 900.0], "delay_s": 0.005, "parameters": {"mode_f_hz": 4.7}}
     cov = np.diag([0.01, 1.0, 0.01, 0.01, 1e-10])
     model = RationalModel([2.5, 0.0], [1.0, 3.0, 900.0], 0.005, cov=cov, free_delay=True)
-    rows = {row.name: row for row in beside_truth(model, truth)}
+    rows = {row.name: row for row in compared_with_truth(model, truth)}
     assert rows["num, s¹"].n_sigma == pytest.approx(5)
     assert rows["delay"].n_sigma == pytest.approx(0)
     assert rows["mode"].estimate == pytest.approx(30 / (2 * np.pi))

@@ -81,7 +81,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert found.cost_per_dof == pytest.approx(1, abs=0.15)
 
 
-def test_the_false_alarm_rate_asked_for_is_the_one_that_decides():
+def test_the_requested_false_alarm_rate_decides():
     """A bug: rounds compared with the default rate, so a search at 50 % ended without candidates."""
     found = diagnose(null(), measured(SLIGHT))
     assert found.verdict == "adequate"

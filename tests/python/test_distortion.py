@@ -17,7 +17,7 @@ SEED = 41
 
 
 def numpy_robust(records, line):
-    """Source, eqs. 5.12 to 5.16, as they are written."""
+    """Thesis, eqs. 5.12 to 5.16, as they are written."""
     g = np.array(
         [np.fft.rfft(r.y.reshape(-1, N))[:, line] / np.fft.rfft(r.u.reshape(-1, N))[:, line] for r in records]
     )
@@ -123,7 +123,7 @@ def test_few_lines_far_above_noise_are_covered_too():
     assert 0.94 < mean < 0.96
 
 
-def test_the_fast_method_tells_the_same_from_one_realisation():
+def test_the_fast_method_gives_the_same_from_one_realisation():
     axis = NonlinearAxis(cubic=0.2, noise=0.003)
     _, truth = axis.truth()
     keep = np.delete(np.arange(len(LINE)), np.arange(2, len(LINE), 4))  # every fourth odd line detects
@@ -176,7 +176,7 @@ def test_a_lost_sample_spoils_its_period_only():
 
 def test_misuse_of_the_streaming_measurement():
     streaming = StreamingDistortion(FS_HZ, N, LINE, input_is_known=True)
-    with pytest.raises(ValueError, match="u_known goes with"):
+    with pytest.raises(ValueError, match="u_known is required"):
         streaming.start()
     with pytest.raises(ValueError, match="shape"):
         streaming.start(np.ones(3))
@@ -226,7 +226,7 @@ def test_one_realisation_on_all_lines_cannot_tell():
     rng = np.random.default_rng(SEED)
     axis = NonlinearAxis(noise=0.01)
     d = distortion(axis.record(rng, axis.inputs(rng, 1, np.arange(1, 64))[0], 3))
-    assert "cannot be told" in d.verdict
+    assert "cannot be separated" in d.verdict
     assert np.isnan(d.std_nonlinear).all()
 
 
@@ -248,7 +248,7 @@ def test_harmonics_of_a_sine():
         harmonics(distortion(axis.records(rng, 2, 3)))
 
 
-def test_superposition_tells_two_levels_apart():
+def test_superposition_distinguishes_two_levels():
     rng = np.random.default_rng(SEED)
 
     def at(rms, cubic):

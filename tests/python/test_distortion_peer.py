@@ -1,7 +1,7 @@
 """The robust method against the package best-linear-approximation (`make peers`): the same to 4 digits.
 
 What the package calls noise, total and nonlinear are variances of the best linear approximation, the mean
-over realisations. gsid's `std_nonlinear` is the distortion of one realisation's response (source, eq. 5.16):
+over realisations. gsid's `std_nonlinear` is the distortion of one realisation's response (thesis, eq. 5.16):
 its square is the number of realisations times the package's nonlinear variance.
 """
 

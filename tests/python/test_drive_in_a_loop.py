@@ -61,7 +61,7 @@ def model(samples=0, scale=1.0):
 
 
 @pytest.mark.parametrize("samples", [0, 2])
-def test_the_command_is_what_the_controller_asks_for(samples):
+def test_the_command_is_the_output_of_the_controller(samples):
     commands, angles = simulate(samples)
     one = record(angles)
     found = model(samples).drive_command(one, model(samples).predict(one))
@@ -75,10 +75,11 @@ def test_a_probe_of_the_drive_points_where_the_drive_leads():
     A bug: the law was applied to the reference.
     """
 
-    class AsFitted:  # what a probe asks of a fit
-        prediction = model().predict(record(simulate()[1]))
+    class AsFitted:  # what a probe reads of a fit
+        spectra = record(simulate()[1])
+        prediction = model().predict(spectra)
 
-    path = trajectory(model(), AsFitted, record(simulate()[1]))
+    path = trajectory(model(), AsFitted)
     f_hz = np.arange(N // 2 + 1) * FS / N
     use = (f_hz > 0) & (f_hz <= 60)
     for probe in GRIDS["drive_dead_zone"]([path]):

@@ -164,6 +164,6 @@ def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_repr_says_what_it_is(schroeder):
+def test_repr_describes_the_object(schroeder):
     assert repr(schroeder).startswith("Multisine(500 full lines 0.5 .. 250 Hz, period 6000 at 3000 Hz")
     assert "Schroeder phases" in repr(schroeder)

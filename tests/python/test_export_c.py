@@ -75,7 +75,7 @@ def test_a_model_in_z_answers_as_on_the_desktop(compiled):
     np.testing.assert_allclose(g, model.response(f), rtol=0, atol=1e-6 * np.abs(g).max())
 
 
-def test_the_half_sample_of_a_hold_is_taken_off(compiled):
+def test_the_half_sample_of_a_hold_is_subtracted(compiled):
     model = RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ)
     f, g = lines_of(compiled(model)[0], 15)
     ratio = g / model.response(f)
@@ -85,7 +85,7 @@ def test_the_half_sample_of_a_hold_is_taken_off(compiled):
 
 
 @pytest.mark.parametrize(("fs_hz", "hold"), [(1000, "none"), (1000, "zoh"), (7500, "none")])
-def test_the_rate_asked_for_is_that_of_the_step(compiled, fs_hz, hold):
+def test_the_requested_rate_is_that_of_the_step(compiled, fs_hz, hold):
     """Bug: --fs was taken and ignored, for every model has a rate; the code was for that one, in silence."""
     model = RationalModel(**RIG, delay_s=0.0051, fs_hz=FS_HZ, hold=hold)
     assert export_c(model, "rig", fs_hz=fs_hz).fs_hz == fs_hz
@@ -95,7 +95,7 @@ def test_the_rate_asked_for_is_that_of_the_step(compiled, fs_hz, hold):
     np.testing.assert_allclose(g, want, rtol=0, atol=2e-5 * np.abs(want).max())
 
 
-def test_a_plant_is_exported_at_the_rate_asked_for(compiled):
+def test_a_plant_is_exported_at_the_requested_rate(compiled):
     model = plant(*LINEAR)
     u = (5 * np.sin(2 * np.pi * 3 * np.arange(N) / N)).astype(np.float32)
     y = compiled(model, fs_hz=1000)[0](np.tile(u, 20))[-N:]
@@ -107,7 +107,7 @@ def test_a_plant_is_exported_at_the_rate_asked_for(compiled):
 def test_a_model_in_z_has_no_other_rate():
     model = RationalModel([0.2, 0.1], [1, -1.6, 0.7], domain="z", fs_hz=FS_HZ)
     assert export_c(model, fs_hz=FS_HZ).fs_hz == FS_HZ
-    with pytest.raises(InputError, match="z has one rate") as refused:
+    with pytest.raises(InputError, match="valid at its own rate only") as refused:
         export_c(model, fs_hz=1000)
     assert "--domain s" in refused.value.hint
 
@@ -191,10 +191,10 @@ def test_the_feedforward_takes_the_friction_away(compiled):
     [
         (RationalModel([1], [1, -2], fs_hz=FS_HZ, hold="zoh"), "not stable"),
         (RationalModel([1, 0, 0], [1, 2], 1, fs_hz=FS_HZ, hold="zoh"), "more zeros than poles"),
-        (RationalModel([1], [1, 2], 0, fs_hz=FS_HZ), "delay behind the hold is negative"),
+        (RationalModel([1], [1, 2], 0, fs_hz=FS_HZ), "delay after the hold is negative"),
         (RationalModel([1], [1, 2]), "does not state the rate"),
         (RationalModel([1], [1, -0.5], 1.4 / FS_HZ, domain="z", fs_hz=FS_HZ), "whole samples"),
-        (plant(("hard_stop", {"angle_deg": 1, "stiffness": 1e5})), "not exported as C"),
+        (plant(("hard_stop", {"angle_deg": 1, "stiffness": 1e5})), "cannot be exported as C"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(model, what):
@@ -219,7 +219,7 @@ def test_a_cpp_program_links_it(tmp_path):
     assert subprocess.run([tmp_path / "user"]).returncode == 0
 
 
-def test_a_name_that_is_none():
+def test_an_invalid_name():
     with pytest.raises(ValueError, match="C identifier"):
         export_c(RationalModel([1], [1, 2], 0.1, fs_hz=FS_HZ), "2fast")
 

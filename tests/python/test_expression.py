@@ -57,7 +57,7 @@ def test_values_and_derivatives(text):
             assert slope == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=1e-6, abs=1e-7)
 
 
-def test_what_it_looks_at():
+def test_what_it_depends_on():
     looks = {"w": (0, 0), "theta": (1, 0), "u + w": (0, 1), "theta*u": (1, 1)}
     for text, wanted in looks.items():
         c = effects.expression(text, {}).c

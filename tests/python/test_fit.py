@@ -173,7 +173,7 @@ def test_domain_z():
     np.testing.assert_allclose(model.num, truth.num, atol=1e-4)
 
 
-def test_an_unstable_model_is_never_returned_unasked():
+def test_an_unstable_model_is_never_returned_without_request():
     truth = RationalModel([100.0], [1.0, -5.0], 0.001)
     response = measured(truth, rng=np.random.default_rng(SEED), noise=1e-4)
     for method in ("ls", "iwls", "ml"):

@@ -139,7 +139,7 @@ def test_the_warning_is_logged_kept_in_the_file_and_shown_in_tables(caplog, tmp_
 
 @pytest.mark.parametrize("hold", HOLDS)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_random_damped_axes_end_in_the_least_minimum_or_say_so(family, hold):
+def test_random_damped_axes_end_in_the_least_minimum_or_report_it(family, hold):
     """Ten axes of each family and hold, outside any grid of the search (`make minima-study` takes 80)."""
     found = [ending(seed, family, hold, n_starts=3) for seed in range(10)]
     wrong = [one for one in found if one.wrong]

@@ -61,7 +61,7 @@ def outputs_only(noise, n, plant=SMALL, f=F[:240]):
 
 @pytest.mark.parametrize("delay", [DELAY_S, "free"])
 @pytest.mark.parametrize("method", ["ls", "iwls"])
-def test_bug_intervals_of_linear_fits_that_hold_nothing_came_without_a_word(method, delay):
+def test_bug_invalid_intervals_of_linear_fits_came_without_a_warning(method, delay):
     """At 3 % (ls) and 30 % (iwls, delay known) of the largest gain some interval never holds the truth."""
     noise = {"ls": 0.03, "iwls": 0.2}[method]
     responses = outputs_only(noise, 50)

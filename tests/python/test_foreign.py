@@ -250,7 +250,7 @@ def test_a_reader_that_crashes_names_the_file_and_the_signal(sound):
     assert len(read_record(sound)) == len(U)
 
 
-def test_a_reader_short_of_memory_says_so(sound, monkeypatch):
+def test_a_reader_short_of_memory_reports_it(sound, monkeypatch):
     read_record(sound)
     monkeypatch.setattr(foreign, "MEMORY_BYTES", 20_000_000)
     n = 4_000_000

@@ -9,7 +9,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.excitation.multisine import Multisine
 from gsid.records.record import Record
 from gsid.response.estimate import frf
-from gsid.response.frf import Frf, merged
+from gsid.response.frf import Frf, error_variance, merged, response_of
 from gsid.response.streaming import StreamingFrf
 from gsid.spectrum.excited import excited_lines
 from gsid.spectrum.realisation import spectra
@@ -287,7 +287,7 @@ def test_streaming_refuses(precision):
     streaming = StreamingFrf(FS_HZ, N, [1, 2, 3], precision=precision)
     with pytest.raises(GsidError, match="not finite"):
         streaming.step([1.0, np.nan], [1.0, 2.0])
-    with pytest.raises(ValueError, match="one length"):
+    with pytest.raises(ValueError, match="the same length"):
         streaming.step([1.0], [1.0, 2.0])
     with pytest.raises(GsidError, match="too few"):
         streaming.result()
@@ -330,7 +330,7 @@ def test_the_engine_is_chosen_by_length_and_number_of_lines():
         StreamingFrf(FS_HZ, 600, [1], engine="quick")
 
 
-def test_weak_lines_are_left_out_and_said(caplog):
+def test_weak_lines_are_left_out_and_reported(caplog):
     """Never silently: lines below a threshold, lost in the input's noise, or not in every record."""
     record = make_record(30)
     assert len(frf(record).rejected_hz) == 0
@@ -341,12 +341,12 @@ def test_weak_lines_are_left_out_and_said(caplog):
     response = frf(record, min_input=1.01 * level)
     np.testing.assert_allclose(response.rejected_hz, [40])
     assert 40 not in response.f_hz
-    assert "left out, their input being too weak: 1 (40 Hz)" in caplog.text
+    assert "left out because their input is too weak: 1 (40 Hz)" in caplog.text
     assert 40 in frf(record, min_input=0.99 * level).f_hz
     assert len(frf(record, min_input=1.01 * level, band=(50, 100)).rejected_hz) == 0
-    with pytest.raises(InputError, match="no line has that much input") as caught:
+    with pytest.raises(InputError, match="no line reaches the minimum input amplitude") as caught:
         frf(record, min_input=1e3)
-    assert "the largest has" in caught.value.hint
+    assert "the largest is" in caught.value.hint
 
     noisy = make_record(31)
     rows = np.fft.rfft(noisy.u.reshape(PERIODS, N), axis=1)
@@ -357,7 +357,7 @@ def test_weak_lines_are_left_out_and_said(caplog):
     assert 60 not in response.f_hz
 
 
-def test_lines_of_one_record_only_are_said(caplog):
+def test_lines_of_one_record_only_are_reported(caplog):
     first, second = make_record(32), make_record(33)
     lines = np.fft.rfft(second.u.reshape(PERIODS, N), axis=1)
     lines[:, 10] = 0
@@ -410,11 +410,66 @@ def test_records_of_one_realisation_are_merged_to_the_whole():
     assert (result.n_periods, result.n_realisations, result.n_dof) == (PERIODS, 1, PERIODS - 1)
     with pytest.raises(InputError, match="inputs of the parts differ") as caught:
         frf([whole, make_record(36)], merge=True)
-    assert "leave --merge out" in caught.value.hint
+    assert "omit --merge" in caught.value.hint
     with pytest.raises(ValueError, match="one realisation"):
         merged([frf([whole, make_record(36)])])
     with pytest.raises(ValueError, match="different lines"):
         merged([frf(whole), frf(whole, band=(2, 50))])
+
+
+def test_response_variance_and_merged_means_are_those_of_the_formula():
+    """FRF-2 and FRF-4 written out in numpy, for random means over random numbers of periods."""
+    seed = 20260801
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    n, worst = 50, dict.fromkeys(("g", "var_g", "var_u", "var_y", "cov_yu"), 0.0)
+    for _ in range(50):
+        u0, y0 = rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n))
+        size = 10.0 ** rng.uniform(-5, -1)
+        U, Y = [], []
+        for n_periods in rng.integers(2, 20, 2):
+            noise = rng.standard_normal((4, n_periods, n)) * size
+            U.append(u0 + noise[0] + 1j * noise[1])
+            Y.append(y0 + noise[2] + 1j * noise[3] + 0.5 * noise[0])
+        means = [(u.mean(0), y.mean(0), *moments(u, y), len(u)) for u, y in zip(U, Y, strict=True)]
+        parts = [part_of(response_of(*each), each[-1]) for each in means]
+        u, y = np.concatenate(U), np.concatenate(Y)
+        var_u, var_y, cov_yu = moments(u, y)
+        g = y.mean(0) / u.mean(0)
+        error = var_y + np.abs(g) ** 2 * var_u - 2 * (cov_yu * g.conj()).real
+        found = merged(parts)
+        expected = {"g": g, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+        expected["var_g"] = error / np.abs(u.mean(0)) ** 2 / len(u)
+        scale = {name: np.abs(value) for name, value in expected.items()}
+        scale["cov_yu"] = np.sqrt(var_u * var_y)
+        scale["var_g"] *= (var_y + np.abs(g) ** 2 * var_u) / error
+        for name in worst:
+            difference = np.abs(getattr(found, name) - expected[name]) / scale[name]
+            worst[name] = max(worst[name], float(difference.max()))
+        np.testing.assert_allclose(error_variance(var_u, var_y, cov_yu, g), error, rtol=1e-10)
+    print("largest relative differences", worst)
+    assert max(worst.values()) < 1e-9  # the deviations are small beside the means: 1e-16 / 1e-5
+
+
+def moments(u, y):
+    """Sample variances and covariance over periods (eq. 4.11)."""
+    du, dy = u - u.mean(0), y - y.mean(0)
+    dof = len(u) - 1
+    return (np.abs(du) ** 2).sum(0) / dof, (np.abs(dy) ** 2).sum(0) / dof, (dy * du.conj()).sum(0) / dof
+
+
+def part_of(arrays, n_periods):
+    n = len(arrays["g"])
+    facts = {"n_realisations": 1, "n_spoiled": 0, "settle_samples": 0, "period_samples": N, "fs_hz": FS_HZ}
+    return Frf(np.arange(1, n + 1), np.arange(1.0, n + 1), **arrays, n_periods=int(n_periods), **facts)
+
+
+def test_a_line_without_input_is_unknown():
+    """Its response was not a number, and so was its variance."""
+    one, zero = np.ones(1), np.zeros(1, complex)
+    found = response_of(zero, one + 0j, one, one, zero, 3)
+    assert found["g"] == 0
+    assert np.isinf(found["var_g"])
 
 
 def test_merged_parts_must_be_of_one_experiment_and_forget_nothing():
@@ -447,5 +502,5 @@ def test_coherence_of_a_known_variance_is_not_one():
     known = Frf.from_arrays([1, 2, 3], [2, 2j, -2], [0, 1, 4])
     np.testing.assert_allclose(known.coherence, [1, 4 / 5, 1 / 2])  # |G|^2 / (|G|^2 + var)
     assert np.isnan(Frf.from_arrays([1], [2]).coherence).all()
-    with pytest.raises(ValueError, match="by periods"):
+    with pytest.raises(ValueError, match="estimated from periods"):
         merged([known, known])

@@ -1,24 +1,29 @@
 """Grey-box fits of records that the simulated axis made, which shares no code with the plants."""
 
+import copy
+import re
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
-from scipy import stats
+from scipy import ndimage, stats
 from scipy.signal import lfilter
 
 from gsid.base.errors import GsidError, InputError
+from gsid.comparison import compare
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.greybox.minimise import minimise
 from gsid.greybox.problem import Point, Problem
+from gsid.greybox.settings import GreyboxSettings
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
-from gsid.spectrum.pooling import DOF_WANTED, smoothed
+from gsid.spectrum.pooling import DOF_WANTED, averaged, smoothed
 from gsid.spectrum.realisation import spectra
 
 N, P = 1500, 4
@@ -112,7 +117,7 @@ def test_lines_that_are_not_excited_count(with_friction):
     assert np.all(np.diff(record.line) == 1)
 
 
-def test_what_the_fit_leaves_is_what_it_says(with_friction):
+def test_the_fit_leaves_the_cost_that_it_reports(with_friction):
     fit = fit_plant(start(FRICTION_TRUTH), with_friction)
     assert fit.cost == pytest.approx(sum(r.residual @ r.residual for r in fit.records), rel=1e-12)
     jacobian = np.vstack([r.jacobian for r in fit.records])
@@ -122,6 +127,42 @@ def test_what_the_fit_leaves_is_what_it_says(with_friction):
     left = np.linalg.lstsq(jacobian, np.concatenate([r.residual for r in fit.records]), rcond=None)[0]
     assert np.sum((jacobian @ left) ** 2) < 0.01
     assert fit.model.fit["cost_per_dof"] == fit.cost_per_dof
+
+
+def test_a_fit_carries_its_records(with_friction):
+    """Callers paired the records of a fit with a list of spectra, which could be another one."""
+    measured = [spectra(record) for record in with_friction]
+    fit = fit_plant(start(TRUTH), measured, band=(0, 250))
+    assert all(record.spectra is one for record, one in zip(fit.records, measured, strict=True))
+    assert fit.cost_of(fit.model) == pytest.approx(fit.cost, rel=1e-9)
+    opened = [copy.copy(one) for one in measured]
+    for one in opened:
+        one.hold = None
+    fit = fit_plant(start(TRUTH), opened)
+    assert {record.spectra.hold for record in fit.records} == {fit.hold}
+
+
+def test_the_whitened_output_is_stacked_like_residual_and_jacobian(with_friction):
+    """Line 0 is among the lines: it has no imaginary part."""
+    fit = fit_plant(start(FRICTION_TRUTH), with_friction, band=(0, 250))
+    records, m = fit.records, sum(len(record.line) for record in fit.records)
+    errors = [record.spectra.y - record.prediction.Y for record in records]
+    np.testing.assert_allclose(fit.whitened([e[None] for e in errors])[:, 0], fit.residual, atol=1e-12)
+    np.testing.assert_allclose(fit.whitened([r.prediction.dY for r in records]), fit.jacobian, atol=1e-12)
+    assert fit.residual.shape == (2 * m,)
+    assert fit.jacobian.shape == (2 * m, len(FRICTION_TRUTH))
+    assert np.array_equal(np.flatnonzero(np.concatenate([r.line for r in records]) == 0) + m, [
+        i for i in range(m, 2 * m) if not np.any(fit.jacobian[i])
+    ])  # fmt: skip
+
+
+def test_the_p_value_of_a_fit_is_that_of_its_comparison(with_friction):
+    """One test, CMP-1: a fit in the default band and `compare` with `fitted=True` agree."""
+    for truth in (TRUTH, FRICTION_TRUTH):
+        fit = fit_plant(start(truth), with_friction)
+        compared = compare(fit.model, with_friction, fitted=True)
+        assert fit.noise_p_value == pytest.approx(compared.p_value, rel=1e-9)
+    assert fit.noise_p_value > 1e-3
 
 
 def test_the_fitted_model_comes_back_from_its_file(with_friction, tmp_path):
@@ -254,7 +295,7 @@ def test_a_torque_that_only_shifts_the_mean_is_pinned():
     assert all(abs(z) < 3 for z in deviations(fit, TRUTH).values())
 
 
-def test_two_laws_that_the_travel_cannot_tell_apart():
+def test_two_laws_that_the_travel_cannot_distinguish():
     """Over a few degrees gravity is a spring. The cost comes down, and what is not known is named."""
     truth = TRUTH | {"mass_unbalance.level": 100.0, "mass_unbalance.angle_deg": 20.0}
     fit = fit_plant(start(truth), records(2))
@@ -289,7 +330,7 @@ def test_a_step_that_cannot_be_simulated_is_a_step_that_failed(with_friction, mo
     assert all(abs(z) < 3 for z in deviations(fit, FRICTION_TRUTH).values())
 
 
-def test_a_start_that_cannot_be_simulated_is_said():
+def test_a_start_that_cannot_be_simulated_is_reported():
     """A spring that pushes away: the angle grows by exp(30 t)."""
     model = start(TRUTH)
     model["cable_spring.stiffness"].value = -1e7
@@ -346,6 +387,16 @@ def test_a_limit_of_steps_is_reported(with_friction):
     assert "NOT converged" in repr(fit)
 
 
+def test_every_setting_has_a_source():
+    """A unit where it is a float, and an equation, the sweep, a reference or the reason of a choice."""
+    text = GreyboxSettings.__doc__.split("Attributes\n")[1]
+    entries = re.findall(r"^    ([a-z_, ]+) : (.+)\n((?:        .+\n)+)", text, re.M)
+    sources = {name: words for names, _, words in entries for name in names.split(", ")}
+    assert list(sources) == [field.name for field in fields(GreyboxSettings)]
+    for name, words in sources.items():
+        assert re.search(r"Chosen:|Sweep:|From [A-Z]|GBX-\d", words), name
+
+
 # ---- statistics ------------------------------------------------------------------------------------------
 
 
@@ -379,6 +430,40 @@ def test_as_few_lines_are_pooled_as_are_needed(n_lines, n_dof, n_pooled):
     middle = (n_lines - 1) // 2
     around = variance[middle - n_pooled // 2 : middle + n_pooled // 2 + 1]
     assert pooled[middle] == pytest.approx(around.mean())
+
+
+@pytest.mark.parametrize("shortened", [False, True])
+def test_pooled_lines_are_those_of_scipy_and_numpy(shortened):
+    """Reflected edges as ndimage has them, shortened ones as the quotient of two convolutions."""
+    seed = 20260902
+    print("seed", seed)
+    rng, worst = np.random.default_rng(seed), 0.0
+    for n_lines in (1, 2, 5, 40):
+        for half in range((n_lines - 1) // 2 + 1):
+            x = rng.chisquare(2, (n_lines, 2, 3)) + 1j * rng.chisquare(2, (n_lines, 2, 3))
+            window = np.ones(2 * half + 1)
+            if shortened:
+                count = np.convolve(np.ones(n_lines), window, "same")[:, None]
+                rows = x.reshape(n_lines, -1)
+                expected = np.array([np.convolve(row, window, "same") for row in rows.T]).T / count
+            else:
+                parts = (ndimage.uniform_filter1d(part, len(window), axis=0) for part in (x.real, x.imag))
+                expected = np.add(*(part * by for part, by in zip(parts, (1, 1j), strict=True)))
+            difference = averaged(x, half, shortened=shortened) / expected.reshape(x.shape) - 1
+            worst = max(worst, float(np.abs(difference).max()))
+    print("largest relative difference", worst)
+    assert worst < 1e-13
+
+
+@pytest.mark.parametrize("shortened", [False, True])
+def test_bug_a_large_variance_cost_the_lines_behind_it_their_digits(shortened):
+    """Running sums kept the rounding of a large value: 1e-4 of variances of 1e-13 of it."""
+    variance = np.full(200, 1e-13)
+    variance[50] = 1.0
+    pooled = averaged(variance, 5, shortened=shortened)
+    np.testing.assert_allclose(pooled[60:], 1e-13, rtol=1e-12)
+    if not shortened:
+        np.testing.assert_allclose(smoothed(variance, 2.0)[0][60:], 1e-13, rtol=1e-12)
 
 
 def test_a_band_may_reach_half_the_sample_rate():

@@ -47,7 +47,7 @@ def test_bug_a_file_that_does_not_state_its_hold_was_read_as_not_held(tmp_path, 
 
 
 @pytest.mark.parametrize("truth", ["zoh", "none"])
-def test_above_a_tenth_of_the_rate_the_data_tell_the_hold(truth):
+def test_above_a_tenth_of_the_rate_the_data_determine_the_hold(truth):
     """Bug: a held command of a silent record got half a sample too much delay, and a wrong shape."""
     f_hz = np.arange(1, 300) * 2.0  # to 0.2 of the rate
     model = fit(response(axis(truth), np.random.default_rng(SEED), f_hz), "2/1")
@@ -113,7 +113,7 @@ def test_a_plant_is_fitted_under_both_and_the_data_tell(tmp_path):
     assert kept["other_delay_s"] == fit.other_delay_s
 
 
-def test_a_plant_that_tells_no_difference_is_taken_as_not_held():
+def test_a_plant_equal_under_both_holds_counts_as_not_held():
     fit = fit_plant(plant(AXIS), held_record(60, 0.05))
     assert (fit.hold, fit.hold_assumed) == ("none", True)
     assert fit.other_delay_s == pytest.approx(fit.delay_s - 0.5 / FS_HZ, abs=2e-5)

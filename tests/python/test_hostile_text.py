@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gsid.base.errors import InputError
-from gsid.base.json_files import DEPTH_MOST, parse_json
+from gsid.base.json_files import MAX_DEPTH, parse_json
 from gsid.cli.main import main
 from gsid.cli.output import visible
 from gsid.diagnosis.ladder import ladder
@@ -109,7 +109,7 @@ def test_arrays_hold_any_text(tmp_path, suffix):
     [
         ("[" * 100_000, "nested deeper"),
         ('{"a":' * 100_000, "nested deeper"),
-        ("[" * (DEPTH_MOST + 1) + "]" * (DEPTH_MOST + 1), "nested deeper"),
+        ("[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1), "nested deeper"),
         ("NaN", "not a JSON number"),
         ("[-Infinity]", "not a JSON number"),
         ("1e400", "out of range"),
@@ -128,7 +128,7 @@ def test_json_that_no_model_file_has_is_refused(tmp_path, text, what):
 
 
 def test_json_of_a_stated_depth_is_read():
-    assert parse_json("[" * DEPTH_MOST + "]" * DEPTH_MOST)
+    assert parse_json("[" * MAX_DEPTH + "]" * MAX_DEPTH)
 
 
 def test_many_effects_are_refused_at_once(tmp_path):
@@ -179,7 +179,7 @@ def test_a_period_that_none_can_have_is_bad_input(tmp_path, value):
 
 @pytest.mark.parametrize("period", [0, 3, -5, 121, 10**6, 2**62])
 def test_a_period_beyond_the_record_is_bad_input(period):
-    with pytest.raises(InputError, match=r"out of range|less than two good periods"):
+    with pytest.raises(InputError, match=r"out of range|fewer than two good periods"):
         split_periods(record(period_samples=period))
 
 

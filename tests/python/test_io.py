@@ -162,7 +162,7 @@ BAD_CSV = {
     "inf": (rows(line9="0.07,1,-inf\n"), "not finite", "line 9, column y"),
     "nan after blank lines": ("\n\n" + rows(line9="\n0.07,1,nan\n"), "not finite", "line 12, column y"),
     "word": (rows(line30="0.28,1,overflow\n"), "not a number", "line 30, column y"),
-    "empty cell": (rows(line30="0.28,,1\n"), "not a number", "line 30, column u"),
+    "empty cell": (rows(line30="0.28,,1\n"), "empty value in column u, line 30", "rec.csv"),
     "decimal comma": (rows(line30="0,28,1,1\n"), "columns", "line 30"),
     "missing column": (rows(line1="t_s,u,Y_1\n"), "no column named y", ""),
     "cut last row": (rows(line51="0.49,4"), "columns", "line 51"),
@@ -174,7 +174,7 @@ BAD_CSV = {
     "fs not a number": ("# fs_hz: fast\n" + rows(), "fs_hz is not", ""),
     "fs does not match the times": ("# fs_hz: 200\n" + rows(), "not match the times", ""),
     "period not whole": ("# period_samples: 2.5\n" + rows(), "period_samples", ""),
-    "no rate": ("u,y\n1,2\n3,4\n", "sample rate is not known", ""),
+    "no rate": ("u,y\n1,2\n3,4\n", "sample rate is unknown", ""),
     "negative rate": ("# fs_hz: -5\nu,y\n1,2\n3,4\n", "sample rate", ""),
     "unknown hold": ("# hold: foh\n" + rows(), "hold", ""),
     "empty": ("", "empty", ""),
@@ -230,7 +230,7 @@ BAD_ARRAYS = {
     "matrix": ({**ARRAYS, "y": np.ones((10, 2))}, "not one row"),
     "complex": ({**ARRAYS, "y": np.ones(20) * 1j}, "real numbers"),
     "nan": ({**ARRAYS, "y": np.r_[np.ones(7), np.nan, np.ones(12)]}, "not finite.*sample 7"),
-    "no rate": ({"u": np.ones(20), "y": np.ones(20)}, "sample rate is not known"),
+    "no rate": ({"u": np.ones(20), "y": np.ones(20)}, "sample rate is unknown"),
     "empty": ({**ARRAYS, "u": np.ones(0), "y": np.ones(0)}, "no samples"),
     "valid too short": ({**ARRAYS, "valid": np.ones(7, bool)}, "unequal lengths"),
     "times": ({"u": np.ones(20), "y": np.ones(20), "t_s": np.r_[0:10, 11:21] * 0.1}, "unequal.*sample 10"),
@@ -324,13 +324,13 @@ def test_meta_json_beside(tmp_path, caplog):
     record = read_record(tmp_path / "rec.npz")
     assert (record.fs_hz, record.period_samples, record.u_unit, record.y_unit) == (2500.0, 5, "A", "rad/s")
     assert [r.message for r in caplog.records] == [
-        "rec.npz: fs_hz = 2500.0 from meta.json beside it",
-        "rec.npz: period_samples = 5 from meta.json beside it",
+        "rec.npz: fs_hz = 2500.0 from meta.json in its folder",
+        "rec.npz: period_samples = 5 from meta.json in its folder",
     ]
     given = read_record(tmp_path / "rec.npz", fs_hz=100.0, period=4)
     assert (given.fs_hz, given.period_samples) == (100.0, 4)
     assert len(caplog.records) == 2
-    with pytest.raises(InputError, match="sample rate is not known"):
+    with pytest.raises(InputError, match="sample rate is unknown"):
         read_record(tmp_path / "other.npz")
 
 

@@ -21,7 +21,7 @@ def twist(torque, n, h, gap=GAP):
     return twist_of(torque[None], *lanes, h)[0]
 
 
-def test_without_play_the_twist_is_that_of_spring_and_damper():
+def test_without_backlash_the_twist_is_that_of_spring_and_damper():
     n, cycles, h = 3000, 40, 1e-4
     phase = 2 * np.pi * cycles * np.arange(n) / n
     got = twist(500 * np.cos(phase), n, h, gap=0.0)
@@ -31,7 +31,7 @@ def test_without_play_the_twist_is_that_of_spring_and_damper():
     np.testing.assert_allclose(got, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
-def test_a_slow_torque_twists_the_joint_by_half_its_play_more():
+def test_a_slow_torque_twists_the_gear_by_half_its_backlash_more():
     n, h = 20000, 1e-3
     torque = 500 * np.sin(2 * np.pi * np.arange(n) / n)
     got = twist(torque, n, h)
@@ -41,7 +41,7 @@ def test_a_slow_torque_twists_the_joint_by_half_its_play_more():
     np.testing.assert_allclose(got[pressed], wanted[pressed], atol=1e-3 * GAP)
 
 
-def test_within_the_play_only_the_damping_holds():
+def test_within_the_backlash_only_the_damping_acts():
     n, h = 1000, 1e-4
     torque = 40 * np.sin(2 * np.pi * np.arange(n) / n)
     got = twist(torque, n, h, gap=1.0)  # never reached: 40 / 40 deg/s for 0.05 s
@@ -70,36 +70,40 @@ def measured_of(model, seed=1):
     return spectra(Record(np.tile(u, 4), np.tile(y, 4) + noise, FS_HZ, N, 0, hold="zoh"))
 
 
+def fit_of(measured):
+    return SimpleNamespace(
+        records=[SimpleNamespace(line=np.arange(400), weight=np.full(400, 1e3), spectra=measured)]
+    )
+
+
 @pytest.fixture(scope="module")
 def fitted():
-    """Lines and weights of a fit, line 0 among them, and a record of an axis with a joint."""
-    record = SimpleNamespace(line=np.arange(400), weight=np.full(400, 1e3))
-    return SimpleNamespace(records=[record]), measured_of(stack())
+    """A fit of an axis with a joint: its record, lines, line 0 among them, and weights."""
+    return fit_of(measured_of(stack()))
 
 
 def test_the_mean_does_not_count(fitted):
     """A bug: with a band from 0 the mean was judged by the response at 1 Hz and biased the fit."""
-    fit, measured = fitted
+    measured = fitted.records[0].spectra
     moved = copy.deepcopy(measured)
     moved.Y[:, 0] += 100.0
-    found, other = (fit_joint([stack(damping=60.0)], fit, [one]) for one in (measured, moved))
+    found, other = (fit_joint([stack(damping=60.0)], fit_of(one)) for one in (measured, moved))
     np.testing.assert_array_equal(found.free_values, other.free_values)
 
 
-def test_a_play_of_zero_is_not_frozen(fitted):
+def test_a_backlash_of_zero_is_not_fixed(fitted):
     """A bug: steps were shares of the value, so that a parameter that stood at 0 stayed there."""
-    found = fit_joint([stack(gap_deg=0.0)], fitted[0], [fitted[1]])
+    found = fit_joint([stack(gap_deg=0.0)], fitted)
     # A few per cent of error are the method's own.
     assert found["gear_backlash.gap_deg"].value == pytest.approx(JOINT["gap_deg"], rel=0.1)
 
 
 def test_a_start_without_an_answer_is_not_the_best(fitted):
     """A bug: the cost that is not a number was taken for the least."""
-    fit, measured = fitted
     unanswered = stack()
     unanswered["gear_backlash.damping"].value = np.nan
-    assert np.all(np.isfinite(fit_joint([unanswered, stack()], fit, [measured]).free_values))
-    assert np.isnan(fit_joint([unanswered], fit, [measured])["gear_backlash.damping"].value)
+    assert np.all(np.isfinite(fit_joint([unanswered, stack()], fitted).free_values))
+    assert np.isnan(fit_joint([unanswered], fitted)["gear_backlash.damping"].value)
 
 
 def test_a_mode_that_was_bent_away_does_not_mislead_the_start():
@@ -113,9 +117,11 @@ def test_a_mode_that_was_bent_away_does_not_mislead_the_start():
     measured = measured_of(plant(linear | {"gear_backlash": joint}))
     bent = known | {"rigid_body": {"gain": 13.3}, "transport_delay": {"delay_s": 0.0041}}
     bent |= {"sensor_lag": {"time_constant_s": 0.0012}, "flexible_mode": BENT}
-    record = SimpleNamespace(line=np.arange(1, 400), weight=np.full(399, 1e3), prediction=None)
+    record = SimpleNamespace(
+        line=np.arange(1, 400), weight=np.full(399, 1e3), prediction=None, spectra=measured
+    )
     fit = SimpleNamespace(model=plant(bent), records=[record])
-    ((start, _),) = joint_starts(fit, [measured], plant(linear))
+    ((start, _),) = joint_starts(fit, plant(linear))
     # A few per cent of error are the method's own; astray it came to 450 Hz and a play of 0.043.
     assert start["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.01)
     assert start["gear_backlash.gap_deg"].value == pytest.approx(joint["gap_deg"], rel=0.1)

@@ -67,7 +67,7 @@ def test_a_journal_cut_anywhere_gives_all_whole_blocks_before(tmp_path):
         cut.write_bytes(data[:size])
         n_blocks, n_torn = divmod(size - start, 16 + 7 * 9)
         if n_blocks == 0:
-            with pytest.raises(InputError, match="holds no sample"):
+            with pytest.raises(InputError, match="contains no sample"):
                 recover(cut)
             continue
         got = recover(cut)
@@ -131,7 +131,7 @@ def test_a_tick_far_away_does_not_fill_the_memory(tmp_path):
     sample = struct.pack("<ffB", 1.0, 2.0, 1)
     block = b"SMPL" + head + struct.pack("<I", zlib.crc32(head + sample)) + sample
     path.write_bytes(b"GSIDJRN1" + struct.pack("<II", len(text), zlib.crc32(text)) + text + block)
-    with pytest.raises(InputError, match="holds no sample"):
+    with pytest.raises(InputError, match="contains no sample"):
         recover(path)
 
 

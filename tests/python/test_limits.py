@@ -158,7 +158,7 @@ def test_a_travel_that_no_amplitude_meets(effect, message):
         fit_to_limits(multisine(), Limits(travel=0.5), plant(**effect))
 
 
-def test_a_travel_that_does_not_stay_is_told(caplog):
+def test_a_travel_that_drifts_is_reported(caplog):
     """Bug: travel per period was given for an axis that drifts by as much in every period."""
     model = plant(coulomb_friction={"level": 20.0})  # and no spring
     found = fit_to_limits(multisine(), Limits(travel=0.5), model)

@@ -82,7 +82,7 @@ def test_the_record_is_what_the_axis_did():
     assert record.meta["good_periods"] == "3"
     assert record.meta["command_zero_confirmed"] == "yes"
     assert record.meta["who"] == "test"
-    assert (seen[-1].good, seen[-1].lost, seen[-1].asked) == (3, 0, 3)
+    assert (seen[-1].good, seen[-1].lost, seen[-1].requested) == (3, 0, 3)
     assert frf.n_periods == 3
     assert line.stopped
 
@@ -178,7 +178,7 @@ def test_a_dead_axis_is_given_up(monkeypatch):
     assert line.stopped
 
 
-def test_nobody_there(monkeypatch):
+def test_no_reply(monkeypatch):
     monkeypatch.setattr(link, "QUIET_S", 0.02)
     monkeypatch.setattr(link, "SILENT_S", 0.06)
 
@@ -316,7 +316,7 @@ def test_link_by_hand():
     assert HELLO != STOP
 
 
-def test_a_frame_of_an_earlier_run_in_a_good_period_is_not_believed():
+def test_a_frame_of_an_earlier_run_in_a_good_period_is_rejected():
     """A frame left in a buffer, of a tick inside the batch, put y off by 7.5 times its peak."""
     stale = encode(frames(SAMPLE, SETTLE + 100, 2.0, 1e3), SESSION)
 
@@ -369,7 +369,7 @@ def test_an_axis_of_another_version_is_refused(flags):
 
 
 @pytest.mark.parametrize("rate", [np.nan, np.inf, 0.0, -3000.0])
-def test_a_rate_that_is_none_is_refused(rate):
+def test_an_invalid_rate_is_refused(rate):
     """Compared with another number, NaN was the excitation's rate."""
 
     def alter(out):
@@ -381,7 +381,7 @@ def test_a_rate_that_is_none_is_refused(rate):
 
 
 @pytest.mark.parametrize("queue", [np.nan, np.inf, 0.0])
-def test_a_queue_that_is_none_is_refused(queue):
+def test_an_invalid_queue_is_refused(queue):
     def alter(out):
         out["b"][out["kind"] == HELLO] = queue
         return out

@@ -113,11 +113,11 @@ def test_refusals():
         frf(from_rest(1, 2), lpm=True, period=1)
     impulse = np.zeros(N)
     impulse[0] = 1.0  # all lines alike: response and transient are one
-    with pytest.raises(InputError, match="too alike"):
+    with pytest.raises(InputError, match="too similar"):
         frf(Record(impulse, lfilter(B, A, impulse), FS_HZ, N), lpm=True)
     with pytest.raises(InputError, match="too few lines"):
         frf(Record(np.sin(np.arange(30.0)), np.zeros(30), FS_HZ, 30), lpm=True)
-    with pytest.raises(InputError, match="no line that stands out"):
+    with pytest.raises(InputError, match="no line above its noise"):
         frf(Record(np.zeros(N), np.zeros(N), FS_HZ, N), lpm=True)
     from gsid.spectrum.realisation import spectra
 

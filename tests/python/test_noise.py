@@ -57,7 +57,7 @@ def test_density_is_scipys():
 
 
 def test_variance_of_a_line_is_that_of_a_measurement():
-    """2 fs/N times the density is the variance of a line of one period (source, eq. 4.11)."""
+    """2 fs/N times the density is the variance of a line of one period (thesis, eq. 4.11)."""
     n_period, n_periods = 500, 400
     y = white(3, n_period * n_periods)
     lines = np.fft.rfft(y.reshape(n_periods, n_period))[:, 1:250] * 2 / n_period
@@ -155,7 +155,7 @@ def test_multiples_without_noise_are_named():
     assert [tone.order for tone in find_tones(y, FS_HZ)[0][:2]] == [1, 3]
 
 
-def test_strong_sines_close_together_are_told_apart():
+def test_strong_sines_close_together_are_resolved():
     """Leakage of the one is no error of the other: both are fitted again when the other is known."""
     n = 4000
     t_s = np.arange(n) / FS_HZ
@@ -197,7 +197,7 @@ def excited(seed, tone_hz, n_period=500, n_periods=24, settle=500):
     return Record(u, y, FS_HZ, n_period, settle)
 
 
-def test_a_disturbance_is_taken_off_an_excited_record():
+def test_a_disturbance_is_subtracted_from_an_excited_record():
     record = excited(9, 30.9)
     found = noise(record)
     assert [round(tone.f_hz, 1) for tone in found.tones] == [30.9]
@@ -306,7 +306,7 @@ def test_false_alarm_probability_is_that_of_the_formula():
 def test_refusals():
     with pytest.raises(InputError, match="too few samples") as caught:
         noise(zero_input(white(13, 100)))
-    assert "256 at least" in caught.value.hint
+    assert "at least 256" in caught.value.hint
     for period in (1, 2, 7):  # ended in an IndexError, and a division by zero
         with pytest.raises(InputError, match="too short for a spectrum"):
             noise(zero_input(white(13, 1000)), period=period)

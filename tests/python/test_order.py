@@ -36,7 +36,7 @@ def test_the_true_order_is_chosen_and_its_cost_is_in_the_interval():
     assert second.p_value < 1e-6 < third.p_value
     assert first.whiteness < 1e-6 < second.whiteness
     assert second.mdl == pytest.approx(second.cost + 5 / 2 * np.log(240))
-    assert "chosen" in choice.table()[1][1][-1]
+    assert "chosen" in choice.table().rows[1][-1]
 
 
 def test_a_surplus_zero_is_removed():

@@ -60,7 +60,7 @@ def curve(fitted, records):
 # ---- expressions in plants ----------------------------------------------------------------------------
 
 
-def test_an_expression_is_fitted_judged_kept_and_taken_back(records, tmp_path):
+def test_an_expression_is_fitted_validated_saved_and_removed(records, tmp_path):
     law = effects.expression("c*tanh(w/0.02)", {"c": 0.5})
     added = gsid.add(law, start(), records)
     rung = added.rung
@@ -158,7 +158,7 @@ def test_the_curve_that_is_missing_becomes_an_effect(records, fitted, curve, tmp
     assert again.predict(records[0]).y == pytest.approx(added.model.predict(records[0]).y, abs=0)
 
 
-def test_a_table_that_the_motion_leaves_is_said(records, caplog):
+def test_motion_beyond_a_table_is_reported(records, caplog):
     at = np.linspace(-1, 1, 9)
     gsid.add(effects.table(("w", at, LEVEL * np.sign(at))), start(), records)
     assert "outside the table" in caplog.text

@@ -144,7 +144,7 @@ def test_two_periods_and_bands_of_two_lines():
     assert min(piece.n_lines for piece in found.pieces) > 2
 
 
-def test_what_fails_in_every_band_is_said(broken):
+def test_a_failure_in_every_band_is_reported(broken):
     """Bug: every failure of the library counted as a band without a stable model."""
     with pytest.raises(GsidError, match="out of its range"):
         fit_piecewise(broken, "1/1", exponent=-1.0)

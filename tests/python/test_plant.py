@@ -46,7 +46,7 @@ def test_a_record_is_predicted_like_its_spectra():
     np.testing.assert_array_equal(
         model.predict(record, sensitivities=True).dY, model.predict(spectra(record), sensitivities=True).dY
     )
-    with pytest.raises(ValueError, match="one record at a time is predicted, got 2"):
+    with pytest.raises(ValueError, match="predict takes one record at a time, got 2"):
         model.predict([record, record])
     with pytest.raises(TypeError, match="a record must be a Record or Spectra, got str"):
         model.predict("rec.csv")
@@ -193,7 +193,7 @@ def test_limits_leave_the_rest_to_the_catalogue():
         (file_of({"rigid_body": 7}), "params", "7", "gain"),
     ],
 )  # fmt: skip
-def test_files_that_are_wrong_say_so(data, what, value_or_where, hint):
+def test_invalid_files_are_reported(data, what, value_or_where, hint):
     with pytest.raises(InputError) as error:
         PlantModel.from_dict(data, "m.json")
     assert what in error.value.what

@@ -6,14 +6,20 @@ import warnings
 import matplotlib
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gsid import plots
 from gsid.comparison import compare
 from gsid.excitation.limits import travel
 from gsid.excitation.multisine import Multisine
 from gsid.excitation.periodic import Limits
+from gsid.fitting.estimators import fit_all
+from gsid.fitting.piecewise import fit_piecewise
+from gsid.greybox.fit import fit_plant
 from gsid.models.confidence import complex_bound, gain_phase_std
 from gsid.models.rational import RationalModel
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.response.estimate import frf
 from gsid.spectrum.noise import noise
@@ -124,7 +130,7 @@ def test_periods(record):
     words = labels(figure)
     assert "7 good periods" in words
     assert "samples lost" in words
-    assert "thrown away to settle" in words
+    assert "discarded while settling" in words
     assert "y − mean [deg/s]" in words
     # white noise of 0.05 deg/s over 7 x 1500 samples: 0.7 % of scatter
     noise = float(words.split("from the mean: ")[1].split(" deg/s")[0])
@@ -141,7 +147,7 @@ def test_frequency_response(measured):
     assert sigma == pytest.approx(10.0 * np.log10(measured.var_g))
 
 
-def test_frequency_response_says_how_it_was_made(record):
+def test_frequency_response_states_its_method(record):
     assert "mean of 9 periods, transient by local polynomials" in labels(
         plots.frf(frf(record, lpm=True, settle=0))
     )
@@ -213,7 +219,7 @@ def test_residual_shades_where_the_model_is_wrong(measured):
 
 def test_residual_without_variance(measured):
     unknown = dataclasses.replace(measured, var_g=np.full(len(measured.g), np.nan))
-    assert "the noise is not known" in labels(plots.residual(axis(), unknown))
+    assert "the noise is unknown" in labels(plots.residual(axis(), unknown))
     assert "σ of the noise" not in labels(plots.frf(unknown))
     labels(plots.bode(axis(), unknown))
 
@@ -361,7 +367,7 @@ def test_noise_with_and_without_disturbances():
         "95 % interval, each line",
         "amplitude [deg/s]",
         "95 % interval; false-alarm rate 0.01",
-        "Output less its trend: noise of",
+        "Output minus its trend: noise of",
         "28.6",
         "frequency [Hz]",
     ):
@@ -369,3 +375,71 @@ def test_noise_with_and_without_disturbances():
     quiet = noise(Record(np.zeros(n), np.random.default_rng(2).standard_normal(n), FS_HZ))
     assert len(plots.noise(quiet).axes) == 1
     assert "density [dB re 1 1²/Hz]" not in labels(plots.noise(quiet))
+
+
+@pytest.fixture(scope="module")
+def plant_records():
+    """Two realisations at two levels of odd lines through a held first-order axis, with white noise."""
+    gain, rate, fs_hz = 40.0, 25.0, 1000.0
+    pole = np.exp(-rate / fs_hz)
+    found = []
+    for seed, rms in ((1, 1.0), (2, 3.0)):
+        table = Multisine.design(
+            fs_hz, 500, (2, 200), rms=rms, grid="odd", phases="random", seed=seed
+        ).table()
+        u = np.tile(table, 8)
+        y = lfilter([0, gain / rate * (1 - pole)], [1, -pole], u)
+        y += 1e-3 * np.random.default_rng(seed).normal(size=u.size)
+        found.append(Record(u, y, fs_hz, 500, 1000, hold="zoh", u_unit="A", y_unit="deg/s"))
+    return found
+
+
+def test_a_fitted_plant_is_drawn_beside_its_records(plant_records):
+    start = PlantModel(
+        1000.0,
+        [
+            Effect("rigid_body", {"gain": Param(48.0)}),
+            Effect("viscous_friction", {"rate": Param(20.0)}),
+        ],
+        u_unit="A",
+        y_unit="deg/s",
+    )
+    fit = fit_plant(start, plant_records)
+    figure = fit.plot(plant_records)
+    words = labels(figure)
+    for text in (
+        "|G| [dB re 1 (deg/s)/A]",
+        "phase [deg]",
+        "of 2 records",
+        "error, other lines",
+        "% noise bound",
+    ):
+        assert text in words
+    # the second record's model, by the prediction of the fitted plant
+    measured = spectra(plant_records[1])
+    line = fit.records[1].line[measured.excited[fit.records[1].line]]
+    answer = fit.model.predict(measured).Y[line] / measured.u[line]
+    drawn = [one for one in figure.axes[0].lines if one.get_label() == "model"][1]
+    np.testing.assert_allclose(drawn.get_ydata(), 20 * np.log10(np.abs(answer)), atol=1e-6)
+    # the errors are those of the noise alone: mean square 1, of 200 numbers of 4 degrees of freedom or more
+    errors = np.concatenate([one.get_ydata() for one in figure.axes[2].lines[1:]])
+    assert len(errors) == sum(len(one.line) for one in fit.records)
+    assert np.mean(10 ** (errors / 10)) == pytest.approx(1, abs=0.35)
+    with pytest.raises(ValueError, match="the fit has 2 records, 1 were given"):
+        fit.plot(plant_records[:1])
+
+
+def test_bug_the_legend_of_many_pieces_was_wider_than_the_figure(measured):
+    figure = fit_piecewise(measured, "2/0", 4).plot(measured)
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    low, high = legend.get_window_extent().intervalx
+    assert 0 <= low < high <= figure.bbox.width
+
+
+def test_estimators_draw_themselves_beside_the_response(measured):
+    found = fit_all(measured, "2/1", methods=("ls", "ml"))
+    words = labels(found.plot(measured))
+    assert "Estimators of order 2/1" in words
+    assert "| ls |" in words
+    assert "| ml" in words

@@ -111,13 +111,13 @@ def test_noise_never_passes_for_periodic(kind):
             find_period(NOT_PERIODIC[kind](np.random.default_rng(seed)))
 
 
-def test_less_than_two_periods_is_said():
+def test_less_than_two_periods_is_reported():
     u = repeated(multisine(1000, np.arange(1, 100), np.random.default_rng(7)), 1700)
-    with pytest.raises(InputError, match=r"less than two periods.*1000 of 1700"):
+    with pytest.raises(InputError, match=r"fewer than two periods.*1000 of 1700"):
         find_period(u)
 
 
-def test_smooth_and_noisy_is_asked_for_not_guessed():
+def test_a_smooth_or_noisy_input_must_be_stated():
     """Three slow lines in noise a third of their size: N and N + 1 explain them as well as each other."""
     found, refused = [], 0
     for seed in range(30):
@@ -147,7 +147,7 @@ def test_steady_records_keep_their_periods(n_periods):
 
 
 @pytest.mark.parametrize(("n_periods", "tau", "expected"), [(3, 60, 500), (8, 60, 500), (8, 250, 1500)])
-def test_transient_is_thrown_away(n_periods, tau, expected):
+def test_transient_is_discarded(n_periods, tau, expected):
     """A decay from 1 in noise of 0.01.
 
     60 samples: exp(-500/60) = 2e-4 is lost in the noise of period 1. 250 samples: period p starts at
@@ -202,8 +202,8 @@ def test_argument_before_record_before_data():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"period": 500, "settle": 3001}, "less than two good periods"),
-        ({"period": 2001, "settle": 0}, "less than two good periods"),
+        ({"period": 500, "settle": 3001}, "fewer than two good periods"),
+        ({"period": 2001, "settle": 0}, "fewer than two good periods"),
         ({"period": 499, "settle": 0}, "does not repeat every 499"),
         ({"period": 2, "settle": 0}, "out of range"),
         ({"period": 500, "settle": -1}, "out of range"),
@@ -292,7 +292,7 @@ def test_a_frame_without_the_column_or_with_unequal_times_is_refused():
         Record.from_pandas(frame.set_index(np.array([0, 1, 2, 3, 9.0])))
 
 
-def test_two_periods_are_not_said_to_have_settled(caplog):
+def test_two_periods_are_not_reported_as_settled(caplog):
     """A bug: of a record with a transient, "settling of 0 samples found from the data"."""
     u = repeated(multisine(500, np.arange(1, 80), np.random.default_rng(8)), 1000)
     with caplog.at_level("INFO", "gsid"):
@@ -301,7 +301,7 @@ def test_two_periods_are_not_said_to_have_settled(caplog):
     assert "found" not in caplog.text
 
 
-def test_an_output_that_stands_still_is_said(caplog):
+def test_a_constant_output_is_reported(caplog):
     """A bug: a gyro that was not connected had a response of -inf dB, and nothing was said."""
     u = repeated(multisine(500, np.arange(1, 80), np.random.default_rng(8)), 2000)
     split_periods(Record(u, np.full(2000, 0.1), 100.0, 500, 0))

@@ -133,8 +133,8 @@ def test_ids_are_unique_and_found(page):
     [
         "Axis <1> & its mount",
         "What was done, <b>in words</b>.",
-        "What was run",
-        "Truth beside estimate",
+        "Measurement",
+        "True and estimated values",
         "Fitted model",
         "Poles and zeros",
         "Parameters",
@@ -162,7 +162,7 @@ def test_contains(page, words):
 
 
 def test_verdict_of_each_experiment_stands_at_the_top(page):
-    header = page.text.split("What was run")[0]
+    header = page.text.split("Measurement")[0]
     assert "Adequate: " in header
     assert "Not adequate: " in header
 
@@ -292,12 +292,12 @@ def test_diagnosis(friction):
     for words in (
         found.sentence,
         "r0, r1, r2, r3",
-        "16 good in all",
+        "16 good in total",
         "Which effect",
         "Probability",
-        "Where it fails",
-        "Torque that is missing",
-        "With what was found",
+        "Error of the given model",
+        "Missing torque",
+        "With the effects found",
         "Ladder",
         "Where the model fails",
     ):

@@ -311,7 +311,7 @@ def test_a_signal_while_the_record_is_written_does_not_lose_it(folder):
     assert os.listdir() == ["a.csv"]
 
 
-def test_ctrl_c_while_nobody_answers(folder):
+def test_ctrl_c_without_a_reply_from_the_axis(folder):
     with pseudo_terminal() as (_, _, port):
         process = started(port, "-o", "none.csv")
         wait_until(lambda: has_open(process, port))
@@ -348,7 +348,7 @@ def test_a_terminal_that_is_closed_does_not_lose_the_record(folder):
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (("--limit-command", "5"), "the planned command passes its limit"),
+        (("--limit-command", "5"), "the planned command exceeds its limit"),
         (("--limit-rate", "2"), "rate "),
         (("--limit-travel-deg", "0.05"), "travel [deg] "),
     ],
@@ -420,14 +420,43 @@ def test_an_excitation_from_a_file(folder):
         (("--port", "nowhere", "-o", "no/such/rec.csv"), 3, "the folder does not exist"),
         (("--port", "nowhere", "--u", "u.csv", "--band", "1:2"), 2, "leave out --band"),
         (("--port", "nowhere", "--u", "none.csv"), 3, "none.csv"),
+        (("--port", "nowhere", "--plot", "a.txt"), 2, "--plot draws .png, .svg, .pdf only"),
+        (("--port", "nowhere", "--plot", "a.png", "--periods", "1"), 2, "measure --periods 2 at least"),
         ((), 2, "--port"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_moves(folder, arguments, code, words):
+def test_errors_are_reported_before_the_axis_moves(folder, arguments, code, words):
     done = gsid("run", *arguments)
     assert (done.returncode, words in done.stderr) == (code, True), done.stderr
     assert "hint:" in done.stderr
     assert not list(folder.iterdir())
+
+
+def test_a_run_draws_the_response_that_it_measured(folder):
+    with simulator() as (_, port):
+        done = gsid("run", "--port", port, *EXCITE, "--periods", "2", "-o", "a.csv", "--plot", "a.png")
+    assert done.returncode == 0, done.stderr
+    assert "wrote a.png" in done.stderr
+    assert (folder / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("output", ["rec.csv", "-"])
+def test_bug_a_text_that_csv_cannot_store_was_found_after_the_run(folder, output):
+    """The excitation's file name and the port are texts of the record."""
+    (folder / "u.csv").write_text("t_s,u\n" + "".join(f"{n / 3000:.9f},{n}\n" for n in range(600)))
+    (folder / "u.csv").rename(folder / "u\n2.csv")
+    before = sorted(folder.iterdir())
+    for arguments, key in (
+        (("--port", "nowhere", "--u", "u\n2.csv"), "excitation"),
+        (("--port", "no\nwhere", *EXCITE), "port"),
+    ):
+        done = gsid("run", *arguments, "-o", output)
+        assert done.returncode == 3
+        assert f"CSV cannot store the value of {key}" in done.stderr
+        assert "hint: rename it, or write .npz, .mat or .h5" in done.stderr
+    assert sorted(folder.iterdir()) == before
+    done = gsid("run", "--port", "nowhere", "--u", "u\n2.csv", "-o", "rec.npz")
+    assert "the port cannot be opened" in done.stderr
 
 
 def test_bug_a_command_beyond_single_precision_was_a_usage_error(folder):
@@ -450,7 +479,7 @@ def test_bug_a_command_beyond_single_precision_was_a_usage_error(folder):
         (("--link", "mine"), 3, "a link of that name exists, which this simulation did not create"),
     ],
 )
-def test_what_is_wrong_with_the_simulator_is_said(folder, arguments, code, words):
+def test_faults_of_the_simulator_are_reported(folder, arguments, code, words):
     """A link of another was deleted."""
     os.symlink("/dev/pts/999999", "mine")
     done = gsid("simulate", *arguments)

@@ -55,7 +55,7 @@ def test_columns_apart_are_a_fit_of_each_record():
     assert got.basis.shape[1] == 6  # three sets of three values, less the one shared
 
 
-def test_what_one_record_alone_tells_is_no_direction_of_its_own():
+def test_information_of_one_record_alone_is_no_direction():
     """A bug: of a value that acts in one record only, rounding was left apart, and counted as a direction."""
     rng = np.random.default_rng(SEED)
     columns = rng.standard_normal((400, 3))
@@ -76,7 +76,7 @@ def test_one_sided_scores_never_go_the_unphysical_way():
     assert score(-columns[:, 0], orthonormal(nuisance), columns[:, :1], one_sided=True).drop == 0
 
 
-def test_a_column_inside_the_nuisances_says_nothing():
+def test_a_column_inside_the_nuisances_has_no_score():
     rng = np.random.default_rng(SEED)
     nuisance, noise = problem(rng)
     got = score(noise, orthonormal(nuisance), nuisance @ np.ones((5, 1)))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plants import BareStack
+from plants import BareFit, BareStack
 from scipy import stats
 
 from gsid.diagnosis.candidates import Candidate, SearchInput
@@ -43,15 +43,17 @@ class KnownCosts(SearchInput):
         cost = self.costs["".join(sorted(self.letters(model)))]
         model.free_names = [e.id for e in model.effects]
         return SimpleNamespace(
-            cost=cost, model=model, n_dof=N_DOF, misfit=max(cost - NOISE, 0.0), converged=True
+            cost=cost,
+            model=model,
+            n_dof=N_DOF,
+            misfit=max(cost - NOISE, 0.0),
+            converged=True,
+            noise_p_value=1.0 if cost <= self.noise else 0.0,
         )
 
     def started_anew(self, model):
         self.started.append("".join(self.letters(model)))
         return model
-
-    def noise_p_value(self, fit):
-        return 1.0 if fit.cost <= self.noise else 0.0
 
 
 class KnownSearch(Search):
@@ -208,7 +210,7 @@ def test_the_law_that_another_contains_stands_beside_it():
     assert [sorted(ranking[0].effects) for ranking in rankings] == [sorted(names.values()), ["c"]]
 
 
-def test_where_only_the_scores_reject_no_share_of_the_misfit_is_asked_for():
+def test_where_only_the_scores_reject_no_share_of_the_misfit_is_required():
     """A bug: the sum of squares was below that of noise, and the share a division by nearly nothing."""
     search, fit = search_in({"": 5000, "a": 105, "b": 4000, "ab": 80}, "ab", noise=99.0)
     rankings, _ = search.run(fit)
@@ -231,12 +233,12 @@ def linear_fit(rng, differ: float) -> tuple[Search, SimpleNamespace]:
     J = np.vstack(jacobians)
     left = (data - J @ np.linalg.lstsq(J, data, rcond=None)[0]).reshape(RECORDS, -1)
     lines = np.arange(LINES)
-    records = [
-        SimpleNamespace(line=lines, weight=np.ones(LINES), residual=r, jacobian=j)
-        for r, j in zip(left, jacobians, strict=True)
-    ]
     measured = [SimpleNamespace(Y=a, y=b, n_periods=PERIODS) for a, b in zip(Y, mean, strict=True)]
-    return Search(given(measured), 0), SimpleNamespace(records=records)
+    records = [
+        SimpleNamespace(line=lines, weight=np.ones(LINES), residual=r, jacobian=j, spectra=one)
+        for r, j, one in zip(left, jacobians, measured, strict=True)
+    ]
+    return Search(given(measured), 0), BareFit(records=records)
 
 
 def test_constancy_rejects_at_the_stated_rate():
@@ -247,7 +249,7 @@ def test_constancy_rejects_at_the_stated_rate():
     assert low <= np.sum(p < 0.05) <= high, np.sum(p < 0.05)
 
 
-def test_values_that_differ_from_record_to_record_are_seen():
+def test_values_that_differ_from_record_to_record_are_detected():
     # Each record knows the value to 1 / sqrt(300): the four lie 5 and 10 standard deviations apart.
     search, fit = linear_fit(np.random.default_rng(10), 0.3)
     assert search.p_constant(fit) == 0.001  # of 999 draws

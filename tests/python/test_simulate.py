@@ -6,7 +6,7 @@ from line import SESSION, frames_in, quiet_axis
 from scipy import signal
 
 from gsid.base.errors import GsidError, InputError
-from gsid.demo.missing import BELIEVED
+from gsid.demo.missing import INITIAL_MODEL
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
@@ -85,7 +85,7 @@ def test_what_can_be_hidden_is_what_the_catalogue_means(effect):
     axis = quiet_axis(command_limit=0.0, **hidden_parameters(effect, SIZES.get(effect, {})))
     y = axis.step(np.tile(u, 9))[1][-3000:]  # settled to exp(-5.5 * 8) = 1e-19
     true = axis.parameters
-    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in BELIEVED.items()]
+    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in INITIAL_MODEL.items()]
     linear = PlantModel(3000, list(stack)).simulate(u).y
     stack.append(Effect(effect, {name: Param(true[of]) for name, of in HIDDEN[effect].items()}))
     plant = PlantModel(3000, stack).simulate(u)
@@ -101,7 +101,7 @@ def test_typical_values_stand_for_those_not_given():
         "stribeck_extra": find("stribeck_friction")["extra"].typical,
         "stribeck_velocity": find("stribeck_friction")["velocity"].typical,
     }
-    with pytest.raises(InputError, match="no law of its own"):
+    with pytest.raises(InputError, match="does not have this effect"):
         hidden_parameters("gear_backlash", {})
     with pytest.raises(InputError, match="unknown parameter") as caught:
         hidden_parameters("cubic_spring", {"stifness": 3})
@@ -216,7 +216,7 @@ def test_the_watchdog_sets_the_command_to_zero():
     assert frames_in(server.keep_time(0.4))["a"][-1] == 8.0
 
 
-def test_damage_is_of_the_asked_rate_and_does_not_depend_on_the_pieces():
+def test_damage_has_the_requested_rate_and_does_not_depend_on_the_pieces():
     data = encode(frames(COMMAND, np.arange(20000), 1.0, 2.0), SESSION)
     whole = Damage(0.01, seed=3)
     damaged = whole.apply(data)

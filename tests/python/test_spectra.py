@@ -62,7 +62,7 @@ def test_the_digest_is_of_the_measurement():
     assert spectra(replace(record, y=u + rng.standard_normal(P * N))).digest != digest
 
 
-def test_settling_that_is_no_whole_number_of_periods_changes_nothing():
+def test_settling_of_a_fraction_of_a_period_changes_nothing():
     wander = np.cumsum(np.random.default_rng(SEED).standard_normal(P * N))
     # Turned and turned back: rounding alone.
     turned = mean_and_variances(wander, settle=N + 77)[1]

@@ -31,7 +31,7 @@ def measured(rng, coulomb_level, *, seed=SEED, noise=NOISE):
     return Spectra(FS_HZ, N, np.arange(N // 2 + 1), U, Y, 0, 0, excited, "zoh", "command", "deg/s", "r")
 
 
-def test_a_hidden_friction_is_seen_against_the_rate():
+def test_a_hidden_friction_shows_against_the_rate():
     rng = np.random.default_rng(SEED)
     records = [measured(rng, LEVEL, seed=SEED + i, noise=1e-3) for i in range(2)]
     residual = torque_residual(plant(STACK), records)

@@ -71,16 +71,16 @@ def test_tables_show_it():
     ours, new = measured(rng), measured(rng)
     found = fit_all(ours, "2/1", methods=["ls", "ml"], held_out=new)
     assert found["ml"].held_out == validate(found["ml"].model, new)
-    head, rows = found.table()
-    assert rows[1][head.index("held-out cost")] == f"{found['ml'].held_out.cost:.5g}"
-    assert "held-out cost" not in fit_all(ours, "2/1", methods=["ml"]).table()[0]
+    table = found.table()
+    assert table.rows[1][table.head.index("held-out cost")] == f"{found['ml'].held_out.cost:.5g}"
+    assert "held-out cost" not in fit_all(ours, "2/1", methods=["ml"]).table().head
     choice = select_order(ours, ["1/0", "2/1", "4/3"], held_out=new)
     assert choice.chosen.order == "2/1"
     assert choice.chosen in choice.tried
     costs = {c.order: c.held_out.cost for c in choice.tried}
     assert costs["2/1"] < costs["4/3"] < costs["1/0"]  # unlike those of the data fitted
     assert choice.tried[2].cost < choice.tried[1].cost
-    assert "held-out cost" in choice.table()[0]
+    assert "held-out cost" in choice.table().head
 
 
 def test_a_model_is_judged_at_the_rate_of_the_new_data(caplog):

@@ -13,13 +13,13 @@ from gsid.rig.watch import RunLimits, Watch
 FS_HZ = 100.0
 
 
-def first_excess(limits, u, y, came=None, offset=0.0, piece=7):
+def first_excess(limits, u, y, received=None, offset=0.0, piece=7):
     """Sample and words of the first excess, with the samples in pieces."""
     watch = Watch(limits, FS_HZ, offset)
-    came = np.ones(len(y), bool) if came is None else came
+    received = np.ones(len(y), bool) if received is None else received
     for first in range(0, len(y), piece):
         part = slice(first, first + piece)
-        if found := watch.check(u[part], y[part], came[part]):
+        if found := watch.check(u[part], y[part], received[part]):
             return first + found[0], found[1]
     return None
 
@@ -47,24 +47,24 @@ def test_the_offset_at_rest_is_no_travel():
 
 def test_a_lost_sample_holds_the_rate():
     y = np.full(300, 1.0)
-    came = np.ones(300, bool)
-    came[20:80] = False
-    y[~came] = 0.0
-    assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, came)[0] == 100
+    received = np.ones(300, bool)
+    received[20:80] = False
+    y[~received] = 0.0
+    assert first_excess(RunLimits(travel_deg=1.0), np.zeros(300), y, received)[0] == 100
 
 
 @pytest.mark.parametrize("limits", [RunLimits(rate=5.0), RunLimits(travel_deg=90.0)])
 def test_an_axis_whose_gyro_fails_does_not_move_on_unwatched(limits):
     """At 100 Hz a second is 100 samples."""
-    y, came = np.full(300, 1.0), np.ones(300, bool)
-    came[50:149] = False  # not long enough
-    came[160:] = False
-    assert first_excess(limits, np.zeros(300), y, came) == (260, "time without a rate [s] 1.01, limit 1")
-    assert first_excess(RunLimits(command=1.0), np.zeros(300), y, came) is None
+    y, received = np.full(300, 1.0), np.ones(300, bool)
+    received[50:149] = False  # not long enough
+    received[160:] = False
+    assert first_excess(limits, np.zeros(300), y, received) == (260, "time without a rate [s] 1.01, limit 1")
+    assert first_excess(RunLimits(command=1.0), np.zeros(300), y, received) is None
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
-def test_a_limit_that_is_none_is_refused(limit):
+def test_an_invalid_limit_is_refused(limit):
     with pytest.raises(ValueError, match="must be positive"):
         RunLimits(rate=limit)
 
@@ -80,7 +80,7 @@ def test_a_run_within_its_limits_is_not_disturbed_by_the_offset_of_the_gyro():
     record = run(Loopback(Server(axis)), u, periods=20, limits=RunLimits(20.0, 1.0, 50.0))
     assert record.meta["good_periods"] == "20"
     assert record.y.mean() == pytest.approx(0.5, abs=0.1)  # 2.2 deg in these 4.4 s
-    with pytest.raises(LimitError, match="passes a limit: stopped") as caught:
+    with pytest.raises(LimitError, match="exceeds a limit: stopped") as caught:
         run(Loopback(Server(quiet_axis())), u, periods=20, limits=RunLimits(rate=0.05))
     assert len(caught.value.record) > 0
 
@@ -103,5 +103,5 @@ def test_a_run_stopped_while_the_axis_rests_has_no_samples(tmp_path):
 
 
 def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():
-    with pytest.raises(LimitError, match="planned command passes its limit"):
+    with pytest.raises(LimitError, match="planned command exceeds its limit"):
         run("nowhere", multisine(600, 40, 3.0), periods=1, limits=RunLimits(command=1.0))

@@ -57,7 +57,7 @@ def test_an_input_that_does_not_repeat_is_windowed_with_a_warning(caplog):
     response = frf(random_record(2, name="random.csv"))
     assert response.period_samples == 4096  # the largest power of two of which the record holds 8
     assert caplog.records[-1].levelno == logging.WARNING
-    assert "random.csv: not by periods but by 15 Hann windows of 4096 samples" in caplog.text
+    assert "random.csv: averaging over 15 Hann windows of 4096 samples" in caplog.text
     truth = freqz(B, A, response.f_hz, fs=FS_HZ)[1]
     assert np.mean(np.abs(response.g - truth) ** 2 / response.var_g) == pytest.approx(14 / 13, abs=0.3)
     short = random_record(2, n=500)
@@ -66,7 +66,7 @@ def test_an_input_that_does_not_repeat_is_windowed_with_a_warning(caplog):
     frf(short, window=100)  # when asked
 
 
-def test_windows_do_not_take_the_place_of_periods_that_were_asked_for():
+def test_windows_do_not_replace_requested_periods():
     """Merging was forgotten without a word, and Spectra beside such a record ended in an AttributeError."""
     first = random_record(2)
     periodic = Record(np.resize(first.u[:4096], 32768), np.resize(first.y[:4096], 32768), FS_HZ, 4096, 0)
@@ -89,7 +89,7 @@ def test_records_are_averaged_by_their_windows():
     assert (both.n_periods, both.n_realisations) == (94, 2)
 
 
-def test_what_is_thrown_away_first():
+def test_samples_discarded_first():
     record = random_record(5, settle_samples=1000)
     later = Record(record.u[2000:], record.y[2000:], FS_HZ)
     response = frf(record, window=WINDOW, settle=2000)
@@ -108,7 +108,7 @@ def test_windows_with_lost_samples_are_left_out():
     assert np.abs(response.g).max() < 1.5
 
 
-def test_lines_without_input_are_left_out_and_said(caplog):
+def test_lines_without_input_are_left_out_and_reported(caplog):
     record = random_record(6)
     slow = np.convolve(record.u, np.hanning(51) / 25, "same")  # nothing above 80 Hz
     record = Record(slow, lfilter(B, A, slow), FS_HZ)
@@ -130,7 +130,7 @@ def test_refusals():
     with pytest.raises(InputError, match="no line is excited"):
         frf(random_record(8), window=WINDOW, band=(0.1, 0.2))
     for window in (0, 3):  # ended in an IndexError
-        with pytest.raises(ValueError, match="4 samples at least"):
+        with pytest.raises(ValueError, match="at least 4 samples"):
             frf(random_record(8), window=window)
     with pytest.raises(ValueError, match="exclude each other"):
         frf(random_record(8), window=WINDOW, lpm=True)

@@ -1,5 +1,5 @@
-/* A simulated gimbal axis, the inner azimuth axis of the thesis, to try the tool on. It shares no code with the models that are
- * fitted: exact integration between events, stick and slip found by their instants. Laws that are not linear are
+/* A simulated gimbal axis for trials: the inner azimuth axis of the thesis. It shares no code with the fitted models: it is
+ * integrated exactly between events, and the instants of stick and slip are computed. Laws that are not linear are
  * integrated by a Runge-Kutta method of order 4 around the exact linear part. */
 #ifndef GSID_HOST_AXIS_H
 #define GSID_HOST_AXIS_H
@@ -33,11 +33,11 @@ typedef struct {
     double delay_s;                  /* of the command, >= 0, any fraction of a tick, < 64 ticks */
     double mode_f_hz, mode_zeta, mode_residue; /* adds q' to the rate: q'' + 2 zeta w q' + w^2 q = residue gain u */
     double gyro_lag_s;               /* first order */
-    double gyro_refresh_hz;          /* the gyro, noise and all, is held between refreshes, <= fs_hz; 0: it is not */
+    double gyro_refresh_hz;          /* the gyro, with its noise, is held between refreshes, <= fs_hz; 0: no hold */
     double command_limit;            /* clipped at +- this, then rounded; 0: neither */
     uint32_t command_bits;           /* steps of 2 command_limit / 2^bits, <= 31; 0: not rounded */
-    double drive_dead_zone;          /* taken off every command behind that, and smaller ones are 0 */
-    double drive_limit;              /* clips what is left; 0: does not */
+    double drive_dead_zone;          /* subtracted from the size of each command; smaller commands become 0 */
+    double drive_limit;              /* limit of the result; 0: none */
     double noise_rms;                /* deg/s, white part of the gyro's noise */
     double noise_low_rms;            /* deg/s, part filtered by a first-order low-pass at noise_low_hz */
     double noise_low_hz;             /* Hz */
@@ -59,7 +59,7 @@ gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg);
 /** Free a simulated axis; NULL is allowed. */
 void gsid_axis_destroy(gsid_axis *axis);
 
-/** Come to rest at tick 0, with the noise started anew from the seed. */
+/** Reset to rest at tick 0, and restart the noise from the seed. */
 gsid_status gsid_axis_reset(gsid_axis *axis);
 
 /** Advance n ticks: y[i] is sampled at the instant from which u[i] is applied.

@@ -19,7 +19,7 @@ typedef enum {
     GSID_METHOD_ML_INPUT_OUTPUT = 7, /* maximum likelihood with errors in input and output, eqs. 7.24 and 7.26 */
     GSID_METHOD_COUNT = 8
 } gsid_method;
-/* Both find the same minimum; NLopt's search keeps to its bounds, Gauss-Newton is faster and calls it where it leaves them. */
+/* Both find the same minimum. NLopt respects bounds; Gauss-Newton is faster, and NLopt replaces it where it leaves the bounds. */
 typedef enum { GSID_SOLVER_GAUSS_NEWTON = 0, GSID_SOLVER_NLOPT = 1 } gsid_solver;
 typedef enum { GSID_DELAY_NONE = 0, GSID_DELAY_FIXED = 1, GSID_DELAY_FREE = 2 } gsid_delay_mode;
 
@@ -31,7 +31,7 @@ typedef struct {
     uint32_t n_zeros;
     double sample_s;         /* sample time [s]; needed in domain z and with hold */
     int hold;                /* 1: the input was held over each sample (zero-order hold), and the model is of what follows
-                                the hold; 0: the response is fitted as it stands */
+                                the hold; 0: the response is fitted unchanged */
     gsid_delay_mode delay;
     double delay_s;          /* GSID_DELAY_FIXED: the delay [s] */
     double delay_max_s;      /* GSID_DELAY_FREE: scanned from 0 to here [s], at most 512 / f_max; default 0.012, or one over
@@ -59,8 +59,8 @@ typedef struct {
     double cov[GSID_RATIONAL_PARAMETERS_MAX * GSID_RATIONAL_PARAMETERS_MAX]; /* [n][n] of (den without its 1, num, delay) for the
                                 scaled variable; row length n_parameters */
     double bias[GSID_RATIONAL_PARAMETERS_MAX]; /* [n_parameters] LS and IWLS: how far noise shifts the estimate on average, to
-                                first order (EST-11); beside the roots of the diagonal of cov it shows whether cov can be
-                                believed. 0 for the others */
+                                first order (EST-11). Compared with the square roots of the diagonal of cov, it shows
+                                whether cov is valid. 0 for the others */
     gsid_cplx poles[GSID_ORDER_MAX]; /* [n_poles] rad/s in domain s, z in domain z */
     gsid_cplx zeros[GSID_ORDER_MAX]; /* [n_zeros_found] */
     uint32_t n_zeros_found;          /* fewer than n_zeros when leading coefficients are zero */
@@ -74,6 +74,13 @@ typedef struct {
  *          GSID_E_NO_MEMORY; GSID_E_NONFINITE; GSID_E_BACKEND every start ends unstable, and the build has no NLopt
  *  Cost: some hundred linear fits of n_lines rows, a few of them over all lines. */
 gsid_status gsid_fit_run(const gsid_frd *data, const gsid_fit_cfg *cfg, gsid_fit_result *result);
+
+/** Response of the zero-order hold, (1 - exp(-j w T)) / (j w T), without images.  Eq: MOD-2
+ *  @param[in]  sample_s      sample time T [s]
+ *  @param[in]  n_freq, f_hz  [n_freq] Hz
+ *  @param[out] hold          [n_freq]; not a number where a frequency or the sample time is not finite
+ *  @return GSID_OK; GSID_E_NULL */
+gsid_status gsid_hold_factor(double sample_s, uint32_t n_freq, const double *f_hz, gsid_cplx *hold);
 
 /** Response of a model to a held input, sampled: exact for any delay, by the matrix exponential.  Eq: MOD-2.
  *  @param[in]  sample_s      sample time [s]

@@ -16,6 +16,37 @@ extern "C" {
  * domain s, v = z in domain z (here not its inverse), with S_k = v^2 + q1 v + q0 and N_k = b1 v + b0, or v + q0 and b0
  * when n_poles is odd, last. Together the sections are the common denominator.  Eq: MIM-1 */
 
+/* Such a response. The caller keeps the arrays; n_local = n_poles + direct. */
+typedef struct {
+    gsid_domain domain;
+    uint32_t n_poles;      /* 1 .. GSID_MIMO_POLES_MAX */
+    int direct;            /* 1: with d */
+    double rate;           /* domain s: scale of v [rad/s]; domain z: sample time [s]; > 0 */
+    const double *section; /* [n_poles] q0 and q1 of each section */
+    const double *num;     /* [n_local] b0 and b1 of each section, then d */
+    double delay_s;
+} gsid_mimo_channel;
+
+/** Response of one channel.  Eq: MIM-1
+ *  @param[in]  n_freq, f_hz  [n_freq] Hz
+ *  @param[out] g             [n_freq]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE a number is not finite, or a frequency falls on a pole: the
+ *          outputs of the frequencies before it are written */
+gsid_status gsid_mimo_response(const gsid_mimo_channel *channel, uint32_t n_freq, const double *f_hz, gsid_cplx *g);
+
+/** Derivatives of that response.  Eq: MIM-1
+ *  @param[out] gradient  [n_freq][n_local + n_poles + 1] dG by num, section, delay_s
+ *  @return as gsid_mimo_response */
+gsid_status gsid_mimo_gradient(const gsid_mimo_channel *channel, uint32_t n_freq, const double *f_hz,
+                               gsid_cplx *gradient);
+
+/** Response of one channel to a held input, sampled: the sum of gsid_hold_response over its sections.  Eq: MIM-1, MOD-2
+ *  @param[in]  sample_s  sample time [s]
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG also in domain z and with d; GSID_E_NONFINITE; GSID_E_NO_MEMORY: outputs
+ *          untouched when it fails */
+gsid_status gsid_mimo_hold_response(const gsid_mimo_channel *channel, double sample_s, uint32_t n_freq,
+                                    const double *f_hz, gsid_cplx *g);
+
 /* Zero means default unless stated otherwise. */
 typedef struct {
     gsid_domain domain;

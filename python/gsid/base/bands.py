@@ -1,4 +1,4 @@
-"""Select the lines in a frequency band. Rounding does not move an edge off the line it is meant to be on."""
+"""Select the lines in a frequency band. Edges have a tolerance for rounding."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def within(f_hz: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
 
 
 def in_band(f_hz: np.ndarray, band: tuple[float, float] | None) -> np.ndarray:
-    """Mark the frequencies in a band as `within` does, where there must be one.
+    """Mark the frequencies in a band as `within` does, and refuse a band without any.
 
     Parameters
     ----------

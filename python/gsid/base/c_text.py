@@ -41,7 +41,7 @@ exit free getenv labs ldiv ldiv_t llabs lldiv lldiv_t malloc mblen mbstowcs mbto
 random realloc realpath select srand srandom std strtod strtof strtol strtold strtoll strtoul strtoull
 system wcstombs wctomb main linux unix RAD_PER_DEG
 """
-# A header with one of these names beside the source would replace the system's header.
+# A header with one of these names in the folder of the C file would replace the header of the system.
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
 stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string strings tgmath threads time
@@ -82,7 +82,7 @@ def refused_name(name: str) -> str:
     str
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        return "it is no C identifier"
+        return "it is not a C identifier"
     if name.startswith("_") or "__" in f"{name}_":
         return "names with such underscores are reserved for compilers"
     if name in KEYWORDS:

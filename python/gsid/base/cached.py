@@ -1,4 +1,4 @@
-"""A property that is computed once. Unlike the standard library's, it holds no lock."""
+"""A property that is computed once. Unlike that of the standard library, it does not use a lock."""
 
 from __future__ import annotations
 

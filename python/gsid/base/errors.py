@@ -70,7 +70,7 @@ class InputError(ValueError):
 
 
 class NotPeriodicError(InputError):
-    """The input of a record does not repeat."""
+    """The input of a record is not periodic."""
 
 
 def _note(error: Exception, hint: str) -> None:
@@ -88,4 +88,4 @@ def close(name: str, names: Iterable[str]) -> str:
 def choose(name: str, names: Iterable[str]) -> str:
     """Hint for an unknown name: the closest of `names`, and the list of them."""
     names = list(names)
-    return f"{close(name, names)} there are: {', '.join(names) or 'none'}".lstrip()
+    return f"{close(name, names)} available: {', '.join(names) or 'none'}".lstrip()

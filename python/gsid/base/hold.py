@@ -62,8 +62,8 @@ def fit_readings(under: Callable[[str], Fit]) -> dict[str, Fit]:
     return found
 
 
-def words(hold: str, other_delay_s: float | None = None) -> str:
-    """Message about the assumption: the delay under the other one, and how to state the hold."""
+def note_of_hold(hold: str, other_delay_s: float | None = None) -> str:
+    """Note about the assumption: the delay under the other one, and how to state the hold."""
     taken, other = MEANING[hold], MEANING[other_reading(hold)]
     delay = "" if other_delay_s is None else f"; {other}, the delay would be {1e3 * other_delay_s:.5g} ms"
     return (

@@ -10,10 +10,10 @@ import numpy as np
 
 from gsid.base.arguments import LONGEST_TEXT
 
-SIZE_MOST = 64 * 2**20  # bytes
-DEPTH_MOST = 32  # nested lists and objects; a model file has 7
+MAX_SIZE = 64 * 2**20  # bytes
+MAX_DEPTH = 32  # nested lists and objects; a model file has 7
 LARGEST = 1e100  # of a coefficient
-DIGITS_MOST = 300  # of a whole number: a longer one exceeds the range of a double
+MAX_DIGITS = 300  # of a whole number: a longer one exceeds the range of a double
 
 
 def read_json(path: str | Path) -> Any:
@@ -36,8 +36,8 @@ def read_json(path: str | Path) -> Any:
     """
     path = Path(path)
     size = path.stat().st_size
-    if size > SIZE_MOST:
-        raise ValueError(f"{size / 2**20:.0f} MB, at most {SIZE_MOST // 2**20} are read")
+    if size > MAX_SIZE:
+        raise ValueError(f"{size / 2**20:.0f} MB, at most {MAX_SIZE // 2**20} are read")
     return parse_json(path.read_text(encoding="utf-8"))
 
 
@@ -52,12 +52,12 @@ def parse_json(text: str) -> Any:
     try:
         data = json.loads(text, parse_constant=_no_constant, parse_float=_finite, parse_int=_whole)
     except RecursionError:
-        raise ValueError(f"nested deeper than {DEPTH_MOST} lists and objects") from None
+        raise ValueError(f"nested deeper than {MAX_DEPTH} lists and objects") from None
     layer = [data]
-    for _ in range(DEPTH_MOST):
+    for _ in range(MAX_DEPTH):
         layer = [item for node in layer if isinstance(node, dict | list) for item in _items(node)]
     if any(isinstance(node, dict | list) for node in layer):
-        raise ValueError(f"nested deeper than {DEPTH_MOST} lists and objects")
+        raise ValueError(f"nested deeper than {MAX_DEPTH} lists and objects")
     return data
 
 
@@ -77,7 +77,7 @@ def _finite(text: str) -> float:
 
 
 def _whole(text: str) -> int:
-    if len(text) > DIGITS_MOST:
+    if len(text) > MAX_DIGITS:
         raise ValueError(f"a number has {len(text)} digits")
     return int(text)
 

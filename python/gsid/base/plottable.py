@@ -1,4 +1,4 @@
-"""`plot()` of results: a module of drawings registers a function for each type."""
+"""Method `plot()` of results. A separate module registers a drawing function for each type."""
 
 from __future__ import annotations
 
@@ -35,12 +35,10 @@ def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
 class Plottable:
     """A result with a figure."""
 
-    drawn_by = (
-        ""  # module that registers the drawings, loaded on demand; the package sets it, which knows all
-    )
+    drawn_by = ""  # module that registers the drawing functions, imported on demand; set by `gsid`
 
     def plot(self) -> Figure:
-        """Draw the result; the functions of `gsid.plots` describe each figure."""
+        """Draw the result. The functions of `gsid.plots` describe each figure."""
         return self._figure()
 
     def _figure(self, *args: Any, **options: Any) -> Figure:

@@ -13,7 +13,7 @@ from gsid.cli.options import (
     RECORD,
     Value,
     band_option,
-    check_picture,
+    held_out_option,
     json_option,
     library_option,
     options_as_arguments,
@@ -22,13 +22,13 @@ from gsid.cli.options import (
     reading_options,
 )
 from gsid.cli.output import (
-    as_typed,
+    command_line,
     draw,
+    note_assumed_hold,
     print_json,
     print_ladder,
+    print_message,
     print_parameters,
-    say,
-    say_assumed_hold,
     suggest,
 )
 
@@ -87,15 +87,7 @@ class Start(Value):
     help="Start value of a parameter, with its bounds for --torque. May be repeated. [default: the best "
     "of several starts]",
 )
-@click.option(
-    "--held-out",
-    "held_out",
-    metavar="REC",
-    multiple=True,
-    type=RECORD,
-    help="Judge the model on this record. It must not have been used to choose EFFECT. May be repeated. "
-    "[default: a third of REC... at each level, or the later periods]",
-)
+@held_out_option("a third of REC... at each level, or the later periods")
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option("--undo", is_flag=True, help="Remove the last added effect instead.")
 @click.option("-o", "--output", metavar="M2.json", type=OUTPUT, required=True, help="Model to write.")
@@ -132,7 +124,6 @@ def add(
     """
     from gsid.models.load import load_plant
 
-    check_picture(picture)
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
         if effect or held_out or params or own or picture:
@@ -150,7 +141,7 @@ def add(
     from gsid.diagnosis.add import add as add_effect
 
     with options_as_arguments():
-        chosen = _own(torque, table, library, params) if own else effect
+        chosen = _own_effect(torque, table, library, params) if own else effect
         if torque is None and any(limits for *_, limits in params):
             raise click.UsageError(
                 "bounds in --param are for --torque: other effects have their own bounds", ctx
@@ -163,25 +154,25 @@ def add(
             params=start or None,
             held_out=read(held_out) if held_out else None,
             band=band,
-            on_step=lambda text: say(f"-- {text}"),
+            on_step=lambda text: print_message(f"-- {text}"),
         )
     result.model.save(output)
-    say_assumed_hold(result.fit.hold_assumed, result.fit.hold, result.fit.other_delay_s)
-    say(f"wrote {output}")
+    note_assumed_hold(result.fit.hold_assumed, result.fit.hold, result.fit.other_delay_s)
+    print_message(f"wrote {output}")
     draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())
     else:
         _print(result)
         if result.rung.judged_on in ("not_fitted", "later_periods"):
-            say(
+            print_message(
                 "note: if these records were used to choose this effect, judge it on a new record: "
                 "--held-out NEW.csv"
             )
         if is_stdout(output):
             return
         suggest(
-            f"{as_typed('diagnose', '--model', output, records=records)} tests whether another is missing"
+            f"{command_line('diagnose', '--model', output, records=records)} tests whether another is missing"
         )
 
 
@@ -196,20 +187,22 @@ def _check(
     if not own and not effect:
         raise click.UsageError("the name of an effect is missing", ctx)
     if own and effect in catalogue():
-        raise click.UsageError(f"{effect} and a law of your own: add them one after the other", ctx)
+        raise click.UsageError(
+            f"{effect} and an effect of your own are two effects: add one after the other", ctx
+        )
     names = [name for name, *_ in params]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
         raise click.UsageError(f"--param {twice} is given twice: give it once", ctx)
 
 
-def _own(
+def _own_effect(
     torque: str | None,
     table: str | None,
     library: tuple[str, str] | None,
     params: Sequence[tuple[str, float, Bounds]],
 ) -> EffectType:
-    """The effect that an option describes."""
+    """Effect that --torque, --table or --library describes."""
     from gsid import effects
 
     if library:
@@ -245,7 +238,7 @@ def _undo(model_path: str, output: str, as_json: bool) -> None:
     model = load_plant(model_path)
     before = undo(model)
     before.save(output)
-    say(f"wrote {output}")
+    print_message(f"wrote {output}")
     taken, left = ladder(model).rungs[-1].effect, ladder(before)
     if as_json:
         print_json({"undone": taken, "ladder": [rung.to_dict() for rung in left.rungs]})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 from typing import TYPE_CHECKING
 
-from gsid.cli.output import say
+from gsid.cli.output import print_message
 
 if TYPE_CHECKING:
     from gsid.diagnosis.diagnose import Diagnosis
@@ -29,10 +29,10 @@ def with_ladder(
 
     if not found.found:
         return found.model
-    say("-- judging each step on records that its fit did not use")
+    print_message("-- judging each step on records that its fit did not use")
     try:
         order = [group.effects[0] for group in found.found]
         return with_history(given, found.model, measured, order=order, band=band)
     except (InputError, GsidError) as error:
-        say(f"note: no ladder in the model: {error}")
+        print_message(f"note: no ladder in the model: {error}")
         return found.model

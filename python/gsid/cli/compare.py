@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION
 from gsid.cli.options import (
     INPUT,
     alpha_option,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
     record_options,
 )
-from gsid.cli.output import draw, print_json, print_table, say_assumed_hold, working
+from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     help="Model to compare: a fitted transfer function or a stack of effects.",
 )
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option
+@alpha_option(0.05)
 @click.option(
     "--fitted",
     is_flag=True,
@@ -70,11 +70,10 @@ def compare(
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single
 
-    check_picture(picture)
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
-    say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
+    note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     draw(result.plot, picture)
     if as_json:
         print_json(result.to_dict())
@@ -113,17 +112,19 @@ def _print(result: Comparison, unit: str, cost_means: str) -> None:
     print(f"Error {result.rms_error:.4g} {rms}, noise floor {result.noise_floor_rms:.4g} {rms}.")
     print(f"Model uncertainty {_uncertainty(result, rms)}.")
     print_table(
-        ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
-        (
+        Table(
+            ["f from [Hz]", "to [Hz]", "lines", "share of the excess", "p", "error over response [dB]"],
             [
-                f"{band['f_lo_hz']:.4g}",
-                f"{band['f_hi_hz']:.4g}",
-                band["lines"],
-                f"{band['share']:.1%}",
-                f"{band['p_value']:.2g}",
-                f"{band['db']:.1f}",
-            ]
-            for band in result.where
-        ),
-        left=["lines"],
+                [
+                    f"{band['f_lo_hz']:.4g}",
+                    f"{band['f_hi_hz']:.4g}",
+                    band["lines"],
+                    f"{band['share']:.1%}",
+                    f"{band['p_value']:.2g}",
+                    f"{band['db']:.1f}",
+                ]
+                for band in result.where
+            ],
+            left=["lines"],
+        )
     )

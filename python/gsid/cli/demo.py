@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
-from gsid.cli.options import json_option
-from gsid.cli.output import print_json, print_ladder, print_table, say
+from gsid.cli.options import SEED, json_option
+from gsid.cli.output import print_json, print_ladder, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.demo import Demo
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0),
+    type=SEED,
     default=1,
     help="Random seed of the noise and of the hidden effect. [default: 1]",
 )
@@ -56,7 +57,7 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
             folder,
             seed=seed,
             on_step=lambda text: bars.console.print(f"-- {text}", highlight=False),
-            on_progress=lambda p: bars.update(task, completed=p.good, total=p.asked),
+            on_progress=lambda p: bars.update(task, completed=p.good, total=p.requested),
         )
     if as_json:
         print_json(result.to_dict())
@@ -64,7 +65,7 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
 
     _print(result)
     if not result.passed:
-        say("the demo did not give the expected results")
+        print_message("the demo did not give the expected results")
     return EXIT_GOOD if result.passed else EXIT_CRITERION
 
 
@@ -78,14 +79,14 @@ def _print(result: Demo) -> None:
     for text, passed in result.checks.items():
         print(f"  {'yes' if passed else 'NO ':3}  {text}")
     print(f"\nreport: {result.report}\n")
-    if rows := result.search.beside_truth():
+    if rows := result.search.compared_with_truth():
         _print_truth(rows)
         print()
-    print(result.search.revealed)
+    print(result.search.answer_sentence)
 
 
 def _print_search(found: Search) -> None:
-    print(f"hidden effect (SHA-256 {found.hidden.seal}): {found.comparison!r}")
+    print(f"hidden effect (SHA-256 {found.hidden.sha256}): {found.comparison!r}")
     print()
     print(repr(found.diagnosis))
     print()
@@ -100,4 +101,4 @@ def _print_truth(rows: Sequence[Truth]) -> None:
         for t in rows
     ]
     header = ["parameter", "truth", "estimate", "sigma", "off by [sigma]", "unit"]
-    print_table(header, cells, left=["parameter", "unit"])
+    print_table(Table(header, cells, left=["parameter", "unit"]))

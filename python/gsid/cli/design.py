@@ -11,18 +11,27 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import version
 from gsid.cli.options import (
     INPUT,
+    LIMIT,
     OUTPUT,
     Band,
+    add_options,
+    amplitude_option,
     band_option,
     json_option,
+    limit_command_option,
+    limit_travel_option,
     multisine_options,
     options_as_arguments,
+    period_option,
+    periods_option,
+    rate_option,
     record_options,
 )
-from gsid.cli.output import print_json, print_table, say, working
+from gsid.cli.output import print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.excitation.limits import Model
@@ -38,20 +47,16 @@ def design() -> None:
 
 
 BASIC = (
-    click.option("--fs", "fs_hz", metavar="HZ", type=float, required=True, help="Sample rate."),
-    click.option("--period", metavar="N", type=int, required=True, help="Samples in a period."),
+    rate_option(required=True),
+    period_option(required=True),
     click.option("--band", type=Band(), required=True, help="Lines from LO to HI [Hz] only."),
 )
+AMPLITUDE = amplitude_option("1, or the largest within the limits")
 LIMITS = (
-    click.option("--limit-command", metavar="C", type=float, help="Limit of |command|."),
+    limit_command_option,
+    limit_travel_option,
     click.option(
-        "--limit-travel-deg",
-        metavar="D",
-        type=float,
-        help="Limit of the travel to each side of its middle [deg].",
-    ),
-    click.option(
-        "--limit-slew", metavar="S", type=float, help="Limit of the change of the command per second."
+        "--limit-slew", metavar="S", type=LIMIT, help="Limit of the change of the command per second."
     ),
     click.option(
         "--model", "model_path", metavar="M.json", type=INPUT, help="Model that predicts the travel."
@@ -60,10 +65,6 @@ LIMITS = (
         "-o", "--output", metavar="FILE", type=OUTPUT, help="Write .csv, .npz, .mat or .h (C table)."
     ),
 )
-
-
-def _add(options: tuple) -> Callable:
-    return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
 
 
 def _finished(command: Callable) -> Callable:
@@ -101,24 +102,16 @@ def _finished(command: Callable) -> Callable:
             travel_deg = travel(signal, model) if model else None
         if output:
             _write(output, signal)
-            say(f"wrote {output}")
+            print_message(f"wrote {output}")
         _show(signal, travel_deg, as_json)
 
-    return json_option(_add(LIMITS)(with_limits))
-
-
-amplitude_option = click.option(
-    "--amplitude",
-    metavar="A",
-    type=float,
-    help="Amplitude of the command. [default: 1, or the largest within the limits]",
-)
+    return json_option(add_options(LIMITS)(with_limits))
 
 
 @design.command(short_help="Sum of sines on a grid of lines.")
-@_add(BASIC)
+@add_options(BASIC)
 @multisine_options
-@click.option("--amplitude", metavar="A", type=float, help="Amplitude of the first line. [default: 1]")
+@AMPLITUDE
 @click.option(
     "--peak", metavar="A", type=float, help="Largest magnitude of the samples, instead of --amplitude."
 )
@@ -158,7 +151,7 @@ def multisine(
 
 
 @design.command(short_help="Pseudorandom binary sequence.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--kind",
     type=click.Choice(["quadratic-residue", "maximum-length"]),
@@ -166,7 +159,7 @@ def multisine(
     show_default=True,
     help="Lengths that are primes, or 2^m - 1.",
 )
-@amplitude_option
+@AMPLITUDE
 @_finished
 def prbs(
     fs_hz: float,
@@ -187,7 +180,7 @@ def prbs(
 
 
 @design.command(short_help="Sine that sweeps the band once in a period.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--kind",
     type=click.Choice(["linear", "log"]),
@@ -199,7 +192,7 @@ def prbs(
     "--phase-deg", metavar="DEG", type=float, default=0.0, help="Phase of the sine at the start. [default: 0]"
 )
 @click.option("--jump", is_flag=True, help="Keep the requested band, with a phase jump after each period.")
-@amplitude_option
+@AMPLITUDE
 @_finished
 def sweep(
     *,
@@ -228,7 +221,7 @@ def sweep(
 
 
 @design.command("stepped-sine", short_help="One sine after another.")
-@_add(BASIC)
+@add_options(BASIC)
 @click.option(
     "--lines",
     type=click.Choice(["full", "odd", "odd-random", "quasi-log"]),
@@ -243,14 +236,8 @@ def sweep(
     type=click.IntRange(0),
     help="Samples to discard before each sine. [default: one period]",
 )
-@click.option(
-    "--periods",
-    metavar="P",
-    type=click.IntRange(1),
-    default=2,
-    help="Periods to measure of each sine. [default: 2]",
-)
-@amplitude_option
+@periods_option(2)
+@AMPLITUDE
 @_finished
 def stepped_sine(
     *,
@@ -264,7 +251,7 @@ def stepped_sine(
     limits: Limits | None,
     model: Model | None,
 ) -> Periodic:
-    """Design a stepped sine: each sine settles, then lasts for whole periods.
+    """Design a stepped sine: each sine settles, then is measured for --periods.
 
     period_samples is the length of the whole sequence.
     """
@@ -307,7 +294,9 @@ def budget(records: list[Record], band: tuple[float, float] | None, sigma: float
     if as_json:
         print_json(plan)
     else:
-        print_table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
+        print_table(
+            Table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
+        )
 
 
 def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
@@ -326,7 +315,7 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
         print_json(figures)
     else:
         rows = [[name, f"{value:.6g}"] for name, value in figures.items() if value is not None]
-        print_table(["figure", "value"], rows, left=["figure"])
+        print_table(Table(["figure", "value"], rows, left=["figure"]))
 
 
 def _write(path: str, signal: Periodic) -> None:

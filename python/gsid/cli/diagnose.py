@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import with_ladder
 from gsid.cli.options import (
     OUTPUT,
+    SEED,
     alpha_option,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
@@ -21,14 +22,14 @@ from gsid.cli.options import (
     records_argument,
 )
 from gsid.cli.output import (
-    as_typed,
+    command_line,
     draw,
+    note_assumed_hold,
     print_json,
     print_ladder,
+    print_message,
     print_parameters,
     print_table,
-    say,
-    say_assumed_hold,
     suggest,
 )
 
@@ -45,11 +46,11 @@ if TYPE_CHECKING:
 @reading_options
 @plant_option("Stack of effects (model file) to test.")
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option
+@alpha_option(0.05)
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0, 2**64 - 1),
+    type=SEED,
     default=0,
     help="Random seed of the bootstrap. [default: 0]",
 )
@@ -89,20 +90,24 @@ def diagnose(
     from gsid.models.load import load_plant
     from gsid.spectrum.realisation import spectra
 
-    check_picture(picture)
     model = load_plant(model_path)
     measured = [spectra(record) for record in read(records)]
     with options_as_arguments():
         result = find_missing(
-            model, measured, band=band, alpha=alpha, seed=seed, on_step=lambda text: say(f"-- {text}")
+            model,
+            measured,
+            band=band,
+            alpha=alpha,
+            seed=seed,
+            on_step=lambda text: print_message(f"-- {text}"),
         )
         measured = result.read(measured)
         before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha, fitted=True)
-    say_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
+    note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     final = with_ladder(model, result, measured, band) if output else None
     if output:
         final.save(output)
-        say(f"wrote {output}")
+        print_message(f"wrote {output}")
     missing = None
     if curve or result.verdict == "unknown_effect":
         from gsid.diagnosis.torque_residual import torque_residual
@@ -110,7 +115,7 @@ def diagnose(
         missing = torque_residual(result.steps[0].fit.model, measured, band=band)
     if curve:
         missing.best.save(curve)
-        say(f"wrote {curve}: torque against {missing.best.name}")
+        print_message(f"wrote {curve}: torque against {missing.best.name}")
     draw((result if result.rounds else before).plot, picture)
     if as_json:
         print_json(before.to_dict() | result.to_dict() | _curve(missing))
@@ -129,13 +134,13 @@ def _suggest(result: Diagnosis, records: Sequence[str], model_path: str, curve: 
     given, judge = ["--model", model_path], ["--held-out", "NEW.csv"]
     if result.named:
         effect = result.found[0].effects[0]
-        typed = as_typed("add", effect, *given, *judge, records=records, output="M2.json")
+        typed = command_line("add", effect, *given, *judge, records=records, output="M2.json")
         suggest(f"{typed} judges it on a new record, which the search has not used")
     if result.verdict == "unknown_effect":
-        report = as_typed("report", "--diagnose", *given, records=records)
+        report = command_line("report", "--diagnose", *given, records=records)
         suggest(f"{report} draws the missing torque")
         if curve:
-            as_law = as_typed("add", "--table", curve, *given, *judge, records=records, output="M2.json")
+            as_law = command_line("add", "--table", curve, *given, *judge, records=records, output="M2.json")
             suggest(f"{as_law} adds it as a law and judges it on a new record")
         else:
             suggest("--curve CURVE.csv saves it as a law")
@@ -181,7 +186,7 @@ def _print(result: Diagnosis, before: Comparison) -> None:
     if rows:
         print()
         header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]
-        print_table(header, rows, left=["effects"])
+        print_table(Table(header, rows, left=["effects"]))
     print()
     print_parameters(result.model)
     if result.next_experiment:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import (
     RECORD,
     band_option,
-    check_picture,
     json_option,
     picture_option,
     reading_options,
     records_argument,
 )
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -61,7 +61,6 @@ def distortion(
     from gsid.response.estimate_distortion import distortion as measure
     from gsid.response.superposition import superposition
 
-    check_picture(picture)
     result = measure(read(records), band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
     draw((change or result).plot, picture)
@@ -126,7 +125,7 @@ def _change(change: Superposition) -> dict:
 def _print(d: Distortion) -> None:
     import numpy as np
 
-    say(
+    print_message(
         f"{d.name}: {d.n_realisations} realisation{'s' * (d.n_realisations != 1)}, {d.n_periods} periods of "
         f"{d.period_samples} samples, {len(d.line)} lines excited, {len(d.free_line)} free"
     )
@@ -143,7 +142,7 @@ def _print(d: Distortion) -> None:
     if len(d.line) == 1:
         _print_harmonics(d)
     else:
-        print_table(list(columns), zip(*columns.values(), strict=True))
+        print_table(Table(list(columns), list(zip(*columns.values(), strict=True))))
     print(d.verdict)
 
 
@@ -152,7 +151,7 @@ def _print_harmonics(d: Distortion) -> None:
 
     unit = f" [{d.y_unit}]" if d.y_unit else ""
     header = ["order", "f [Hz]", f"amplitude{unit}", "below the sine [dB]", "above noise [dB]"]
-    rows = (
+    rows = [
         [
             f"{h.order}",
             f"{h.f_hz:.4f}",
@@ -161,5 +160,5 @@ def _print_harmonics(d: Distortion) -> None:
             f"{h.above_noise_db:.1f}",
         ]
         for h in harmonics(d)
-    )
-    print_table(header, rows)
+    ]
+    print_table(Table(header, rows))

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, version
 from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_table
@@ -54,7 +55,7 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
         print_json({"ok": good, "checks": [asdict(check) for check in checks]})
     else:
         rows = [[check.name, "ok" if check.ok else "WRONG", check.found, check.hint] for check in checks]
-        print_table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"])
+        print_table(Table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"]))
     if not good:
         ctx.exit(EXIT_CRITERION)
 
@@ -90,7 +91,7 @@ def _backend(name: str, without: str) -> Check:
     try:
         core = importlib.import_module(f"gsid.{CORES['double']}")
     except ImportError:
-        return Check(name, False, "not known: the core does not load")
+        return Check(name, False, "unknown: the core does not load")
     found = core.ffi.string(core.lib.gsid_build_library_version(name.encode())).decode()
     return Check(
         name, bool(found), found or "left out of the build", "" if found else f"{without}; rebuild with it"
@@ -112,6 +113,6 @@ def _measurement() -> Check:
         u, y = (np.tile(np.fft.irfft(x * n / 2, n), 3) for x in (spectrum, spectrum * response))
         measured = frf([Record(u, y, 64.0)], period=n, settle=0)
         error = float(np.abs(measured.g - response[measured.line]).max())
-    except Exception as error:  # whatever it is: a doctor reports it
+    except Exception as error:  # any failure is a result of the check
         return Check(name, False, f"{type(error).__name__}: {error}", hint)
     return Check(name, error < 1e-12, f"error {error:.1e}", "" if error < 1e-12 else hint)

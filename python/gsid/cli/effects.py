@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_table
 
@@ -29,4 +30,4 @@ def effects(ids: tuple[str, ...], as_json: bool) -> None:
             for e in chosen
         ]
         header = ["effect", "stage", "parameters", "description"]
-        print_table(header, rows, left=header)
+        print_table(Table(header, rows, left=header))

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments
-from gsid.cli.output import print_json, say, say_assumed_hold
+from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments, rate_option
+from gsid.cli.output import note_assumed_hold, print_json, print_message
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
 @click.argument("model_path", metavar="MODEL.json", type=INPUT)
-@click.option("--fs", "fs_hz", type=click.FloatRange(min=0, min_open=True), metavar="HZ",
-              help="Rate at which the step is called. [default: the model's]")  # fmt: skip
+@rate_option("the model's")
 @click.option("-o", "--output", metavar="NAME.c", type=FILE_OUTPUT,
               help="Source to write, with NAME.h beside it. [default: MODEL.c]")  # fmt: skip
 @json_option
@@ -23,8 +22,9 @@ def export_c(
 ) -> None:
     """Write a fitted transfer function or a stack of effects as C99, in single precision.
 
-    NAME_step takes the command of one sample and returns the output. It leaves out friction and other
-    nonlinear torques of a plant. NAME_feedforward returns the command that compensates them.
+    NAME_step takes the command of one sample and returns the output. Call it at the rate --fs. It leaves out
+    friction and other nonlinear torques of a plant. NAME_feedforward returns the command that compensates
+    them.
     """
     from gsid.base.files import write_atomically
     from gsid.models.export_c import export_c as export
@@ -40,10 +40,10 @@ def export_c(
         model = load_single(model_path)
         made = export(model, source.stem, fs_hz=fs_hz, where=model_path)
     facts = facts_of(model)
-    say_assumed_hold(facts["hold_assumed"], facts["hold"], facts["other_delay_s"])
+    note_assumed_hold(facts["hold_assumed"], facts["hold"], facts["other_delay_s"])
     for path, text in ((header, made.header), (source, made.source)):
         write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
-        say(f"wrote {path}")
+        print_message(f"wrote {path}")
     if as_json:
         print_json(
             {

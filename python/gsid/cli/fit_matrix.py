@@ -1,4 +1,4 @@
-"""gsid fit with several inputs or outputs"""
+"""gsid fit with several inputs or outputs: a matrix of transfer functions with common poles."""
 
 from __future__ import annotations
 
@@ -6,60 +6,61 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_table, say, say_assumed_hold, working
+from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
 
+    from gsid.cli.fit_request import FitRequest
     from gsid.models.mimo import MimoModel
     from gsid.records.mimo import MimoRecord
 
 
-def fit_matrix(
-    records: Sequence[MimoRecord],
-    held_out: Sequence[MimoRecord],
-    output: str | None,
-    picture: str | None,
-    as_json: bool,
-    *,
-    order: str,
-    method: str,
-    band: tuple[float, float] | None,
-    **options: object,
-) -> None:
-    """Fit one model with common poles to the experiments, and print it."""
+def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
+    """Fit one model with common poles to the experiments, and write and print it."""
     from gsid.fitting.mimo import fit_mimo
     from gsid.fitting.validation import nrmse
     from gsid.response.mimo import frf_mimo
 
-    if output and output.lower().endswith(".mat"):
-        raise click.UsageError("a matrix of responses is written as .json", click.get_current_context())
+    _check_options(request)
+    held_out = request.read_held_out(records, matrix=True)
     with options_as_arguments():
-        measured = frf_mimo(records, band=band)
-    say(f"note: intervals are those of the scatter over {measured.source}")
-    choice = None
+        measured = frf_mimo(records, band=request.band)
+    print_message(f"note: intervals are those of the scatter over {measured.source}")
+    name, order, choice = describe(records), request.order, None
+    options = {"delay": request.delay, "domain": request.domain}
     if order == "auto":
-        choice = choose_order(measured, describe(records), **options)
+        choice = choose_order(measured, name, **options)
         order = choice.chosen.order
-    with working(f"fitting {order} to {describe(records)}"), options_as_arguments():
-        model = fit_mimo(measured, order, method=method, **options)
-    say_assumed_hold(model.hold_assumed, model.hold)
-    say_what_is_ill_determined(model)
+    with working(f"fitting {order} to {name}"), options_as_arguments():
+        model = fit_mimo(measured, order, method=request.method, **options)
+    note_assumed_hold(model.hold_assumed, model.hold)
+    note_ill_determined(model)
     judged = {"fitted": records, "held_out": held_out}
-    errors = {name: nrmse(model, each, band=band) for name, each in judged.items() if each}
-    if output:
-        model.save(output)
-        say(f"wrote {output}")
-    draw(lambda: model.plot(measured), picture)
-    if as_json:
+    errors = {key: nrmse(model, each, band=request.band) for key, each in judged.items() if each}
+    if request.output:
+        model.save(request.output)
+        print_message(f"wrote {request.output}")
+    draw(lambda: model.plot(measured), request.picture)
+    if request.as_json:
         print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
     else:
         print_orders(choice)
-        _print(model, errors, band)
+        _print(model)
+        _print_errors(model, errors, request.band)
+
+
+def _check_options(request: FitRequest) -> None:
+    context = click.get_current_context()
+    if request.reference is not None or request.piecewise is not None:
+        raise click.UsageError("--r and --piecewise are for one input and one output", context)
+    if request.output and request.output.lower().endswith(".mat"):
+        raise click.UsageError("a matrix of responses is written as .json", context)
 
 
 # fmt: off
@@ -79,7 +80,7 @@ def _as_json(model: MimoModel) -> dict:
     return {name: getattr(model, name) for name in JSON_KEYS} | {"std": std, "modes": modes}
 
 
-def say_what_is_ill_determined(model: MimoModel) -> None:
+def note_ill_determined(model: MimoModel) -> None:
     import numpy as np
 
     if not model.ill_determined_delays.any():
@@ -93,7 +94,9 @@ def say_what_is_ill_determined(model: MimoModel) -> None:
         if len(first) > 1:
             which = f"delay from {model.inputs[j]} to {model.outputs[i]}"
             hint += ", or use --delay common if the delays are equal"
-        say(f"note: the {which} is ill-determined: {low:.4g} ms and {high:.4g} ms fit equally well; {hint}")
+        print_message(
+            f"note: the {which} is ill-determined: {low:.4g} ms and {high:.4g} ms fit equally well; {hint}"
+        )
 
 
 def _delay_cell(model: MimoModel, i: int, j: int) -> str:
@@ -104,7 +107,7 @@ def _delay_cell(model: MimoModel, i: int, j: int) -> str:
     return f"{1e3 * model.delay_s[i, j]:.5g}" + (f" +- {1e3 * std:.2g}" if std > 0 else "")
 
 
-def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
+def _print(model: MimoModel) -> None:
     from gsid.models.confidence import NORMAL_95
 
     converged = "converged" if model.converged else "not converged"
@@ -122,12 +125,16 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, f
         [f"{f:.5g}", f"+-{NORMAL_95 * std_f:.2g}", f"{damping:.4g}", f"+-{NORMAL_95 * std_damping:.2g}"]
         for f, damping, std_f, std_damping in model.modes
     ]
-    print_table(["f [Hz]", "95 %", "damping", "95 % "], rows)
+    print_table(Table(["f [Hz]", "95 %", "damping", "95 % "], rows))
     print()
     rows = []
     for i, name in enumerate(model.outputs):
         rows.append([name, *(_delay_cell(model, i, j) for j in range(model.n_u))])
-    print_table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"])
+    print_table(Table(["delay [ms], sigma", *model.inputs], rows, left=["delay [ms], sigma"]))
+
+
+def _print_errors(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, float] | None) -> None:
+    """Error of each output on the fitted and the held-out records."""
     print()
     rows = [
         [name, *(f"{100 * values[i]:.3g}" for values in errors.values())]
@@ -135,4 +142,4 @@ def _print(model: MimoModel, errors: dict[str, np.ndarray], band: tuple[float, f
     ]
     where = "" if band is None else f", {band[0]:g} .. {band[1]:g} Hz"
     header = [f"error of the output's rms [%]{where}", *(name.replace("_", " ") for name in errors)]
-    print_table(header, rows, left=header[:1])
+    print_table(Table(header, rows, left=header[:1]))

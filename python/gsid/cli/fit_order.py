@@ -37,7 +37,7 @@ def print_orders(choice: OrderChoice | None) -> None:
     """Print the table of orders and the cancelled roots."""
     if choice is None:
         return
-    print_table(*choice.table(), left=["order", ""])
+    print_table(choice.table())
     for text in choice.removed:
         print(text)
     print()

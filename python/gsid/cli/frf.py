@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import (
     OUTPUT,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
     record_options,
     reference_option,
 )
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -85,7 +85,6 @@ def frf(
     """
     from gsid.response.estimate import frf as measure
 
-    check_picture(picture)
     with options_as_arguments():
         result = measure(
             records,
@@ -99,7 +98,7 @@ def frf(
         )
     if output:
         _write(output, result)
-        say(f"wrote {output}")
+        print_message(f"wrote {output}")
     draw(result.plot, picture)
     if as_json:
         removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
@@ -137,7 +136,7 @@ def _print(frf: Frf) -> None:
 
     transient = f", transient by local polynomials ({frf.n_dof} degrees of freedom)" * (frf.method == "lpm")
     piece = "window" if frf.method == "windows" else "period"
-    say(
+    print_message(
         f"{frf.name}: {frf.n_periods} {piece}{'s' * (frf.n_periods > 1)} of {frf.period_samples} samples at "
         f"{frf.fs_hz:g} Hz, {frf.n_realisations} realisation{'s' * (frf.n_realisations > 1)}, "
         f"{frf.n_spoiled} spoiled, {frf.settle_samples} samples of settling left out{transient}"
@@ -147,8 +146,10 @@ def _print(frf: Frf) -> None:
     phase = np.degrees(np.angle(frf.g))
     rows = zip(frf.f_hz, gain, phase, sigma, strict=True)
     print_table(
-        ["f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"],
-        ([f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows),
+        Table(
+            ["f [Hz]", "|G| [dB]", "phase [deg]", "sigma [dB]"],
+            [[f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows],
+        )
     )
 
 

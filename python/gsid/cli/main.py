@@ -10,12 +10,12 @@ import traceback
 from collections.abc import Sequence
 
 import click
-from click.exceptions import NoArgsIsHelpError, NoSuchCommand
+from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
 
 from gsid.base.errors import GsidError, InputError, SimulationError
 from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, version
 from gsid.cli.options import library_option
-from gsid.cli.output import say, visible
+from gsid.cli.output import print_message, visible
 
 VERBS = {
     "design": "Make a periodic excitation.",
@@ -102,21 +102,23 @@ def main(argv: list[str] | None = None) -> int:
     except InputError as error:
         place = [error.where] if error.where else []
         where = ": ".join([*place, *([] if error.value is None else [str(error.value)])])
-        _error(error.what, where, error.hint or "repair the file, or name another")
+        _error(error.what, where, error.hint or "repair the file, or name another file")
         return EXIT_INPUT
     except (BrokenPipeError, SystemExit):  # the reader closed the pipe; click exits
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_GOOD
     except (OSError, click.FileError) as error:
         where = getattr(error, "filename", None) or ""
-        _error(getattr(error, "strerror", None) or str(error), str(where), "check the name and the rights")
+        _error(
+            getattr(error, "strerror", None) or str(error), str(where), "check the name and the permissions"
+        )
         return EXIT_INPUT
     except (KeyboardInterrupt, click.Abort):
-        say("stopped")
+        print_message("stopped")
         return EXIT_INTERRUPT
     except GsidError as error:
         of_data = isinstance(error, SimulationError) or error.of_data
-        hint = "look for numbers that are too large or too small in the files" if of_data else ""
+        hint = "check the files for numbers that are too large or too small" if of_data else ""
         _error(str(error), "", error.hint or hint)
         return EXIT_INPUT if of_data else EXIT_INTERNAL
     except ImportError as error:
@@ -143,7 +145,7 @@ def _run(argv: list[str] | None) -> int:
 
 
 class _Visible(logging.Formatter):
-    """Escape what a terminal would obey: messages hold names of files, columns and topics."""
+    """Escape control codes: messages contain names of files, columns and topics."""
 
     def format(self, record: logging.LogRecord) -> str:
         return visible(super().format(record))
@@ -176,18 +178,28 @@ def _usage(error: click.UsageError) -> None:
         click.echo(error.format_message(), err=True)
         return
     close = getattr(error, "possibilities", None)
-    hint = f"did you mean {' or '.join(close)}? " if close else ""
     command = error.ctx.command_path if error.ctx else "gsid"
     what = error.message if close else error.format_message()
-    _error(what.rstrip("."), command, f"{hint}`{command} --help` lists the choices")
+    hint = getattr(error, "hint", "")
+    if isinstance(error, NoSuchOption) and error.option_name == "--plot":
+        hint = f"verbs with --plot: {', '.join(_verbs_that_draw())}; `gsid report` writes a page of pictures"
+    if not hint:
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        hint = f"{meant}see `{command} --help`"
+    _error(what.rstrip("."), command, hint)
+
+
+def _verbs_that_draw() -> list[str]:
+    commands = {verb: gsid.get_command(click.Context(gsid), verb) for verb in VERBS}
+    return [verb for verb, one in commands.items() if any("--plot" in p.opts for p in one.params)]
 
 
 def _error(what: str, where: str, hint: str) -> None:
-    say(what, "error:", "red")
+    print_message(what, "error:", "red")
     if where:
-        say(f"  where: {where}")
+        print_message(f"  where: {where}")
     if hint:
-        say(hint, "  hint:", "cyan")
+        print_message(hint, "  hint:", "cyan")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import check_picture, json_option, picture_option, reading_options, records_argument
-from gsid.cli.output import draw, print_json, print_table, say
+from gsid.base.tables import Table
+from gsid.cli.options import (
+    UsageError,
+    alpha_option,
+    json_option,
+    picture_option,
+    reading_options,
+    records_argument,
+)
+from gsid.cli.output import draw, print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,14 +27,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Measure the noise spectrum and find periodic disturbances.")
 @records_argument
 @reading_options
-@click.option(
-    "--alpha",
-    metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.01,
-    show_default=True,
-    help="False-alarm rate: rate at which noise alone shows a periodic disturbance.",
-)
+@alpha_option(0.01)
 @picture_option
 @json_option
 def noise(
@@ -44,9 +45,8 @@ def noise(
     """
     from gsid.spectrum.noise import noise as analyse
 
-    check_picture(picture)
     if picture and len(records) > 1:
-        raise click.UsageError("--plot draws one record at a time", click.get_current_context())
+        raise UsageError("--plot draws the noise of one record", "run `gsid noise` once for each record")
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
     draw(found[0].plot, picture)
     if as_json:
@@ -75,39 +75,45 @@ def _values(n: Noise) -> dict:
 def _print(n: Noise) -> None:
     import numpy as np
 
-    less = f", less what repeats every {n.period_samples}" if n.period_samples else ""
+    less = f", without the part that repeats every {n.period_samples} samples" if n.period_samples else ""
     lost = f", {n.n_lost} lost" if n.n_lost else ""
-    say(f"{n.name}: {n.n_samples} samples at {n.fs_hz:g} Hz{less}{lost}; windows of {n.segment_samples}")
+    print_message(
+        f"{n.name}: {n.n_samples} samples at {n.fs_hz:g} Hz{less}{lost}; windows of {n.segment_samples}"
+    )
     unit = n.y_unit or "1"
     octave = np.floor(np.log2(n.f_hz / n.f_hz[0])).astype(int)
     step = n.f_hz[0]  # f_hz begins one line above 0
     bands = [octave == i for i in range(octave.max() + 1)]
     print_table(
-        ["from [Hz]", "to [Hz]", f"rms [{unit}]", f"density [{unit}/sqrt(Hz)]"],
-        (
+        Table(
+            ["from [Hz]", "to [Hz]", f"rms [{unit}]", f"density [{unit}/sqrt(Hz)]"],
             [
-                f"{n.f_hz[band][0]:.4g}",
-                f"{n.f_hz[band][-1]:.4g}",
-                f"{np.sqrt(n.psd[band].sum() * step):.4g}",
-                f"{np.sqrt(n.psd[band].mean()):.4g}",
-            ]
-            for band in bands
-        ),
+                [
+                    f"{n.f_hz[band][0]:.4g}",
+                    f"{n.f_hz[band][-1]:.4g}",
+                    f"{np.sqrt(n.psd[band].sum() * step):.4g}",
+                    f"{np.sqrt(n.psd[band].mean()):.4g}",
+                ]
+                for band in bands
+            ],
+        )
     )
     if n.tones:
         print()
         print_table(
-            ["disturbance", "sigma [Hz]", f"amplitude [{unit}]", "sigma", "false alarm"],
-            (
+            Table(
+                ["disturbance", "sigma [Hz]", f"amplitude [{unit}]", "sigma", "false alarm"],
                 [
-                    tone.name,
-                    f"{tone.std_f_hz:.2g}",
-                    f"{tone.amplitude:.4g}",
-                    f"{tone.std_amplitude:.2g}",
-                    f"{tone.p_value:.2g}",
-                ]
-                for tone in n.tones
-            ),
-            left=["disturbance"],
+                    [
+                        tone.name,
+                        f"{tone.std_f_hz:.2g}",
+                        f"{tone.amplitude:.4g}",
+                        f"{tone.std_amplitude:.2g}",
+                        f"{tone.p_value:.2g}",
+                    ]
+                    for tone in n.tones
+                ],
+                left=["disturbance"],
+            )
         )
     print(n.sentence)

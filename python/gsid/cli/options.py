@@ -11,13 +11,21 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
     from gsid.records.mimo import MimoRecord
     from gsid.records.record import Record
+
+
+class UsageError(click.UsageError):
+    """A usage error of the running command, with a remedy of its own."""
+
+    def __init__(self, message: str, hint: str) -> None:
+        super().__init__(message, click.get_current_context())
+        self.hint = hint
 
 
 class Band(click.ParamType):
@@ -71,15 +79,50 @@ class Value(click.ParamType):
         self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
 
 
+def add_options(options: Sequence[Callable]) -> Callable:
+    """Decorator that adds several options in this order."""
+    return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
+
+
+def _with_default(text: str, default: str) -> str:
+    """Help text with a default in words."""
+    return f"{text} [default: {default}]" if default else text
+
+
+SEED = click.IntRange(0, 2**64 - 1)
+LIMIT = click.FloatRange(0, min_open=True)
+
+
+def rate_option(shown_default: str = "", **how: Any) -> Callable:
+    """--fs."""
+    text = _with_default("Sample rate.", shown_default)
+    rate = click.FloatRange(0, min_open=True)
+    return click.option("--fs", "fs_hz", metavar="HZ", type=rate, help=text, **how)
+
+
+def period_option(shown_default: str = "", **how: Any) -> Callable:
+    """--period."""
+    text = _with_default("Samples in a period.", shown_default)
+    return click.option("--period", metavar="N", type=click.IntRange(1), help=text, **how)
+
+
+def periods_option(default: int) -> Callable:
+    """--periods."""
+    text = _with_default("Periods to measure.", str(default))
+    return click.option("--periods", metavar="P", type=click.IntRange(1), default=default, help=text)
+
+
+def amplitude_option(shown_default: str, **how: Any) -> Callable:
+    """--amplitude."""
+    text = _with_default("Amplitude of the command; of a multisine, of its first line.", shown_default)
+    return click.option("--amplitude", metavar="A", type=float, help=text, **how)
+
+
 READING_OPTIONS = (
     click.option("--u", "u_name", metavar="NAME", help="Column or array of the input. [default: u]"),
     click.option("--y", "y_name", metavar="NAME", help="Column or array of the output. [default: y]"),
-    click.option(
-        "--fs", "fs_hz", metavar="HZ", type=float, help="Sample rate. [default: as the file states]"
-    ),
-    click.option(
-        "--period", metavar="N", type=click.IntRange(1), help="Samples in a period. [default: detected]"
-    ),
+    rate_option("as the file states"),
+    period_option("detected"),
     click.option(
         "--settle",
         metavar="N",
@@ -146,9 +189,9 @@ class FilesInUse:
         for path in map(str, paths):
             folder = target_of(path).parent
             if not folder.is_dir():
-                raise InputError("the folder does not exist", path, None, "make it first, or name another")
+                raise InputError("the folder does not exist", path, None, "create it, or name another folder")
             if not os.access(folder, os.W_OK):
-                raise InputError("nothing can be written there", path, None, "name another folder")
+                raise InputError("the folder is not writable", path, None, "name another folder")
             self._check(path, self.inputs)
             refuse_overwrite(path, self.outputs, "two outputs have the same name")
             refuse_overwrite(path, STREAMS, "this command prints to the same file")
@@ -192,7 +235,7 @@ class InputPath(click.Path):
 
 
 class OutputPath(click.Path):
-    """A file to write, checked before the work begins; - is the standard output where `streams` is set."""
+    """A file to write, checked before the work begins; with `streams`, - is the standard output."""
 
     def __init__(self, *, streams: bool = True) -> None:
         super().__init__()
@@ -254,7 +297,7 @@ MULTISINE_OPTIONS = (
     click.option(
         "--seed",
         metavar="N",
-        type=click.IntRange(0, 2**64 - 1),
+        type=SEED,
         default=0,
         help="Random seed of the phases and of the gaps of odd-random. [default: 0]",
     ),
@@ -262,7 +305,7 @@ MULTISINE_OPTIONS = (
 
 
 def multisine_options(command: Callable) -> Callable:
-    """Options of verbs that make a multisine; the command is given `shape`, arguments of Multisine.design."""
+    """Options of verbs that make a multisine; the command receives `shape`, arguments of Multisine.design."""
 
     @functools.wraps(command)
     def with_shape(
@@ -271,9 +314,29 @@ def multisine_options(command: Callable) -> Callable:
         design = {"grid": lines, "phases": phases, "seed": seed, "shape_db_per_decade": shape}
         return command(*args, shape=design, **kwargs)
 
-    for option in reversed(MULTISINE_OPTIONS):
-        with_shape = option(with_shape)
-    return with_shape
+    return add_options(MULTISINE_OPTIONS)(with_shape)
+
+
+def held_out_option(shown_default: str = "") -> Callable:
+    """--held-out."""
+    text = "Judge the model on this record, which was not used to fit or to choose it. May be repeated."
+    return click.option(
+        "--held-out", metavar="REC", multiple=True, type=RECORD, help=_with_default(text, shown_default)
+    )
+
+
+order_option = click.option(
+    "--order",
+    type=Order(may_be_auto=True),
+    help="Numbers of poles and zeros, for example 4/3. auto chooses the order of least MDL.",
+)
+limit_command_option = click.option("--limit-command", metavar="C", type=LIMIT, help="Limit of |command|.")
+limit_travel_option = click.option(
+    "--limit-travel-deg",
+    metavar="D",
+    type=LIMIT,
+    help="Limit of the travel to each side of its middle [deg].",
+)
 
 
 def plant_option(text: str) -> Callable:
@@ -303,18 +366,20 @@ def library_option(text: str, name: str, *, multiple: bool) -> Callable:
     return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
 
 
-alpha_option = click.option(
-    "--alpha",
-    metavar="P",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.05,
-    show_default=True,
-    help="Significance level: rate at which a right model is rejected.",
-)
+def alpha_option(default: float) -> Callable:
+    """--alpha."""
+    return click.option(
+        "--alpha",
+        metavar="P",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        default=default,
+        show_default=True,
+        help="Significance level: rate of false alarms.",
+    )
 
 
 def reading_options(command: Callable) -> Callable:
-    """Options of verbs that read records; the command is given `read`, from paths to records."""
+    """Options of verbs that read records; the command receives `read`, a function from paths to records."""
 
     @functools.wraps(command)
     def with_reader(
@@ -342,13 +407,11 @@ def reading_options(command: Callable) -> Callable:
 
         return command(*args, read=read, **kwargs)
 
-    for option in reversed(READING_OPTIONS):
-        with_reader = option(with_reader)
-    return with_reader
+    return add_options(READING_OPTIONS)(with_reader)
 
 
 def record_options(command: Callable) -> Callable:
-    """Arguments and options of verbs that read records; the command is given `records`, already read."""
+    """Arguments and options of verbs that read records; the command receives `records`, already read."""
 
     @functools.wraps(command)
     def with_records(
@@ -360,19 +423,23 @@ def record_options(command: Callable) -> Callable:
 
 
 PICTURES = (".png", ".svg", ".pdf")
-picture_option = click.option(
-    "--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help="Draw the result to .png, .svg or .pdf."
-)
 
 
-def check_picture(picture: str | None) -> None:
-    """Refuse other kinds of files (usage error) before work begins."""
-    if picture and Path(picture).suffix.lower() not in PICTURES:
-        raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+def picture_option(command: Callable) -> Callable:
+    """--plot, whose kind of file is checked before the work begins."""
+
+    @functools.wraps(command)
+    def with_picture(*args: object, picture: str | None, **kwargs: object) -> object:
+        if picture and Path(picture).suffix.lower() not in PICTURES:
+            raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
+        return command(*args, picture=picture, **kwargs)
+
+    text = "Draw the result to .png, .svg or .pdf."
+    return click.option("--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help=text)(with_picture)
 
 
 def records_argument(command: Callable) -> Callable:
-    """REC..., one at least."""
+    """REC..., at least one."""
     return click.argument("records", metavar="REC...", nargs=-1, required=True, type=RECORD)(command)
 
 

@@ -10,11 +10,12 @@ import re
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import HOW_READ
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def draw(figure: Callable[[], Figure], picture: str | None) -> None:
         from gsid.base.files import write_atomically
 
         write_atomically(picture, lambda part: figure().savefig(part))
-        say(f"wrote {picture}")
+        print_message(f"wrote {picture}")
 
 
 def describe(records: Sequence[Record]) -> str:
@@ -65,7 +66,7 @@ def _visible_character(char: str) -> str:
     return char if char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode()
 
 
-def say(text: str, mark: str = "", colour: str = "") -> None:
+def print_message(text: str, mark: str = "", colour: str = "") -> None:
     """Print a message on stderr, after a coloured mark if one is given."""
     mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
     show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
@@ -103,52 +104,41 @@ def _plain(value: object) -> object:
     return value
 
 
-def print_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[str] = ()) -> None:
-    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns, with their units.
-    rows : iterable of sequences of str
-    left : sequence of str
-        Columns of text; the others are numbers, aligned to the right.
-    """
-    header, *rows = ([visible(cell) for cell in row] for row in (header, *rows))
+def print_table(table: Table) -> None:
+    """Print a table on stdout: with rich on a terminal, as plain aligned columns elsewhere."""
+    head, left = list(map(visible, table.head)), list(map(visible, table.left))
+    shown = Table(head, [list(map(visible, row)) for row in table.rows], left)
     if is_terminal(sys.stdout):
-        _print_on_terminal(header, rows, left)
-        return
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in [header, *rows]:
-        cells = (c.ljust(w) if n in left else c.rjust(w) for c, w, n in zip(row, widths, header, strict=True))
-        print("  ".join(cells).rstrip())
+        _print_on_terminal(shown)
+    else:
+        print(shown.text())
 
 
-def _print_on_terminal(header: Sequence[str], rows: list[list[str]], left: Sequence[str]) -> None:
+def _print_on_terminal(shown: Table) -> None:
     """Print a table as wide as the terminal, or row after row where a word would have to be cut."""
+    from rich import table as rich_table
     from rich.console import Console
-    from rich.table import Table
     from rich.text import Text  # as it stands: brackets, as in [Hz], are markup in a plain string
 
     console = Console()
-    columns = list(zip(header, *rows, strict=True))
+    columns = list(zip(shown.head, *shown.rows, strict=True))
     widths = column_widths(columns, console.width - 3 * len(columns) - 1)  # less the borders
     if widths is None:
-        for row in rows:
-            for name, cell in zip(header, row, strict=True):
+        for row in shown.rows:
+            for name, cell in zip(shown.head, row, strict=True):
                 print(_wrapped(f"{name}: {cell}", console.width))
             print()
         return
-    table = Table(header_style="bold")
-    for name, width in zip(header, widths, strict=True):
-        table.add_column(Text(name), justify="left" if name in left else "right", width=width)
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)
+    drawn = rich_table.Table(header_style="bold")
+    for name, width in zip(shown.head, widths, strict=True):
+        drawn.add_column(Text(name), justify="left" if name in shown.left else "right", width=width)
+    for row in shown.rows:
+        drawn.add_row(*map(Text, row))
+    console.print(drawn)
 
 
 def column_widths(columns: Sequence[Sequence[str]], room: int) -> list[int] | None:
-    """Widths of columns that wrap between words only: the widest columns give way first.
+    """Widths of columns that wrap between words only: the widest columns are narrowed first.
 
     Parameters
     ----------
@@ -189,7 +179,9 @@ def print_parameters(model: PlantModel) -> None:
             else:
                 sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
             rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
-    print_table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+    print_table(
+        Table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
+    )
 
 
 def print_ladder(ladder: Ladder) -> None:
@@ -197,24 +189,24 @@ def print_ladder(ladder: Ladder) -> None:
     unit = f" [{ladder.rungs[0].y_unit}]" if ladder.rungs[0].y_unit else ""
     header = ["step", "cost per d.o.f.", f"rms error fitted{unit}"]
     header += [f"{ladder.judged_on}{unit}", f"noise alone{unit}"]
-    print_table(header, ladder.rows(), left=["step"])
+    print_table(Table(header, ladder.rows(), left=["step"]))
 
 
-def say_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
+def note_assumed_hold(is_assumed: bool, hold: str, other_delay_s: float | None = None) -> None:
     """Note that the records do not state their hold, which one was assumed, and how to state it."""
     if is_assumed:
-        from gsid.base.hold import words
+        from gsid.base.hold import note_of_hold
 
-        say(f"note: {words(hold, other_delay_s)}")
+        print_message(f"note: {note_of_hold(hold, other_delay_s)}")
 
 
 def suggest(text: str) -> None:
     """Suggest the next command."""
-    say(text, "hint:", "cyan")
+    print_message(text, "hint:", "cyan")
 
 
-def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> str:
-    """A complete command for the same records, or for REC... if there are more than three.
+def command_line(*words: str, records: Sequence[str], output: str | None = None) -> str:
+    """A complete command for the same records, or for REC... if they are more than three.
 
     It repeats --library and the options by which the records were read.
     """
@@ -232,5 +224,5 @@ def as_typed(*words: str, records: Sequence[str], output: str | None = None) -> 
 
 
 def _band_words(band: tuple[float, float]) -> str:
-    """With all digits: a rounded edge may exclude its line."""
+    """LO:HI with all digits: a rounded edge may exclude its line."""
     return ":".join(repr(end).removesuffix(".0") for end in band)

@@ -10,13 +10,15 @@ from gsid.cli.common import with_ladder
 from gsid.cli.options import (
     INPUT,
     OUTPUT,
-    Order,
     band_option,
     json_option,
+    limit_command_option,
+    limit_travel_option,
     options_as_arguments,
+    order_option,
     record_options,
 )
-from gsid.cli.output import describe, print_json, say, working
+from gsid.cli.output import describe, print_json, print_message, working
 
 if TYPE_CHECKING:
     from gsid.plant.model import PlantModel
@@ -34,23 +36,11 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Find the effects missing from the model, and show how the error falls with them.",
 )
-@click.option(
-    "--order",
-    type=Order(may_be_auto=True),
-    help="Numbers of poles and zeros, for example 4/3, of a model to fit with free delay. auto chooses "
-    "the order of least MDL.",
-)
+@order_option
 @click.option("--estimators", is_flag=True, help="With --order: compare every estimator.")
 @band_option("Lines from LO to HI [Hz] only.")
-@click.option(
-    "--limit-command", metavar="C", type=float, help="Limit of |command|, drawn with the excitation."
-)
-@click.option(
-    "--limit-travel-deg",
-    metavar="D",
-    type=float,
-    help="Limit of the travel to each side of its middle [deg], drawn with the prediction of the model.",
-)
+@limit_command_option
+@limit_travel_option
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
     "-o",
@@ -78,7 +68,9 @@ def report(
 ) -> None:
     """Measure, fit and compare, and write the results as one HTML page that opens offline.
 
-    Without --model and --order the page shows the measurement only. The name of the page is printed.
+    --order fits a transfer function with free delay. Without --model and --order the page shows the
+    measurement only. The limits are drawn with the excitation and the travel that the model predicts. The
+    name of the page is printed.
     """
     from gsid.base.files import is_stdout
     from gsid.comparison import compare
@@ -107,7 +99,7 @@ def report(
         elif order:
             if order == "auto":
                 order = select_order(response).chosen.order
-                say(f"-- order {order} chosen")
+                print_message(f"-- order {order} chosen")
             model = fit(response, order)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         page = Report(title or f"Report on {describe(records)}")
@@ -143,7 +135,7 @@ def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | Non
     try:
         return distortion(measured, band=band)
     except InputError as error:
-        say(f"note: distortion left out: {error.what}")
+        print_message(f"note: distortion left out: {error.what}")
         return None
 
 
@@ -154,7 +146,7 @@ def _add_diagnosis(
     from gsid.diagnosis.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
-    found = diagnose(model, measured, band=band, on_step=lambda text: say(f"-- {text}"))
+    found = diagnose(model, measured, band=band, on_step=lambda text: print_message(f"-- {text}"))
     measured = found.read(measured)
     final = with_ladder(model, found, measured, band)
     page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(final), band=band)

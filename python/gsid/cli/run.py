@@ -6,23 +6,33 @@ import contextlib
 import datetime
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gsid.base.files import is_stdout
+from gsid.base.tables import Table
 from gsid.cli.options import (
     INPUT,
+    LIMIT,
     OUTPUT,
     Band,
+    UsageError,
+    amplitude_option,
     is_given,
     json_option,
+    limit_command_option,
     multisine_options,
     options_as_arguments,
+    period_option,
+    periods_option,
+    picture_option,
+    rate_option,
 )
-from gsid.cli.output import print_json, print_table, say
-from gsid.cli.stopping import Stopping, tell
+from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.stopping import Stopping, print_if_terminal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +44,6 @@ if TYPE_CHECKING:
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
 JOURNAL = ".journal"  # behind the record's name
-LIMIT = click.FloatRange(0, min_open=True)
 DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape")
 
 
@@ -56,15 +65,13 @@ class Settle(click.ParamType):
 
 @click.command(short_help="Drive an axis over a serial line and record it.")
 @click.option("--port", metavar="PATH", help="Serial port, or the path printed by `gsid simulate`.")
-@click.option("--fs", "fs_hz", metavar="HZ", type=float, default=3000.0, help="Sample rate. [default: 3000]")
-@click.option("--period", metavar="N", type=int, default=6000, help="Samples in a period. [default: 6000]")
+@rate_option("3000", default=3000.0)
+@period_option("6000", default=6000)
 @click.option(
     "--band", type=Band(), default=(1.0, 250.0), help="Lines from LO to HI [Hz] only. [default: 1:250]"
 )
 @multisine_options
-@click.option(
-    "--amplitude", metavar="A", type=float, default=3.0, help="Amplitude of the first line. [default: 3]"
-)
+@amplitude_option("3", default=3.0)
 @click.option(
     "--u",
     "u_file",
@@ -72,25 +79,14 @@ class Settle(click.ParamType):
     type=INPUT,
     help="File with one period of the command in column u, instead of a multisine.",
 )
-@click.option(
-    "--periods",
-    metavar="P",
-    type=click.IntRange(1),
-    default=12,
-    help="Good periods to measure. [default: 12]",
-)
+@periods_option(12)
 @click.option(
     "--settle",
     type=Settle(),
     default="2p",
     help="Samples, or periods as in 2p, to discard at the start and after a lost command. [default: 2p]",
 )
-@click.option(
-    "--limit-command",
-    metavar="C",
-    type=LIMIT,
-    help="Limit of |command|: stop above C. Also checked before the start.",
-)
+@limit_command_option
 @click.option(
     "--limit-travel-deg",
     metavar="D",
@@ -113,6 +109,7 @@ class Settle(click.ParamType):
     help="Make a record from the journal of an interrupted run; needs no port. [default of -o: JOURNAL "
     "without .journal]",
 )
+@picture_option
 @json_option
 def run(
     *,
@@ -130,19 +127,20 @@ def run(
     limit_rate: float | None,
     output: str | None,
     journal_file: str | None,
+    picture: str | None,
     as_json: bool,
 ) -> None:
     """Excite an axis periodically until it has the requested number of good periods, and write the record.
 
     A lost or damaged sample spoils its own period only, and the run continues. If too many are lost, the run
-    stops and keeps the samples measured so far. The command is set to zero at the end of every run.
+    stops and keeps the samples measured so far. It also stops when the axis passes a limit; the planned
+    command is compared with --limit-command before the start. The command is set to zero at the end of every
+    run.
 
     Samples are written to REC.journal as they arrive. The journal is removed once the record is on the disk.
     After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.
     """
-    from gsid.excitation.multisine import Multisine
     from gsid.response.streaming import StreamingFrf
-    from gsid.rig.run import run as drive
     from gsid.rig.watch import RunLimits
 
     if journal_file is not None:
@@ -150,67 +148,95 @@ def run(
         return
     if port is None:
         raise click.UsageError("Missing option '--port', or --recover", click.get_current_context())
-    excitation: Multisine | np.ndarray
+    if picture and periods < 2:
+        raise UsageError(
+            "--plot draws the frequency response, with its noise", "measure --periods 2 at least"
+        )
     with options_as_arguments():
-        if u_file is not None:
-            excitation, fs_hz, line = _from_file(u_file, fs_hz)
-            meta = {"excitation": f"from {Path(u_file).name}"}
-        else:
-            excitation = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude)
-            line, meta = excitation.line, {"excitation": repr(excitation)}
-    n_period = len(excitation) if u_file is not None else period
-    n_settle = settle[0] * n_period if settle[1] else settle[0]
+        plan = _from_file(u_file, fs_hz) if u_file else _multisine(fs_hz, period, band, amplitude, shape)
+    n_settle = settle[0] * plan.n_period if settle[1] else settle[0]
     default = f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv"
     path = Path(output or default)
     journal = Path(f"{default if is_stdout(path) else path}{JOURNAL}")
-    _try_out(path)
-    frf = StreamingFrf(fs_hz, n_period, line, settle_samples=n_settle)
+    _try_out(path, plan.meta | {"port": port})
+    frf = StreamingFrf(plan.fs_hz, plan.n_period, plan.line, settle_samples=n_settle)
+    drive = {
+        "periods": periods,
+        "settle": n_settle,
+        "frf": frf,
+        "limits": RunLimits(limit_command, limit_travel_deg, limit_rate),
+    }
+    record = _drive(port, plan, path, journal, drive)
+    _warn(record.meta)
+    response = frf.result() if frf.n_periods >= 2 else None
+    if response is not None:
+        response = replace(response, u_unit=record.u_unit, y_unit=record.y_unit)
+        draw(response.plot, picture)
+    _print(path, record, response, as_json)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One period of the command, or its multisine, and its excited lines."""
+
+    excitation: Multisine | np.ndarray
+    n_period: int
+    fs_hz: float
+    line: np.ndarray
+    meta: dict[str, str]
+
+
+def _multisine(fs_hz: float, period: int, band: tuple[float, float], amplitude: float, shape: dict) -> _Plan:
+    from gsid.excitation.multisine import Multisine
+
+    signal = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude)
+    return _Plan(signal, period, fs_hz, signal.line, {"excitation": repr(signal)})
+
+
+def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str, Any]) -> Record:
+    """Run, and write the record in any case; then raise the error that ended the run early."""
+    from gsid.rig.run import run
+
     stopping = Stopping()
     with stopping.caught():
         failure: BaseException | None = None
         try:
-            with options_as_arguments(), _bar(periods) as show:
-                record = drive(
+            with options_as_arguments(), _bar(options["periods"]) as show:
+                record = run(
                     port,
-                    excitation,
-                    periods=periods,
-                    settle=n_settle,
-                    fs_hz=fs_hz,
-                    meta=meta,
-                    frf=frf,
+                    plan.excitation,
+                    fs_hz=plan.fs_hz,
+                    meta=plan.meta,
                     on_progress=show,
                     journal=journal,
                     should_stop=stopping,
-                    limits=RunLimits(limit_command, limit_travel_deg, limit_rate),
+                    **options,
                 )
-        except BaseException as error:  # what was measured is written first, whatever happened
+        except BaseException as error:  # first write what was measured
             failure, record = error, getattr(error, "record", None)
         if stopping():
-            tell(f"{stopping.name()}: the run is stopped")
+            print_if_terminal(f"{stopping.name()}: the run is stopped")
         if record is not None:
             _keep(path, record, journal, failure)
     if failure is not None:
         raise failure
     if stopping():  # while the record of a whole run was written
         raise KeyboardInterrupt
-    _warn(record.meta)
-    _print(path, record, frf.result() if frf.n_periods >= 2 else None, as_json)
+    return record
 
 
 def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
-    """Write the record, then remove the journal; a record that cannot be written leaves the journal."""
+    """Write the record, then remove the journal; the journal is kept if the record cannot be written."""
     from gsid.base.errors import InputError
 
     try:
         _write(path, record)
     except (OSError, InputError, KeyboardInterrupt) as error:
         reason = getattr(error, "strerror", None) or str(error) or "stopped"
-        hint = (
-            f"what was measured is in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
-        )
+        hint = f"the samples are in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
         if failure is None:
             raise InputError("the record cannot be written", str(path), reason, hint) from error
-        tell(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
+        print_if_terminal(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
         return
     journal.unlink(missing_ok=True)
 
@@ -220,17 +246,17 @@ def _warn(meta: dict[str, str]) -> None:
     from gsid.rig.link import SILENCE_STOP_S
 
     if meta["command_zero_confirmed"] != "yes":
-        say("warning: the axis has not confirmed that its command is zero")
+        print_message("warning: the axis has not confirmed that its command is zero")
     silence_s = float(meta["longest_host_silence_s"])
     if silence_s > SILENCE_STOP_S:
-        say(
+        print_message(
             f"warning: this computer sent nothing for {silence_s:g} s, and the axis stopped meanwhile: "
-            "the periods that this disturbed are left out"
+            "the disturbed periods are left out"
         )
 
 
 def _recover(journal: str, output: str | None, as_json: bool) -> None:
-    """The record of a journal; the journal stays."""
+    """Write the record of a journal; the journal is kept."""
     from gsid.base.errors import InputError
     from gsid.rig.journal import recover
 
@@ -247,12 +273,12 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         raise InputError("the file exists already", str(path), None, "name the record with -o REC")
     got = recover(journal)
     if got.n_torn or got.n_damaged:
-        say(
-            f"warning: {journal}: {got.n_torn} bytes at the end are no whole block and are left out"
+        print_message(
+            f"warning: {journal}: {got.n_torn} bytes at the end are not a whole block and are ignored"
             + (f", and {got.n_damaged} damaged ones before: their samples are lost" if got.n_damaged else "")
         )
     _write(path, got.record)
-    say(f"{journal} is kept: remove it when the record is good")
+    print_message(f"{journal} is kept: remove it when the record is good")
     if as_json:
         meta = got.record.meta
         counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
@@ -260,8 +286,8 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         print_json({"record": str(path), **counts, "lost_samples": int(meta["lost_samples"]), **lost})
 
 
-def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """One period, its rate and its excited lines."""
+def _from_file(path: str, fs_hz: float) -> _Plan:
+    """One period of the command in a file."""
     import numpy as np
 
     from gsid.base.errors import InputError
@@ -271,7 +297,7 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     context = click.get_current_context()
     given = [f"--{name}" for name in DESIGN if is_given(context, name)]
     if given:
-        raise click.UsageError(f"--u brings the whole excitation: leave out {', '.join(given)}", context)
+        raise click.UsageError(f"--u provides the whole excitation: leave out {', '.join(given)}", context)
     record = read_record(path, u="u", y="u", fs_hz=fs_hz if is_given(context, "fs_hz") else None)
     u = record.u[: record.period_samples]
     if (peak := float(np.max(np.abs(u)))) > float(np.finfo(np.float32).max):
@@ -280,25 +306,34 @@ def _from_file(path: str, fs_hz: float) -> tuple[np.ndarray, float, np.ndarray]:
     spectrum = np.fft.rfft(u) * (2 / len(u))
     excited = np.flatnonzero(excited_lines(spectrum[None], len(u)))
     if not len(excited):
-        raise InputError("u excites no line", path, None, "a constant moves nothing: see gsid design")
-    return u, record.fs_hz, excited
+        raise InputError(
+            "u excites no line",
+            path,
+            None,
+            "a constant excites no line: make an excitation with `gsid design`",
+        )
+    return _Plan(u, len(u), record.fs_hz, excited, {"excitation": f"from {Path(path).name}"})
 
 
-def _try_out(path: Path) -> None:
-    """Check before the axis moves that the record can be written."""
-    if is_stdout(path):
-        return
+def _try_out(path: Path, meta: dict[str, str]) -> None:
+    """Check before the axis moves that a record with these texts can be written."""
     import secrets
+    import tempfile
 
     import numpy as np
 
     from gsid.records.files import write_record
     from gsid.records.record import Record
 
+    record = Record(np.zeros(2), np.zeros(2), 1.0, meta=meta, name=str(path))
+    if is_stdout(path):
+        with tempfile.TemporaryDirectory() as folder:
+            write_record(Path(folder) / "record.csv", record)
+        return
     # A random name, at which no link can have been placed.
     probe = path.with_name(f".gsid-{secrets.token_hex(8)}{path.suffix}")
     try:
-        write_record(probe, Record(np.zeros(2), np.zeros(2), 1.0))
+        write_record(probe, record)
     finally:
         probe.unlink(missing_ok=True)
 
@@ -308,11 +343,11 @@ def _write(path: Path, record: Record) -> None:
 
     write_record(path, record)
     good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]
-    tell(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
+    print_if_terminal(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
 
 
 @contextlib.contextmanager
-def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
+def _bar(n_periods: int) -> Iterator[Callable[[Progress], None] | None]:
     """A progress bar on stderr when that is a terminal."""
     if not sys.stderr.isatty():
         yield None
@@ -327,8 +362,8 @@ def _bar(asked: int) -> Iterator[Callable[[Progress], None] | None]:
         rich.TimeElapsedColumn(),
     )
     bar = rich.Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("", total=asked, lost=0, ticks=0)
-    gone = contextlib.suppress(OSError)  # the terminal was closed: no reason to end the run
+    task = bar.add_task("", total=n_periods, lost=0, ticks=0)
+    gone = contextlib.suppress(OSError)  # the terminal may be closed while the run continues
 
     def show(now: Progress) -> None:
         with gone:
@@ -365,4 +400,4 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
     rows = [
         [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()
     ]
-    print_table(["figure", "value"], rows, left=["figure"])
+    print_table(Table(["figure", "value"], rows, left=["figure"]))

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, Value, json_option, options_as_arguments
-from gsid.cli.output import print_json, say
+from gsid.cli.options import FILE_OUTPUT, SEED, Value, json_option, options_as_arguments
+from gsid.cli.output import print_json, print_message
 
 if TYPE_CHECKING:
     from gsid.rig.server import Server
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @click.option(
     "--seed",
     metavar="N",
-    type=click.IntRange(0, 2**64 - 1),
+    type=SEED,
     help="Random seed of the noise and of --damage. [default: 1]",
 )
 @click.option(
@@ -141,7 +141,7 @@ def simulate(
     else:
         write_atomically(log, lambda part: _logged(part, server, serve))
     served = server.served
-    say(
+    print_message(
         f"served {served.ticks} ticks, {served.commands_lost} commands lost"
         + (f", latest sample {1e3 * served.late_s:.1f} ms behind the clock" if paced else "")
         + (f", {damage_in.n_hits + damage_out.n_hits} frames damaged on purpose" if damage else "")

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 
-from gsid.cli.output import say
+from gsid.cli.output import print_message
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")  # those that the system has
 # after this time another signal aborts a hanging stop, for example of a file system that does not answer
@@ -58,10 +58,10 @@ class Stopping:
         return signal.Signals(self.number).name if self.number is not None else ""
 
 
-def tell(text: str) -> None:
-    """Print a message if there is still a terminal: after SIGHUP there may be none, and the run goes on."""
+def print_if_terminal(text: str) -> None:
+    """Print a message if the terminal is still open: after SIGHUP it may be closed, and the run continues."""
     try:
-        say(text)
+        print_message(text)
     except OSError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         with contextlib.suppress(OSError, ValueError):

@@ -76,10 +76,10 @@ def demo(
     bench = Bench(folder, on_step, on_progress)
     excitation = Multisine.design(FS_HZ, PERIOD, first_half.BAND_HZ, amplitude=first_half.AMPLITUDE)
     linear, friction = first_half.both(bench, excitation, seed)
-    search = second_half.hide_and_seek(bench, seed)
+    search = second_half.find_hidden_effect(bench, seed)
 
     on_step("writing the report")
-    page = Report("A simulated gimbal axis: measured, fitted, compared, and what was hidden in it")
+    page = Report("A simulated gimbal axis: measurement, fit, comparison, and a hidden effect")
     first_half.add_to(page, linear, friction, excitation)
     second_half.add_to(page, search)
     path = page.write(folder / "report.html")

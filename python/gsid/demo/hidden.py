@@ -1,7 +1,7 @@
-"""An effect chosen by a random seed, to be hidden in the simulated axis, and the hash of the answer.
+"""Effect of the simulated axis that a random seed chooses, and the hash of the answer.
 
-The SHA-256 of the file with the answer is shown before the measurement. At the end, `sha256sum` shows that
-the answer was not changed after the search.
+The answer is hashed before the search: the SHA-256 of its file is printed before the measurement. At the end,
+`sha256sum` shows that the answer was not changed after the search.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Hidden:
 
     @property
     def answer(self) -> str:
-        """Text of the file that is hashed, with a salt, so that a guess cannot be verified by its hash."""
+        """Text of the file that is hashed. A salt prevents testing a guess by its hash."""
         salt = hashlib.sha256(f"gsid demo, hidden effect of seed {self.seed}".encode()).hexdigest()
         data = {"effect": self.effect, "params": self.params, "seed": self.seed, "salt": salt}
         return json.dumps(data, indent=1) + "\n"
 
     @property
-    def seal(self) -> str:
+    def sha256(self) -> str:
         """SHA-256 of the answer, in hexadecimal digits."""
         return hashlib.sha256(self.answer.encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""The demo's first half: the axis measured, fitted by a linear model, and compared."""
+"""First half of the demo: measure the axis, fit a linear model, and compare."""
 
 from __future__ import annotations
 
@@ -67,13 +67,13 @@ def experiment(
     model = fit(response, ORDER)
     model.save(bench.folder / f"{name}_model.json")
     comparison = compare(model, measured, alpha=ALPHA, fitted=True)
-    truth = beside_truth(model, json.loads(truth_file.read_text(encoding="utf-8")))
+    truth = compared_with_truth(model, json.loads(truth_file.read_text(encoding="utf-8")))
     return Experiment(name, story, record, measured, response, model, comparison, truth)
 
 
 def both(bench: Bench, excitation: Multisine, seed: int) -> tuple[Experiment, Experiment]:
     """The axis without friction, and with it."""
-    story = "The axis without friction; the model stands beside the truth."
+    story = "The axis without friction: the fitted parameters are compared with the true ones."
     linear = experiment(bench, excitation, seed, "linear", story, 0.0)
     story = (
         f"The same axis with Coulomb friction of {COULOMB_LEVEL:g} deg/s², fitted by the same linear model."
@@ -105,8 +105,8 @@ def mode_pole(poles: np.ndarray, f_hz: float) -> int:
     return int(above[np.argmin(np.abs(np.abs(poles[above]) / (2 * np.pi) - f_hz))])
 
 
-def beside_truth(model: RationalModel, truth: dict[str, Any]) -> list[Truth]:
-    """Estimates beside the true values of a simulated axis (the JSON of `gsid simulate --truth`).
+def compared_with_truth(model: RationalModel, truth: dict[str, Any]) -> list[Truth]:
+    """Estimates compared with the true values of a simulated axis (the JSON of `gsid simulate --truth`).
 
     Parameters
     ----------

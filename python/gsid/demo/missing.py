@@ -1,4 +1,4 @@
-"""The demo's second half: an effect is hidden in the axis, searched for, added, and finally revealed."""
+"""Second half of the demo: hide an effect in the axis, search for it, add it, and show the answer."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis tra
 BAND_HZ = (0.5, 194.5)
 PERIODS = 8  # not a multiple of 5, as in the first half
 FITTED, KEPT_OUT = 2, 2  # realisations of each level; the error on four kept out scatters by 4 % of the noise
-WRONG_BY = 0.05  # relative error of each parameter of the initial model
+PARAMETER_ERROR = 0.05  # relative error of each parameter of the initial model
 FLOOR_RATIO = 1.1  # largest error on the records kept out, relative to noise alone
 
 # Initial model of the axis: parameters of the catalogue, and their names in the simulated axis.
-BELIEVED = {
+INITIAL_MODEL = {
     "rigid_body": {"gain": "gain"},
     "viscous_friction": {"rate": "viscous_rate"},
     "cable_spring": {"stiffness": "spring_stiffness"},
@@ -84,7 +84,7 @@ class Search:
         return last.held_out["after"] / last.noise_floor_rms
 
     @property
-    def revealed(self) -> str:
+    def answer_sentence(self) -> str:
         """The answer, and whether it was found, as a sentence."""
         hidden = Effect(
             self.hidden.effect, {name: Param(value) for name, value in self.hidden.params.items()}
@@ -95,18 +95,18 @@ class Search:
         )
         if not self.named:
             found = " and ".join(" or ".join(group.effects) for group in self.diagnosis.found) or "nothing"
-            end = f"it was NOT named, {found} was"
+            end = f"it was NOT named; {found} was named"
         else:
             rivals = [effect for effect in self.diagnosis.found[0].effects if effect != self.hidden.effect]
             tied = (
-                f", together with {' and '.join(rivals)}, which these data cannot tell from it"
+                f", together with {' and '.join(rivals)}, which these data cannot distinguish from it"
                 if rivals
                 else ""
             )
             end = f"it was named{tied}"
         return f"The hidden effect was {self.hidden.effect} ({params}): {end}."
 
-    def beside_truth(self) -> list[Truth]:
+    def compared_with_truth(self) -> list[Truth]:
         """True and estimated parameters of the hidden effect; empty if it was not added to the model."""
         rows = []
         for effect in self.model.effects:
@@ -122,7 +122,7 @@ class Search:
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid demo --json`."""
         return {
-            "seal": self.hidden.seal,
+            "sha256": self.hidden.sha256,
             "effect": self.hidden.effect,
             "params": self.hidden.params,
             "named": self.named,
@@ -133,12 +133,12 @@ class Search:
         }
 
 
-def hide_and_seek(bench: Bench, seed: int) -> Search:
+def find_hidden_effect(bench: Bench, seed: int) -> Search:
     """Hide an effect, measure, search, and write the file with the answer at the end."""
     hidden = draw(seed)
     answer = bench.folder / "hidden.json"
     answer.unlink(missing_ok=True)
-    bench.on_step(f"hidden: an effect drawn by seed {seed}; SHA-256 of the answer {hidden.seal}")
+    bench.on_step(f"hidden: an effect drawn by seed {seed}; SHA-256 of the answer {hidden.sha256}")
     measured = []
     seeds = np.random.SeedSequence(seed).generate_state(len(LEVELS) * (FITTED + KEPT_OUT))
     for i, excitation in enumerate(excitations(seeds), 1):
@@ -155,8 +155,8 @@ def hide_and_seek(bench: Bench, seed: int) -> Search:
     each = FITTED + KEPT_OUT
     fitted = [one for i, one in enumerate(measured) if i % each < FITTED]
     kept_out = [one for i, one in enumerate(measured) if i % each >= FITTED]
-    model = believed(seed)
-    model.save(bench.folder / "believed.json")
+    model = initial_model(seed)
+    model.save(bench.folder / "initial_model.json")
     found = search(model, fitted, kept_out, bench.on_step)
     found[-1].save(bench.folder / "found.json")
     write_atomically(answer, lambda part: part.write_text(hidden.answer, encoding="utf-8"))
@@ -181,7 +181,7 @@ def excitations(seeds: Sequence[int]) -> list[Multisine]:
     ]
 
 
-def believed(seed: int) -> PlantModel:
+def initial_model(seed: int) -> PlantModel:
     """Model of the axis without the hidden effect, each parameter wrong by 5 %, with a random sign."""
     rng = np.random.default_rng(seed)
     true = SimulatedAxis().parameters
@@ -190,9 +190,12 @@ def believed(seed: int) -> PlantModel:
         [
             Effect(
                 id,
-                {name: Param(true[of] * (1 + WRONG_BY * rng.choice([-1, 1]))) for name, of in names.items()},
+                {
+                    name: Param(true[of] * (1 + PARAMETER_ERROR * rng.choice([-1, 1])))
+                    for name, of in names.items()
+                },
             )
-            for id, names in BELIEVED.items()
+            for id, names in INITIAL_MODEL.items()
         ],
         u_unit="command",
         y_unit="deg/s",
@@ -215,7 +218,7 @@ def add_to(page: Report, found: Search) -> None:
     """Add the search to the page."""
     story = (
         f"One effect of the catalogue, chosen by seed {found.hidden.seed}, was hidden in the axis. The "
-        f"answer was hashed before the measurement (SHA-256 {found.hidden.seal} of the file hidden.json) "
+        f"answer was hashed before the measurement (SHA-256 {found.hidden.sha256} of the file hidden.json) "
         "and is shown at the end of this page. The initial model has the linear parts of the axis, each "
         f"parameter wrong by 5 %. It is fitted to {FITTED} records of each of {len(LEVELS)} levels; "
         f"{KEPT_OUT} more of each are kept out for validation."
@@ -226,15 +229,15 @@ def add_to(page: Report, found: Search) -> None:
         found.diagnosis,
         ladder=found.ladder,
         story=story,
-        answer=found.revealed,
-        truth=found.beside_truth(),
+        answer=found.answer_sentence,
+        truth=found.compared_with_truth(),
     )
 
 
 def checks(found: Search) -> dict[str, bool]:
     """Criteria that the search has to meet."""
     return {
-        "something is found missing": not found.diagnosis.adequate,
+        "a missing effect is detected": not found.diagnosis.adequate,
         "the hidden effect is named": found.named,
         "the error on records kept out falls to the noise (1.1 times at most)": found.over_floor
         <= FLOOR_RATIO,

@@ -33,8 +33,9 @@ from gsid.models.hold import facts_of
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
+from gsid.spectrum.held_out import check_held_out
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, read_as, require_not_fitted
+from gsid.spectrum.spectra import Spectra, read_as
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -159,7 +160,7 @@ def add(
     if before.hold_assumed:
         split = split._replace(fitted=read_as(fitted, before.hold), kept=read_as(split.kept, before.hold))
         fitted = split.fitted
-    after = _best_fit(before, known, _starts(before, known, fitted, params), fitted, band, on_step)
+    after = _best_fit(before, known, _starts(before, known, params), fitted, band, on_step)
     _note_places_outside(after)
     on_step(f"judging on {split.words}")
     rung = _rung(-1, before, after, split, band)
@@ -259,7 +260,7 @@ def _fit_of_part(
     """
     part = copy.deepcopy(found)
     part.effects = [effect for place, effect in enumerate(part.effects) if place not in without]
-    part.cov, part.fit = None, None
+    part.cov, part.cov_names, part.fit = None, None, None
     fits = [fit_plant(part, fitted, band=band)]
     moved = linear_start(part, fitted) if without else part
     if moved is not part:
@@ -291,7 +292,7 @@ def _split(
 ) -> _Split:
     """Split into data to fit and validation data; `used` are digests of the records of earlier steps."""
     if held_out is not None:
-        require_not_fitted(measured, held_out)
+        check_held_out(measured, held_out)
         return _split_of_records(measured, held_out, "kept_out", used)
     chosen = _last_third(measured) if len(measured) >= HELD_OUT_SHARE else []
     if chosen:
@@ -370,13 +371,11 @@ def _title(model: PlantModel, at: int) -> str:
     return f"{label} {law}" if isinstance(law, str) else label
 
 
-def _starts(
-    fit: PlantFit, effect: EffectType, measured: list[Spectra], params: Mapping[str, float] | None
-) -> list[PlantModel]:
+def _starts(fit: PlantFit, effect: EffectType, params: Mapping[str, float] | None) -> list[PlantModel]:
     """The model with the effect at each starting point: the best grid points, or typical values."""
     if effect.definition:
         return [fit.model.with_effect(effect, dict(params or {}))]
-    tries = _likeliest(fit, effect.id, measured)
+    tries = _likeliest(fit, effect.id)
     fixed = tries[0][0].fixed if tries else ()
     if params is not None:
         return [fit.model.with_effect(effect, dict(params), fixed=fixed)]
@@ -387,7 +386,7 @@ def _starts(
         fit.model.with_effect(effect, {name: size * value for name, value in strengths.items()})
         for size in SIZES
     ]
-    return [min(sizes, key=lambda model: _cost(model, fit, measured))]
+    return [min(sizes, key=lambda model: _cost(model, fit))]
 
 
 def _note_places_outside(fit: PlantFit) -> None:
@@ -406,20 +405,17 @@ def _note_places_outside(fit: PlantFit) -> None:
         )
 
 
-def _cost(model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> float:
+def _cost(model: PlantModel, fit: PlantFit) -> float:
     """Cost of a model with the weights of a given fit; infinite if the model cannot be simulated."""
     try:
-        return sum(
-            float(np.sum(np.abs(r.weight * (one.y - model.predict(one).Y)[r.line]) ** 2))
-            for r, one in zip(fit.records, measured, strict=True)
-        )
+        return fit.cost_of(model)
     except GsidError:
         return np.inf
 
 
-def _likeliest(fit: PlantFit, effect: str, measured: list[Spectra]) -> list[tuple[Probe, np.ndarray]]:
+def _likeliest(fit: PlantFit, effect: str) -> list[tuple[Probe, np.ndarray]]:
     """Points of the effect's grid with the largest predicted drops of the cost, and their coefficients."""
-    scored = scan_rates(fit, measured)[0] if effect == SAMPLER else scan(fit, measured, [effect])
+    scored = scan_rates(fit)[0] if effect == SAMPLER else scan(fit, [effect])
     scored.sort(key=lambda pair: -pair[1].drop)
     return [(probe, item.size) for probe, item in scored[:STARTS]]
 

@@ -12,10 +12,10 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.joint_start import joint_starts
 from gsid.diagnosis.scan import Scored, with_probe
 from gsid.effects.types import find
-from gsid.greybox.fit import PlantFit, fit_plant, noise_p_value
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.effect import Param
-from gsid.plant.linear_response import JOINT
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
@@ -63,15 +63,11 @@ class SearchInput:
 
     def joint_starts(self, fit: PlantFit) -> list[tuple[PlantModel, float]]:
         """The model of a fit with backlash added, and how much this lowers the error of the response."""
-        return joint_starts(fit, self.measured, self.model)
-
-    def noise_p_value(self, fit: PlantFit) -> float:
-        """Probability that noise alone gives a misfit this large or larger, for a fit to all records."""
-        return noise_p_value(fit, self.measured)
+        return joint_starts(fit, self.model)
 
     def is_noise(self, fit: PlantFit) -> bool:
         """Whether the residual of a fit to all records is consistent with noise."""
-        return self.noise_p_value(fit) > self.alpha
+        return fit.noise_p_value > self.alpha
 
 
 @dataclass(eq=False)
@@ -159,7 +155,7 @@ def fit_candidates(
     """
     candidates: list[Candidate] = []
     enough = brought = 0.0
-    has_joint = JOINT in [effect.id for effect in fit.model.effects]
+    has_joint = BACKLASH in [effect.id for effect in fit.model.effects]
     for effect, tries in list(shortlist(scored).items())[: REFITTED_BESIDE_JOINT if has_joint else None]:
         promise = tries[0][1].drop
         hopeless = promise < min(_share_wanted(effect) * brought, brought - 3 * SAME)
@@ -175,7 +171,7 @@ def fit_candidates(
         if given.is_noise(candidate.fit):
             enough = max(enough, fit.cost - candidate.fit.cost)
     if enough == 0 and not has_joint:
-        given.on_step(f"trying {JOINT}")
+        given.on_step(f"trying {BACKLASH}")
         candidates += _joint(fit, given, fit.cost - brought)
     if candidates:
         best = min(range(len(candidates)), key=lambda i: evidence(fit, candidates[i]))
@@ -234,7 +230,7 @@ def _joint(fit: PlantFit, given: SearchInput, beaten: float) -> list[Candidate]:
                 fitted = given.fit(fitted.model, STEPS_MAX)
         except (GsidError, InputError):
             continue
-        found.append(Candidate(JOINT, fitted, gain))
+        found.append(Candidate(BACKLASH, fitted, gain))
     return found
 
 
@@ -265,7 +261,7 @@ def _beyond_the_walls(fit: PlantFit, given: SearchInput) -> PlantFit:
 
 def _converged(candidate: Candidate, given: SearchInput) -> Candidate:
     """The candidate with its fit continued to convergence, except backlash, whose fit rarely improves."""
-    if candidate.fit.converged or candidate.effect == JOINT:
+    if candidate.fit.converged or candidate.effect == BACKLASH:
         return candidate
     return _further(candidate, given, CONVERGED_BY)
 

@@ -16,14 +16,14 @@ import numpy as np
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR
 from gsid.greybox.problem import least_size
-from gsid.plant.linear_response import JOINT, linear_view
+from gsid.plant.linear_response import BACKLASH, linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
 from gsid.spectrum.lines import lines_of, period_of
 from gsid.spectrum.spectra import Spectra
 
 GEAR = ("gap_deg", "stiffness", "damping")
-SHAPES = (f"{JOINT}.gap_deg", f"{JOINT}.inertia_ratio")
+SHAPES = (f"{BACKLASH}.gap_deg", f"{BACKLASH}.inertia_ratio")
 WIDE = 2.3  # times the highest excited line: upper limit of the harmonics of the torque that are used
 OVERSAMPLING = 2  # time steps of the twist per sample
 WARM = 8  # the simulation starts 1/WARM of a period early: the twist loses its initial state in one contact
@@ -36,7 +36,7 @@ LARGEST_STEP = (-0.5, 1.0)  # relative to a parameter
 GAIN_LEAST = 1e-3  # relative reduction of the cost below which the search ends
 
 
-def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) -> PlantModel:
+def fit_joint(starts: list[PlantModel], fit: PlantFit) -> PlantModel:
     """Fit backlash and the linear part to the output, given the measured motion of the load (DIA-10).
 
     Parameters
@@ -44,14 +44,13 @@ def fit_joint(starts: list[PlantModel], fit: PlantFit, measured: list[Spectra]) 
     starts : list of PlantModel
         The same open-loop model with backlash, at different values; the fit starts from the best one.
     fit : PlantFit
-        Provides lines and weights.
-    measured : list of Spectra
+        Provides records, lines and weights.
 
     Returns
     -------
     PlantModel
     """
-    problem = _Problem(starts[0], fit, measured)
+    problem = _Problem(starts[0], fit)
     costs = problem.costs(np.array([_values(one, problem.names) for one in starts]))
     model = starts[int(np.argmin(costs))]
     x, damping = _values(model, problem.names), 1e-2
@@ -105,14 +104,14 @@ class _Parts:
 class _Problem:
     """Weighted errors for many parameter sets, of the records with the period and rate of the first one."""
 
-    def __init__(self, model: PlantModel, fit: PlantFit, measured: list[Spectra]) -> None:
-        self.model, first = model, measured[0]
-        alike = [
-            (one, record)
-            for one, record in zip(measured, fit.records, strict=True)
-            if (one.period_samples, one.fs_hz, one.hold) == (first.period_samples, first.fs_hz, first.hold)
-        ]
-        self.measured, self.records = [one for one, _ in alike], [record for _, record in alike]
+    def __init__(self, model: PlantModel, fit: PlantFit) -> None:
+        self.model, first = model, fit.records[0].spectra
+
+        def timing(one: Spectra) -> tuple[int, float, str | None]:
+            return one.period_samples, one.fs_hz, one.hold
+
+        self.records = [record for record in fit.records if timing(record.spectra) == timing(first)]
+        self.measured = [record.spectra for record in self.records]
         self.names = [name for name in model.free_names if name in LINEAR or name in SHAPES]
         chosen = [model.free_names.index(name) for name in self.names]
         lower, upper = model.bounds()
@@ -142,7 +141,7 @@ class _Problem:
         for name, value in zip(self.names, values, strict=True):
             effect, _, parameter = name.rpartition(".")
             stack[effect][parameter] = float(value)
-        gear = stack.pop(JOINT)
+        gear = stack.pop(BACKLASH)
         one = self.measured[0]
         view = linear_view(
             stack,
@@ -168,7 +167,8 @@ class _Problem:
         """For a given twist x, motor and load follow (r s + 1 / load) w = torque - r s^2 x."""
         ratio = part.gear["inertia_ratio"]
         rows = []
-        for one, record, x in zip(self.measured, self.records, twist, strict=True):
+        for record, x in zip(self.records, twist, strict=True):
+            one = record.spectra
             rate = (part.drive * one.u - ratio * self.s**2 * x) / (1 / part.load + ratio * self.s)
             weight = np.where(record.line > 0, record.weight, 0)  # the linear part does not determine line 0
             e = (one.y - part.sensor * (rate + part.modes * one.u))[record.line] * weight

@@ -18,7 +18,7 @@ from gsid.base.errors import GsidError
 from gsid.diagnosis.joint_fit import fit_joint
 from gsid.greybox.fit import PlantFit
 from gsid.greybox.linear_start import LINEAR, linear_error, linear_start
-from gsid.plant.linear_response import JOINT
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
@@ -32,14 +32,13 @@ DAMPING = 0.1  # damping ratio
 FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
 
 
-def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> list[tuple[PlantModel, float]]:
+def joint_starts(fit: PlantFit, given: PlantModel) -> list[tuple[PlantModel, float]]:
     """Models with backlash added, and how much each lowers the error of the response.
 
     Parameters
     ----------
     fit : PlantFit
         Fit of the model without backlash.
-    measured : list of Spectra
     given : PlantModel
         The model before the fit. A fit without backlash may move the frequency of a mode to imitate it, and
         a fit that starts there may end in a local minimum.
@@ -49,6 +48,7 @@ def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> l
     list of (PlantModel, float)
         At most one model, with the best of `FREQUENCIES`; none if backlash does not improve the response.
     """
+    measured = [record.spectra for record in fit.records]
     largest = max(float(np.linalg.norm(one.u)) for one in measured)
     loud = [one for one in measured if np.linalg.norm(one.u) > LOUD * largest]
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
@@ -65,9 +65,9 @@ def joint_starts(fit: PlantFit, measured: list[Spectra], given: PlantModel) -> l
     if not (
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
-        starts = [one for model in (soft, *others) for one in _with_play(fit, model, measured)]
-        return [(fit_joint(starts, fit, measured), before - least)]
-    looked = [start for model in (soft, *others) if (start := _best_gap(fit, model, measured)) is not None]
+        starts = [one for model in (soft, *others) for one in _with_play(fit, model)]
+        return [(fit_joint(starts, fit), before - least)]
+    looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]
     return [(min(looked, key=lambda one: one[0])[1], before - least)] if looked else []
 
 
@@ -77,15 +77,15 @@ def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:
     return model.with_values([(given if name in known else model)[name].value for name in model.free_names])
 
 
-def _with_play(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> list[PlantModel]:
+def _with_play(fit: PlantFit, model: PlantModel) -> list[PlantModel]:
     """Models with stiffer springs and a gap, which may have the same response as the soft spring."""
-    twist = _largest_twist(fit, model, measured)
+    twist = _largest_twist(fit, model)
     starts = []
     for stiffer in STIFFER:
         for gap in GAPS:
             start = copy.deepcopy(model)
-            start[f"{JOINT}.stiffness"].value *= stiffer
-            start[f"{JOINT}.gap_deg"].value = float(gap * twist)
+            start[f"{BACKLASH}.stiffness"].value *= stiffer
+            start[f"{BACKLASH}.gap_deg"].value = float(gap * twist)
             starts.append(start)
     return starts
 
@@ -98,7 +98,7 @@ def _with_joint(model: PlantModel, f_hz: float, ratio: float) -> PlantModel:
         "inertia_ratio": ratio,
         "damping": 2 * DAMPING * rad_s * reduced,
     }
-    larger = model.with_effect(JOINT, values)
+    larger = model.with_effect(BACKLASH, values)
     _refer_to_load(larger, 1 + ratio)
     return larger
 
@@ -114,37 +114,33 @@ def _refer_to_load(model: PlantModel, inertia: float) -> None:
                 param.value /= inertia
 
 
-def _best_gap(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> tuple[float, PlantModel] | None:
+def _best_gap(fit: PlantFit, model: PlantModel) -> tuple[float, PlantModel] | None:
     """Lowest cost over `GAPS`, and the model with that gap; None if no gap can be simulated."""
     least, best = np.inf, None
-    for gap in _largest_twist(fit, model, measured) * np.array(GAPS):
-        model[f"{JOINT}.gap_deg"].value = float(gap)
+    for gap in _largest_twist(fit, model) * np.array(GAPS):
+        model[f"{BACKLASH}.gap_deg"].value = float(gap)
         try:
-            cost = sum(
-                float(np.sum(np.abs((one.y - model.predict(one).Y)[record.line] * record.weight) ** 2))
-                for record, one in zip(fit.records, measured, strict=True)
-            )
+            cost = fit.cost_of(model)
         except GsidError:
             continue
         if cost < least:
             least, best = cost, float(gap)
     if best is None:
         return None
-    model[f"{JOINT}.gap_deg"].value = best
+    model[f"{BACKLASH}.gap_deg"].value = best
     return least, model
 
 
-def _largest_twist(fit: PlantFit, model: PlantModel, measured: list[Spectra]) -> float:
+def _largest_twist(fit: PlantFit, model: PlantModel) -> float:
     """Largest twist over all records."""
-    commands = [
-        fit.model.drive_command(one, record.prediction)
-        for record, one in zip(fit.records, measured, strict=True)
-    ]
-    return max(_twist(model, one, command) for one, command in zip(measured, commands, strict=True))
+    return max(
+        _twist(model, record.spectra, fit.model.drive_command(record.spectra, record.prediction))
+        for record in fit.records
+    )
 
 
 def _twist(model: PlantModel, one: Spectra, command: np.ndarray) -> float:
     """Root mean square of the twist of the spring due to the torque of the motor."""
     view = model.linear_response(one)
     torque = np.linalg.norm(view.drive * lines_of(command)) / np.sqrt(2)
-    return float(torque / model[f"{JOINT}.stiffness"].value)
+    return float(torque / model[f"{BACKLASH}.stiffness"].value)

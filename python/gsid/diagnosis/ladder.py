@@ -168,7 +168,7 @@ class Ladder(Plottable):
         levels, last = [], None
         for r in self.rungs:
             if last is None or not last.leads_to(r):
-                title = "as it was" if last is None else _again(last, r)
+                title = "initial model" if last is None else _again(last, r)
                 levels.append((title, r.before, r.held_out["before"], r.noise_floor_rms))
             levels.append((f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms))
             last = r

@@ -404,7 +404,7 @@ def _earlier(t: Trajectory, less_delay_s: float) -> np.ndarray:
 def sample_hold_at(
     trajectories: list[Trajectory], rates: Iterable[float], *, exact: bool = False
 ) -> Iterator[Probe]:
-    """Candidates of a sample and hold at the given rates; half a hold time is taken off the model's delay.
+    """Candidates of a sample and hold at the given rates; half a hold time is subtracted from the delay.
 
     Parameters
     ----------

@@ -20,10 +20,9 @@ from gsid.diagnosis.probes import (
 )
 from gsid.diagnosis.score_test import Score, orthonormal, score
 from gsid.effects.types import catalogue, find
-from gsid.greybox.fit import PlantFit, RecordFit, stacked, whitened
+from gsid.greybox.fit import PlantFit, RecordFit
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
-from gsid.spectrum.spectra import Spectra
 
 NOT_SEARCHED = frozenset(effect.id for effect in catalogue().values() if effect.not_searched)
 TURNS_ONLY = frozenset(effect.id for effect in catalogue().values() if effect.turns_only)
@@ -50,7 +49,7 @@ def with_probe(model: PlantModel, probe: Probe, size: np.ndarray) -> PlantModel:
     return larger
 
 
-def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory:
+def trajectory(model: PlantModel, record: RecordFit) -> Trajectory:
     """Simulated trajectory of a fitted model with the excitation of one record.
 
     Parameters
@@ -58,9 +57,8 @@ def trajectory(model: PlantModel, record: RecordFit, one: Spectra) -> Trajectory
     model : PlantModel
     record : RecordFit
         Result of the model's fit for this record.
-    one : Spectra
-        The record.
     """
+    one = record.spectra
     view = model.linear_response(one)
     return Trajectory(
         fs_hz=one.fs_hz,
@@ -89,22 +87,20 @@ def _absent(model: PlantModel) -> list[str]:
     return [effect for effect in catalogue() if effect not in left_out]
 
 
-def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None = None) -> Scored:
+def scan(fit: PlantFit, effects: Sequence[str] | None = None) -> Scored:
     """Score every probe of some effects; default: of all effects that the model does not contain."""
     absent = _absent(fit.model) if effects is None else effects
-    trajectories = [
-        trajectory(fit.model, record, one) for record, one in zip(fit.records, measured, strict=True)
-    ]
+    trajectories = [trajectory(fit.model, record) for record in fit.records]
     several = list(probes(trajectories, absent))
     if "torque_bias" in absent:
-        bias = _bias_probe(fit.model, measured)
-        if find("torque_bias")["level"].typical * np.linalg.norm(whitened(fit, bias.columns)) > 1:
+        bias = _bias_probe(fit)
+        if find("torque_bias")["level"].typical * np.linalg.norm(fit.whitened(bias.columns)) > 1:
             several.append(bias)  # otherwise the plant is linear, and a constant torque has no effect
-    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
+    residual, nuisance = fit.residual, orthonormal(fit.jacobian)
 
     def judged(several: Iterable[Probe]) -> Scored:
         return [
-            (probe, score(residual, nuisance, whitened(fit, probe.columns), one_sided=probe.one_sided))
+            (probe, score(residual, nuisance, fit.whitened(probe.columns), one_sided=probe.one_sided))
             for probe in several
         ]
 
@@ -114,7 +110,7 @@ def scan(fit: PlantFit, measured: list[Spectra], effects: Sequence[str] | None =
     return scored
 
 
-def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
+def scan_rates(fit: PlantFit) -> tuple[Scored, int]:
     """Score the sample and hold of a sensor at nominal rates, and at the best rates of a dense grid.
 
     If the refreshes repeat with the period, their images lie on lines of their own. A rate that is wrong by
@@ -124,7 +120,6 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
     Parameters
     ----------
     fit : PlantFit
-    measured : list of Spectra
 
     Returns
     -------
@@ -133,9 +128,8 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
     """
     if any(effect.id == SAMPLER for effect in fit.model.effects):
         return [], 0
-    loudest = max(range(len(measured)), key=lambda i: float(np.linalg.norm(measured[i].u)))
-    record = fit.records[loudest]
-    path = trajectory(fit.model, record, measured[loudest])
+    record = max(fit.records, key=lambda one: float(np.linalg.norm(one.spectra.u)))
+    path = trajectory(fit.model, record)
     residual, nuisance = record.residual, orthonormal(record.jacobian)
     seen = []
     for probe in sample_hold_at([path], locked_rates(path), exact=True):
@@ -143,11 +137,11 @@ def scan_rates(fit: PlantFit, measured: list[Spectra]) -> tuple[Scored, int]:
         item = _as_it_is(score(residual, nuisance, np.vstack([column.real, column.imag]), one_sided=True))
         seen.append((item.drop, probe.start(item.size)["rate_hz"]))
     best = [rate for _, rate in sorted(seen, reverse=True)[:RATES]]
-    paths = [trajectory(fit.model, r, one) for r, one in zip(fit.records, measured, strict=True)]
+    paths = [trajectory(fit.model, one) for one in fit.records]
     nominal = nominal_rates(path.fs_hz)
-    residual, nuisance = stacked(fit, "residual")[:, 0], orthonormal(stacked(fit, "jacobian"))
+    residual, nuisance = fit.residual, orthonormal(fit.jacobian)
     scored = [
-        (probe, _as_it_is(score(residual, nuisance, whitened(fit, probe.columns), one_sided=True)))
+        (probe, _as_it_is(score(residual, nuisance, fit.whitened(probe.columns), one_sided=True)))
         for probe in sample_hold_at(paths, list(dict.fromkeys([*best, *nominal])), exact=True)
     ]
     return scored, len(seen) + len(nominal)
@@ -174,12 +168,12 @@ def _nearer_step(trajectories: list[Trajectory], scored: Scored) -> Iterator[Pro
         )
 
 
-def _bias_probe(model: PlantModel, measured: list[Spectra]) -> Probe:
+def _bias_probe(fit: PlantFit) -> Probe:
     """Probe of a constant torque by simulation, because it acts only through the nonlinear laws."""
-    biased = copy.deepcopy(model)
+    biased = copy.deepcopy(fit.model)
     for effect in biased.effects:
         for param in effect.params.values():
             param.free = False
     biased = biased.with_effect("torque_bias", {"level": 0.0})
-    columns = [biased.predict(one, sensitivities=True).dY for one in measured]
+    columns = [biased.predict(one.spectra, sensitivities=True).dY for one in fit.records]
     return Probe("torque_bias", columns, lambda c: {"level": float(c[0])})

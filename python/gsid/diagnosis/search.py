@@ -30,7 +30,7 @@ from gsid.diagnosis.score_test import (
     score,
 )
 from gsid.effects.types import catalogue
-from gsid.greybox.fit import PlantFit, stacked
+from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
 EFFECTS_MAX = 3  # largest number of effects added
@@ -111,12 +111,12 @@ class Search:
 
     def scan(self, fit: PlantFit) -> Scored:
         """Score every effect that the model does not contain."""
-        return scan(fit, self.given.measured)
+        return scan(fit)
 
     def candidates(self, fit: PlantFit, scored: Scored) -> list[Candidate]:
         """Fit the effects with the best scores; the sample and hold of a sensor has its own grid of rates."""
         n_shapes = Counter(probe.effect for probe, _ in scored)
-        rates, n_shapes[SAMPLER] = scan_rates(fit, self.given.measured)
+        rates, n_shapes[SAMPLER] = scan_rates(fit)
         scored = [pair for pair in scored if pair[0].effect != SAMPLER] + rates
         return fit_candidates(fit, scored, n_shapes, self.given)
 
@@ -128,7 +128,7 @@ class Search:
         if id(fit) not in self._tested:  # the step keeps its fit alive, so that the id stays unique
             scored = self.scan(fit)
             p_score = self._score_p_value(fit, [item for _, item in scored])
-            step = Step(fit, self.given.noise_p_value(fit), p_score, [])
+            step = Step(fit, fit.noise_p_value, p_score, [])
             self._tested[id(fit)] = step, scored
         return self._tested[id(fit)]
 
@@ -154,14 +154,13 @@ class Search:
             return None
         if not scores:
             return 1.0
-        residual = stacked(fit, "residual")[:, 0]
+        residual = fit.residual
         drawn = random_phases(residual, DRAWS, self.seed), self._scatter(fit)
         return max(float(np.min(family_wise_p(residual, each, scores))) for each in drawn)
 
     def _scatter(self, fit: PlantFit) -> np.ndarray:
         deviations = [
-            (one.Y - one.y)[:, record.line] * record.weight
-            for record, one in zip(fit.records, self.given.measured, strict=True)
+            (record.spectra.Y - record.spectra.y)[:, record.line] * record.weight for record in fit.records
         ]
         return random_periods(deviations, DRAWS, self.seed)
 
@@ -179,7 +178,7 @@ class Search:
         """
         if len(self.given.measured) < 2 or self._few_periods:
             return None
-        residual, jacobian = stacked(fit, "residual")[:, 0], stacked(fit, "jacobian")
+        residual, jacobian = fit.residual, fit.jacobian
         own = columns_by_record(jacobian, [len(record.line) for record in fit.records])
         item = score(residual, orthonormal(jacobian), own)
         return float(family_wise_p(residual, self._scatter(fit), [item])[0])

@@ -29,8 +29,8 @@ from gsid.effects.types import (
 
 def entry_keys(effect: str) -> tuple[str, ...]:
     """Return the keys that an entry of a model file may have, for the id of its effect."""
-    own = {EXPRESSION: ("torque", "bounds"), TABLE: ("variable", "unit", "at", "torque")}
-    return ("effect", "params", *own.get(effect, ("library",)))
+    special = {EXPRESSION: ("torque", "bounds"), TABLE: ("variable", "unit", "at", "torque")}
+    return ("effect", "params", *special.get(effect, ("library",)))
 
 
 def of_entry(entry: Mapping[str, Any], where: str = "") -> EffectType | None:
@@ -112,7 +112,7 @@ def expression(
         if not name.isidentifier() or is_reserved(name) or name not in params:
             hint = "w, theta, u and the names of functions are reserved"
             raise InputError("not a valid parameter name", text, name, hint)
-    parameters = tuple(_own_parameter(text, name, params[name], limits[name]) for name in params)
+    parameters = tuple(_parameter(text, name, params[name], limits[name]) for name in params)
     steps = parse(text, list(params))
     law, tape = as_c(steps, ffi)
     c, keep = _descriptor(EXPRESSION, text, parameters)
@@ -121,7 +121,8 @@ def expression(
         hint = f"the limit is {most}: write it with fewer levels of parentheses"
         raise InputError("the torque law is nested too deeply", text, None, hint)
     definition = {"torque": text} | ({"bounds": {k: list(v) for k, v in bounds.items()}} if bounds else {})
-    return _own(EXPRESSION, f"Torque {text}.", "smooth", parameters, definition, c, (law, tape, *keep))
+    sentence = f"Torque {text}."
+    return _torque_law(EXPRESSION, sentence, "smooth", parameters, definition, c, (law, tape, *keep))
 
 
 def table(source: Any, *, unit: str = "") -> EffectType:
@@ -164,7 +165,7 @@ def table(source: Any, *, unit: str = "") -> EffectType:
     check(lib.gsid_table_effect(struct, c), "making an effect of a table")
     definition = {"variable": variable, "at": x.tolist(), "torque": law.tolist()}
     definition |= {"unit": unit} if unit else {}
-    return _own(TABLE, sentence, "smooth", parameters, definition, c, (struct, *arrays, *keep))
+    return _torque_law(TABLE, sentence, "smooth", parameters, definition, c, (struct, *arrays, *keep))
 
 
 def load(library: str | Path, name: str) -> EffectType:
@@ -242,7 +243,7 @@ def _checked(c: Any, where: str) -> EffectType:
     return read_type(c)
 
 
-def _own_parameter(text: str, name: str, start: Any, limits: Sequence[float]) -> EffectParameter:
+def _parameter(text: str, name: str, start: Any, limits: Sequence[float]) -> EffectParameter:
     where = f"{text}: {name}"
     try:
         start, (lower, upper) = float(start), (float(limit) for limit in limits)
@@ -298,7 +299,7 @@ def _descriptor(effect: str, sentence: str, parameters: Sequence[EffectParameter
     return c, keep
 
 
-def _own(
+def _torque_law(
     effect: str,
     sentence: str,
     null_kind: str,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ import numpy as np
 
 from gsid._lib import ffi, lib
 from gsid.base.errors import InputError, close
+from gsid.base.tables import Table
 
 STAGES = {
     lib.GSID_STAGE_CONTROLLER: "controller",
@@ -43,7 +43,7 @@ LINEAR_PARTS = {
     lib.GSID_LINEAR_LAG: "lag",
     lib.GSID_LINEAR_HOLD: "hold",
     lib.GSID_LINEAR_MODE: "mode",
-    lib.GSID_LINEAR_JOINT: "joint",
+    lib.GSID_LINEAR_BACKLASH: "backlash",
     lib.GSID_LINEAR_LOOP: "loop",
 }
 SPACINGS = {
@@ -78,7 +78,7 @@ class Grid:
     of : str
         Quantity that the points are relative to, one of `SCALES`.
     first, last, step : float
-        In units of `of`; the meaning depends on the spacing.
+        In units of `of`. Their meaning depends on the spacing.
     n : int
         Number of points; 0 if `step` determines it.
     points : tuple of float
@@ -261,32 +261,27 @@ class EffectType:
             "parameters": [parameter.to_dict() for parameter in self.parameters],
         }
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [
+    def _table(self) -> Table:
+        rows = [
             (p.name, p.unit or "1", f"{p.typical:g}", f"{p.lower:g} .. {p.upper:g}") for p in self.parameters
         ]
+        return Table(("parameter", "unit", "typical", "bounds"), rows, title=f"{self.id}: {self.sentence}")
 
     def __repr__(self) -> str:
         lines = [f"{self.id} ({self.stage}): {self.sentence}"]
         lines += [f"  {self.law}"] if self.law else []
         lines += [
             f"  {name:18} {unit:22} typical {typical:10} {bounds}"
-            for name, unit, typical, bounds in self._rows()
+            for name, unit, typical, bounds in self._table().rows
         ]
         if self.confused_with:
-            lines.append(f"  easily taken for {', '.join(self.confused_with)}")
+            lines.append(f"  easily confused with {', '.join(self.confused_with)}")
         if self.not_searched:
             lines.append(f"  not searched by gsid diagnose: {self.not_searched}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in ("parameter", "unit", "typical", "bounds"))
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in self._rows()
-        )
-        caption = html.escape(f"{self.id}: {self.sentence}")
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+        return self._table().html()
 
 
 @functools.cache

@@ -43,6 +43,16 @@ def _lines_of_interest(fs_hz: float, period_samples: int, band_hz: tuple[float, 
     return np.arange(first, last + 1)
 
 
+def _request(
+    fs_hz: float, period_samples: float, band_hz: tuple[float, float], amplitude: float
+) -> tuple[int, np.ndarray]:
+    """Check a request; return its period [samples] and lines of interest, (F,) int."""
+    _require_amplitude(amplitude)
+    require_rate(fs_hz)
+    n_period = whole_period(period_samples)
+    return n_period, _lines_of_interest(fs_hz, n_period, band_hz)
+
+
 @dataclass(repr=False)
 class Prbs(Periodic):
     """Pseudorandom binary sequence of levels +-amplitude (EXC-4, EXC-5; thesis, section 3.6).
@@ -102,13 +112,10 @@ class Prbs(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, PRBS_KINDS)
-        _require_amplitude(amplitude)
-        require_rate(fs_hz)
-        period_samples = whole_period(period_samples)
-        line = _lines_of_interest(fs_hz, period_samples, band_hz)
+        period_samples, line = _request(fs_hz, period_samples, band_hz, amplitude)
         n_hold = max(1, math.floor(fs_hz / (CLOCK_OVER_BAND * band_hz[1]) + ON_A_LINE))
         requested = round(period_samples / n_hold)
         n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], requested))
@@ -213,13 +220,10 @@ class Sweep(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, SWEEP_KINDS)
-        _require_amplitude(amplitude)
-        require_rate(fs_hz)
-        period_samples = whole_period(period_samples)
-        line = _lines_of_interest(fs_hz, period_samples, band_hz)
+        period_samples, line = _request(fs_hz, period_samples, band_hz, amplitude)
         start_hz, stop_hz = map(float, band_hz)
         sweep = cls(float(fs_hz), period_samples, start_hz, stop_hz, line, amplitude, phase_rad, kind)
         return sweep._whole() if continuous else sweep
@@ -331,7 +335,7 @@ class SteppedSine(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         _require_amplitude(amplitude)
         if n_periods < 1:

@@ -28,7 +28,7 @@ Model = RationalModel | PlantModel
 Signal = TypeVar("Signal", bound=Periodic)
 BISECTIONS = 20  # of the octave of amplitude that contains the limit of travel: accuracy 1e-6
 OCTAVES = 40  # of amplitude searched for that octave, upwards and downwards
-DRIFT = 0.01  # least drift per period that is reported, over the travel
+DRIFT = 0.01  # smallest drift per period that is reported, relative to the travel
 DEG = {"deg": 1.0, "rad": 180 / math.pi}
 
 
@@ -195,8 +195,8 @@ def _octave(moved: Callable[[float], float], limit: float, start: float, most: f
             factor /= 2
             if moved(factor) <= limit:
                 return factor, 2 * factor
-        rest = f"without a command the axis travels {moved(0.0):.3g}"
-        raise ValueError(f"no amplitude meets the limit of travel, {limit:g}: {rest}")
+        at_rest = f"without a command the axis travels {moved(0.0):.3g}"
+        raise ValueError(f"no amplitude meets the limit of travel, {limit:g}: {at_rest}")
     for _ in range(OCTAVES):
         if factor == most:
             return most, most

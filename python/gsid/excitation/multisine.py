@@ -100,7 +100,7 @@ class Multisine(Periodic):
         Raises
         ------
         ValueError
-            A request that cannot be met; the message names the nearest one that can.
+            The request cannot be met. The message contains the nearest valid request.
         """
         require_rate(fs_hz)
         require_one_of("grid", grid, GRIDS)

@@ -11,11 +11,15 @@ import numpy as np
 
 from gsid.base.bands import in_band
 from gsid.base.errors import GsidError
+from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.fitting.rational import METHODS, fit, initial_delay
-from gsid.fitting.validation import HELD_OUT, Validation, held_out_text, validate, without_empty
+from gsid.fitting.validation import HELD_OUT, Validation, held_out_text, validate
 from gsid.response.frf import Frf
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from gsid.models.rational import RationalModel
 
 
@@ -54,7 +58,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, repr=False)
-class Estimators:
+class Estimators(Plottable):
     """Results of all estimators, as in the table of section 7.10 of the thesis.
 
     Attributes
@@ -98,8 +102,8 @@ class Estimators:
         right = [warning.use for warning in least.model.warnings]
         return next((row for row in self.rows if row.method in right and not row.note), least)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the header and the rows of the table as text."""
+    def table(self) -> Table:
+        """Return a row for each method."""
         head = [
             "method",
             "amplitude [dB]",
@@ -111,15 +115,18 @@ class Estimators:
             *HELD_OUT,
             "",
         ]
-        return without_empty(head, [_text(row) for row in self.rows], HELD_OUT)
+        rows = [_text(row) for row in self.rows]
+        return Table(head, rows, left=["method", ""]).without_empty(HELD_OUT)
+
+    def plot(self, frf: Frf) -> Figure:
+        """Draw the errors of every estimator over frequency, beside the measured response `frf`."""
+        return self._figure(frf)
 
     def __repr__(self) -> str:
-        head, rows = self.table()
-        widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
-        lines = [
-            "  ".join(text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in [head, *rows]
-        ]
-        return "\n".join([f"Estimators of order {self.order}, {self.n_lines} lines", *lines])
+        return f"Estimators of order {self.order}, {self.n_lines} lines\n{self.table().text()}"
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
 
 
 def fit_all(

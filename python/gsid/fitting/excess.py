@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
 
 from gsid.models.fit_warning import FitWarning
-from gsid.models.misfit import Errors, misfit
+from gsid.models.misfit import Errors, Misfit, misfit
+from gsid.response.frf import error_variance
 from gsid.spectrum.pooling import for_weights
 
 if TYPE_CHECKING:
@@ -49,9 +49,9 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
         Probability of errors this large or larger if the model is correct.
     """
     errors = _errors_left(model, frf)
-    n_dof = 2 * len(errors) - model.n_parameters * _taken(float(frf.n_dof))
+    found = Misfit(errors, 0.0, 2.0 * len(errors))
     ratio = np.sum(errors.t / errors.t_expected) / (len(errors) - model.n_parameters / 2)
-    return float(ratio), float(stats.chi2.sf(2 * np.sum(errors.q), n_dof))
+    return float(ratio), found.p_value_of_fit(model.n_parameters * _taken(float(frf.n_dof)))
 
 
 def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
@@ -114,5 +114,4 @@ def _errors_left(model: RationalModel, frf: Frf) -> Errors:
 
 def _variance_at(frf: Frf, g: np.ndarray) -> np.ndarray:
     """Variance of y - g u, over |u|^2."""
-    common = 2 * np.real(frf.cov_yu * np.conj(g))
-    return np.maximum(frf.var_y + frf.var_u * np.abs(g) ** 2 - common, np.finfo(float).tiny)
+    return np.maximum(error_variance(frf.var_u, frf.var_y, frf.cov_yu, g), np.finfo(float).tiny)

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.zero_order_hold import hold_factor
 from gsid.fitting.rational import DOF_WANTED
 from gsid.models.hold import fit_both
-from gsid.models.mimo import MimoModel, hold_response
+from gsid.models.mimo import MimoModel
 from gsid.response.mimo import MimoFrf
+from gsid.spectrum.pooling import averaged, neighbours
 
 METHODS = {"iwls": lib.GSID_METHOD_IWLS, "nls": lib.GSID_METHOD_NLS, "ml": lib.GSID_METHOD_ML}
 LINES_AT_ONCE = 256  # lines per block of the sums over lines: limits the memory
@@ -132,7 +134,7 @@ def _settled(
         model = MimoModel(delay_s=delay_s, **found, **facts)
         if model.hold == "none":
             break
-        held = model.response(frf.f_hz) / hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+        held = model.response(frf.f_hz) / hold_factor(frf.f_hz, frf.fs_hz)[:, None, None]
         last, images = images, held - model.behind_hold(frf.f_hz)
         if np.max(np.abs(images - last) / sigma) < HOLD_SETTLED:
             break
@@ -143,7 +145,7 @@ def _settled(
 
 def _behind_hold(frf: MimoFrf) -> MimoFrf:
     """The response divided by that of the hold; aliased images remain."""
-    hold = hold_response(frf.f_hz, frf.fs_hz)[:, None, None]
+    hold = hold_factor(frf.f_hz, frf.fs_hz)[:, None, None]
     return replace(frf, g=frf.g / hold, cov_y=frf.cov_y / np.abs(hold) ** 2)
 
 
@@ -208,14 +210,8 @@ def _delay_groups(delay: object, frf: MimoFrf) -> np.ndarray | None:
 
 def _smoothed(frf: MimoFrf) -> tuple[np.ndarray, float]:
     """Covariance of the output errors and its degrees of freedom, smoothed over lines if these are few."""
-    cov, dof = np.array(frf.cov_y), frf.dof
-    if dof < DOF_WANTED:
-        half = min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (len(cov) - 1) // 2)
-        count = np.convolve(np.ones(len(cov)), np.ones(2 * half + 1), "same")
-        total = np.cumsum(np.concatenate([np.zeros_like(cov[:1]), cov]), axis=0)
-        low = np.maximum(np.arange(len(cov)) - half, 0)
-        high = np.minimum(np.arange(len(cov)) + half + 1, len(cov))
-        cov, dof = (total[high] - total[low]) / count[:, None, None], dof * (2 * half + 1)
+    half = neighbours(len(frf.cov_y), frf.dof, DOF_WANTED)
+    cov, dof = averaged(frf.cov_y, half, shortened=True), frf.dof * (2 * half + 1)
     size = np.einsum("kij->k", np.abs(frf.g) ** 2) / (frf.n_y * frf.n_u)
     floor = np.finfo(float).eps * np.sqrt(size) + np.finfo(float).tiny ** 0.5
     spread = np.einsum("kjj->k", frf.spread).real / frf.n_u

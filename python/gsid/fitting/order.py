@@ -24,6 +24,7 @@ from scipy import stats
 
 from gsid._lib import lib
 from gsid.base.errors import GsidError
+from gsid.base.tables import Table
 from gsid.fitting.mimo import fit_mimo
 from gsid.fitting.rational import fit
 from gsid.fitting.validation import (
@@ -34,7 +35,6 @@ from gsid.fitting.validation import (
     validate,
     white,
     whiteness,
-    without_empty,
 )
 from gsid.models.confidence import LEVEL, NORMAL_95
 from gsid.models.mimo import MimoModel
@@ -102,8 +102,8 @@ class OrderChoice:
     chosen: Candidate
     removed: tuple[str, ...]
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the header and the rows of the table as text."""
+    def table(self) -> Table:
+        """Return a row for each order."""
         head = ["order", "cost", "noise alone", "AIC", "MDL", "F-test p", "whiteness p", *HELD_OUT, ""]
         rows = [
             [
@@ -119,11 +119,13 @@ class OrderChoice:
             ]
             for c in self.tried
         ]
-        return without_empty(head, rows, HELD_OUT)
+        return Table(head, rows, left=["order", ""]).without_empty(HELD_OUT)
 
     def __repr__(self) -> str:
-        head, rows = self.table()
-        return "\n".join("  ".join(f"{text:>12}" for text in row) for row in [head, *rows])
+        return self.table().text()
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
 
 
 def select_order(
@@ -181,7 +183,7 @@ def select_order(
         if best.model.n_parameters < chosen.model.n_parameters:
             pairs = [] if is_matrix else near_cancelled(chosen.model)
             why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
-            removed.append(f"{best.order} does what {chosen.order}{why} did")
+            removed.append(f"{best.order} fits as well as {chosen.order}{why}")
         chosen = best
     if held_out is not None:
         judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in tried}

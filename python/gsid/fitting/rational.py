@@ -20,7 +20,8 @@ from gsid.models.hold import fit_both
 from gsid.models.rational import RationalModel
 from gsid.records.record import Record
 from gsid.response.estimate import as_response
-from gsid.response.frf import Frf
+from gsid.response.frf import Frf, error_variance
+from gsid.spectrum.pooling import averaged, neighbours
 from gsid.spectrum.spectra import Spectra
 
 _log = logging.getLogger(__name__)
@@ -292,8 +293,8 @@ def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
         raise ValueError("the response has no variance: give var_g (ones, if it is not known)")
     if dof < 1:
         raise ValueError(f"the response has {frf.n_periods} good periods: its variance needs at least 2")
-    half = _neighbours(dof, np.count_nonzero(use))
-    var = _averaged(np.array(frf.var_g[use], dtype=float), half)
+    half = neighbours(np.count_nonzero(use), dof, DOF_WANTED)
+    var = averaged(frf.var_g[use], half, shortened=True)
     dof *= 2 * half + 1
     if not np.all(var > 0):
         # Noise-free data (a simulation): weight all lines equally relative to their size.
@@ -302,24 +303,12 @@ def weights(frf: Frf, use: np.ndarray) -> tuple[np.ndarray, float]:
     return np.ascontiguousarray(np.sqrt(var)), dof
 
 
-def _neighbours(dof: float, n_lines: int) -> int:
-    """Number of lines on each side over which a sample variance is averaged."""
-    return 0 if dof >= DOF_WANTED else min(int(np.ceil((DOF_WANTED / dof - 1) / 2)), (n_lines - 1) // 2)
-
-
-def _averaged(x: np.ndarray, half: int) -> np.ndarray:
-    """Moving average over `half` lines on each side."""
-    if half == 0:
-        return x
-    window = np.ones(2 * half + 1)
-    return np.convolve(x, window, "same") / np.convolve(np.ones(len(x)), window, "same")
-
-
 def _own_share(frf: Frf, use: np.ndarray) -> np.ndarray:
     """Weight of a line in its own averaged variance."""
     n_lines = np.count_nonzero(use)
-    half = _neighbours(float(frf.n_dof), n_lines)
-    return 1 / np.convolve(np.ones(n_lines), np.ones(2 * half + 1), "same")
+    half = neighbours(n_lines, float(frf.n_dof), DOF_WANTED)
+    k = np.arange(n_lines)
+    return 1 / (np.minimum(k, half) + 1 + np.minimum(k[::-1], half))
 
 
 def _check_covariances(frf: Frf, use: np.ndarray) -> None:
@@ -344,9 +333,10 @@ def _input_errors(frf: Frf, use: np.ndarray, sigma: np.ndarray) -> tuple[np.ndar
     variance remains positive.
     """
     g, size = frf.g[use], np.abs(frf.u[use]) ** 2
-    whole = frf.var_y[use] + frf.var_u[use] * np.abs(g) ** 2 - 2 * (frf.cov_yu[use] * g.conj()).real
-    averaged = _averaged(np.maximum(whole, 0) / size, _neighbours(float(frf.n_dof), len(g)))
-    scale = np.divide(sigma**2, averaged, out=np.zeros(len(g)), where=averaged > 0) * _own_share(frf, use)
+    whole = error_variance(frf.var_u[use], frf.var_y[use], frf.cov_yu[use], g)
+    half = neighbours(len(g), float(frf.n_dof), DOF_WANTED)
+    pooled = averaged(whole / size, half, shortened=True)
+    scale = np.divide(sigma**2, pooled, out=np.zeros(len(g)), where=pooled > 0) * _own_share(frf, use)
     var_u, cov_yu = frf.var_u[use] / size * scale, frf.cov_yu[use] / size * scale
     return np.ascontiguousarray(var_u), np.ascontiguousarray(cov_yu, dtype=complex)
 

@@ -179,14 +179,6 @@ def held_out_text(validation: Validation | None) -> list[str]:
     return [f"{v.cost:.5g}", interval, f"{v.p_value:.2g}", f"{v.error_db:.1f}", f"{v.noise_db:.1f}"]
 
 
-def without_empty(
-    head: list[str], rows: list[list[str]], names: Sequence[str]
-) -> tuple[list[str], list[list[str]]]:
-    """Remove the columns with these names that are empty in all rows."""
-    keep = [i for i, name in enumerate(head) if name not in names or any(row[i] for row in rows)]
-    return [head[i] for i in keep], [[row[i] for i in keep] for row in rows]
-
-
 def _rms_db(x: np.ndarray) -> float:
     return float(10 * np.log10(np.mean(np.abs(x) ** 2)))
 

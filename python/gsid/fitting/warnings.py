@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.fit_warning import FitWarning
 from gsid.spectrum.excited import ABOVE_NOISE
 
@@ -120,7 +121,7 @@ def _shift_by(model: RationalModel, f_hz: np.ndarray, bias_g: np.ndarray, weight
     """`largest_shift` of a weighted least-squares fit for a bias `bias_g` of the response."""
     if not np.any(bias_g):
         return 0.0
-    hold = np.sinc(f_hz / model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
+    hold = hold_factor(f_hz, model.fs_hz) if model.hold == "zoh" else np.ones(len(f_hz))
     slope = model.gradient(f_hz) * (weight * np.abs(hold))[:, None]
     right = weight * bias_g
     rows, right = np.concatenate([slope.real, slope.imag]), np.concatenate([right.real, right.imag])

@@ -15,15 +15,18 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import stats
 
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
-from gsid.greybox.minimise import SINGULAR, Minimum, Steps, lengths, minimise
+from gsid.base.plottable import Plottable
+from gsid.greybox.minimise import Minimum, Steps, lengths, minimise
 from gsid.greybox.problem import Point, Problem
+from gsid.greybox.settings import SETTINGS
+from gsid.greybox.weights import whiten
+from gsid.models.misfit import Errors, misfit
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel, check_plant, transport_delay_s
 from gsid.plant.periodic import Prediction
@@ -31,14 +34,16 @@ from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _log = logging.getLogger(__name__)
 
-INVOLVED = 0.1  # a parameter with a larger share in a pinned direction counts as undetermined
 SOLVERS = ("lm", "nlopt")
 # Meaning of the cost per degree of freedom, by method.
 COST_MEANS = {
     "ml": "1 when only noise is left",
-    "nls-output": "in units of the noise: a right model, too, may have more than 1",
+    "nls-output": "in units of the noise; a correct model may have more than 1",
 }
 METHODS = tuple(COST_MEANS)
 
@@ -62,6 +67,8 @@ class RecordFit:
     prediction : Prediction
     params : dict of Param
         Parameters of this record alone.
+    spectra : Spectra
+        The record that was fitted, with the hold that the fit assumed.
     """
 
     name: str
@@ -71,10 +78,59 @@ class RecordFit:
     jacobian: np.ndarray
     prediction: Prediction
     params: dict[str, Param]
+    spectra: Spectra
+
+    @property
+    def errors(self) -> Errors:
+        """Errors of the mean output at the lines above 0 Hz, without uncertainty of the model (CMP-1)."""
+        one, use = self.spectra, self.line[self.line > 0]
+        variance = one.noise_y[use] / one.n_periods
+        return Errors(
+            error=one.y[use] - self.prediction.Y[use],
+            var_mean=variance,
+            dof=np.full(len(use), one.n_periods - 1.0),
+            var_weight=variance,
+            real=np.zeros(len(use), bool),
+            by_model=np.zeros((len(use), 0), complex),
+        )
+
+    def cost_of(self, model: PlantModel) -> float:
+        """Cost of another model for this record, with the lines and weights of this fit.
+
+        Parameters
+        ----------
+        model : PlantModel
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        GsidError
+            The model cannot be simulated.
+        """
+        error = (self.spectra.y - model.predict(self.spectra).Y)[self.line]
+        return float(np.sum(np.abs(error * self.weight) ** 2))
+
+    def whitened(self, lines: np.ndarray) -> np.ndarray:
+        """Weight lines like the residual.
+
+        Parameters
+        ----------
+        lines : (..., K) complex ndarray
+            Lines 0 .. N/2.
+
+        Returns
+        -------
+        (..., 2 k) ndarray
+            [Re; Im].
+        """
+        return whiten(lines[..., self.line], self.weight, self.line == 0)
 
 
 @dataclass(eq=False, repr=False)
-class PlantFit:
+class PlantFit(Plottable):
     """A fitted plant.
 
     Attributes
@@ -149,8 +205,60 @@ class PlantFit:
     @property
     def misfit(self) -> float:
         """Excess of the cost over that of noise plus three standard deviations; at least 0."""
-        scatter = 3 * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
+        scatter = SETTINGS.misfit_sigma * np.sqrt(2 * self.n_dof * (1 + 2 / self.variance_dof))
         return float(max(self.cost - self.n_dof - scatter, 0.0))
+
+    @property
+    def noise_p_value(self) -> float:
+        """Probability that noise alone causes a misfit this large or larger (CMP-1).
+
+        The number of fitted parameters is taken into account.
+        """
+        found = misfit(Errors.joined([record.errors for record in self.records]))
+        return found.p_value_of_fit(len(self.model.free_names))
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Residuals of all records, (2 m,), m lines in total: all real parts, then all imaginary parts."""
+        return _stacked([record.residual for record in self.records])
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """Jacobians of all records, (2 m, n_free), in the order of `residual`."""
+        return _stacked([record.jacobian for record in self.records])
+
+    def whitened(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """Weight changes of the output like the residuals.
+
+        Parameters
+        ----------
+        columns : sequence of (q, K) complex ndarrays
+            Lines 0 .. N/2 of q changes, one array per record.
+
+        Returns
+        -------
+        (2 m, q) ndarray
+            In the order of `residual`.
+        """
+        return _stacked([record.whitened(q).T for record, q in zip(self.records, columns, strict=True)])
+
+    def cost_of(self, model: PlantModel) -> float:
+        """Cost of another model for the same records, with the lines and weights of this fit.
+
+        Parameters
+        ----------
+        model : PlantModel
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        GsidError
+            The model cannot be simulated.
+        """
+        return sum(record.cost_of(model) for record in self.records)
 
     def summary(self) -> dict[str, Any]:
         """Return the entries about the fit that a model file contains."""
@@ -163,6 +271,25 @@ class PlantFit:
             if r.params
         ]
         return {key: getattr(self, key) for key in keys} | {"band_hz": list(self.band_hz), "per_record": own}
+
+    def plot(self, records: Record | Spectra | Sequence[Record | Spectra]) -> Figure:
+        """Draw output over input, measured and simulated, and the error of every line over its noise.
+
+        Parameters
+        ----------
+        records : Record or Spectra, or a sequence of them
+            Records of the fit, in the same order.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            The number of records is not that of the fit.
+        """
+        return self._figure(spectra_of(records))
 
     def __repr__(self) -> str:
         lines = [repr(self.model)]
@@ -178,6 +305,12 @@ class PlantFit:
             if names:
                 lines.append(f"  {words}: {', '.join(names)}")
         return "\n".join(lines)
+
+
+def _stacked(parts: list[np.ndarray]) -> np.ndarray:
+    """Stack [Re; Im] of each record: all real parts, then all imaginary parts."""
+    halves = [np.split(part, 2) for part in parts]
+    return np.concatenate([re for re, _ in halves] + [im for _, im in halves])
 
 
 def require_motion(fit: PlantFit) -> None:
@@ -196,7 +329,7 @@ def fit_plant(
     per_record: Sequence[str] = (),
     solver: str = "lm",
     method: str = "ml",
-    max_iter: int = 50,
+    max_iter: int = SETTINGS.max_iter,
 ) -> PlantFit:
     """Fit the free parameters of a plant to records (GBX-1, GBX-2, GBX-4).
 
@@ -345,7 +478,7 @@ def _fitted(
     """Make the result from the minimum, and from the same point evaluated with the noise weights."""
     n_pinned = int(np.linalg.matrix_rank(pinned)) if len(pinned) else 0
     std = np.sqrt(np.diag(cov))
-    std[np.any(np.abs(pinned) > INVOLVED, axis=0)] = np.nan
+    std[np.any(np.abs(pinned) > SETTINGS.involved, axis=0)] = np.nan
     n_dof = problem.n_rows - problem.n + n_pinned
     fit = PlantFit(
         model=_with_result(problem, point.x, std, cov),
@@ -378,7 +511,7 @@ def _covariance(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Inverse of R'R without the pinned directions, and these directions, (p, n), in scaled unknowns."""
     scale = lengths(r)
     _, s, vt = np.linalg.svd(r / scale)
-    good = s > SINGULAR * s[0]
+    good = s > SETTINGS.singular * s[0]
     half = (vt[good].T / s[good]) / scale[:, None]
     return half @ half.T, vt[~good]
 
@@ -397,7 +530,7 @@ def _with_result(problem: Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarr
         mean[i, own[:, k]] = 1 / problem.n_records
     for k, i in enumerate(problem.shared):
         mean[i, problem.n - problem.n_shared + k] = 1
-    model.cov = mean @ cov @ mean.T
+    model.cov, model.cov_names = mean @ cov @ mean.T, model.free_names
     unknown = np.any((mean > 0) & np.isnan(std), axis=1)
     for i, name in enumerate(model.free_names):
         model[name].value = float(mean[i] @ x)
@@ -429,67 +562,5 @@ def _record_fit(problem: Problem, point: Point, std: np.ndarray, i: int) -> Reco
             name: Param(float(value), True, float(sigma))
             for name, value, sigma in zip(problem.own_names, values, sigmas, strict=True)
         },
+        spectra=part.spectra,
     )
-
-
-def noise_p_value(fit: PlantFit, measured: list[Spectra]) -> float:
-    """Probability that noise alone causes a misfit this large or larger (CMP-1).
-
-    The number of fitted parameters is taken into account.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    measured : list of Spectra
-        Spectra that were fitted.
-
-    Returns
-    -------
-    float
-    """
-    total, n_lines = 0.0, 0
-    for record, one in zip(fit.records, measured, strict=True):
-        use = record.line[record.line > 0]
-        nu = one.n_periods - 1
-        error = one.y[use] - record.prediction.Y[use]
-        variance = np.maximum(one.noise_y[use], np.finfo(float).tiny)
-        total += float(np.sum(nu * np.log1p(one.n_periods * np.abs(error) ** 2 / variance / nu)))
-        n_lines += len(use)
-    return float(stats.chi2.sf(2 * total, max(2 * n_lines - len(fit.model.free_names), 1)))
-
-
-def stacked(fit: PlantFit, what: str) -> np.ndarray:
-    """Stack the residual or Jacobian of all records: all real parts, then all imaginary parts.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    what : "residual" or "jacobian"
-
-    Returns
-    -------
-    (2 m, columns) ndarray, m the number of lines of all records
-    """
-    halves = [np.split(getattr(record, what).reshape(2 * len(record.line), -1), 2) for record in fit.records]
-    return np.vstack([re for re, _ in halves] + [im for _, im in halves])
-
-
-def whitened(fit: PlantFit, columns: list[np.ndarray]) -> np.ndarray:
-    """Weight candidate columns like the residuals of the fit, in the order of `stacked`.
-
-    Parameters
-    ----------
-    fit : PlantFit
-    columns : list of (q, K) complex ndarrays
-        Lines 0 .. N/2, one entry per record.
-
-    Returns
-    -------
-    (2 m, q) ndarray
-    """
-    parts = [
-        (lines[:, record.line] * record.weight).T for lines, record in zip(columns, fit.records, strict=True)
-    ]
-    together = np.vstack(parts)
-    real = np.concatenate([record.line == 0 for record in fit.records])
-    return np.vstack([together.real, np.where(real[:, None], 0.0, together.imag)])

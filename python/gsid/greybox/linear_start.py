@@ -18,14 +18,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsid.effects.types import catalogue
+from gsid.greybox.settings import SETTINGS
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, require_motion_of_output
 
-SPREAD = 0.15  # the scan covers this share of the resonance frequency to each side
-STEP = 0.1  # of the scan, in half-power widths: finer than the peak
-RELATIVE_FLOOR = 1e-3  # of the response: friction may exceed the noise, and no line may dominate the fit
-ENOUGH = 1e-5  # relative tolerance of cost and values: enough for starting values
-STEPS_MAX = 60
 # Parameters that the response of the linear part determines.
 LINEAR = frozenset(f"{e.id}.{p.name}" for e in catalogue().values() for p in e.parameters if p.in_response)
 
@@ -79,7 +75,13 @@ def _fitted(problem: _Problem, start: np.ndarray, free: np.ndarray) -> np.ndarra
         first = np.clip(start[free], lower, upper) / scale
         bounds = lower / scale, upper / scale
         fitted = least_squares(
-            error, first, bounds=bounds, x_scale="jac", ftol=ENOUGH, xtol=ENOUGH, max_nfev=STEPS_MAX
+            error,
+            first,
+            bounds=bounds,
+            x_scale="jac",
+            ftol=SETTINGS.start_tolerance,
+            xtol=SETTINGS.start_tolerance,
+            max_nfev=SETTINGS.start_evaluations_max,
         )
         values[free] = fitted.x * scale
     return values
@@ -131,7 +133,7 @@ class _Problem:
 
 def _weight(one: Spectra, g: np.ndarray) -> np.ndarray:
     noise = np.sqrt(one.var_y[one.excited] / one.n_periods) / np.abs(one.u[one.excited])
-    return 1 / np.hypot(noise, RELATIVE_FLOOR * np.abs(g))
+    return 1 / np.hypot(noise, SETTINGS.response_floor * np.abs(g))
 
 
 def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
@@ -139,9 +141,11 @@ def _scanned(problem: _Problem, values: np.ndarray) -> np.ndarray:
     index = {name: i for i, name in enumerate(problem.names)}
     mode = problem.names.index("flexible_mode.f_hz")
     zeta = problem.model["flexible_mode.zeta"].value
-    n = int(np.ceil(np.log((1 + SPREAD) / (1 - SPREAD)) / max(STEP * 2 * zeta, 1e-3)))
+    low, high = 1 - SETTINGS.scan_spread, 1 + SETTINGS.scan_spread
+    step = max(SETTINGS.scan_step * 2 * zeta, SETTINGS.scan_step_min)
+    n = min(int(np.ceil(np.log(high / low) / step)), SETTINGS.scan_points_max)
     best, least = values, np.inf
-    for f_hz in values[mode] * np.geomspace(1 - SPREAD, 1 + SPREAD, min(n, 400)):
+    for f_hz in values[mode] * np.geomspace(low, high, n):
         trial = values.copy()
         trial[mode] = f_hz
         if "flexible_mode.residue" in index:

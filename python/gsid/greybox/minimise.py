@@ -15,10 +15,7 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import GsidError, InputError
 from gsid.greybox.problem import Point, Problem
-
-DECREASE = 0.01  # stop when the predicted decrease of the cost is smaller
-SINGULAR = 1e-6  # directions are pinned if their singular value, over the largest, is smaller
-DAMPING_START, DAMPING_MOST = 1e-3, 1e10
+from gsid.greybox.settings import SETTINGS
 
 
 @dataclass
@@ -65,7 +62,7 @@ class Steps:
         downhill = point.r.T @ point.q
         self.blocked = ((point.x <= self.lower) & (downhill < 0)) | ((point.x >= self.upper) & (downhill > 0))
         u, s, vt = np.linalg.svd(point.r[:, ~self.blocked] / scale[~self.blocked], full_matrices=False)
-        good = s > SINGULAR * (s[0] if len(s) else 0)
+        good = s > SETTINGS.singular * (s[0] if len(s) else 0)
         self.s, self.vt, self.along = s[good], vt[good], u[:, good].T @ point.q
 
     @property
@@ -86,12 +83,13 @@ class Steps:
 
 def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minimum:
     """Marquardt's scaling and Nielsen's rule for the damping. A step that cannot be simulated is rejected."""
-    bounds, scale, damping, growth = problem.bounds(), lengths(point.r), DAMPING_START, 2.0
+    bounds, scale = problem.bounds(), lengths(point.r)
+    damping, growth = SETTINGS.damping_start, SETTINGS.damping_growth
     problem.keep()
     for i in range(max_iter):
         scale = np.maximum(scale, lengths(point.r))
         steps = Steps(point, scale, bounds)
-        if steps.decrease < DECREASE:
+        if steps.decrease < SETTINGS.decrease:
             return Minimum(point, True, i)
         while True:
             x, promised = steps.step(damping)
@@ -99,14 +97,15 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
             if trial is not None and trial.cost < point.cost:
                 break
             damping, growth = damping * growth, growth * 2
-            if damping > DAMPING_MOST:
+            if damping > SETTINGS.damping_max:
                 # Rounding errors and events prevent any further decrease: accept this minimum.
-                return Minimum(point, steps.decrease < 1e-6 * point.cost, i)
+                return Minimum(point, steps.decrease < SETTINGS.stalled * point.cost, i)
         gain = (point.cost - trial.cost) / promised
-        damping, growth = damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
+        damping *= max(SETTINGS.damping_fall, 1 - (2 * gain - 1) ** 3)
+        growth = SETTINGS.damping_growth
         point = trial
         problem.keep()
-    return Minimum(point, Steps(point, scale, bounds).decrease < DECREASE, max_iter)
+    return Minimum(point, Steps(point, scale, bounds).decrease < SETTINGS.decrease, max_iter)
 
 
 def _try(problem: Problem, point: Point, x: np.ndarray) -> Point | None:
@@ -138,7 +137,7 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
         if gradient != ffi.NULL:
             ffi.memmove(gradient, slope, 8 * n)
         if point is None:
-            return 10 * start.cost
+            return SETTINGS.failed_cost * start.cost
         best = point if point.cost < best.cost else best
         return point.cost
 
@@ -146,13 +145,13 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
     x, least = start.x * scale, ffi.new("double *")
     pointers = [ffi.from_buffer("double[]", row) for row in (lower * scale, upper * scale, x)]
     status = lib.gsid_minimise(
-        problem.n, callback, ffi.NULL, *pointers[:2], DECREASE, max_iter, pointers[2], least
+        problem.n, callback, ffi.NULL, *pointers[:2], SETTINGS.decrease, max_iter, pointers[2], least
     )
     if failure:
         raise failure[0]
     check(status, "minimising by NLopt")
     left = Steps(best, lengths(best.r), (lower, upper)).decrease
-    return Minimum(best, left < DECREASE, n_calls)
+    return Minimum(best, left < SETTINGS.decrease, n_calls)
 
 
 def lengths(r: np.ndarray) -> np.ndarray:

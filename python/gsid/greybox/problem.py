@@ -10,16 +10,14 @@ import numpy as np
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import GsidError, InputError
 from gsid.effects.types import EffectParameter
-from gsid.greybox.weights import UNSETTLED, lines_used, pooled_variance
-from gsid.plant.linear_response import JOINT
+from gsid.greybox.settings import SETTINGS
+from gsid.greybox.weights import lines_used, pooled_variance, whiten
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant, Prediction
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
-SETTLED = 1e-2  # allowed change of a steady state per period, over the noise of the mean
-FLOOR = 1e-7  # least noise, over the largest line: no output repeats better than this
-SILENT = 1e-3  # a parameter is pinned if a change by its own size changes the residuals by less in norm
 DRIFT = "drift"
 
 
@@ -39,16 +37,16 @@ class Part:
         band: tuple[float, float] | None,
         has_drift: bool,
     ) -> None:
-        s = measured
+        self.spectra = s = measured
         self.name = s.name
         self.plant = PeriodicPlant.of(model, s)
         self.line = np.flatnonzero(lines_used(model, s, band))
         self.y = s.y[self.line]
         self.dof = variance[1]
-        floor = (FLOOR * float(np.max(np.abs(self.y)))) ** 2
+        floor = (SETTINGS.noise_floor * float(np.max(np.abs(self.y)))) ** 2
         self.variance = np.maximum(variance[0][self.line], max(floor, np.finfo(float).tiny))
         self.noise_rms = float(np.sqrt(np.sum(self.variance) / (2 * s.n_periods)))  # of the mean, in time
-        self.plant.tolerance = SETTLED * self.noise_rms
+        self.plant.tolerance = SETTINGS.settled * self.noise_rms
         real = self.line == 0
         # The mean of 1/s^2 is nu / (nu - 1) times that of 1/variance.
         scale = (self.dof - 1) / self.dof * np.where(real, 1, 2)
@@ -60,12 +58,11 @@ class Part:
 
     def is_unsettled(self, answer: Prediction) -> bool:
         """Whether the simulated response changes from period to period by a relevant part of the noise."""
-        return answer.residual > UNSETTLED * self.noise_rms
+        return answer.residual > SETTINGS.unsettled * self.noise_rms
 
     def whiten(self, lines: np.ndarray) -> np.ndarray:
         """[Re; Im] of lines, (..., k), times the weight."""
-        weighted = lines * self.weight
-        return np.concatenate([weighted.real, np.where(self.line == 0, 0.0, weighted.imag)], axis=-1)
+        return whiten(lines, self.weight, self.line == 0)
 
 
 @dataclass(eq=False)
@@ -112,7 +109,7 @@ class Problem:
         variances = pooled_variance(measured, drift=has_drift)
         self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
         # With backlash, a response that does not settle soon usually never does: do not wait longer.
-        self.has_backlash = any(effect.id == JOINT for effect in model.effects)
+        self.has_backlash = any(effect.id == BACKLASH for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
         self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
@@ -193,7 +190,7 @@ class Problem:
                 lib.GSID_E_NONFINITE, "the simulated response exceeds the range of floating-point numbers"
             )
         r, q = self._reduce(rows)
-        r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SILENT] = 0
+        r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SETTINGS.silent] = 0
         settled = not any(
             part.is_unsettled(answer) for part, answer in zip(self.parts, predictions, strict=True)
         )

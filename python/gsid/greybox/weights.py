@@ -8,12 +8,10 @@ import numpy as np
 
 from gsid.base.bands import in_band
 from gsid.base.errors import InputError
+from gsid.greybox.settings import SETTINGS
 from gsid.plant.model import PlantModel
 from gsid.spectrum.pooling import smoothed
 from gsid.spectrum.spectra import Spectra
-
-UNSETTLED = 0.1  # change of a steady state per period, over the noise of the mean, that is reported
-SAME_LEVEL = 1.05  # largest ratio of the inputs' rms of records of the same level
 
 
 def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list[tuple[np.ndarray, float]]:
@@ -55,7 +53,7 @@ def pooled_variance(measured: Sequence[Spectra], *, drift: bool = False) -> list
 def same_level(a: Spectra, b: Spectra) -> bool:
     """Whether the rms inputs of two records agree within 5 %."""
     ratio = np.linalg.norm(a.u[a.excited]) / np.linalg.norm(b.u[b.excited])
-    return bool(1 / SAME_LEVEL < ratio < SAME_LEVEL)
+    return bool(1 / SETTINGS.same_level < ratio < SETTINGS.same_level)
 
 
 def _alike(a: Spectra, b: Spectra) -> bool:
@@ -106,3 +104,22 @@ def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) 
     if not np.any(use):
         raise ValueError("the band contains no line between 0 and half the sample rate")
     return use
+
+
+def whiten(lines: np.ndarray, weight: np.ndarray, real: np.ndarray) -> np.ndarray:
+    """Weight lines, and stack their real and imaginary parts.
+
+    Parameters
+    ----------
+    lines : (..., k) complex ndarray
+    weight : (k,) ndarray
+    real : (k,) bool ndarray
+        Lines without imaginary part.
+
+    Returns
+    -------
+    (..., 2 k) ndarray
+        [Re; Im]. The imaginary part of a real line is 0.
+    """
+    weighted = lines * weight
+    return np.concatenate([weighted.real, np.where(real, 0.0, weighted.imag)], axis=-1)

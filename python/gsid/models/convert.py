@@ -14,6 +14,8 @@ from gsid.models.rational import RationalModel
 if TYPE_CHECKING:
     from numpy import ndarray
 
+WHOLE = 1e-9  # samples: delays that differ less from a whole number of samples are rounded to it
+
 
 def to_zpk(model: RationalModel) -> tuple[ndarray, ndarray, float]:
     """Zeros, poles and gain, without the delay.
@@ -119,17 +121,13 @@ def sampled(model: RationalModel, fs_hz: float) -> RationalModel:
         )
     a, b, c, d = to_state_space(model)
     n = len(a)
-    samples = model.delay_s * fs_hz
-    whole = int(np.floor(samples + 1e-12))
-    part = max(samples - whole, 0.0)
-    first, second = (_held(a, b, length / fs_hz) for length in (part, 1 - part))
-    step = second[:n, :n] @ first[:n, :n]
-    early = second[:n, :n] @ first[:n, n:]  # of the previous input, which acts during the fractional delay
+    whole, part = split_delay(model.delay_s * fs_hz)
+    step, early, late = held_step(a, b[:, 0], part, 1 / fs_hz)
     den = np.atleast_1d(np.poly(step))
     num = np.zeros(n + 2)
     if n:
-        num[: n + 1] += signal.ss2tf(step, second[:n, n:], c, np.zeros((1, 1)))[0][0]
-        num[1:] += signal.ss2tf(step, early, c, np.zeros((1, 1)))[0][0]
+        num[: n + 1] += signal.ss2tf(step, late[:, None], c, np.zeros((1, 1)))[0][0]
+        num[1:] += signal.ss2tf(step, early[:, None], c, np.zeros((1, 1)))[0][0]
     num[1:] += d[0, 0] * den
     num = num[: max(np.flatnonzero(num), default=0) + 1]
     return RationalModel(num, den, whole / fs_hz, "z", fs_hz, u_unit=model.u_unit, y_unit=model.y_unit)
@@ -149,7 +147,7 @@ def save_mat(model: RationalModel, path: str | Path) -> None:
 
 
 def mat_values(model: RationalModel) -> dict[str, object]:
-    """What `save_mat` writes, by name."""
+    """Return the variables that `save_mat` writes, by name."""
     zeros, poles, gain = to_zpk(model)
     values = {"num": model.num, "den": model.den, "delay_s": model.delay_s, "domain": model.domain}
     values |= {"hold": model.hold, "hold_assumed": model.hold_assumed}
@@ -170,9 +168,41 @@ def _descending(model: RationalModel) -> tuple[ndarray, ndarray]:
     return tuple(np.concatenate([x, np.zeros(degree + 1 - len(x))]) for x in (model.num, model.den))
 
 
-def _held(a: ndarray, b: ndarray, time_s: float) -> ndarray:
-    """Matrix exponential over a time of the system extended by its held input as a state."""
+def split_delay(samples: float) -> tuple[int, float]:
+    """Integer part of a delay [samples], and the rest, 0 <= rest < 1."""
+    whole = int(np.floor(samples + WHOLE))
+    rest = samples - whole
+    return whole, rest if rest >= WHOLE else 0.0
+
+
+def held_step(a: ndarray, b: ndarray, part: float, sample_s: float) -> tuple[ndarray, ndarray, ndarray]:
+    """Discretise dx/dt = A x + B u for an input that is held over each sample (MOD-2).
+
+    The matrix exponential is that of scipy, for any number of states.
+
+    Parameters
+    ----------
+    a : (n, n) ndarray
+    b : (n,) ndarray
+    part : float
+        Share of a sample by which the input is delayed, 0 <= part < 1.
+    sample_s : float
+        Sample time [s].
+
+    Returns
+    -------
+    state : (n, n) ndarray
+        Phi of x[k + 1] = Phi x[k] + early u[k - 1] + late u[k].
+    early, late : (n,) ndarray
+        Effects of the previous and of the present input.
+    """
     n = len(a)
-    both = np.zeros((n + 1, n + 1))
-    both[:n, :n], both[:n, n:] = a, b
-    return linalg.expm(both * time_s)
+
+    def over(samples: float) -> tuple[ndarray, ndarray]:
+        with_input = np.zeros((n + 1, n + 1))  # the held input is a state too
+        with_input[:n, :n], with_input[:n, n] = a, b
+        moved = linalg.expm(with_input * samples * sample_s)
+        return moved[:n, :n], moved[:n, n]
+
+    (_, early), (rest, late) = over(part), over(1 - part)
+    return over(1.0)[0], rest @ early, late

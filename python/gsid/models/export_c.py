@@ -23,8 +23,9 @@ DELAY_MAX = 1_000_000
 #: Tolerance of the stability test for rounding [rad/s]; integrators may be exported.
 ROUNDING_RAD_S = 1e-6
 
-# Linear parts that the step has. The descriptors write the other laws in C (`EffectType.as_c`): maps of the
-# command u, which go into the step, and torques / inertia by `rate` and `angle`, for the feed-forward.
+# Linear parts that the step function includes. The descriptors contain the other laws in C
+# (`EffectType.as_c`): maps of the command u, which become part of the step, and torques over inertia as
+# functions of `rate` and `angle`, for the feed-forward.
 LINEAR_PARTS = ("gain", "damping", "spring", "delay", "lag", "mode")
 
 
@@ -103,7 +104,7 @@ def export_c(
         that cannot be exported; a number exceeds single precision; the delay exceeds `DELAY_MAX`.
     """
     if reason := refused_name(name):
-        raise ValueError(f"{name!r} cannot be a name in C: {reason}; name the source otherwise, as rig.c")
+        raise ValueError(f"{name!r} is not a valid name in C: {reason}; use another name, for example rig.c")
     if fs_hz is not None and not (math.isfinite(fs_hz) and fs_hz > 0):
         raise ValueError(f"fs_hz must be a positive number, not {fs_hz}")
     fs_hz = fs_hz or model.fs_hz
@@ -111,7 +112,7 @@ def export_c(
         raise InputError("the model does not state the rate of the loop", where, None, "give it with --fs")
     if isinstance(model, PiecewiseModel):
         hint = "export one of its pieces: PiecewiseModel.pieces[0].save(...)"
-        raise InputError("a set of models answers at a frequency, not in time", where, None, hint)
+        raise InputError("a set of models has no time response", where, None, hint)
     try:
         if isinstance(model, PlantModel):
             return _export_plant(model, name, fs_hz, where)
@@ -130,11 +131,14 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
     if model.domain == "z":
         if abs(fs_hz / model.fs_hz - 1) > 1e-6:
             hint = "leave --fs out, or fit with --domain s"
-            raise InputError("a model in z has one rate", where, f"{fs_hz:g} and {model.fs_hz:g} Hz", hint)
+            rates = f"{fs_hz:g} and {model.fs_hz:g} Hz"
+            raise InputError("a model in z is valid at its own rate only", where, rates, hint)
         delay = model.delay_s * fs_hz
         if delay < 0 or abs(delay - round(delay)) > 1e-6:
             hint = "fit with --domain s, or with --delay of whole samples"
-            raise InputError("a model in z is exported with whole samples of delay", where, delay, hint)
+            raise InputError(
+                "the delay of a model in z must be a whole number of samples", where, delay, hint
+            )
         _refuse_long(delay, where)
         n = max(len(model.num), len(model.den))
         padded = [np.pad(row, (0, n - len(row))) for row in (model.num, model.den)]
@@ -143,13 +147,14 @@ def _rational_step(model: RationalModel, fs_hz: float, where: str) -> _Step:
         return _Step(a, np.zeros(len(a)), b, c, d, round(delay), 0, round(delay))
     if model.n_zeros > model.n_poles:
         hint = "lower the number of zeros"
-        raise InputError("more zeros than poles: a derivative of the command", where, model.n_zeros, hint)
+        what = "more zeros than poles: the output would contain a derivative of the command"
+        raise InputError(what, where, f"{model.n_poles}/{model.n_zeros}", hint)
     delay_s = model.delay_s - (0.5 / (model.fs_hz or fs_hz) if model.hold == "none" else 0.0)
-    return _held(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
+    return _held_step_of(_schur(signal.tf2ss(model.num, model.den)), delay_s, fs_hz, where)
 
 
 def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
-    """The linear effects in series, as states: command, actuator, axis beside flexible mode, sensor."""
+    """State space of the linear effects in series: actuator, axis in parallel with flexible modes, sensor."""
     import control
 
     body = _all(model, "gain")[0][0]
@@ -170,11 +175,11 @@ def _plant_step(model: PlantModel, fs_hz: float, where: str) -> _Step:
         if lag_s > 0:
             axis = axis * filter_of([1], [lag_s, 1])
     system = _schur((axis.A, axis.B, axis.C, axis.D))
-    return _held(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
+    return _held_step_of(system, sum(value for (value,) in _all(model, "delay")), fs_hz, where)
 
 
 def _all(model: PlantModel, part: str, stage: str | None = None) -> list[list[float]]:
-    """Parameter values of all effects with this linear part; there may be none."""
+    """Parameter values of all effects with this linear part."""
     having = [e for e in model.effects if e.type.linear_part == part and stage in (None, e.type.stage)]
     return [[effect.params[name].value for name in effect.type.names] for effect in having]
 
@@ -185,7 +190,7 @@ def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
 
     a, b, c, d = (np.asarray(part, dtype=float) for part in system)
     if not all(np.isfinite(part).all() for part in (a, b, c, d)):
-        raise _NoLiteral("a state of the model is beyond the range of numbers")
+        raise _NoLiteral("a coefficient of the state space is not finite")
     if not len(a):
         return a.reshape(0, 0), np.zeros(0), np.zeros(0), float(d.ravel()[0])
     a, scale = linalg.matrix_balance(a)
@@ -194,42 +199,32 @@ def _schur(system: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     return a, (turn.T @ b)[:, 0], (c @ turn)[0], float(d.ravel()[0])
 
 
-def _held(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
-    """The command held over each sample and then delayed: it switches inside the sample (MOD-2)."""
-    from scipy import linalg
+def _held_step_of(system: tuple, delay_s: float, fs_hz: float, where: str) -> _Step:
+    """Step for a held command behind a delay: the command switches inside a sample (MOD-2)."""
+    from gsid.models.convert import held_step, split_delay
 
     a, b, c, d = system
     poles = np.linalg.eigvals(a)
     _refuse_unstable(poles.real > ROUNDING_RAD_S, poles, where)
     if delay_s < -1e-9 / fs_hz:
-        hint = "such a model predicts its input; fit with a delay >= 0 (half a sample without hold)"
-        raise InputError("the delay behind the hold is negative", where, f"{delay_s:.3g} s", hint)
-    n_delay, part = divmod(max(delay_s, 0.0) * fs_hz, 1.0)
+        hint = "such a model is not causal; fit with a delay >= 0 (half a sample without hold)"
+        raise InputError("the delay after the hold is negative", where, f"{delay_s:.3g} s", hint)
+    n_delay, part = split_delay(max(delay_s, 0.0) * fs_hz)
     _refuse_long(n_delay, where)
-    if part < 1e-9:
-        part = 0.0
-
-    def over(samples: float) -> tuple[np.ndarray, np.ndarray]:
-        joint = np.zeros((len(a) + 1, len(a) + 1))
-        joint[:-1, :-1], joint[:-1, -1] = a, b
-        moved = linalg.expm(joint * samples / fs_hz)
-        return moved[:-1, :-1], moved[:-1, -1]
-
-    (_, early), (rest, late) = over(part), over(1 - part)
-    return _Step(over(1.0)[0], rest @ early, late, c, d, int(n_delay), 1, n_delay + part)
+    return _Step(*held_step(a, b, part, 1 / fs_hz), c, d, n_delay, 1, n_delay + part)
 
 
 def _refuse_long(delay: float, where: str) -> None:
     if delay > DELAY_MAX:
         hint = "lower the rate with --fs"
-        raise InputError(f"a delay of more than {DELAY_MAX} samples", where, f"{delay:.6g} samples", hint)
+        raise InputError(f"the delay exceeds {DELAY_MAX} samples", where, f"{delay:.6g} samples", hint)
 
 
 def _refuse_unstable(outside: np.ndarray, poles: np.ndarray, where: str) -> None:
     if outside.any():
         worst = poles[np.argmax(outside)]
         hint = "fit a stable model (the default of `gsid fit`), or lower the order"
-        raise InputError("the model is not stable: its step would run away", where, f"pole {worst:.4g}", hint)
+        raise InputError("the model is not stable", where, f"pole {worst:.4g}", hint)
 
 
 # ---- a plant's other effects -------------------------------------------------------------------------------
@@ -239,7 +234,8 @@ def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSo
     for effect in model.effects:
         if not _is_exported(effect.type):
             known = ", ".join(sorted(one.id for one in catalogue().values() if _is_exported(one)))
-            raise InputError("this effect is not exported as C", where, effect.id, f"exported are {known}")
+            hint = f"effects that can be exported: {known}"
+            raise InputError("this effect cannot be exported as C", where, effect.id, hint)
     gain = next(effect for effect in model.effects if effect.id == "rigid_body").params["gain"].value
     written = [effect for effect in model.effects if effect.type.as_c]
     # No map changes the command where its parameters are zero.
@@ -247,10 +243,9 @@ def _export_plant(model: PlantModel, name: str, fs_hz: float, where: str) -> CSo
     maps = [_fill(effect, model) for effect in changed]
     laws = [(effect.id, _fill(effect, model)) for effect in written if effect.type.stage == "torque"]
     if laws and not gain:
-        hint = "remove the effects that are not linear, or give the gain"
-        raise InputError(
-            "without a gain no command takes the friction away", where, "rigid_body.gain 0", hint
-        )
+        hint = "remove the nonlinear effects, or set the gain"
+        what = "with a gain of 0 no command can compensate the friction"
+        raise InputError(what, where, "rigid_body.gain 0", hint)
     per_torque = _number(1 / gain) if laws else ""
     return _write(model, name, fs_hz, _plant_step(model, fs_hz, where), per_torque, maps, laws)
 
@@ -282,7 +277,7 @@ def _rounded(value: float) -> bool:
 
 
 def _sum(terms: list[tuple[float, str]]) -> str:
-    """sum factor * variable, without the terms that are zero."""
+    """C text of the sum of factor * variable, without the terms that are zero."""
     written = [f"{_number(factor)} * {variable}" for factor, variable in terms if _rounded(factor)]
     return " + ".join(written) or "0.0f"
 
@@ -305,14 +300,14 @@ def _write(
 
 
 def _header(made: str, name: str, n_states: int, n_delay: int, angle_unit: str | None) -> str:
-    """The header; angle_unit: that of the motion of the feed-forward, None where there is none."""
+    """The header. `angle_unit` is that of the feed-forward's arguments; None: no feed-forward."""
     guard = f"{name.upper()}_H"
     states = f"    float x[{n_states}];\n" if n_states else ""
     feedforward = (
         f"""
-/* Command that takes away the friction and other torques that the step leaves out: with it added the axis
- * follows the step. Give the wanted motion [{angle_unit}/s, {angle_unit}], not the measured one, or noise
- * makes it chatter. */
+/* Command that compensates friction and other torques that the step omits. With it added to the command, the
+ * axis behaves like the step. Pass the reference motion [{angle_unit}/s, {angle_unit}], not the measured
+ * one: noise in the rate would make the command chatter. */
 float {name}_feedforward(float rate, float angle);
 """
         if angle_unit is not None
@@ -331,11 +326,11 @@ typedef struct {{
     unsigned at;
 }} {name};
 
-/* At rest. */
+/* Set the model to rest. */
 void {name}_reset({name} *m);
 
-/* One sample: gives the output at the instant from which the command u is applied. Give finite commands only:
- * a NaN stays in the state until the reset. Always the same work, about {n_states * (n_states + 3) + 1}
+/* One sample. Returns the output at the instant from which the command u is applied. Commands must be finite:
+ * a NaN stays in the state until the reset. Every call takes about {n_states * (n_states + 3) + 1}
  * multiplications. */
 float {name}_step({name} *m, float u);
 {feedforward}

@@ -32,7 +32,7 @@ def fit_both(under: Callable[[str], Rational], dof: float) -> Rational:
     Raises
     ------
     ValueError, GsidError
-        Both fits failed; this is the error of the first.
+        Both fits failed. The error is that of the first.
     """
     found = fit_readings(under)
     scatter = 1 - 1 / dof if dof > 1 else 1.0

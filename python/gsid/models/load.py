@@ -31,16 +31,16 @@ def load_model(path: str | Path) -> RationalModel | PiecewiseModel | MimoModel |
 
 
 def load_single(path: str | Path) -> RationalModel | PiecewiseModel | PlantModel:
-    """Read a model of one input and one output, of either kind.
+    """Read a model of one input and one output, of any kind.
 
     Raises
     ------
     InputError
-        It cannot be read, or is a matrix of responses.
+        The file cannot be read, or the model is a matrix of responses.
     """
     model = load_model(path)
     if isinstance(model, MimoModel):
-        what = "one input and one output are needed here"
+        what = "a model of one input and one output is required here"
         hint = "fit one pair of channels: gsid fit --u u1 --y y1"
         raise InputError(what, str(path), f"{model.n_y} x {model.n_u} responses", hint)
     return model
@@ -52,10 +52,10 @@ def load_plant(path: str | Path) -> PlantModel:
     Raises
     ------
     InputError
-        It cannot be read, or is a fitted transfer function.
+        The file cannot be read, or the model is a fitted transfer function.
     """
     model = load_model(path)
     if not isinstance(model, PlantModel):
-        hint = "write a model file that lists effects; `gsid effects` has their names and parameters"
+        hint = "write a model file that lists effects; `gsid effects` shows their names and parameters"
         raise InputError("a fitted transfer function has no physical effects", str(path), None, hint)
     return model

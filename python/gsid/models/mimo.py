@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid._lib import lib, version
+from gsid._lib import check, ffi, lib, version
 from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, moderate, number, text, texts
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.confidence import NORMAL_95, root_quantities
 from gsid.models.rational import RationalModel
 
@@ -34,7 +36,7 @@ class MimoModel(Plottable):
         q0 and q1 of each S_k = v^2 + q1 v + q0; the last one is v + q0 when n is odd. Together they are the
         denominator, of n poles.
     num : (n_y, n_u, n) or (n_y, n_u, n + 1) array_like
-        b0 and b1 of each N_k = b1 v + b0, in the order of `sections`; then d, when there are as many zeros as
+        b0 and b1 of each N_k = b1 v + b0, in the order of `sections`; then d, if there are as many zeros as
         poles.
     delay_s : (n_y, n_u) array_like
         Delays [s].
@@ -54,7 +56,7 @@ class MimoModel(Plottable):
     delay_range_s : (n_y, n_u, 2) array_like or None
         Least and largest delay [s] of the minima that the data do not reject (MIM-5); None: `delay_s` only.
     method, cost, cost_expected, n_lines, converged, band_hz
-        How the model was fitted, as in `RationalModel`; costs are sums over all channels.
+        Properties of the fit, as in `RationalModel`; costs are sums over all channels.
     inputs, outputs, u_units, y_units : list of str
         Names and units of the channels.
     """
@@ -88,11 +90,14 @@ class MimoModel(Plottable):
                 raise ValueError(f"{name} must be finite")
             setattr(self, name, values)
         if self.num.ndim != 3 or self.num.shape[2] - self.n_poles not in (0, 1) or self.n_poles == 0:
-            raise ValueError(f"num has shape {self.num.shape}, sections {self.sections.shape}")
+            raise ValueError(
+                f"num must have shape (n_y, n_u, n) or (n_y, n_u, n + 1), n >= 1 the length of sections, "
+                f"got {self.num.shape} and n = {self.n_poles}"
+            )
         if self.n_poles > lib.GSID_MIMO_POLES_MAX:
-            raise ValueError(f"{self.n_poles} poles, at most {lib.GSID_MIMO_POLES_MAX}")
+            raise ValueError(f"sections has {self.n_poles} poles; at most {lib.GSID_MIMO_POLES_MAX}")
         if self.delay_s.shape != self.num.shape[:2]:
-            raise ValueError(f"delay_s has shape {self.delay_s.shape}, not {self.num.shape[:2]}")
+            raise ValueError(f"delay_s must have shape {self.num.shape[:2]}, got {self.delay_s.shape}")
         if self.domain not in ("s", "z"):
             raise ValueError(f"domain must be 's' or 'z', got {self.domain!r}")
         if self.hold not in ("none", "zoh") or (
@@ -107,12 +112,14 @@ class MimoModel(Plottable):
             if self.delay_of.shape != self.delay_s.shape or not np.all(
                 (self.delay_of >= 0) & (self.delay_of < n_delays)
             ):
-                raise ValueError(f"delay_of must count the delays of {self.delay_s.shape} channels from 0")
+                raise ValueError(f"delay_of must be indices from 0, in the shape {self.delay_s.shape}")
         if self.delay_range_s is None:
             self.delay_range_s = np.stack([self.delay_s, self.delay_s], axis=-1)
         self.delay_range_s = np.asarray(self.delay_range_s, dtype=float)
         if self.delay_range_s.shape != (*self.delay_s.shape, 2):
-            raise ValueError(f"delay_range_s has shape {self.delay_range_s.shape}")
+            raise ValueError(
+                f"delay_range_s must have shape {(*self.delay_s.shape, 2)}, got {self.delay_range_s.shape}"
+            )
         if self.cov is not None:
             self.cov = np.asarray(self.cov, dtype=float)
             if self.cov.shape != (self.n_parameters, self.n_parameters):
@@ -123,9 +130,9 @@ class MimoModel(Plottable):
         self.y_units = list(self.y_units) or [""] * self.n_y
         names = (self.inputs, self.u_units, self.outputs, self.y_units)
         if [len(each) for each in names] != [self.n_u, self.n_u, self.n_y, self.n_y]:
-            raise ValueError(f"names and units {names} are not those of {self.n_y} x {self.n_u} responses")
+            raise ValueError(f"the names and units do not match {self.n_y} x {self.n_u} responses: {names}")
 
-    # ---- what it is --------------------------------------------------------------------------------------
+    # ---- properties --------------------------------------------------------------------------------------
 
     @property
     def n_poles(self) -> int:
@@ -158,7 +165,7 @@ class MimoModel(Plottable):
 
     @property
     def poles(self) -> np.ndarray:
-        """(n,) complex: rad/s in domain "s", z in domain "z"; two per section, in its order."""
+        """(n,) complex: rad/s in domain "s", z in domain "z"; two per section, in the order of `sections`."""
         roots = []
         for first in range(0, self.n_poles, 2):
             q0, q1 = self.sections[first], self.sections[first + 1 : first + 2]
@@ -168,7 +175,7 @@ class MimoModel(Plottable):
             half, rest = -q1[0] / 2, q1[0] ** 2 / 4 - q0
             if rest < 0:
                 roots += [half + 1j * np.sqrt(-rest), half - 1j * np.sqrt(-rest)]
-            else:  # the smaller one without cancellation
+            else:  # avoids cancellation in the smaller root
                 far = half + np.copysign(np.sqrt(rest), half)
                 roots += [far, q0 / far if far != 0 else 0.0]
         return np.array(roots, dtype=complex)
@@ -178,21 +185,23 @@ class MimoModel(Plottable):
         """Whether all poles are stable."""
         return bool(np.all(self.poles.real < 0 if self.domain == "s" else np.abs(self.poles) < 1))
 
-    def _variable(self, f_hz: np.ndarray) -> np.ndarray:
-        w = 2j * np.pi * f_hz
-        return w if self.domain == "s" else np.exp(w / self.fs_hz)
+    def _channel(self, i: int, j: int) -> tuple[Any, list[np.ndarray]]:
+        """The response from input j to output i for the C library, and the arrays that it points to."""
+        kept = [np.ascontiguousarray(self.sections), np.ascontiguousarray(self.num[i, j])]
+        c = ffi.new("gsid_mimo_channel *")
+        c.domain = lib.GSID_DOMAIN_S if self.domain == "s" else lib.GSID_DOMAIN_Z
+        c.rate = 1.0 if self.domain == "s" else 1.0 / self.fs_hz
+        c.n_poles, c.direct, c.delay_s = self.n_poles, self.n_zeros == self.n_poles, self.delay_s[i, j]
+        c.section, c.num = (ffi.from_buffer("double[]", values) for values in kept)
+        return c, kept
 
-    def _section_values(self, v: np.ndarray) -> np.ndarray:
-        """S_k at each v, (F, sections)."""
-        q0, q1 = self.sections[0::2], self.sections[1::2]
-        pairs = v[:, None] ** 2 + q1 * v[:, None] + q0[: len(q1)]
-        return pairs if len(q0) == len(q1) else np.column_stack([pairs, v + q0[-1]])
-
-    def _basis(self, v: np.ndarray) -> np.ndarray:
-        """Basis functions of the numerator coefficients, (F, n or n + 1)."""
-        inverse = np.repeat(1 / self._section_values(v), 2, axis=1)[:, : self.n_poles]
-        inverse[:, 1::2] *= v[:, None]
-        return inverse if self.n_zeros < self.n_poles else np.column_stack([inverse, np.ones(len(v))])
+    def _each_channel(self, f: np.ndarray, response_of: Callable[[Any, np.ndarray], int]) -> np.ndarray:
+        """Responses at f, (F, n_y, n_u); `response_of` fills that of one channel and returns a status."""
+        g = np.empty((self.n_y, self.n_u, len(f)), dtype=complex)
+        for i, j in np.ndindex(self.n_y, self.n_u):
+            c, _kept = self._channel(i, j)
+            check(response_of(c, ffi.from_buffer("gsid_cplx[]", g[i, j])), "response")
+        return np.moveaxis(g, -1, 0)
 
     def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Matrix of frequency responses, with the hold when `hold` is "zoh" (MIM-1, MOD-2).
@@ -205,37 +214,22 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, n_y, n_u) complex ndarray, output unit per input unit.
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
-        return self._held_response(f) if self.hold == "zoh" else self.behind_hold(f)
-
-    def _held_response(self, f: np.ndarray) -> np.ndarray:
-        """Sampled response to held inputs, exactly: the state of each section, the delay inside a sample."""
-        from scipy.linalg import expm
-
-        total = np.zeros((len(f), self.n_y, self.n_u), dtype=complex)
-        z = np.exp(2j * np.pi * f / self.fs_hz)
-        for delay_s in np.unique(self.delay_s):
-            late = delay_s * self.fs_hz
-            whole = np.floor(late)
-            where = self.delay_s == delay_s
-            for first in range(0, self.n_poles, 2):
-                q = self.sections[first : first + 2]
-                n = len(q)
-                flow = np.zeros((n + 1, n + 1))  # of state and held input
-                flow[: n - 1, 1:n] = np.eye(n - 1)
-                flow[n - 1, :n], flow[n - 1, n] = -q, 1
-                new, old = (expm(flow * share / self.fs_hz) for share in (1 - late + whole, late - whole))
-                drive = new[:n, n] * z[:, None] ** -whole + (new[:n, :n] @ old[:n, n]) * z[:, None] ** -(
-                    whole + 1
-                )
-                matrix = z[:, None, None] * np.eye(n) - new[:n, :n] @ old[:n, :n]
-                state = np.linalg.solve(matrix, drive[..., None])[..., 0]
-                total[:, where] += state @ self.num[where][:, first : first + n].T
-        return total
+        if self.hold == "none":
+            return self.behind_hold(f_hz)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        f_c = ffi.from_buffer("double[]", f)
+        return self._each_channel(
+            f, lambda c, g: lib.gsid_mimo_hold_response(c, 1.0 / self.fs_hz, len(f), f_c, g)
+        )
 
     def behind_hold(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Matrix of frequency responses of what follows the hold (MIM-1); as :meth:`response` without one.
+        """Matrix of frequency responses without the hold (MIM-1).
 
         Parameters
         ----------
@@ -245,21 +239,26 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, n_y, n_u) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
-        rational = np.einsum("kl,ijl->kij", self._basis(self._variable(f)), self.num)
-        return rational * np.exp(-2j * np.pi * f[:, None, None] * self.delay_s)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        f_c = ffi.from_buffer("double[]", f)
+        return self._each_channel(f, lambda c, g: lib.gsid_mimo_response(c, len(f), f_c, g))
 
     def channel(self, i: int, j: int) -> RationalModel:
-        """Response from input j to output i as a transfer function of its own, without covariance.
+        """Response from input j to output i as a separate transfer function, without covariance.
 
         Raises
         ------
         ValueError
-            More poles than a `RationalModel` has.
+            More poles than a `RationalModel` can have.
         """
         if self.n_poles > lib.GSID_ORDER_MAX:
-            raise ValueError(f"{self.n_poles} poles: a RationalModel has at most {lib.GSID_ORDER_MAX}")
+            raise ValueError(f"a RationalModel has at most {lib.GSID_ORDER_MAX} poles, got {self.n_poles}")
         factors = [
             np.concatenate([[1.0], self.sections[first : first + 2][::-1]])
             for first in range(0, self.n_poles, 2)
@@ -288,7 +287,7 @@ class MimoModel(Plottable):
         return np.concatenate(places).astype(int)
 
     def gradient(self, f_hz: np.ndarray, i: int, j: int) -> np.ndarray:
-        """Derivatives of one response, without hold, by its numerator, the sections, and a free delay.
+        """Derivatives of one response, without hold, by its numerator, the sections, and its delay if free.
 
         Parameters
         ----------
@@ -300,21 +299,22 @@ class MimoModel(Plottable):
         Returns
         -------
         (F, m) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        f = np.asarray(f_hz, dtype=float)
-        v, num = self._variable(f), self.num[i, j]
-        basis = self._basis(v) * np.exp(-2j * np.pi * f * self.delay_s[i, j])[:, None]
-        terms = basis[:, : self.n_poles] * num[: self.n_poles]
-        parts = np.add.reduceat(terms, np.arange(0, self.n_poles, 2), axis=1)  # N_k / S_k
-        by_section = np.repeat(-parts / self._section_values(v), 2, axis=1)[:, : self.n_poles]
-        by_section[:, 1::2] *= v[:, None]
-        columns = [basis, by_section]
-        if self.delay_of is not None:
-            columns.append((-2j * np.pi * f * (basis @ num))[:, None])
-        return np.hstack(columns)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        n = self.num.shape[2] + self.n_poles
+        gradient = np.empty((len(f), n + 1), dtype=complex)
+        c, _kept = self._channel(i, j)
+        arrays = ffi.from_buffer("double[]", f), ffi.from_buffer("gsid_cplx[]", gradient)
+        check(lib.gsid_mimo_gradient(c, len(f), *arrays), "derivatives of the response")
+        return gradient if self.delay_of is not None else gradient[:, :n]
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Standard deviation of each complex response by the parameters' covariance: sqrt(E|dG|^2).
+        """Standard deviation of each complex response from the covariance of the parameters: sqrt(E|dG|^2).
 
         Parameters
         ----------
@@ -331,13 +331,13 @@ class MimoModel(Plottable):
             x, where = self.gradient(f, i, j), self._where(i, j)
             variance = np.einsum("ka,ab,kb->k", x, self.cov[np.ix_(where, where)], x.conj(), optimize=True)
             std[:, i, j] = np.sqrt(np.maximum(variance.real, 0))
-        return std * np.abs(hold_response(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
+        return std * np.abs(hold_factor(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
 
     @property
     def std_delay_s(self) -> np.ndarray:
-        """(n_y, n_u) standard deviation of the delays [s]; 0 when they were given, nan without cov.
+        """(n_y, n_u) standard deviation of the delays [s]; 0 if they were given, nan without cov.
 
-        It is that of one minimum: see :attr:`ill_determined_delays`.
+        It holds for one minimum only: see :attr:`ill_determined_delays`.
         """
         if self.delay_of is None:
             return np.zeros(self.delay_s.shape)
@@ -345,7 +345,7 @@ class MimoModel(Plottable):
 
     @property
     def ill_determined_delays(self) -> np.ndarray:
-        """(n_y, n_u) bool: several minima over the delay, and the data do not refuse all but one (MIM-5)."""
+        """(n_y, n_u) bool: whether the data accept several minima over the delay (MIM-5)."""
         return self.delay_range_s[..., 1] > self.delay_range_s[..., 0]
 
     @property
@@ -370,7 +370,7 @@ class MimoModel(Plottable):
 
     @property
     def modes(self) -> list[tuple[float, float, float, float]]:
-        """Frequency [Hz], damping and the standard deviations of both, of each real pole or pair of poles."""
+        """Frequency [Hz], damping, and the standard deviations of both, of each real pole or pole pair."""
         found = [
             root_quantities(pole, cov, domain=self.domain, fs_hz=self.fs_hz)
             for pole, cov in zip(self.poles, self.pole_cov, strict=True)
@@ -461,7 +461,7 @@ class MimoModel(Plottable):
             raise InputError(f"the model file is not usable: {error}", where, None, hint) from error
 
     def save(self, path: str | Path) -> None:
-        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        """Write a model file (.json). An existing file is replaced atomically."""
         write_model_file(path, self.to_dict())
 
     @classmethod
@@ -471,12 +471,12 @@ class MimoModel(Plottable):
         Raises
         ------
         InputError
-            The file cannot be read, is not JSON, or is not such a model.
+            The file cannot be read, is not JSON, or is not a model of several inputs and outputs.
         """
         return cls.from_dict(read_model_file(path), str(path))
 
     def plot(self, frf: MimoFrf | None = None) -> matplotlib.figure.Figure:
-        """A Bode diagram for each response with 95 % bands, over the measured ones when they are given."""
+        """Bode diagram of each response with 95 % bands, over the measured responses if they are given."""
         return self._figure(frf)
 
     def __repr__(self) -> str:
@@ -493,23 +493,6 @@ class MimoModel(Plottable):
 
 
 _FIT_KEYS = ("method", "cost", "cost_expected", "n_lines", "converged")
-
-
-def hold_response(f_hz: np.ndarray, fs_hz: float) -> np.ndarray:
-    """Response of a zero-order hold.
-
-    Parameters
-    ----------
-    f_hz : (F,) ndarray
-        Hz.
-    fs_hz : float
-        Sample rate [Hz].
-
-    Returns
-    -------
-    (F,) complex ndarray
-    """
-    return np.sinc(f_hz / fs_hz) * np.exp(-1j * np.pi * f_hz / fs_hz)
 
 
 def _product(factors: list[np.ndarray]) -> np.ndarray:

@@ -25,6 +25,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy import linalg, special, stats
 
+from gsid.spectrum.line_test import exponential_score
+
 TINY = float(np.finfo(float).tiny)
 
 
@@ -93,9 +95,7 @@ class Errors:
     def q(self) -> np.ndarray:
         """(k,) transformed t, exponential with mean 1 if only noise remains."""
         t, dof = self.t, self.dof
-        known = np.isinf(dof)
-        nu = np.where(known, 1.0, dof)
-        q = np.where(known, t, nu * np.log1p(t / nu))
+        q = exponential_score(t, dof)
         if np.any(self.real):
             tail = stats.f.sf(t[self.real], 1, np.minimum(dof[self.real], 1e9))
             q[self.real] = -np.log(np.maximum(tail, TINY))
@@ -128,7 +128,21 @@ class Misfit:
     @property
     def p_value(self) -> float:
         """Probability of a misfit this large or larger if the model is correct."""
-        return float(special.chdtrc(self.n_dof, self.chi2))
+        return self.p_value_of_fit(0)
+
+    def p_value_of_fit(self, n_parameters: float) -> float:
+        """The same for a model whose parameters were fitted to these errors.
+
+        Parameters
+        ----------
+        n_parameters : float
+            Number of fitted parameters; each reduces the degrees of freedom by one.
+
+        Returns
+        -------
+        float
+        """
+        return float(special.chdtrc(max(self.n_dof - n_parameters, 1), self.chi2))
 
 
 def misfit(errors: Errors) -> Misfit:

@@ -3,7 +3,7 @@
 Some responses, such as that of an axis with friction, need a very high order if one model describes them. A
 piecewise model divides the band into adjoining bands with a low-order model in each. The breaks are optimised
 together. For each number of pieces, dynamic programming over a grid of candidates finds the least sum of the
-costs of eq. 7.28. The breaks are then refined line by line. The number of pieces N is that of least MDL,
+costs of eq. 7.28. The breaks are then refined line by line. The number of pieces N has the least MDL,
 
     sum of V + (N p + N - 1)/2 ln(2 F)  (ORD-3)
 
@@ -12,7 +12,7 @@ A piecewise model has a frequency response, but no time response. It is not cont
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.models.rational import RationalModel
 
 if TYPE_CHECKING:
@@ -190,7 +191,7 @@ class PiecewiseModel(Plottable):
         return out
 
     def jumps(self) -> list[Jump]:
-        """Change of the response at each break."""
+        """Changes of the response at the breaks."""
         found = []
         for f, below, above in zip(self.breaks_hz, self.pieces, self.pieces[1:], strict=False):
             a, b = below.response([f])[0], above.response([f])[0]
@@ -262,11 +263,11 @@ class PiecewiseModel(Plottable):
         return cls.from_dict(data, str(path))
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
-        """Bode diagram with the breaks, over the measured response when one is given."""
+        """Bode diagram with the breaks, over the measured response if one is given."""
         return self._figure(frf)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Return the header and a row for each piece as text."""
+    def table(self) -> Table:
+        """Return a row for each piece."""
         head = [
             "from [Hz]",
             "to [Hz]",
@@ -294,10 +295,14 @@ class PiecewiseModel(Plottable):
                     jump,
                 ]
             )
-        return head, rows
+        return Table(head, rows, left=["jump"])
 
     def __repr__(self) -> str:
-        head, rows = self.table()
-        lines = ["  ".join(f"{text:>11}" for text in row) for row in [head, *rows]]
+        return f"{self._title()}\n{self.table().text()}"
+
+    def _repr_html_(self) -> str:
+        return replace(self.table(), title=self._title()).html()
+
+    def _title(self) -> str:
         cost = f"cost {self.cost:.5g} over {self.n_lines} lines, {self.cost_expected:.5g} expected"
-        return "\n".join([f"PiecewiseModel of {len(self.pieces)} pieces, {cost}", *lines])
+        return f"PiecewiseModel of {len(self.pieces)} pieces, {cost}"

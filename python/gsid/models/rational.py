@@ -13,6 +13,8 @@ from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
+from gsid.base.zero_order_hold import hold_factor
 from gsid.models.fit_warning import FitWarning
 from gsid.models.polynomial import roots_of
 from gsid.response.frf import Frf, check_response
@@ -93,8 +95,11 @@ class RationalModel(Plottable):
         if (self.domain == "z" or self.hold == "zoh") and not (self.fs_hz and self.fs_hz > 0):
             raise ValueError("fs_hz is needed in domain 'z' and with a hold")
         if self.domain == "z" and self.hold == "zoh":
-            raise ValueError("a model in z has the hold inside already: hold must be 'none'")
-        self.num, self.den = self.num / self.den[0], self.den / self.den[0]
+            raise ValueError("a model in z already includes the hold: hold must be 'none'")
+        with np.errstate(over="ignore"):
+            self.num, self.den = self.num / self.den[0], self.den / self.den[0]
+        if not (np.all(np.isfinite(self.num)) and np.all(np.isfinite(self.den))):
+            raise ValueError("den[0] is too small: the other coefficients divided by it are not finite")
         self.delay_s = float(self.delay_s)
         if not np.isfinite(self.delay_s):
             raise ValueError(f"delay_s must be a finite number of seconds, got {self.delay_s}")
@@ -104,7 +109,7 @@ class RationalModel(Plottable):
             if self.cov.shape != (p, p):
                 raise ValueError(f"cov must have shape {(p, p)}, got {self.cov.shape}")
 
-    # ---- what it is --------------------------------------------------------------------------------------
+    # ---- properties --------------------------------------------------------------------------------------
 
     @property
     def n_poles(self) -> int:
@@ -140,13 +145,13 @@ class RationalModel(Plottable):
 
     @property
     def delay_hold_uncertainty_s(self) -> float | None:
-        """By how much the delay depends on the hold that was assumed [s]; None where it was not."""
+        """Difference of the delay between the two holds [s]; None if the hold is stated."""
         return None if self.other_delay_s is None else abs(self.delay_s - self.other_delay_s)
 
     def _to_c(self) -> Any:
         c = ffi.new("gsid_rational *")
         if self.domain == "s":
-            # Near the largest pole the scaled coefficients stay within range at any order.
+            # Scaled by the largest pole, the coefficients stay within range at any order.
             scale = max(float(np.max(np.abs(self.poles), initial=0.0)), 1.0)
             rate, num, den = scale, self.num[::-1], self.den[::-1]
             num = num * scale ** np.arange(len(num))
@@ -193,41 +198,41 @@ class RationalModel(Plottable):
 
     # ---- uncertainty -------------------------------------------------------------------------------------
 
-    def _variable(self, f_hz: np.ndarray) -> np.ndarray:
-        w = 2j * np.pi * f_hz
-        return w if self.domain == "s" else np.exp(-w / self.fs_hz)
-
-    def _powers(self, degree: int) -> np.ndarray:
-        return np.arange(degree, -1, -1) if self.domain == "s" else np.arange(degree + 1)
-
-    def gradient(self, f_hz: np.ndarray) -> np.ndarray:
+    def gradient(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Derivatives of the response without hold by (den[1:], num, delay if free).
 
         Parameters
         ----------
-        f_hz : (k,) ndarray
+        f_hz : (k,) array_like
             Hz.
 
         Returns
         -------
         (k, p) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
         """
-        v = self._variable(np.asarray(f_hz, dtype=float))[:, None]
-        den_terms, num_terms = v ** self._powers(self.n_poles), v ** self._powers(self.n_zeros)
-        by_num = np.exp(-2j * np.pi * np.asarray(f_hz) * self.delay_s)[:, None] * num_terms
-        by_num = by_num / (den_terms @ self.den)[:, None]
-        g = by_num @ self.num
-        by_den = -g[:, None] * den_terms[:, 1:] / (den_terms @ self.den)[:, None]
-        columns = [by_den, by_num]
-        if self.free_delay:
-            columns.append((-2j * np.pi * np.asarray(f_hz) * g)[:, None])
-        return np.hstack(columns)
+        f = np.ascontiguousarray(np.atleast_1d(f_hz), dtype=float)
+        c, n_den = self._to_c(), self.n_poles
+        g = np.empty(len(f), dtype=complex)
+        by = np.empty((len(f), n_den + len(self.num) + 1), dtype=complex)
+        arrays = ffi.from_buffer("double[]", f), *(ffi.from_buffer("gsid_cplx[]", x) for x in (g, by))
+        check(lib.gsid_batch_rational_gradient(c, len(f), *arrays), "derivatives of the response")
+        by_den, by_num, by_delay = np.split(by, [n_den, n_den + len(self.num)], axis=1)
+        if self.domain == "s":  # coefficients of s / scale, in ascending powers
+            scale = float(c.scale_rad_s)
+            by_den = (by_den * scale ** np.arange(-n_den, 0.0))[:, ::-1]
+            by_num = (by_num * scale ** (np.arange(len(self.num)) - float(n_den)))[:, ::-1]
+        return np.hstack([by_den, by_num, by_delay] if self.free_delay else [by_den, by_num])
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
-        """Standard deviation of the complex response by the parameters' covariance: sqrt(E|dG|^2).
+        """Standard deviation of the complex response from the covariance of the parameters: sqrt(E|dG|^2).
 
-        With a hold, that of the model times the size of the hold; what folds back from above fs/2 is left
-        out.
+        With a hold it is that of the model times the magnitude of the hold; aliases from above fs/2 are
+        neglected.
 
         Parameters
         ----------
@@ -243,7 +248,7 @@ class RationalModel(Plottable):
             return np.zeros(len(f))
         x = self.gradient(f)
         std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", x, self.cov, x.conj()).real, 0))
-        return std * np.abs(np.sinc(f / self.fs_hz)) if self.hold == "zoh" else std
+        return std * np.abs(hold_factor(f, self.fs_hz)) if self.hold == "zoh" else std
 
     def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
         """Change of the response by one standard deviation along each independent direction of `cov`.
@@ -256,8 +261,8 @@ class RationalModel(Plottable):
         Returns
         -------
         (k, r) complex ndarray, unit of the response
-            Times its conjugate transpose it is the covariance of the response, r at most the number of
-            parameters; no column for a model without covariance.
+            The product with its conjugate transpose is the covariance of the response. r is at most the
+            number of parameters, and 0 for a model without covariance.
         """
         f = np.atleast_1d(np.asarray(f_hz, dtype=float))
         if self.cov is None:
@@ -265,7 +270,7 @@ class RationalModel(Plottable):
         half = half_of(self.cov)
         if self.hold == "none":
             return self.gradient(f) @ half
-        # By differences: what folds back from above fs/2 changes too.
+        # By finite differences, because the aliases from above fs/2 change too.
         moved = []
         for column in half.T:
             step = self._small_step(column, f)
@@ -274,12 +279,13 @@ class RationalModel(Plottable):
         return np.array(moved).reshape(-1, len(f)).T
 
     def _small_step(self, by: np.ndarray, f_hz: np.ndarray) -> float:
-        """Part of a change of the parameters for a difference that is a derivative, however large the change.
+        """Factor that makes a change of the parameters small enough for a finite difference.
 
-        The response is linear in its numerator; denominator and phase change by 1e-3 at most at every line.
+        The response is linear in its numerator. Denominator and phase change by at most 1e-3 at each line.
         """
-        terms = self._variable(f_hz)[:, None] ** self._powers(self.n_poles)
-        den = np.abs(terms[:, 1:] @ by[: self.n_poles]) / np.abs(terms @ self.den)
+        inverse = RationalModel([1.0], self.den, domain=self.domain, fs_hz=self.fs_hz)  # 1 / den
+        change = inverse.gradient(f_hz)[:, : self.n_poles] @ by[: self.n_poles]
+        den = np.abs(change / inverse.response(f_hz))
         phase = 2 * np.pi * f_hz * abs(by[-1]) if self.free_delay else np.zeros(1)
         return 1e-3 / max(float(np.max(den, initial=0.1)), float(np.max(phase, initial=0.0)))
 
@@ -310,7 +316,7 @@ class RationalModel(Plottable):
 
     @property
     def std_delay_s(self) -> float:
-        """Standard deviation of the delay [s]; 0 when it was given, nan without covariance."""
+        """Standard deviation of the delay [s]; 0 if the delay was given, nan without covariance."""
         if not self.free_delay:
             return 0.0
         return float(self._std()[-1])
@@ -376,7 +382,7 @@ class RationalModel(Plottable):
         Parameters
         ----------
         data : dict
-            As :meth:`to_dict` gives it.
+            As :meth:`to_dict` returns it.
         where : str
             File name, for messages.
 
@@ -393,7 +399,7 @@ class RationalModel(Plottable):
                 f'a model file is JSON with "gsid_model": {FORMAT}; `gsid fit -o` writes one',
             )
         if "rational" not in data:
-            hint = 'a fitted transfer function ("rational") is needed here'
+            hint = 'a fitted transfer function ("rational") is required here'
             raise InputError("the model file has no transfer function", where, ", ".join(data), hint)
         rational = data["rational"]
         try:
@@ -415,7 +421,7 @@ class RationalModel(Plottable):
                 ),
                 **how_fitted(data),
             )
-            for name in ("num", "den"):  # once den[0] is 1
+            for name in ("num", "den"):  # again, now that den[0] is 1
                 moderate(getattr(model, name), name)
             return model
         except KeyError as error:
@@ -428,7 +434,7 @@ class RationalModel(Plottable):
             ) from error
 
     def save(self, path: str | Path) -> None:
-        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        """Write a model file (.json). An existing file is replaced atomically."""
         write_model_file(path, self.to_dict())
 
     @classmethod
@@ -443,19 +449,19 @@ class RationalModel(Plottable):
         return cls.from_dict(read_model_file(path), str(path))
 
     def to_control(self, pade_order: int = 6) -> control.TransferFunction:
-        """Transfer function of python-control, which knows no delay and no hold.
+        """Convert to a transfer function of python-control, which has neither delay nor hold.
 
         Parameters
         ----------
         pade_order : int
-            Domain "s": the delay becomes a Pade approximant of this order; its phase is right to 0.1 degree
-            up to pade_order / (2 pi delay_s) Hz when the order is 6 or more. Domain "z": the delay must be a
+            Domain "s": order of the Pade approximation of the delay. With order 6 or more the phase error is
+            at most 0.1 degree up to pade_order / (2 pi delay_s) Hz. Domain "z": not used; the delay must be a
             whole number of samples.
 
         Returns
         -------
         control.TransferFunction
-            Without the hold, where the model has one.
+            Without the hold, if the model has one.
 
         Raises
         ------
@@ -473,7 +479,7 @@ class RationalModel(Plottable):
         samples = self.delay_s * self.fs_hz
         if abs(samples - round(samples)) > 1e-9:
             raise ValueError(
-                f"a delay of {samples} samples has no transfer function in z; only whole samples have"
+                f"a delay of {samples} samples has no transfer function in z; it must be a whole number"
             )
         degree = max(self.n_poles, self.n_zeros)
         num = np.concatenate([self.num, np.zeros(degree - self.n_zeros)])
@@ -498,25 +504,25 @@ class RationalModel(Plottable):
         Raises
         ------
         ValueError
-            Several inputs or outputs, a discrete system without sample time, or one that looks ahead.
+            Several inputs or outputs, a discrete system without sample time, or one that is not causal.
         """
         if system.ninputs != 1 or system.noutputs != 1:
             raise ValueError(
-                f"one input and one output are needed, got {system.ninputs} and {system.noutputs}"
+                f"one input and one output are required, got {system.ninputs} and {system.noutputs}"
             )
         num, den = np.trim_zeros(system.num[0][0], "f"), np.trim_zeros(system.den[0][0], "f")
         if system.isctime():
             return cls(num, den, delay_s)
         if system.dt is True:
-            raise ValueError("the discrete system has no sample time: give it one")
+            raise ValueError("the discrete system has no sample time: set its dt")
         lag = len(den) - len(num)
         if lag < 0:
-            raise ValueError(f"the discrete system looks {-lag} samples ahead: it has more zeros than poles")
+            orders = f"{len(num) - 1} zeros, {len(den) - 1} poles"
+            raise ValueError(f"the discrete system is not causal: {orders}")
         return cls(np.concatenate([np.zeros(lag), num]), den, delay_s, "z", 1.0 / system.dt)
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
-        """Bode diagram with 95 % bands, over the measured response when one is given."""
-
+        """Bode diagram with 95 % bands, over the measured response if one is given."""
         if frf is not None:
             check_response(frf)
         return self._figure(frf)
@@ -546,31 +552,27 @@ class RationalModel(Plottable):
         return lines + [f"  warning: {warning.text}" for warning in self.warnings]
 
     def _repr_html_(self) -> str:
-        import html
-
-        rows = "".join(
-            f"<tr><td>{name}</td><td>{html.escape(_with_std(values, stds))}</td></tr>"
-            for name, values, stds in (
-                ("num", self.num, self.std_num),
-                ("den", self.den, self.std_den),
-                ("delay [ms]", [1e3 * self.delay_s], [1e3 * self.std_delay_s]),
-            )
-        )
-        return f"<table><caption>{html.escape(self._lines()[0])}</caption>{rows}</table>"
+        delay_ms = _with_std([1e3 * self.delay_s], [1e3 * self.std_delay_s])
+        rows = [
+            ("num", _with_std(self.num, self.std_num)),
+            ("den", _with_std(self.den, self.std_den)),
+            ("delay [ms]", delay_ms),
+        ]
+        return Table((), rows, title=self._lines()[0]).html()
 
 
 def half_of(cov: np.ndarray) -> np.ndarray:
-    """C^(1/2): (p, r) of which each column is one standard deviation along an independent direction.
+    """C^(1/2), whose columns are one standard deviation along each independent direction.
 
     Parameters
     ----------
     cov : (p, p) ndarray
-        Covariance; rows of 0 for what is known, and it may be singular.
+        Covariance. It may be singular, and rows of known parameters are 0.
 
     Returns
     -------
     (p, r) ndarray
-        Times its transpose it is `cov`; r <= p.
+        The product with its transpose is `cov`; r <= p.
     """
     size = np.sqrt(np.maximum(np.diag(cov), 0.0))
     scale = np.where(size > 0, size, 1.0)

@@ -1,1 +1,1 @@
-"""Plants as stacks of physical effects, and their answers."""
+"""Plants as stacks of physical effects, and their responses."""

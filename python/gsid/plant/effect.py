@@ -1,4 +1,4 @@
-"""The parts of a plant: effects and the values of their parameters."""
+"""Parts of a plant: effects and the values of their parameters."""
 
 from __future__ import annotations
 
@@ -13,8 +13,18 @@ from gsid.effects.types import EffectType, find
 
 @dataclass
 class Param:
-    """Value of a parameter; whether a fit may move it; its standard deviation, None when it was not
-    estimated and NaN when the data do not determine it; limits of a fit, inside the catalogue's bounds."""
+    """Value of a parameter.
+
+    Parameters
+    ----------
+    value : float
+    free : bool
+        Whether a fit may change the value.
+    std : float or None
+        Standard deviation of the value; None if it was not estimated, NaN if the data do not determine it.
+    limits : (lo, hi) or None
+        Limits of a fit, inside the catalogue's bounds.
+    """
 
     value: float
     free: bool = True
@@ -35,7 +45,17 @@ class Param:
 
 @dataclass
 class Effect:
-    """One effect of a stack: id, all its parameters by name, and its type when it is one of your own."""
+    """One effect of a stack.
+
+    Parameters
+    ----------
+    id : str
+        Id of the catalogue, or of the user-defined effect.
+    params : dict of Param
+        All its parameters by name.
+    own : EffectType or None
+        The type of a user-defined effect; None for an effect of the catalogue.
+    """
 
     id: str
     params: dict[str, Param]
@@ -43,12 +63,12 @@ class Effect:
 
     @property
     def type(self) -> EffectType:
-        """What it is: its entry in the catalogue, or one of your own."""
+        """Its entry in the catalogue, or its own type if it is user-defined."""
         return self.own or find(self.id)
 
 
 class Stack(Protocol):
-    """What a simulation needs of a `PlantModel`."""
+    """The part of `PlantModel` that a simulation needs."""
 
     fs_hz: float
     effects: list[Effect]
@@ -66,4 +86,4 @@ class Stack(Protocol):
         """(n_free,) values of the free parameters."""
 
     def labels(self) -> list[tuple[str, Effect]]:
-        """The effects with their names, which differ where two are of one id."""
+        """The effects with their labels, which differ for two effects of the same id."""

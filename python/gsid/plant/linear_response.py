@@ -1,9 +1,8 @@
-"""Frequency responses of the linear part of a plant: what a small torque or command does to the output.
+"""Frequency responses of the linear part of a plant, from a small torque or command to the output.
 
-The form of an effect's linear part stands in its descriptor (`EffectType.linear_part`); the forms are those
-of include/gsid/effect_facts.h. Laws that are not linear have none: friction, stops and the like bend the
-response only where they act, and these responses only have to point the search in the right direction (see
-`gsid.diagnosis.probes`).
+The form of an effect's linear part is given in its descriptor (`EffectType.linear_part`); the forms are those
+of include/gsid/effect_facts.h. Nonlinear laws (friction, stops and the like) have no linear part here. The
+responses are used to choose the direction of a search (see `gsid.diagnosis.probes`) and need not be exact.
 """
 
 from __future__ import annotations
@@ -15,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.base.zero_order_hold import hold_factor
 from gsid.effects.types import catalogue, linear_part
 
-JOINT = next(e.id for e in catalogue().values() if e.linear_part == "joint")  # puts motor and load apart
+BACKLASH = next(e.id for e in catalogue().values() if e.linear_part == "backlash")  # between motor and load
 
 Parts = Mapping[str, list[tuple[float, ...]]]  # values of the parameters of each effect, by its linear part
 Stack = Mapping[str, Mapping[str, float]]
@@ -25,7 +25,7 @@ Stack = Mapping[str, Mapping[str, float]]
 
 @dataclass(eq=False)
 class LinearView:
-    """Responses at the frequencies asked for, all with the sensor's filters.
+    """Responses at the requested frequencies, all with the sensor's filters.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ class LinearView:
     command : (K,) complex ndarray
         Record's input, held over each sample, to output: the command, or a loop's reference.
     change : (K,) complex ndarray
-        A change of the command on its way to the drive, to output: in open loop the same as `command`, in a
-        closed one what the controller leaves of it.
+        A disturbance added to the command before the drive, to output. In open loop it equals `command`; in
+        closed loop the controller reduces it.
     direct : (K,) complex ndarray
         Command to output past the rigid body: gain, hold, delay and lags only.
     drive : (K,) complex ndarray
@@ -70,7 +70,7 @@ def linear_view(
     output_angle : bool
         Whether the output is the angle rather than the rate.
     radians_per_unit : float
-        Of the angle, for the slope of laws that hold an angle inside a sine.
+        Radians in a unit of angle, for the slope of laws that contain the sine of an angle.
     held : bool
         Whether the command is held over each sample.
 
@@ -83,20 +83,20 @@ def linear_view(
     parts = _parts(stack)
     spring = _sum(parts["spring"])
     pendulum = sum(level * np.cos(np.radians(angle_deg)) for level, angle_deg in parts["pendulum"])
-    taken_up, motor_felt = _joint(parts, s)
+    transmitted, reaction = _gear(parts, s)
     springs = (spring + pendulum * radians_per_unit) / s
-    body = 1 / (s + _sum(parts["damping"]) + springs + motor_felt)
+    body = 1 / (s + _sum(parts["damping"]) + springs + reaction)
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
     actuator = actuator * np.exp(-s * _sum(parts["delay"]))
-    actuator = actuator * (_held(s, fs_hz) if held else 1.0)
-    driven = actuator * taken_up
+    actuator = actuator * (hold_factor(f, fs_hz) if held else 1.0)
+    driven = actuator * transmitted
     sensor = _lag(parts["lag of the sensor"], s)
     for (rate_hz,) in parts["hold"]:
-        if rate_hz > 0:  # 0: it follows at once
-            sensor = sensor * _held(s, rate_hz)
+        if rate_hz > 0:  # 0: no hold
+            sensor = sensor * hold_factor(f, rate_hz)
     if output_angle:
         sensor = sensor / s
-    loop = 1 / (1 + driven * body * _feedback(parts, s, fs_hz))
+    loop = 1 / (1 + driven * body * _feedback(parts, f, fs_hz))
     change = (driven * body + actuator * _mode(parts, s)) * loop * sensor
     return LinearView(
         torque=body * loop * sensor,
@@ -128,16 +128,11 @@ def _lag(values: list[tuple[float, ...]], s: np.ndarray) -> np.ndarray | float:
     return 1 / math.prod((1 + s * time_constant for (time_constant,) in values), start=1.0)
 
 
-def _held(s: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Zero-order hold: (1 - exp(-s T)) / (s T)."""
-    return -np.expm1(-s / rate_hz) * rate_hz / s
-
-
-def _joint(parts: Parts, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
-    """Share of the motor's torque that reaches the load, and what the load feels of the motor (DIA-8)."""
-    if not parts["joint"]:
+def _gear(parts: Parts, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
+    """Share of the motor torque transmitted to the load, and the motor's reaction per rate (DIA-8)."""
+    if not parts["backlash"]:
         return 1.0, 0.0
-    _, stiffness, inertia_ratio, damping = parts["joint"][0]
+    _, stiffness, inertia_ratio, damping = parts["backlash"][0]
     spring, motor = stiffness / s + damping, inertia_ratio * s
     return spring / (motor + spring), spring * motor / (motor + spring)
 
@@ -150,13 +145,14 @@ def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:
     return answer
 
 
-def _feedback(parts: Parts, s: np.ndarray, fs_hz: float) -> np.ndarray | float:
-    """Rate to command through the controller kv (kp (r - angle) - rate seen)."""
+def _feedback(parts: Parts, f_hz: np.ndarray, fs_hz: float) -> np.ndarray | float:
+    """Rate to command through the controller kv (kp (r - angle) - measured rate)."""
     if not parts["loop"]:
         return 0.0
     kp, kv, _, samples = parts["loop"][0]
-    seen = _held(s, fs_hz / samples) if samples > 0 else 1.0  # the angle's change is the rate's mean
-    return kv * (seen + kp / s)
+    # A difference of angles is a mean rate: it has the factor of a hold.
+    measured = hold_factor(f_hz, fs_hz / samples) if samples > 0 else 1.0
+    return kv * (measured + kp / (2j * np.pi * f_hz))
 
 
 def _reference(parts: Parts) -> float:

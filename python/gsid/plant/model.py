@@ -1,9 +1,8 @@
-"""A plant as a stack of physical effects: values, files, and what it answers."""
+"""A plant as a stack of physical effects: values, files, and predictions."""
 
 from __future__ import annotations
 
 import copy
-import html
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from gsid.base.arguments import printable_text
 from gsid.base.errors import InputError, close
 from gsid.base.json_files import listed, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
+from gsid.base.tables import Table
 from gsid.effects.custom import entry_keys, of_entry
 from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
@@ -38,25 +38,28 @@ class PlantModel:
     Parameters
     ----------
     fs_hz : float
-        Rate at which commands are held and a controller runs [Hz]. Records bring their own.
+        Rate at which commands are held and a controller runs [Hz]. A record has its own sample rate.
     effects : list of Effect
         With exactly one rigid_body. Effects act by their stages, and within a stage in this order.
     output : {"rate", "angle"}
-        What y is.
+        Quantity that y measures.
     angle_unit : {"deg", "rad", "m"}
-        Unit of angle: the catalogue's units with degrees replaced by it.
+        Unit of angle. It replaces degrees in the catalogue's units.
     u_unit, y_unit : str
     cov : (n_free, n_free) ndarray or None
-        Covariance of the free parameters, in the order of `free_names`.
+        Covariance of the parameters `cov_names`. Use `covariance`, which checks that they are still the free
+        ones.
     fit : dict or None
-        How it was fitted; see `gsid.PlantFit.summary`.
+        Summary of the fit; see `gsid.PlantFit.summary`.
     history : list of dict
-        Steps by which the stack came to be, oldest first.
+        Steps by which the stack was built, oldest first.
+    cov_names : list of str or None
+        Parameters that were free in the fit that gave `cov`; None: those that are free now.
 
     Raises
     ------
     InputError
-        An unknown effect, an unknown, missing or impossible value, none or two rigid bodies.
+        An unknown effect; an unknown, missing or impossible value; no rigid body, or two.
     """
 
     fs_hz: float
@@ -68,6 +71,7 @@ class PlantModel:
     cov: np.ndarray | None = None
     fit: dict[str, Any] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
+    cov_names: list[str] | None = None
 
     def __post_init__(self) -> None:
         self._check("")
@@ -93,7 +97,7 @@ class PlantModel:
                 "a plant has exactly one rigid_body",
                 where,
                 f"{n_bodies} of them",
-                "its gain is what moves the axis",
+                "its gain turns commands into torque",
             )
 
     # ---- parameters ----------------------------------------------------------------------------------
@@ -104,7 +108,7 @@ class PlantModel:
         return [f"{label}.{name}" for label, effect in self.labels() for name in effect.params]
 
     def labels(self) -> list[tuple[str, Effect]]:
-        """The effects with the names that stand before the point of their parameters'."""
+        """The effects with their labels, which precede the point in the names of parameters."""
         seen: dict[str, int] = {}
         labels = []
         for effect in self.effects:
@@ -114,8 +118,18 @@ class PlantModel:
 
     @property
     def free_names(self) -> list[str]:
-        """Parameters that a fit may move."""
+        """Parameters that a fit may change."""
         return [name for name in self.names if self[name].free]
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """Covariance of the free parameters, (n_free, n_free), in the order of `free_names`.
+
+        None if there is none, or if other parameters were free in the fit that gave it.
+        """
+        names = self.free_names
+        is_current = self.cov is not None and self.cov.shape == (len(names), len(names))
+        return self.cov if is_current and self.cov_names in (None, names) else None
 
     def __getitem__(self, name: str) -> Param:
         """A parameter by "effect.parameter"."""
@@ -123,7 +137,7 @@ class PlantModel:
         return effect.params[parameter]
 
     def parameter(self, name: str) -> EffectParameter:
-        """What the catalogue says of a parameter."""
+        """The catalogue's entry of a parameter."""
         effect, parameter = self._find(name)
         return effect.type[parameter]
 
@@ -155,14 +169,14 @@ class PlantModel:
         return np.array(lower), np.array(upper)
 
     def with_values(self, values: Sequence[float]) -> PlantModel:
-        """A copy with other values of the free parameters, and without the marks of a fit.
+        """A copy with other values of the free parameters, without covariance and fit summary.
 
         Parameters
         ----------
         values : (n_free,) array_like
         """
         model = copy.deepcopy(self)
-        model.cov, model.fit = None, None
+        model.cov, model.cov_names, model.fit = None, None, None
         for name, value in zip(self.free_names, values, strict=True):
             model[name].value, model[name].std = float(value), None
         return model
@@ -180,7 +194,7 @@ class PlantModel:
 
     @property
     def looks_at_angle(self) -> bool:
-        """Whether anything depends on where the axis stands. If not, the mean angle is arbitrary."""
+        """Whether any effect depends on the angle of the axis. If none does, the mean angle is arbitrary."""
         return any(effect.type.c.looks_at_angle for effect in self.effects)
 
     # ---- other stacks --------------------------------------------------------------------------------
@@ -192,43 +206,43 @@ class PlantModel:
         limits: Mapping[str, tuple[float, float]] | None = None,
         fixed: Sequence[str] = (),
     ) -> PlantModel:
-        """A copy with one more effect, its values inside the catalogue's bounds, without the marks of a fit.
+        """A copy with one more effect, its values clipped to the bounds, without covariance and fit summary.
 
         Parameters
         ----------
         effect : str or EffectType
-            Id of the catalogue, or an effect of one's own.
+            Id of the catalogue, or a user-defined effect.
         params : mapping of float
-            Values; those not given are typical ones.
+            Values; the default of each is its typical value.
         limits : mapping of (lo, hi), optional
             Limits of a fit that are narrower than the catalogue's bounds.
         fixed : sequence of str
-            Parameters that a fit leaves as they are.
+            Parameters that a fit does not change.
         """
         larger = copy.deepcopy(self)
-        larger.cov, larger.fit = None, None
+        larger.cov, larger.cov_names, larger.fit = None, None, None
         added = {}
-        own = effect if isinstance(effect, EffectType) else None
-        known = own or find(effect)
+        custom = effect if isinstance(effect, EffectType) else None
+        known = custom or find(effect)
         for parameter in known.parameters:
             limit = (limits or {}).get(parameter.name)
             lower, upper = limit or (parameter.lower, parameter.upper)
             value = float(np.clip(params.get(parameter.name, parameter.typical), lower, upper))
             added[parameter.name] = Param(value, parameter.name not in fixed, limits=limit)
-        larger.effects.append(Effect(known.id, added, own))
+        larger.effects.append(Effect(known.id, added, custom))
         return larger
 
     def without_effect(self, effect: str) -> PlantModel:
-        """A copy without the effects of an id, and without the marks of a fit."""
+        """A copy without the effects of an id, without covariance and fit summary."""
         smaller = copy.deepcopy(self)
-        smaller.cov, smaller.fit = None, None
+        smaller.cov, smaller.cov_names, smaller.fit = None, None, None
         smaller.effects = [each for each in smaller.effects if each.id != effect]
         return smaller
 
     # ---- prediction ----------------------------------------------------------------------------------
 
     def simulate(self, u: np.ndarray) -> Prediction:
-        """Periodic answer to a command that is held over each sample.
+        """Periodic steady-state response to a command that is held over each sample.
 
         Parameters
         ----------
@@ -243,16 +257,16 @@ class PlantModel:
         return PeriodicPlant(self, u, self.fs_hz).run()
 
     def predict(self, measured: Record | Spectra, *, sensitivities: bool = False) -> Prediction:
-        """Periodic answer to a record's mean input.
+        """Periodic steady-state response to a record's mean input.
 
         Parameters
         ----------
         measured : Record or Spectra
-            A record is cut into periods with the defaults of `gsid.frf`. Hold "zoh": its input is the command
-            that was held over each sample. Hold "none": it is a signal without lines above half the sample
-            rate.
+            A record is split into periods with the defaults of `gsid.frf`. Hold "zoh": its input is the
+            command, held over each sample. Hold "none": its input is a signal without lines above half the
+            sample rate.
         sensitivities : bool
-            Whether to give dY.
+            Whether to compute dY.
 
         Raises
         ------
@@ -267,18 +281,18 @@ class PlantModel:
         """
         several = spectra_of(measured)
         if len(several) != 1:
-            raise ValueError(f"one record at a time is predicted, got {len(several)}")
+            raise ValueError(f"predict takes one record at a time, got {len(several)}")
         return PeriodicPlant.of(self, several[0]).run(sensitivities=sensitivities)
 
     def drive_command(self, measured: Spectra, answer: Prediction) -> np.ndarray:
-        """Command on its way to the drive at each sample of a period: in closed loop the controller's output.
+        """Command to the drive at each sample of a period; in closed loop the controller's output.
 
         Parameters
         ----------
         measured : Spectra
             Its mean input is the command, or the loop's reference.
         answer : Prediction
-            The model's answer to it.
+            The model's response to it.
 
         Returns
         -------
@@ -297,15 +311,15 @@ class PlantModel:
         *,
         stack: Mapping[str, Mapping[str, float]] | None = None,
     ) -> LinearView:
-        """Responses of the linear part at the lines of a record, sampled and held as it is.
+        """Responses of the linear part at the lines of a record, with its sample rate and hold.
 
         Parameters
         ----------
         measured : Spectra
         use : (K,) bool, optional
-            Which of its lines; default all.
+            Mask of the lines to evaluate; default all.
         stack : mapping, optional
-            Values in the place of the model's, as `stack` gives them.
+            Values instead of the model's, in the form that `stack` returns.
 
         Returns
         -------
@@ -344,8 +358,8 @@ class PlantModel:
                 for effect in self.effects
             ],
         }
-        if self.cov is not None:
-            data["covariance"] = {"names": self.free_names, "matrix": self.cov.tolist()}
+        if (cov := self.covariance) is not None:
+            data["covariance"] = {"names": self.free_names, "matrix": cov.tolist()}
         if self.fit is not None:
             data["fit"] = self.fit
         if self.history:
@@ -359,9 +373,9 @@ class PlantModel:
         Parameters
         ----------
         data : dict
-            As :meth:`to_dict` gives it. A parameter may be a plain number: free, but for a controller's,
-            which is known. `limits` of a parameter are [least, greatest], between which a fit keeps it; null
-            where that end is open.
+            As :meth:`to_dict` returns it. A parameter may be a plain number. It is then free, except for a
+            controller, whose parameters are known. `limits` of a parameter are [least, greatest] and bound
+            it in a fit; null leaves that end open.
         where : str
             File name, for messages.
 
@@ -389,14 +403,15 @@ class PlantModel:
         model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
         model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
         model.fit, model.history = _read_story(data, where)
-        model.cov = None
+        model.cov, model.cov_names = None, None
         model._check(where)
         if "covariance" in data:
-            model.cov = _read_covariance(data["covariance"], model.free_names, where)
+            model.cov_names = model.free_names
+            model.cov = _read_covariance(data["covariance"], model.cov_names, where)
         return model
 
     def save(self, path: str | Path) -> None:
-        """Write a model file (.json); an existing file is replaced whole or not at all."""
+        """Write a model file (.json). An existing file is replaced atomically."""
         write_model_file(path, self.to_dict())
 
     @classmethod
@@ -412,12 +427,13 @@ class PlantModel:
 
     # ---- print ---------------------------------------------------------------------------------------
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
+    def _table(self) -> Table:
+        title = f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"
         rows = []
         for effect in self.effects:
             for i, (name, param) in enumerate(effect.params.items()):
                 rows.append((effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name)))
-        return rows
+        return Table(("effect", "parameter", "value", "unit"), rows, title=title)
 
     def unit_of(self, effect: Effect, name: str) -> str:
         """Unit of a parameter in this model's unit of angle."""
@@ -425,26 +441,21 @@ class PlantModel:
         return unit if " (" in unit else unit.replace("deg", self.angle_unit)  # "deg (whatever ...)" is one
 
     def __repr__(self) -> str:
-        lines = [f"PlantModel at {self.fs_hz:g} Hz, y is the {self.output} ({len(self.effects)} effects)"]
+        table = self._table()
+        lines = [table.title]
         lines += [
-            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in self._rows()
+            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in table.rows
         ]
         if self.fit is not None:
             lines.append(f"  cost per degree of freedom {self.fit.get('cost_per_dof', math.nan):.4g}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{title}</th>" for title in ("effect", "parameter", "value", "unit"))
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in self._rows()
-        )
-        caption = html.escape(repr(self).splitlines()[0])
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+        return self._table().html()
 
 
 def check_plant(model: object) -> None:
-    """Refuse what is no stack of effects (TypeError)."""
+    """Raise TypeError unless the model is a stack of effects."""
     if not isinstance(model, PlantModel):
         raise TypeError(f"a stack of effects is needed, a PlantModel, got {type(model).__name__}")
 
@@ -455,7 +466,7 @@ def transport_delay_s(model: PlantModel) -> float | None:
     return sum(delays) if delays else None
 
 
-# A model file has no other keys: what is mistyped would count as left out.
+# A model file has no other keys: a misspelt key must not be ignored.
 KEYS = (
     *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),
     *("effects", "covariance", "fit", "history"),
@@ -486,18 +497,18 @@ def _read_effect(entry: Any, index: int, where: str) -> Effect:
     params = entry.get("params", {})
     if not isinstance(params, dict):
         raise InputError("params is not an object of numbers", f"{where} {entry['effect']}", params, EXAMPLE)
-    own = of_entry(entry, where)
-    known = own or find(entry["effect"], where)
+    custom = of_entry(entry, where)
+    known = custom or find(entry["effect"], where)
     free = known.stage != "controller"
     return Effect(
         entry["effect"],
         {name: _read_param(value, free, f"{where} {known.id}.{name}") for name, value in params.items()},
-        own,
+        custom,
     )
 
 
 def _read_story(data: dict[str, Any], where: str) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
-    """How the model was fitted, and the steps by which it came to be."""
+    """Summary of the fit, and the steps by which the model was built."""
     fit, history = data.get("fit"), data.get("history", [])
     if not (fit is None or isinstance(fit, dict)):
         raise InputError("fit is not an object", where, fit, "leave it out")
@@ -573,7 +584,9 @@ def _check_params(effect: Effect, where: str) -> None:
             hint = close(name, known.names) or f"it has {', '.join(known.names) or 'none'}"
             raise InputError("unknown parameter", f"{where}.{name}", None, hint)
     for parameter in known.parameters:
-        if known.stage == "controller" and parameter.null_value is not None:  # a loop is one without it too
+        if (
+            known.stage == "controller" and parameter.null_value is not None
+        ):  # a controller is complete without it
             effect.params.setdefault(parameter.name, Param(parameter.null_value, free=False))
         if parameter.name not in effect.params:
             hint = f"a gimbal has {parameter.typical:g} {parameter.unit}".rstrip()

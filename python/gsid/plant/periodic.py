@@ -1,4 +1,4 @@
-"""The periodic answer of a plant with its sensitivities, to one period of its input."""
+"""Periodic steady-state response of a plant to one period of its input, with its sensitivities."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError, SimulationError
+from gsid.base.zero_order_hold import hold_factor
 from gsid.plant.effect import Stack
 from gsid.plant.units import RADIANS, check_plant_units
 from gsid.spectrum.lines import lines_of, period_of
@@ -18,14 +19,14 @@ from gsid.spectrum.spectra import Spectra
 OVERSAMPLING = 4
 
 SETTLE_PERIODS = 2  # before the first Newton step
-SETTLE_LONGER = 10  # where that did not lead to the steady state
+SETTLE_LONGER = 10  # periods, if the steady state was not reached
 NEWTON_STEPS = 8
-SETTLED = 1e-7  # share of the output's rms that may still change in a period
+SETTLED = 1e-7  # largest change in a period, relative to the output's rms
 
 
 @dataclass(eq=False)
 class Prediction:
-    """A plant's periodic answer.
+    """Periodic steady-state response of a plant.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class Prediction:
     residual : float
         Bound on how much y changes in one more period, unit of y: 0 in the steady state.
     settled : bool
-        Whether that is below 1e-7 of the output's rms, or below what was asked for.
+        Whether `residual` is below 1e-7 of the output's rms, or below the requested tolerance.
     """
 
     y: np.ndarray
@@ -53,8 +54,9 @@ class Prediction:
 def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     """One period of a record's mean input, held over each 1/oversampling of a sample (PLT-3).
 
-    With oversampling 1 these are the samples as they are. Else the input has no lines above half the sample
-    rate, and the held one is given the same lines: 1/oversampling of a sample's hold is taken out of each.
+    With oversampling 1 the samples are returned unchanged. Otherwise the input has no lines above half the
+    sample rate, and the held input is given the same lines: each is divided by the response of the hold over
+    1/oversampling of a sample.
 
     Parameters
     ----------
@@ -69,17 +71,16 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     if oversampling == 1:
         return period_of(measured.u, n)
     below = measured.u[: (n + 1) // 2]  # without the line at half the rate, which has no phase
-    half = np.pi * np.arange(len(below)) / (n * oversampling)
     fine = np.zeros(n * oversampling // 2 + 1, complex)
-    fine[: len(below)] = below * np.exp(1j * half) / np.sinc(half / np.pi)
+    fine[: len(below)] = below / hold_factor(np.arange(len(below)), n * oversampling)
     return period_of(fine, n * oversampling)
 
 
 def _check(status: int) -> None:
     """Raise for a plant that cannot be simulated."""
     if status == lib.GSID_E_NONFINITE:
-        what = "the plant cannot be simulated: it runs away, or a law has no value, as 1/0 and sqrt(-1)"
-        hint = "look for friction or springs of the wrong sign, unstable gains of a loop, laws without bound"
+        what = "the plant cannot be simulated: it is unstable, or a law has no value, as 1/0 and sqrt(-1)"
+        hint = "look for friction or springs of the wrong sign, unstable gains of a loop, unbounded laws"
         raise SimulationError(status, what, hint)
     if status == lib.GSID_E_CONFIG:
         what = "the plant cannot be simulated: a delay is too long, or a lag or law too fast for the rate"
@@ -93,14 +94,14 @@ def _check(status: int) -> None:
 
 
 class PeriodicPlant:
-    """A plant bound to one period of its input: laid out once, then simulated with any values.
+    """A plant bound to one period of its input: set up once, then simulated with any values.
 
-    One thread at a time; different ones run beside each other.
+    Not thread-safe; different objects can run in parallel threads.
 
     Parameters
     ----------
     model : PlantModel
-        Gives the effects, the free parameters and the values of the others.
+        Supplies the effects, the free parameters and the values of the others.
     u : (N oversampling,) array_like
         One period of the input, held over each step.
     fs_hz : float
@@ -111,7 +112,7 @@ class PeriodicPlant:
     Attributes
     ----------
     tolerance : float
-        By how much y may change in a period when it counts as settled, if that is more than 1e-7 of its rms.
+        Largest change of y in a period for it to count as settled, if that is more than 1e-7 of its rms.
     """
 
     def __init__(self, model: Stack, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
@@ -159,23 +160,24 @@ class PeriodicPlant:
     def run(
         self, values: Sequence[float] | None = None, *, sensitivities: bool = False, patient: bool = True
     ) -> Prediction:
-        """Find the periodic answer (PLT-2) from the one kept last, the first from that of the linear part.
+        """Find the periodic steady state (PLT-2). The start is the one kept last, or that of the linear part.
 
-        A plant with stops or play can have several periodic answers; this finds the one near the start.
+        A plant with stops or backlash can have several periodic steady states; this finds the one near the
+        start.
 
         Parameters
         ----------
         values : (n_free,) array_like, optional
-            Of the free parameters; default the model's.
+            Values of the free parameters; default the model's.
         sensitivities : bool
             Whether to give dY.
         patient : bool
-            Whether to let the plant settle by itself for a while when Newton's method does not get there.
+            Whether to simulate ten more periods and try again when Newton's method does not converge.
 
         Raises
         ------
         GsidError
-            The values are refused, or the plant leaves the range of numbers.
+            The values are refused, or the response overflows.
         """
         for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
             self._items[i].value[j] = value
@@ -188,7 +190,7 @@ class PeriodicPlant:
         return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
 
     def keep(self) -> None:
-        """Start the next searches from the answer found last: steps that are taken back leave no trace."""
+        """Start the next searches from the last result, so that rejected steps have no influence."""
         self._kept = self._memory.copy()
 
     def _lay_out(self) -> None:

@@ -1,4 +1,4 @@
-"""Units of models beside those of records: what names none is believed, what names another is refused."""
+"""Units of models against units of records: different units are refused, a missing unit matches any."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gsid.plant.effect import Stack
 from gsid.spectrum.spectra import Spectra
 
 RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
-# Of outputs that a plant can have: a record with another (counts, V) is believed.
+# Units of outputs that a plant can have. A record in another unit (counts, V) is accepted.
 OUTPUTS = {unit + per for unit in RADIANS for per in ("", "/s")}
 
 
@@ -22,7 +22,7 @@ class WithUnits(Protocol):
 
 
 def check_units(model: WithUnits, measured: Spectra) -> None:
-    """Refuse a record in other units than those that the model names. What names none is believed.
+    """Refuse a record whose units differ from those of the model. A missing unit matches any.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def check_units(model: WithUnits, measured: Spectra) -> None:
 
 
 def check_plant_units(model: Stack, measured: Spectra) -> None:
-    """As :func:`check_units`, and that the output and the tables are in the plant's unit of angle.
+    """As :func:`check_units`; also check that the output and the tables are in the plant's unit of angle.
 
     Parameters
     ----------
@@ -65,5 +65,5 @@ def check_plant_units(model: Stack, measured: Spectra) -> None:
         own, wanted = (effect.type.definition.get(key) for key in ("unit", "variable"))
         wanted = units.get(wanted)
         if own and wanted and own != wanted:
-            hint = "convert its columns, or correct the unit that it names"
+            hint = "convert its columns, or correct the unit that the table states"
             raise InputError("the unit of the table is not the model's", label, f"{own} and {wanted}", hint)

@@ -1,7 +1,7 @@
-"""Pictures: one function each, objects in, a matplotlib Figure out (no pyplot, no global state).
+"""Plots: each function draws result objects and returns a matplotlib Figure, without pyplot or global state.
 
-Each result's `plot()` finds its function here, by its type (`gsid.base.plottable`).
-Confidence throughout is 95 %, point by point; the bands are those of gsid.models.confidence.
+The method `plot()` of a result calls the function registered here for its type (`gsid.base.plottable`).
+All intervals are 95 %, point by point; gsid.models.confidence computes them.
 """
 
 from gsid.base.plottable import figure_of
@@ -10,12 +10,15 @@ from gsid.diagnosis.diagnose import Diagnosis
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import TorqueResidual
 from gsid.excitation.periodic import Periodic
+from gsid.fitting.estimators import Estimators
+from gsid.greybox.fit import PlantFit
 from gsid.models.mimo import MimoModel
 from gsid.models.piecewise import PiecewiseModel
 from gsid.models.rational import RationalModel
 from gsid.plots.candidates import diagnosis
 from gsid.plots.compare import comparison, ladder
 from gsid.plots.experiment import crest_factors, excitation, periods
+from gsid.plots.greybox import plant_fit
 from gsid.plots.matrix import bode_matrix
 from gsid.plots.methods import estimators
 from gsid.plots.noise_spectrum import noise
@@ -50,6 +53,7 @@ __all__ = [
     "order_text",
     "periods",
     "piecewise",
+    "plant_fit",
     "pole_zero",
     "residual",
     "residual_of_plant",
@@ -64,12 +68,14 @@ _DRAWINGS = {
     Comparison: comparison,
     Diagnosis: diagnosis,
     Distortion: distortion,
+    Estimators: estimators,
     Frf: frf,
     Ladder: ladder,
     MimoModel: bode_matrix,
     Noise: noise,
     Periodic: excitation,
     PiecewiseModel: piecewise,
+    PlantFit: plant_fit,
     RationalModel: bode,
     Start: start,
     Superposition: superposition,

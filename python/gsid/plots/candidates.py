@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 @styled
 def diagnosis(diagnosis: Diagnosis) -> Figure:
-    """Cost per degree of freedom with each group of effects, by the number of the round, and its probability.
+    """Cost per degree of freedom with each group of effects, and its probability, for each round.
 
     Parameters
     ----------
     diagnosis : Diagnosis
-        That tried an effect.
+        A diagnosis in which at least one effect was fitted.
 
     Returns
     -------
@@ -28,7 +28,7 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     Raises
     ------
     ValueError
-        Nothing was tried, since nothing is missing.
+        No effect was fitted, because none is missing.
     """
     rounds = [one for one in diagnosis.rounds if one.before is not None]
     if not rounds:
@@ -54,9 +54,9 @@ def diagnosis(diagnosis: Diagnosis) -> Figure:
     ax.invert_yaxis()
     ax.set_xscale("log")
     most = max(max(before, group.candidates[0].fit.cost_per_dof) for _, before, group in rows)
-    ax.set_xlim(0.7, most * (most / 0.7) ** 0.8)  # room for the words
+    ax.set_xlim(0.7, most * (most / 0.7) ** 0.8)  # room for the annotations
     ax.set_xlabel("cost per degree of freedom, without the effect → with it")
-    ax.set_title(diagnosis.sentence.partition(" (")[0])  # the numbers stand in the picture
+    ax.set_title(diagnosis.sentence.partition(" (")[0])  # the figure shows the numbers
     ax.grid(False, axis="y")
     legend_below(figure, [ax])
     return figure

@@ -42,15 +42,16 @@ JUDGED = {
     "used before": "records used before",
     "later periods": "the later periods",
     "search records": "records used in the search",
-    "judged": "the data that judge",
+    "judged": "the validation data",
 }
 BOUND_OF_BOTH = "95 % bound, noise and model"
 
 
 @styled
 def comparison(comparison: Comparison) -> Figure:
-    """Error at the output against noise and model uncertainty, separately for excited, odd and even lines,
-    failing bands shaded.
+    """Error at the output against noise and model uncertainty, for excited, odd and even lines.
+
+    The bands in which the model fails are shaded.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def comparison(comparison: Comparison) -> Figure:
 
 
 def _bound(comparison: Comparison) -> np.ndarray:
-    """(k,) 95 % bound of the error of each line if the model is right.
+    """(k,) 95 % bound of the error of each line if the model is correct.
 
     The sum of an estimated and a known variance has more degrees of freedom than the first (Satterthwaite).
     """
@@ -124,7 +125,7 @@ def ladder(ladder: Ladder) -> Figure:
     Parameters
     ----------
     ladder : Ladder
-        With one step at least.
+        With at least one step.
 
     Returns
     -------
@@ -170,6 +171,6 @@ def ladder(ladder: Ladder) -> Figure:
     ax.grid(False, axis="x")
     ax.set_ylabel(with_unit("rms error", plain_text(rungs[0].y_unit)))
     judged = rungs[0].kept_out if len(levels) == len(rungs) + 1 else JUDGED[ladder.judged_on]
-    ax.set_title(f"Error after each step, judged on {plain_text(judged)}")
+    ax.set_title(f"Error after each step, validated on {plain_text(judged)}")
     legend_below(figure, [ax])
     return figure

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def _one_period(source: Multisine | Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Samples of one period; amplitudes of all lines; the excited lines; designed (or else measured)."""
+    """Samples of one period, amplitudes of all lines, excited lines, and whether the signal is designed."""
     n = source.period_samples
     if hasattr(source, "table"):
         u = np.asarray(source.table(), dtype=float)
@@ -85,7 +85,7 @@ def excitation(
         Unit of the input; default: the unit in `source`.
     model : RationalModel or PlantModel, optional
     limits : Limits, optional
-        Of command and travel, drawn beside them.
+        Limits of command and travel, drawn with them.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def _draw_travel(
 
 @styled
 def periods(record: Record, spectra: Spectra) -> Figure:
-    """Periods of the output overlaid, their difference from the mean, and how the transient dies out.
+    """Periods of the output overlaid, their difference from the mean, and the decay of the transient.
 
     Parameters
     ----------
@@ -211,20 +211,20 @@ def periods(record: Record, spectra: Spectra) -> Figure:
         ax.set_xlabel("time in the period [s]")
     over_ax.plot(t, mean, color=MEASURED, linewidth=0.7, label=f"mean of {len(stack)}", rasterized=n > 20000)
     over_ax.set_ylabel(with_unit("output y", unit))
-    over_ax.set_title(f"{len(stack)} good period{'s' * (len(stack) != 1)} laid over each other")
+    over_ax.set_title(f"{len(stack)} good period{'s' * (len(stack) != 1)} overlaid")
     over_ax.legend(loc="upper right")
     noise = _noise_rms(stack - mean)
     diff_ax.set_ylabel(with_unit("y − mean", unit))
     diff_ax.set_title(
         "Difference of each period from the mean"
-        + (f": {f'{noise:.3g} {unit}'.rstrip()} rms" if np.isfinite(noise) else " (one period: none)")
+        + (f": {f'{noise:.3g} {unit}'.rstrip()} rms" if np.isfinite(noise) else " (only one period)")
     )
     _draw_decay(decay_ax, difference, settle, n, noise, unit)
     return figure
 
 
 def _noise_rms(difference: np.ndarray) -> float:
-    """Of one period's noise: a difference from the mean of P periods has (1 - 1/P) of its variance."""
+    """Rms of the noise of one period. A difference from the mean of P periods has 1 - 1/P of its variance."""
     n_periods = len(difference)
     return float(np.sqrt(np.mean(difference**2) * n_periods / (n_periods - 1))) if n_periods > 1 else np.nan
 
@@ -246,7 +246,7 @@ def _draw_decay(ax: Axes, difference, settle: int, n: int, noise: float, unit: s
     if np.isfinite(noise):
         ax.axhline(noise, color=NOISE, linestyle="--", linewidth=0.9, label="rms over all good periods")
     if settle:
-        ax.axvspan(0.0, settle / n, color=NOISE, alpha=0.15, linewidth=0.0, label="thrown away to settle")
+        ax.axvspan(0.0, settle / n, color=NOISE, alpha=0.15, linewidth=0.0, label="discarded while settling")
     lost = np.flatnonzero(~np.isfinite(rms))
     if len(lost):
         ax.plot(

@@ -40,7 +40,7 @@ def bode_matrix(model: MimoModel, frf: MimoFrf | None = None) -> Figure:
     ----------
     model : MimoModel
     frf : MimoFrf, optional
-        The measured responses, drawn below the model's, and the size of what the model leaves.
+        The measured responses, drawn behind those of the model.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def bode_matrix(model: MimoModel, frf: MimoFrf | None = None) -> Figure:
             ax.tick_params(labelsize="x-small")
             if model.n_u > 2:  # no room for 2 and 5
                 ax.xaxis.set_major_locator(LogLocator(numticks=9))
-    for row in gain_axes:  # one scale a row: outputs may be of different size
+    for row in gain_axes:  # one scale for each row, because outputs may differ in size
         low, high = np.array([ax.get_ylim() for ax in row]).T
         for ax in row:
             ax.set_ylim(low.min(), high.max())
@@ -81,7 +81,7 @@ def bode_matrix(model: MimoModel, frf: MimoFrf | None = None) -> Figure:
 
 
 def _frequencies(model: MimoModel, frf: MimoFrf | None) -> np.ndarray:
-    """The lines, or else the band of the fit, even in log f and close together at the poles."""
+    """The measured lines, or a grid over the band of the fit: even in log f and dense at the poles."""
     if frf is not None:
         return frf.f_hz[frf.f_hz > 0]
     low, high = model.band_hz or (0.1, 0.499 * model.fs_hz if model.fs_hz else 100.0)
@@ -112,7 +112,7 @@ def _draw_model(gain: Axes, phase: Axes, f: np.ndarray, g: np.ndarray, std: np.n
     gain.fill_between(f, db(g) + db(1 - small), db(g) + db(1 + small), label="95 % band, model", **band)
     gain.plot(f, db(g), color=MODEL, linewidth=1.0, label="model")
     angle = np.degrees(np.angle(g))
-    angle[1:][np.abs(np.diff(angle)) > 180] = np.nan  # no line across the turn
+    angle[1:][np.abs(np.diff(angle)) > 180] = np.nan  # no line across the jump by 360 degrees
     phase.plot(f, angle, color=MODEL, linewidth=1.0)
     if not gain.get_autoscaley_on():
         return

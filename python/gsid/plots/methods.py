@@ -1,4 +1,4 @@
-"""Comparison of estimators (source, figures 7.13 and 7.14)."""
+"""Comparison of estimators (thesis, figures 7.13 and 7.14)."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ def estimators(found: Estimators, frf: Frf) -> Figure:
     Parameters
     ----------
     found : Estimators
-        Of `gsid.fitting.estimators.fit_all`.
+        Result of `gsid.fitting.estimators.fit_all`.
     frf : Frf
-        What they were fitted to.
+        The response that they were fitted to.
 
     Returns
     -------
     Figure
-        Above, the measured amplitude, its 95 % bound of noise and the complex errors in the same dB; below,
-        the differences of amplitude [dB] and phase [deg] from the measured ones.
+        Top: the measured amplitude, the 95 % bound of its noise and the complex errors, on one dB axis.
+        Below: the differences of amplitude [dB] and phase [deg] from the measured ones.
     """
     bands = [row.model.band_hz for row in found.rows if row.model is not None and row.model.band_hz]
     use = line_mask(frf)

@@ -1,4 +1,4 @@
-"""Picture of a record's noise: its density, and the periodic disturbances in it."""
+"""Picture of the noise of a record: its spectral density and its periodic disturbances."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LABELLED = 8  # disturbances with their name beside them
 
 @styled
 def noise(n: Noise) -> Figure:
-    """Density of the noise with its 95 % interval; below, the periodic disturbances and their names.
+    """Spectral density of the noise with its 95 % interval; below it, the periodic disturbances by name.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def _draw_density(ax: Axes, n: Noise) -> None:
     ax.fill_between(
         n.f_hz, _db(low), _db(high), color=NOISE, alpha=0.3, linewidth=0.0, label="95 % interval, each line"
     )
-    without = " without what is periodic" if n.tones else ""
+    without = " without periodic disturbances" if n.tones else ""
     ax.plot(n.f_hz, _db(n.psd), color=MEASURED, linewidth=0.8, label=f"density{without}")
     for i, tone in enumerate(n.tones):
         label = "periodic disturbances" if i == 0 else None
@@ -64,9 +64,9 @@ def _draw_density(ax: Axes, n: Noise) -> None:
     ax.set_ylabel(db_label("density", f"{power_unit}/Hz"))
     what = f"mean period of {n.period_samples} samples" if n.period_samples else "trend"
     rms = f"{np.sqrt(n.variance):.3g} {unit}".strip()
-    rest = f", {np.sqrt(n.variance_rest):.3g} without what is periodic" if n.tones else ""
+    rest = f", {np.sqrt(n.variance_rest):.3g} without the disturbances" if n.tones else ""
     ax.set_title(
-        f"Output less its {what}: noise of {rms} rms{rest}; windows of {n.segment_samples / n.fs_hz:.3g} s"
+        f"Output minus its {what}: noise of {rms} rms{rest}; windows of {n.segment_samples / n.fs_hz:.3g} s"
     )
     ax.legend(loc="best")
 

@@ -1,4 +1,4 @@
-"""Pictures of distortion: the response with both its uncertainties, and the output's lines by kind."""
+"""Pictures of distortion: the response with its uncertainties, and the output at the lines of each kind."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @styled
 def distortion(d: Distortion) -> Figure:
-    """Best linear approximation, its noise and its total uncertainty; below, the output's lines by kind.
+    """Best linear approximation with its uncertainties; below it, the output at the lines of each kind.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _draw_output(ax: Axes, d: Distortion) -> None:
 
 @styled
 def superposition(s: Superposition) -> Figure:
-    """Responses at two input levels, and their change beside its 95 % bound.
+    """Responses at two input levels, and their difference with its 95 % bound.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def superposition(s: Superposition) -> Figure:
     bound = complex_bound(s.std, n_dof=s.n_dof)
     above = np.abs(s.change) > bound
     draw_points(change_ax, s.f_hz[~above], db(s.change[~above]), SIGNAL, "|change|")
-    draw_points(change_ax, s.f_hz[above], db(s.change[above]), EXCESS, "more than the bound")
+    draw_points(change_ax, s.f_hz[above], db(s.change[above]), EXCESS, "above the bound")
     change_ax.plot(
         s.f_hz, db(bound), color=NOISE, linewidth=0.8, label="95 % bound of the scatter, each line"
     )

@@ -88,7 +88,7 @@ def frf(frf: Frf) -> Figure:
 
 
 def _averaged(frf: Frf) -> str:
-    """What was averaged for the response, and the method if it is not the mean over periods."""
+    """Text on the averaging of a response, with the method if it is not the mean over periods."""
     piece = "window" if frf.method == "windows" else "period"
     words = f"mean of {frf.n_periods} {piece}{'s' * (frf.n_periods != 1)}"
     if frf.n_realisations > 1:
@@ -98,7 +98,7 @@ def _averaged(frf: Frf) -> str:
 
 
 def _dense(f, *roots) -> np.ndarray:
-    """Frequencies to draw a model on: even in log f, the lines, and close together at sharp resonances."""
+    """Frequencies at which a model is drawn: even in log f, plus the lines, and dense at sharp resonances."""
     grid = [np.geomspace(f.min(), f.max(), 600), f]
     for root in np.concatenate([np.atleast_1d(r) for r in roots]) / (2.0 * np.pi):
         width = max(abs(root.real), 1e-4 * abs(root))
@@ -109,7 +109,7 @@ def _dense(f, *roots) -> np.ndarray:
 
 @styled
 def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
-    """Fitted model and, when given, the measured response, with 95 % bands on gain and phase of both.
+    """Fitted model with 95 % bands of gain and phase, and the measured response if it is given.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
 
 @styled
 def piecewise(model: PiecewiseModel, frf: Frf | None = None) -> Figure:
-    """Models of adjoining bands, each in its band, over the measured response when one is given.
+    """Models of adjoining bands, each in its band, over the measured response if it is given.
 
     Parameters
     ----------

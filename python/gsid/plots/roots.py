@@ -39,8 +39,8 @@ def pole_zero(model: RationalModel) -> Figure:
     Returns
     -------
     Figure
-        In domain "s" in Hz (s / 2 pi). Where the roots spread over decades the map's radius is logarithmic;
-        the angle, and with it the damping, is kept.
+        In domain "s" in Hz (s / 2 pi). If the roots spread over decades, the radius of the map is
+        logarithmic; the angles, and with them the damping, are preserved.
     """
     scale = 2.0 * np.pi if model.domain == "s" else 1.0
     roots = [
@@ -53,7 +53,9 @@ def pole_zero(model: RationalModel) -> Figure:
         if root.imag >= -1e-9 * abs(root)
     ]
     known = [abs(root) for _, root, cov in roots if not _may_be_zero(root, cov)]
-    lost = [r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)]  # anywhere far out
+    lost = [
+        r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)
+    ]  # position undetermined
     roots = [r for r in roots if not any(r is one for one in lost)]
     close_ups = [r for r in roots if np.all(np.isfinite(r[2])) and np.any(r[2] > 0.0)][:6]
     n_columns = -(-len(close_ups) // 2) if len(close_ups) > 2 else min(len(close_ups), 1)
@@ -147,7 +149,7 @@ def root_text(root: complex) -> str:
 def _draw_s_grid(ax: Axes, roots: Sequence[complex]) -> Callable[[np.ndarray], np.ndarray]:
     """Damping rays and frequency circles around roots [Hz] other than 0; returns the map to the drawing.
 
-    On a log radius, what lies inside the innermost circle is drawn at the origin.
+    With a log radius, roots inside the innermost circle are drawn at the origin.
     """
     sizes = np.abs(roots) if len(roots) else np.ones(1)
     is_log = sizes.max() / sizes.min() > 12.0

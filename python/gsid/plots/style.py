@@ -202,6 +202,7 @@ def order_text(model: RationalModel) -> str:
 
 
 BOUND_OF_NOISE = "95 % noise bound"
+LEGEND_WIDTH, SYMBOL = 150, 10  # characters of a line of a legend, and of the room for a symbol
 
 
 def draw_error(ax: Axes, f, error, bound, label: str, bound_label: str = BOUND_OF_NOISE) -> None:
@@ -216,7 +217,7 @@ def draw_error(ax: Axes, f, error, bound, label: str, bound_label: str = BOUND_O
 def above_text(error, bound, right: str = "noise alone") -> str:
     """Number of lines above their bound, and the share expected from `right`, by default noise alone."""
     if not np.any(np.isfinite(bound)):
-        return "the noise is not known"
+        return "the noise is unknown"
     above = error > bound
     share = 100.0 * np.mean(above)
     return f"{np.sum(above)} of {len(above)} lines above the bound ({share:.3g} %; {right}: 5 %)"
@@ -231,11 +232,20 @@ def legend_below(figure: FigureBase, axes: Sequence[Axes]) -> None:
         entries.values(),
         entries.keys(),
         loc="outside lower center",
-        ncols=min(len(entries), 5),
+        ncols=_columns_of_legend(list(entries)),
         fontsize=8.0,
         columnspacing=1.4,
         handletextpad=0.5,
     )
+
+
+def _columns_of_legend(labels: Sequence[str]) -> int:
+    """Most columns, at most 5, that fit into the width of a figure."""
+    for n in range(min(len(labels), 5), 1, -1):
+        columns = np.array_split(labels, n)  # as matplotlib splits them
+        if sum(max(map(len, column)) + SYMBOL for column in columns) <= LEGEND_WIDTH:
+            return n
+    return 1
 
 
 def band_text(f_lo_hz: float, f_hi_hz: float) -> str:

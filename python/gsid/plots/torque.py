@@ -40,8 +40,8 @@ def torque_residual(residual: TorqueResidual) -> Figure:
         ax.set_xlabel(with_unit(curve.name, plain_text(curve.unit)))
         ax.set_ylabel(with_unit("torque / inertia", plain_text(residual.unit)))
     figure.suptitle(
-        f"Torque that is missing ({residual.rms:.3g} {plain_text(residual.unit)} rms), ±2 σ: where to look, "
-        "not a verdict. Grey: how often the axis is there.",
+        f"Missing torque ({residual.rms:.3g} {plain_text(residual.unit)} rms), ±2 σ: an indication, not a "
+        "test. Grey: share of the samples.",
         fontsize=9.5,
     )
     return figure

@@ -15,8 +15,8 @@ from gsid.records.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Ra
 from gsid.records.record import LARGEST, Record
 
 _log = logging.getLogger(__name__)
-LEAST = {"period_samples": 1, "settle_samples": 0}
-SAMPLES_MOST = 2**53  # a double does not represent every larger integer
+MIN_SAMPLES = {"period_samples": 1, "settle_samples": 0}
+MAX_SAMPLES = 2**53  # a double does not represent every larger integer
 
 
 def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Record:
@@ -85,16 +85,16 @@ def _vector(path: Path, raw: Raw, name: str, option: str) -> np.ndarray:
             f"no {raw.what} named {name}",
             str(path),
             None,
-            f"{choose(name, raw.listed or raw.columns)}; name it with {option}",
+            f"{choose(name, raw.listed or raw.columns)}; select it with {option}",
         )
     values = np.asarray(raw.columns[name])
-    _check_real(path, name, values, f"pick with {option}")
+    _check_real(path, name, values, f"select an array of numbers with {option}")
     if values.size != max(values.shape, default=1):
         raise InputError(
             f"{raw.what} {name} is not one row of samples",
             str(path),
             f"shape {values.shape}",
-            "pick one channel and one realisation, and save them as a vector",
+            "select one channel and one realisation, and save them as a vector",
         )
     return values.ravel()
 
@@ -127,7 +127,7 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
     if t is None or len(t) < 2:
         if stated is None:
             raise InputError(
-                "the sample rate is not known",
+                "the sample rate is unknown",
                 str(path),
                 None,
                 "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`",
@@ -158,7 +158,7 @@ def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
             "the times do not increase", raw.where("t_s", back), t[back], "sort the rows by time"
         )
     if not 1 / LARGEST < step < LARGEST:
-        hint = "write the times in seconds, or give the rate with --fs and leave them out"
+        hint = "write the times in seconds, or omit them and give the rate with --fs"
         raise InputError("the time step is out of range", raw.where("t_s", 1), f"{step:.3g} s", hint)
     resolution = _resolution(t)
     tolerance = JITTER_STATED if is_stated else STEP_TOLERANCE
@@ -169,8 +169,8 @@ def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
             "unequal time steps",
             raw.where("t_s", at),
             f"{t[at] - t[at - 1]:.6g} s after {step:.6g} s",
-            "put lost samples in as rows with valid = 0, or resample to one rate"
-            + ("" if is_stated else "; where only the stamps jitter, give the rate with --fs"),
+            "insert lost samples as rows with valid = 0, or resample to one rate"
+            + ("" if is_stated else "; if only the timestamps jitter, give the rate with --fs"),
         )
     rate = (len(t) - 1) / (t[-1] - t[0])
     slack = rate * 2 * resolution / (t[-1] - t[0])
@@ -196,33 +196,33 @@ def _key_number(path: Path, raw: Raw, key: str, kind: type) -> float | int | Non
         value = float(raw.keys[key])
         if kind is float:
             return value
-        if value != int(value) or not LEAST[key] <= value <= SAMPLES_MOST:
+        if value != int(value) or not MIN_SAMPLES[key] <= value <= MAX_SAMPLES:
             raise ValueError
         return int(value)
     except (TypeError, ValueError, OverflowError):
-        expected = "a number" if kind is float else f"a whole number of samples, {LEAST[key]} or more"
+        expected = "a number" if kind is float else f"a whole number of samples, {MIN_SAMPLES[key]} or more"
         raise InputError(
             f"{key} is not {expected}", str(path), raw.keys[key], f"correct the line `# {key}: ...`"
         ) from None
 
 
-def add_keys_from_beside(
+def add_keys_from_meta_file(
     path: Path, raw: Raw, u: str, y: str, fs_hz: float | None, period: int | None
 ) -> None:
     """Read rate, period and units from a meta.json in the same folder if it lists this file."""
     place = path.parent / "meta.json"
     try:
-        beside = read_json(place)
-        if path.name not in beside["files"]:
+        meta = read_json(place)
+        if path.name not in meta["files"]:
             return
     except (OSError, ValueError, KeyError, TypeError):
         return  # there is no such file, or it has another purpose
     has_time = any(name in raw.columns for name in TIME_NAMES)
     for key, given in (("fs_hz", fs_hz is not None or has_time), ("period_samples", period is not None)):
-        if key in beside and key not in raw.keys and not given:
-            raw.keys[key] = beside[key]
-            _log.info("%s: %s = %s from meta.json beside it", path.name, key, beside[key])
-    units = _units_of(beside.get("channels", []), str(place))
+        if key in meta and key not in raw.keys and not given:
+            raw.keys[key] = meta[key]
+            _log.info("%s: %s = %s from meta.json in its folder", path.name, key, meta[key])
+    units = _units_of(meta.get("channels", []), str(place))
     for key, name in (("u_unit", u), ("y_unit", y)):
         if name in units:
             raw.keys.setdefault(key, units[name])
@@ -236,7 +236,7 @@ def _units_of(channels: object, place: str) -> dict[str, str]:
             (channel.get("name"), channel.get("unit", "")) if isinstance(channel, dict) else (None, "")
         )
         if not isinstance(name, str) or not isinstance(unit, str):
-            hint = 'write "channels": [{"name": "u", "unit": "A"}, ...], or leave it out'
+            hint = 'write "channels": [{"name": "u", "unit": "A"}, ...], or omit it'
             raise InputError("channels is not a list of names and units", place, repr(channel)[:60], hint)
         units[name] = unit
     return units

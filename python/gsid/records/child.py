@@ -22,10 +22,8 @@ import sys
 NUMBERS = "fiubc"
 SIZE_OF_KEY = 65536  # bytes: a key is one number or a short text
 N_NAMES = 200  # names listed if the requested one is missing
-DEFLATE_MAX = (
-    1032  # largest compression ratio of deflate: an array cannot be larger than this times its storage
-)
-STORED_LEAST = 64e6  # bytes: the ratio is not checked for smaller arrays
+DEFLATE_MAX = 1032  # largest compression ratio of deflate: the largest array over its stored size
+UNCHECKED_BYTES = 64e6  # bytes: the ratio is not checked for smaller arrays
 
 
 class Refused(Exception):
@@ -231,7 +229,7 @@ def h5_check(request, name, node):
             f"{name} does not hold real numbers", f"type {node.dtype}", "save it as an array of numbers"
         )
     stored = node.id.get_storage_size()
-    if node.nbytes > max(DEFLATE_MAX * stored, STORED_LEAST):
+    if node.nbytes > max(DEFLATE_MAX * stored, UNCHECKED_BYTES):
         raise Refused(
             f"array {name} is larger than its file allows",
             f"{node.nbytes / 1e9:.3g} GB declared, {stored} bytes stored",

@@ -37,7 +37,7 @@ def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
 def _columns_hint(missing: str, y: str, names: list[str]) -> str:
     if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
         return "separate the columns with commas"
-    return f"{choose(missing, names)}; name it with {'--y' if missing == y else '--u'}"
+    return f"{choose(missing, names)}; select it with {'--y' if missing == y else '--u'}"
 
 
 def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str]]:
@@ -126,13 +126,13 @@ def _fault_in_rows(path: Path, names: list[str], columns: list[int]) -> InputErr
                 f"the row has {len(fields)} columns, the header {len(names)}", place, line.strip(), hint
             )
         for i in columns:
-            if not _is_number(fields[i].strip() or ("nan" if "valid" in names else "")):
-                return InputError(
-                    "not a number",
-                    f"{place}, column {names[i]}",
-                    fields[i].strip() or "nothing",
-                    "write numbers with a point; mark a lost sample with valid = 0",
-                )
+            value = fields[i].strip()
+            if not value and "valid" not in names:
+                hint = "write a number; if the sample is lost, add a column valid with 0 in this row"
+                return InputError(f"empty value in column {names[i]}, line {number}", str(path), None, hint)
+            if value and not _is_number(value):
+                hint = "write numbers with a decimal point; mark a lost sample with valid = 0"
+                return InputError("not a number", f"{place}, column {names[i]}", value, hint)
     return None
 
 
@@ -145,7 +145,7 @@ def _is_number(text: str) -> bool:
 
 
 def _check_writable(record: Record, keys: dict[str, object]) -> None:
-    """Refuse names and texts that a reader would take for other lines, columns or keys."""
+    """Refuse names and texts that a reader would interpret as other lines, columns or keys."""
     hint = "rename it, or write .npz, .mat or .h5"
     for name in record.columns:
         if not name.isprintable() or name != name.strip().strip('"') or set(name) & set(',"') or not name:

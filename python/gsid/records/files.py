@@ -14,7 +14,7 @@ import numpy as np
 from gsid.base.errors import InputError
 from gsid.base.files import kind_of, write_atomically
 from gsid.records.arrays import read_h5, read_mat, read_npz, write_h5, write_mat, write_npz
-from gsid.records.checks import add_keys_from_beside, to_record
+from gsid.records.checks import add_keys_from_meta_file, to_record
 from gsid.records.csv import read_csv, write_csv
 from gsid.records.raw import DAMAGED_HINT
 from gsid.records.record import Record
@@ -60,8 +60,8 @@ def read_record(
     period, settle : int, optional
         Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional
-        Whether the input was held over each sample; replaces the value in the file. The hold is unknown
-        (None) if neither states it.
+        Whether the input was held over each sample. It replaces the value in the file. The hold is unknown
+        (None) if neither is given.
     zero_input : bool
         Whether a file without an input is read with zero input. If False, the input is required.
 
@@ -86,11 +86,11 @@ def read_record(
     _check_readable(path)
     is_optional, u, y = zero_input and u is None, u or "u", y or "y"
     raw = reader(path, y if is_optional else u, y, fs_hz)
-    if is_optional and u not in raw.columns and u in raw.listed:  # present but unlike y: raise the error
+    if is_optional and u not in raw.columns and u in raw.listed:  # u exists, but not as long as y: an error
         raw = reader(path, u, y, fs_hz)
     if is_optional and u not in raw.columns and y in raw.columns:
         raw.columns[u] = np.zeros(np.size(raw.columns[y]))
-    add_keys_from_beside(path, raw, u, y, fs_hz, period)
+    add_keys_from_meta_file(path, raw, u, y, fs_hz, period)
     if hold is not None:
         raw.keys["hold"] = hold
     record = to_record(path, raw, u, y, fs_hz)

@@ -29,7 +29,7 @@ MEMORY_BYTES = 10**9  # address space of the worker, including its start
 MEMORY_PER_BYTE = 4  # additional address space for each byte of the file
 SECONDS = 60.0  # time to read a file
 BYTES_PER_SECOND = 20e6  # one additional second for each such number of bytes
-HEADER_MOST = 2**24  # bytes: a longer header is not valid
+MAX_HEADER = 2**24  # bytes: a longer header is not valid
 _KEYS = (*KEYS, "meta")
 
 
@@ -64,11 +64,12 @@ def read_foreign(kind: str, path: Path, u: str, y: str) -> tuple[dict[str, Any],
         "seconds": SECONDS + size / BYTES_PER_SECOND,
     }
     with _lock:
-        header, arrays = _ask(path, request)
-    return _sorted_answer(path, u, header, arrays)
+        header, arrays = _exchange(path, request)
+    return _contents(path, u, header, arrays)
 
 
-def _sorted_answer(path: Path, u: str, header: dict, arrays: list) -> tuple[dict[str, Any], list[str]]:
+def _contents(path: Path, u: str, header: dict, arrays: list) -> tuple[dict[str, Any], list[str]]:
+    """Return the entries of an answer, or raise the error that it reports."""
     if "damaged" in header:
         raise InputError(DAMAGED, str(path), None, DAMAGED_HINT) from ValueError(header["damaged"])
     if "refused" in header:
@@ -92,11 +93,11 @@ _lock = threading.Lock()
 _worker: subprocess.Popen | None = None
 
 
-def _ask(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
+def _exchange(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
     """Send a request and receive the header and the arrays. A worker that fails to answer is stopped."""
     worker = _running()
-    late = threading.Event()
-    timer = threading.Timer(request["seconds"], lambda: (late.set(), worker.kill()))
+    timed_out = threading.Event()
+    timer = threading.Timer(request["seconds"], lambda: (timed_out.set(), worker.kill()))
     timer.daemon = True
     timer.start()
     answered = False
@@ -106,10 +107,10 @@ def _ask(path: Path, request: dict) -> tuple[dict, list[np.ndarray]]:
         answered = True
     except (EOFError, OSError, ValueError, KeyError, TypeError) as error:
         _stop()
-        raise _died(path, worker.returncode, late.is_set(), request) from error
+        raise _failure(path, worker.returncode, timed_out.is_set(), request) from error
     finally:
         timer.cancel()
-        if not answered or late.is_set():  # its remaining output would mix with the next answer
+        if not answered or timed_out.is_set():  # its remaining output would mix with the next answer
             _stop()
     if "memory" in header:
         _stop()  # the state of its memory is unknown
@@ -125,7 +126,7 @@ def _write(stream: Any, data: bytes) -> None:
 
 def _receive(stream: Any, most: int) -> tuple[dict, list[np.ndarray]]:
     (length,) = struct.unpack("<Q", _exactly(stream, bytearray(8)))
-    if length > HEADER_MOST:
+    if length > MAX_HEADER:
         raise ValueError("length of the header")
     header = json.loads(_exactly(stream, bytearray(length)))
     arrays = []
@@ -153,8 +154,8 @@ def _exactly(stream: Any, into: Any) -> Any:
     return into
 
 
-def _died(path: Path, code: int | None, is_late: bool, request: dict) -> InputError:
-    if is_late:
+def _failure(path: Path, code: int | None, timed_out: bool, request: dict) -> InputError:
+    if timed_out:
         what, value = "reading the file takes too long", f"stopped after {request['seconds']:.0f} s"
     elif code is not None and code < 0:
         what, value = "the file crashed its reader", _signal_name(-code)

@@ -113,7 +113,7 @@ def read_mimo_record(
     inputs, outputs : sequence of str
         Names of the columns or arrays.
     fs_hz : float, optional
-        Sample rate [Hz], where the file has neither times nor the rate.
+        Sample rate [Hz]. Required if the file states neither times nor a rate.
     period, settle : int, optional
         Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional

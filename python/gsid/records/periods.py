@@ -21,9 +21,7 @@ SHARE_FOUND = 0.75  # share of u's power that must repeat for a detected period 
 SHARE_GIVEN = 0.5  # the same for a period that the user states; unrelated data have a share near 0
 N_CANDIDATES = 12  # number of the deepest minima of the lag difference that are examined
 ALPHA = 1e-4  # false-alarm rate of one F test below
-RATIO_CONTENT = (
-    4.0  # noise of a test bench comes in bursts: lines below this ratio do not prove a longer period
-)
+RATIO_CONTENT = 4.0  # lines below this ratio do not prove a longer period: bench noise comes in bursts
 
 
 @dataclass(frozen=True, repr=False)
@@ -144,7 +142,7 @@ def require_period(period: int, settle: int | None, name: str) -> None:
 
 def _too_few_periods(record: Record, period: int, settle: int, n_spoiled: int) -> InputError:
     return InputError(
-        "less than two good periods after settling",
+        "fewer than two good periods after settling",
         record.name,
         f"{len(record)} samples, period {period}, settle {settle}, {n_spoiled} spoiled",
         "measure longer, or give a shorter --settle or the right --period",
@@ -206,7 +204,7 @@ def find_period(u: np.ndarray, *, valid: np.ndarray | None = None, name: str = "
     n = len(u)
     if n < 2 * MIN_PERIOD:
         raise InputError(
-            "less than two periods: the record is too short", name, f"{n} samples", "measure longer"
+            "fewer than two periods: the record is too short", name, f"{n} samples", "measure longer"
         )
     if np.ptp(u[n // 2 :]) == 0:
         raise InputError(
@@ -271,9 +269,9 @@ def _share_at(u: np.ndarray, valid: np.ndarray, period: int) -> float:
 
 def _share_that_repeats(rows: np.ndarray) -> float:
     """Share of the power of (P, N) rows that repeats in every row; unbiased, near 0 for unrelated rows."""
-    away = rows - rows.mean()
-    total = float(np.einsum("pn,pn->", away, away))
-    mean = away.mean(axis=0)
+    deviation = rows - rows.mean()
+    total = float(np.einsum("pn,pn->", deviation, deviation))
+    mean = deviation.mean(axis=0)
     scatter = max(total - len(rows) * float(np.sum(mean**2)), 0.0)
     return 1 - scatter / (rows.size - rows.shape[1]) * rows.size / total if total > 0 else 0.0
 
@@ -354,7 +352,7 @@ def _no_period(
     late = minima[:1][(minima[:1] > n // 2) & (difference[minima[:1]] < 1 - SHARE_FOUND)]
     if late.size:
         return InputError(
-            "less than two periods in the record",
+            "fewer than two periods in the record",
             name,
             f"u repeats after {late[0]} of {n} samples",
             f"measure at least {2 * late[0]} samples, and more for the settling",
@@ -401,16 +399,16 @@ def find_settling(record: Record, period: int) -> int:
     last_bad = -1
     references = [(x, np.fft.rfft(x[settled], axis=1)) for x in (u, y)]
     for row in candidates[: len(candidates) - len(settled)]:
-        if not any(_stands_out(x[row], spectra) for x, spectra in references):
+        if not any(_deviates(x[row], spectra) for x, spectra in references):
             break
         last_bad = row
     return int(last_bad + 1) * period
 
 
-def _stands_out(x: np.ndarray, settled: np.ndarray) -> bool:
+def _deviates(x: np.ndarray, settled: np.ndarray) -> bool:
     """Whether period x deviates from the settled spectra in a band of lines, see `find_settling`."""
     deviation = np.fft.rfft(x) - settled.mean(axis=0)
-    if not np.any(deviation):  # a channel at rest has no scatter to compare with
+    if not np.any(deviation):  # a constant channel has no scatter to compare with
         return False
     line = np.arange(len(deviation))
     tops = 2 ** np.arange(1, int(np.log2(len(line))) + 2)

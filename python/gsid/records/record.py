@@ -31,7 +31,7 @@ class Record:
     fs_hz : float
         Sample rate [Hz], > 0.
     period_samples, settle_samples : int or None
-        Values from the file or the user; None: determined from the data.
+        Values from the file or the user; None: found from the data.
     valid : (n,) bool
         False for a lost sample. There, u and y are placeholders, not data (0 if the value was not finite).
         Default: all True.
@@ -107,7 +107,7 @@ class Record:
                 f"{label} is not one row of samples",
                 self.name,
                 f"shape {array.shape}",
-                "pick one channel and one realisation first",
+                "select one channel and one realisation first",
             )
         finite = np.isfinite(array)
         if finite.all():

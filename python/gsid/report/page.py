@@ -5,14 +5,13 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import jinja2
-
 from gsid import plots
 from gsid.base.files import write_atomically
+from gsid.base.tables import Table, templates
 from gsid.comparison import compare
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import torque_residual
@@ -20,7 +19,6 @@ from gsid.plant.model import PlantModel
 from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
 from gsid.report.tables import (
     ESTIMATORS_NOTE,
-    Table,
     Truth,
     distortion_table,
     failing_tables,
@@ -106,7 +104,7 @@ class Report:
             the one with the largest input.
         frf : Frf, optional
         model : RationalModel, PiecewiseModel or PlantModel, optional
-            A plant is compared with the measured response if there are spectra, and shown with its ladder.
+            A plant is compared with the measured response if spectra are given, and shown with its ladder.
         comparison : Comparison, optional
         multisine : Multisine, optional
             The excitation as designed; default: the excitation as applied, from the spectra.
@@ -187,13 +185,13 @@ class Report:
         measured = diagnosis.read(as_list(spectra))
         fitted = diagnosis.steps[0].fit.model
         before = compare(fitted, measured, band=band, alpha=diagnosis.alpha, fitted=True)
-        drawn = [("Where it fails", lambda: plots.comparison(before))]
+        drawn = [("Error of the given model", lambda: plots.comparison(before))]
         if not diagnosis.adequate:
             torque = torque_residual(fitted, measured, band=band)
-            drawn.append(("Torque that is missing", lambda: plots.torque_residual(torque)))
+            drawn.append(("Missing torque", lambda: plots.torque_residual(torque)))
         if diagnosis.found:
             after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha, fitted=True)
-            drawn.append(("With what was found", lambda: plots.comparison(after)))
+            drawn.append(("With the effects found", lambda: plots.comparison(after)))
         if ladder is not None and ladder.rungs:
             drawn.append(("Ladder", lambda: plots.ladder(ladder)))
         self._experiments.append(
@@ -204,7 +202,7 @@ class Report:
                 grade="good" if diagnosis.adequate else "bad",
                 run=[
                     ("Records", ", ".join(s.name or "a record" for s in measured)),
-                    ("Periods", f"{sum(s.n_periods for s in measured)} good in all"),
+                    ("Periods", f"{sum(s.n_periods for s in measured)} good in total"),
                 ],
                 tables=[*ranking_tables(diagnosis), plant_table(diagnosis.model)],
                 pictures=self._drawn(drawn),
@@ -215,7 +213,7 @@ class Report:
         return self
 
     def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
-        """Add the models that several estimators fitted to one response (source, section 7.10).
+        """Add the models that several estimators fitted to one response (thesis, section 7.10).
 
         Parameters
         ----------
@@ -231,7 +229,6 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        head, rows = found.table()
         good = [row for row in found.rows if not row.note]
         expected = (
             ""
@@ -248,7 +245,7 @@ class Report:
                     ("Order", f"{found.order}, {found.n_lines} lines"),
                     ("Delay by the slope of the phase", f"{1e3 * found.initial_delay_s:.4g} ms"),
                 ],
-                tables=[Table("Estimators", head, rows, ESTIMATORS_NOTE)],
+                tables=[replace(found.table(), title="Estimators", note=ESTIMATORS_NOTE)],
                 pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
                 closing=[],
             )
@@ -265,10 +262,9 @@ class Report:
 
     def html(self) -> str:
         """Return the page as self-contained HTML."""
-        loader = jinja2.PackageLoader("gsid", "templates")
-        environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
         now = datetime.datetime.now().astimezone()
-        return environment.get_template("report.html").render(
+        page = templates().get_template("report.html")
+        return page.render(
             title=self.title,
             experiments=self._experiments,
             made=[("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *versions()],

@@ -35,35 +35,37 @@ class Picture:
 
 
 CAPTIONS = {
-    "Estimators": "Where only noise is left, errors stay below the bound; linear least squares is weak at "
-    "low frequencies, and maximum likelihood spends its errors where the noise is.",
-    "Excitation": "One period in time and its lines: a crest factor near 1.4 puts the most power into a "
-    "limited command. With a model, the travel that it predicts. Of several records, the strongest.",
-    "Noise": "What does not repeat with the period: its density, and periodic disturbances such as a fan.",
-    "Periods": "Settled periods repeat; what differs from their mean is noise, and the transient has to be "
-    "at its level before the first period that is used.",
+    "Estimators": "If only noise remains, the errors stay below the bound. Linear least squares is "
+    "inaccurate at low frequencies. Maximum likelihood has its largest errors where the noise is largest.",
+    "Excitation": "One period in time and its lines. A crest factor near 1.4 gives the most power within a "
+    "limited command. With a model, the predicted travel is shown too. With several records, this is the one "
+    "with the largest input.",
+    "Noise": "The part of the output that does not repeat with the period: its spectral density, and "
+    "periodic disturbances such as a fan.",
+    "Periods": "Settled periods repeat, and their differences from the mean are noise. The transient must "
+    "decay to this level before the first period used.",
     "Frequency response": "The response and, in the same dB, the standard deviation of its noise: the "
-    "distance between the two is the signal-to-noise ratio of every line.",
-    "Measured and fitted": "Where the model is right it runs through the measured points; bars and band are "
-    "95 % intervals, point by point.",
-    "Complex residual": "The distance between measurement and model in the complex plane: where only noise "
-    "is left, 5 % of the points lie above the bound, spread evenly.",
+    "distance between the two is the signal-to-noise ratio of each line.",
+    "Measured and fitted": "A correct model passes through the measured points. Bars and band are 95 % "
+    "intervals, point by point.",
+    "Complex residual": "The distance between measurement and model in the complex plane. If only noise "
+    "remains, 5 % of the points lie above the bound, spread evenly.",
     "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
     "region in which the root lies with 95 % confidence.",
-    "Where it fails": "The error of the model as it was, its free parameters fitted, beside the noise, for "
-    "lines that were excited and for those that were not.",
-    "Torque that is missing": "The error of the output converted to torque by the inverse of the model, and "
-    "averaged over equal rate, angle, command or time; positive torque drives forwards. A curve outside its "
-    "band of ±2 σ is a hint at the missing law.",
-    "With what was found": "Same plot after adding the effects found: if they are right, only noise remains.",
+    "Error of the given model": "The error after a fit of the free parameters, against the noise, for "
+    "excited lines and for other lines.",
+    "Missing torque": "The error of the output, converted to torque by the inverse of the model and averaged "
+    "over samples of similar rate, angle, command or time. Positive torque drives forwards. A curve that "
+    "leaves its band of ±2 σ indicates the form of the missing law.",
+    "With the effects found": "Same plot after adding the effects found. If they are right, only noise "
+    "remains.",
     "Ladder": "Each step is fitted to some of the data and validated on the rest. A true effect reduces the "
     "error on the validation data to the noise; a wrong effect does not reduce it. If the search used the "
     "validation data too, the error on new data may be larger.",
-    "Comparison at the output": "The model's error beside the noise: an excess at lines that were not "
-    "excited can only be nonlinear, one at excited lines is nonlinear or a linear effect left out.",
-    "Noise and distortion": "Above, the response with its uncertainty by noise alone, which averaging "
-    "lowers, and by noise and distortion together; below, the output at the lines that are excited and at "
-    "those that are not.",
+    "Comparison at the output": "The error of the model against the noise. An excess at lines that were not "
+    "excited can only be nonlinear; at excited lines it is nonlinear or due to a missing linear effect.",
+    "Noise and distortion": "Top: the response with its uncertainty from noise alone, which averaging "
+    "reduces, and from noise and distortion together. Bottom: the output at excited and at other lines.",
 }
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid import plots
+from gsid.base.tables import Table
 from gsid.greybox.fit import COST_MEANS
 from gsid.models.confidence import NORMAL_95, root_quantities
 from gsid.models.piecewise import PiecewiseModel
@@ -36,7 +37,7 @@ class Truth:
     ----------
     name, unit : str
     truth, estimate, std : float
-        std is the estimate's standard deviation, in the same unit.
+        std is the standard deviation of the estimate, in the same unit.
     """
 
     name: str
@@ -49,16 +50,6 @@ class Truth:
     def n_sigma(self) -> float:
         """Difference of estimate and truth in standard deviations."""
         return (self.estimate - self.truth) / self.std if self.std > 0.0 else np.nan
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a heading."""
-
-    title: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
 
 
 def _number(value: float, digits: int = 6) -> str:
@@ -75,9 +66,8 @@ def model_tables(
     if isinstance(model, PlantModel):
         tables.append(plant_table(model))
     elif isinstance(model, PiecewiseModel):
-        head, rows = model.table()
         note = "A jump is the discontinuity of the response at the boundary to the piece below."
-        tables.append(Table("Models of adjoining bands", tuple(head), [tuple(row) for row in rows], note))
+        tables.append(replace(model.table(), title="Models of adjoining bands", note=note))
     elif model is not None:
         tables += [_fit_table(model), _root_table(model), _parameter_table(model)]
     return tables
@@ -89,10 +79,11 @@ def distortion_table(bands: Sequence[DistortedBand]) -> Table:
     for band in bands:
         low, high = (f"{db:.0f}".replace("-", "−") for db in (band.low_db, band.high_db))
         size = "" if band.kind == "noise" else low if low == high else f"{low} to {high}"
-        kind = "noise leads" if band.kind == "noise" else f"{band.kind} distortion"
+        kind = "noise" if band.kind == "noise" else f"{band.kind} distortion"
         rows.append((plots.band_text(band.f_lo_hz, band.f_hi_hz), kind, size))
     note = "Averaging over more periods lowers the noise only."
-    return Table("Noise and distortion", ("Band", "What limits", "Above noise [dB]"), rows, note)
+    head = ("Band", "Dominant", "Above noise [dB]")
+    return Table(head, rows, title="Noise and distortion", note=note)
 
 
 def truth_table(truth: Sequence[Truth]) -> Table:
@@ -102,9 +93,8 @@ def truth_table(truth: Sequence[Truth]) -> Table:
         for t in truth
     ]
     head = ("Quantity", "Unit", "Truth", "Estimate", "σ", "Difference [σ]")
-    return Table(
-        "Truth beside estimate", head, rows, "Within ±2 σ in 95 of 100 cases, when the model is right."
-    )
+    note = "Within ±2 σ in 95 of 100 cases if the model is correct."
+    return Table(head, rows, title="True and estimated values", note=note)
 
 
 def _signed(value: float) -> str:
@@ -120,7 +110,7 @@ def _fit_table(m: RationalModel) -> Table:
         ("Parameters", f"{m.n_parameters} free"),
     ]
     if m.hold == "zoh":
-        rows.append(("Input", "held over each sample; this is what follows"))
+        rows.append(("Input", "held over each sample; the model does not include the hold"))
     if m.method is not None:
         rows.append(("Method", f"{m.method}, {'converged' if m.converged else 'not converged'}"))
     if m.band_hz is not None:
@@ -128,12 +118,8 @@ def _fit_table(m: RationalModel) -> Table:
     if m.cost is not None:
         expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
         rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
-    return Table(
-        "Fitted model",
-        (),
-        rows,
-        "Intervals are 95 % and count the noise only: they hold where the model is adequate.",
-    )
+    note = "Intervals are 95 % and include noise only. They are valid if the model is adequate."
+    return Table((), rows, title="Fitted model", note=note)
 
 
 def _root_table(m: RationalModel) -> Table:
@@ -144,8 +130,8 @@ def _root_table(m: RationalModel) -> Table:
                 rows.append(_root_row(kind, root, cov, m))
     where = "s / 2π [Hz]" if m.domain == "s" else "z"
     head = ("", where, "Frequency [Hz]", "Damping ratio", "Time constant [ms]")
-    note = "Of a conjugate pair one is listed. Intervals are 95 %." if rows else "No poles and no zeros."
-    return Table("Poles and zeros", head, rows, note)
+    note = "One root of each conjugate pair. Intervals are 95 %." if rows else "No poles and no zeros."
+    return Table(head, rows, title="Poles and zeros", note=note)
 
 
 def _root_row(kind: str, root: complex, cov, m: RationalModel) -> tuple[str, ...]:
@@ -168,7 +154,7 @@ def _parameter_table(m: RationalModel) -> Table:
             rows.append((f"{name}, {m.domain}{_superscript(power)}", _number(value, 8), *_spread(value, std)))
     rows.append(("delay [s]", _number(m.delay_s, 8), *_spread(m.delay_s, m.std_delay_s)))
     note = "No σ: not estimated." + (" Frequencies in rad/s." if m.domain == "s" else "")
-    return Table("Parameters", ("Parameter", "Estimate", "σ", "σ [%]"), rows, note)
+    return Table(("Parameter", "Estimate", "σ", "σ [%]"), rows, title="Parameters", note=note)
 
 
 def _spread(value: float, std: float) -> tuple[str, str]:
@@ -193,7 +179,7 @@ def plant_table(model: PlantModel) -> Table:
     if "cost_per_dof" in fit:
         means = COST_MEANS[fit.get("method", "ml")]
         note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: {means}."
-    return Table("Plant", ("Effect", "Parameter", "Value", "σ", "Unit"), rows, note)
+    return Table(("Effect", "Parameter", "Value", "σ", "Unit"), rows, title="Plant", note=note)
 
 
 def _sigma(param: Param) -> str:
@@ -220,13 +206,13 @@ def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
         ]
         if one.before is None:
             note = "Ranked again with all effects in the model."
-            tables.append(Table("Which effect, with the other effects found", head, rows, note))
+            tables.append(Table(head, rows, title="Which effect, with the other effects found", note=note))
         else:
             title = "Which effect" if one.name == "1" else f"Which effect, round {one.name}"
-            tables.append(Table(title, head, rows, f"Without it: {one.before:.4g}."))
+            tables.append(Table(head, rows, title=title, note=f"Without it: {one.before:.4g}."))
     if tables and diagnosis.next_experiment:
         note = f"{tables[-1].note} {diagnosis.next_experiment}"
-        tables[-1] = Table(tables[-1].title, tables[-1].head, tables[-1].rows, note)
+        tables[-1] = replace(tables[-1], note=note)
     return tables
 
 
@@ -254,7 +240,7 @@ def failing_tables(c: Comparison | None) -> list[Table]:
         for band in sorted(c.where, key=lambda band: -band["share"])
     ]
     note = (
-        "Largest share of the excess first." if rows else "In no band is the error more than noise explains."
+        "Largest share of the excess first." if rows else "The error does not exceed the noise in any band."
     )
     head = ("Band", "Lines", "Share", "Error over response", "p")
-    return [Table("Where the model fails", head, rows, note)]
+    return [Table(head, rows, title="Where the model fails", note=note)]

@@ -59,7 +59,7 @@ def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) ->
         ("Periods", f"{source.n_periods} good, {source.n_spoiled} left out for lost samples"),
         (
             "Settling",
-            f"{source.settle_samples} samples ({source.settle_samples / n:.2f} periods) thrown away",
+            f"{source.settle_samples} samples ({source.settle_samples / n:.2f} periods) discarded",
         ),
     ]
     if getattr(source, "n_realisations", 1) > 1:
@@ -71,8 +71,8 @@ def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) ->
         facts.append(("Excitation", f"{len(f)} lines, {f.min():.4g} to {f.max():.4g} Hz"))
     held = {
         "zoh": "held over each sample (zero-order hold)",
-        "none": "measured as it stands",
-        None: "held or not: not stated",
+        "none": "not held",
+        None: "hold not stated",
     }[source.hold]
     facts.append(("Input and output", f"u [{source.u_unit or '-'}], {held}; y [{source.y_unit or '-'}]"))
     return facts

@@ -1,1 +1,1 @@
-"""Frequency responses measured: of one input and output, of several, with noise and distortion."""
+"""Measured frequency responses: one input and output, several, and their noise and distortion."""

@@ -1,13 +1,13 @@
 """Frequency response of a plant in a closed loop, through the reference (indirect method).
 
-In a closed loop the noise of the output comes back in the input, and a response estimated from input and
-output alone leans towards -1/C, C being the controller. The reference knows nothing of the noise: with R, U
-and Y of each realisation,
+In a closed loop the output noise is fed back to the input. A response estimated from input and output alone
+is then biased towards -1/C, where C is the controller. The reference is independent of the noise. With R, U
+and Y of each realisation:
 
     G_ru = mean(U / R), G_ry = mean(Y / R), G = G_ry / G_ru  (FRF-5)
 
-The variance of G is that of eq. 7.29 with G_ru and G_ry for U and Y and their covariance: noise that input
-and output share cancels in Y - G U. The controller need not be known.
+The variance of G is that of eq. 7.29, with G_ru, G_ry and their covariance in place of those of U and Y.
+Noise common to input and output cancels in Y - G U. The controller need not be known.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from gsid.spectrum.lines import covariance, sample_variance
 from gsid.spectrum.realisation import listed, require_same, spectra
 from gsid.spectrum.spectra import Spectra
 
-ROUNDING = 1e-5  # of the largest line: smaller ones are what was rounded away when the reference was stored
+ROUNDING = 1e-5  # of the largest line: smaller lines are rounding errors of the stored reference
 
 
 def closed_loop_frf(
@@ -44,25 +44,25 @@ def closed_loop_frf(
     records : Record or sequence of Record
         One per realisation of the reference.
     reference : str
-        Name of the reference among the records' other columns; it repeats with the period.
+        Name of the reference among the additional columns of the records. It repeats with the period.
     period, settle : int, optional
-        Samples; default: what each record states, else what the reference and the data show.
+        Period and settling [samples]. Default: the values of each record, else found from the data.
     band : (lo, hi), optional
-        Only lines within [Hz].
+        Use only lines within this band [Hz].
 
     Returns
     -------
     Frf
-        From u to y (FRF-5), at the lines of the reference at which u is above 1 % of its largest line and
-        stands out of its noise: a smooth reference may have little where the loop asks much of the plant.
-        `u` and `y` are turned by the phase of the reference; `rejected_hz` has its other lines.
+        Response from u to y (FRF-5), at those lines of the reference at which u is above 1 % of its largest
+        line and exceeds its noise. A smooth reference may excite u too little at some frequencies. The phases
+        of `u` and `y` are relative to the reference. `rejected_hz` has the other lines of the reference.
 
     Raises
     ------
     InputError
-        No such column, or as `gsid.frf`.
+        The column does not exist, or as `gsid.frf`.
     ValueError
-        No record, or Spectra, which have no reference.
+        The sequence is empty, or contains Spectra, which have no reference.
     """
     records = listed(records)
     if any(isinstance(record, Spectra) for record in records):
@@ -74,26 +74,26 @@ def closed_loop_frf(
         require_same(first_y, to_y)
     chosen = np.logical_and.reduce([_lines(to_u.U, to_u.period_samples) for to_u, _ in each])
     chosen &= within(first.f_hz, band)
-    found = _over_realisations(each, chosen)
+    found = _through_reference(each, chosen)
     found.name = ", ".join(record.name for record in records if record.name)
     level = np.abs(found.u)
-    heard = (level > SHARE_OF_LARGEST * level.max(initial=0)) & (
+    detected = (level > SHARE_OF_LARGEST * level.max(initial=0)) & (
         level**2 > ABOVE_NOISE * found.var_u / found.n_periods
     )
-    if not heard.any():
+    if not detected.any():
         where = "" if band is None else f" within {band[0]:g}:{band[1]:g} Hz"
-        what = f"no line{where} that {reference} excites stands out of the noise of u"
-        raise InputError(what, found.name, None, "excite the reference more, or name another with --r")
-    return replace(found.at(heard), rejected_hz=found.f_hz[~heard])
+        what = f"u does not exceed its noise at any line{where} that {reference} excites"
+        raise InputError(what, found.name, None, "excite the reference more, or select another with --r")
+    return replace(found.at(detected), rejected_hz=found.f_hz[~detected])
 
 
 def _spectra(
     record: Record, reference: str, period: int | None, settle: int | None
 ) -> tuple[Spectra, Spectra]:
-    """From the reference to u, and to y, over the same periods."""
+    """Spectra from the reference to u, and from the reference to y, over the same periods."""
     if reference not in record.columns:
         names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
-        hint = f"{choose(reference, names)}; name it with --r"
+        hint = f"{choose(reference, names)}; select it with --r"
         raise InputError(f"no column named {reference}", record.name, None, hint)
     r = np.asarray(record.columns[reference], float)
     bad = np.flatnonzero(~np.isfinite(r) & record.valid)
@@ -104,21 +104,21 @@ def _spectra(
     driven = replace(record, u=r, columns={}, name=f"{record.name} with {reference} for u")
     to_y = spectra(driven, period=period, settle=settle)
     to_u = spectra(replace(driven, y=record.u), period=to_y.period_samples, settle=settle)
-    late = max(to_y.settle_samples, to_u.settle_samples)  # the slower of the two to settle
+    longest = max(to_y.settle_samples, to_u.settle_samples)
     if to_u.settle_samples == to_y.settle_samples:
         return to_u, to_y
-    return _spectra(record, reference, to_y.period_samples, late)
+    return _spectra(record, reference, to_y.period_samples, longest)
 
 
 def _lines(R: np.ndarray, n_period: int) -> np.ndarray:
-    """Lines that a reference has at all; whether they suffice, u tells."""
+    """Lines that the reference excites. Whether u is large enough there is checked later."""
     size = np.abs(R.mean(axis=0))
     line = np.arange(len(size))
     size[(line == 0) | (2 * line == n_period)] = 0  # they have no phase
     return (size > ROUNDING * size.max()) & (size**2 > ABOVE_NOISE * sample_variance(R) / len(R))
 
 
-def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarray) -> Frf:
+def _through_reference(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarray) -> Frf:
     """Eq: FRF-5"""
     m = len(each)
     ratios = [(to_u.Y[:, chosen] / to_u.u[chosen], to_y.Y[:, chosen] / to_u.u[chosen]) for to_u, to_y in each]
@@ -129,7 +129,7 @@ def _over_realisations(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarr
         for i, j in ((0, 0), (1, 1), (1, 0))
     )
     g = y / u
-    # of the mean of each realisation, whose numbers of periods may differ
+    # variance of the mean of each realisation; the number of periods may differ between them
     error = [sample_variance(b - g * a) / len(a) for a, b in ratios]
     variance = level**2 * np.sum(error, axis=0) / m**2 / np.abs(u) ** 2
     to_u, to_y = each[0]

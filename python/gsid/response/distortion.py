@@ -1,10 +1,10 @@
-"""Noise split from nonlinear distortion, and both from the response.
+"""Best linear approximation with the levels of noise and nonlinear distortion.
 
-The robust method (DIS-1, DIS-2; source, eqs. 5.12 to 5.16) measures M realisations of a random-phase
-multisine over P periods each: the scatter over periods is noise, the scatter over realisations noise and
-distortion. The fast method (DIS-3) needs one realisation: lines left free of excitation show what the axis
-adds, odd and even orders apart where the excited lines are odd. Both come out of one measurement here, and
-the core does the sums (`gsid_distortion`), on the target as on the desk.
+The robust method (DIS-1, DIS-2; thesis, eqs. 5.12 to 5.16) measures M realisations of a random-phase
+multisine over P periods each. The scatter over periods is noise; the scatter over realisations is noise and
+distortion. The fast method (DIS-3) needs one realisation. It measures the distortion at lines that are not
+excited, separately for odd and even orders if all excited lines are odd. Both methods use the same
+measurement. The core computes the sums (`gsid_distortion`), on the target and on the host.
 """
 
 from __future__ import annotations
@@ -17,46 +17,47 @@ from scipy.stats import f as f_distribution
 
 from gsid.base.plottable import Plottable
 
-SAME_LEVEL = 0.1  # realisations whose amplitudes differ by more, as a share, are of different levels
-NEIGHBOURS = 4  # free odd lines that tell the distortion at an excited one
-N_HARMONICS = 20  # looked at when a single line is excited
+SAME_LEVEL = 0.1  # largest relative difference in amplitude of realisations with the same level
+NEIGHBOURS = 4  # free odd lines used to estimate the distortion at an excited line
+N_HARMONICS = 20  # number of harmonics evaluated when a single line is excited
 
-ALARM_RATE = 0.01  # of all bands together, when there is only noise
+ALARM_RATE = 0.01  # false-alarm rate of all bands together
 BAND_RATIO = 2 ** (1 / 3)
 LINES_PER_BAND = 4  # at least
-ALIKE_DB = 10.0  # odd and even distortion nearer than this are both named
-LEAST_RATIO = 1e-3  # of powers, distortion over noise: what is below is not told
-AVERAGING_HELPS_DB = 0.0  # below this the noise is the larger part
+COMPARABLE_DB = 10.0  # if the levels of odd and even distortion differ by less, both are reported
+LEAST_RATIO = 1e-3  # smallest reported ratio of powers, distortion over noise
+AVERAGING_HELPS_DB = 0.0  # below this level the noise is larger than the distortion
 
 
 @dataclass(repr=False)
 class Distortion(Plottable):
-    """Best linear approximation, with noise and nonlinear distortion apart.
+    """Best linear approximation, with separate variances of noise and nonlinear distortion.
 
     Attributes
     ----------
     line : (F,) int
-        Lines that every realisation excites.
+        Lines excited in every realisation.
     f_hz : (F,) [Hz]
     bla : (F,) complex
-        Mean of the realisations' responses, unit y over u (source, eq. 5.14).
+        Mean of the responses of the realisations, unit y over u (thesis, eq. 5.14).
     var_noise, var_total : (F,)
-        Variance of `bla` by noise, and by noise and distortion together (source, eq. 5.14); the latter NaN
-        with one realisation.
+        Variance of `bla` due to noise, and due to noise and distortion together (thesis, eq. 5.14). The
+        latter is NaN with one realisation.
     std_nonlinear : (F,)
-        Standard deviation of one realisation's response by distortion (source, eq. 5.16). With one
-        realisation from the odd free lines beside each (DIS-3), NaN where the excited lines leave none.
+        Standard deviation of the response of one realisation due to distortion (thesis, eq. 5.16). With one
+        realisation it is estimated from the neighbouring odd free lines (DIS-3), and NaN if there are none.
     responses : (M, F) complex
-        Of each realisation (source, eq. 5.13).
+        Response of each realisation (thesis, eq. 5.13).
     u : (F,)
         Amplitude of the input, rms over realisations.
     free_line : (D,) int
-        Lines that no realisation excites.
+        Lines not excited in any realisation.
     free_f_hz : (D,) [Hz]
     free_order : (D,) int
-        Order in units of the excited lines' greatest common divisor; 0 where the axis can have no line.
+        Order in units of the greatest common divisor of the excited lines; 0 at lines between these units,
+        where the axis cannot respond.
     level, level_noise : (D,)
-        Rms amplitude of the output at the free lines, and what noise alone would leave of it, unit of y.
+        Rms amplitude of the output at the free lines, and the part of it due to noise, unit of y.
     n_periods, n_realisations, n_spoiled, settle_samples, period_samples : int
     fs_hz : float
     u_unit, y_unit, name : str
@@ -97,14 +98,15 @@ class Distortion(Plottable):
 
     @property
     def orders_apart(self) -> bool:
-        """Whether odd and even distortion fall on lines of their own: all excited lines are of odd order."""
+        """Whether odd and even distortion appear at different lines: all excited lines are of odd order."""
         return bool(np.all(self.line // np.gcd.reduce(self.line) % 2 == 1))
 
     @property
     def coherence(self) -> np.ndarray:
-        """Coherence of input and output over all periods, (F,), 0 .. 1 (source, eq. 5.3).
+        """Coherence of input and output over all periods, (F,), 0 .. 1 (thesis, eq. 5.3).
 
-        Periods repeat the distortion: over the periods of one realisation only noise lowers it.
+        Distortion is the same in all periods of one realisation. With one realisation only noise lowers the
+        coherence.
         """
         m, p = self.n_realisations, self.n_periods / self.n_realisations
         scatter = (p - 1) * m * self.var_noise
@@ -115,41 +117,41 @@ class Distortion(Plottable):
 
     @property
     def noncausal_power_ratio(self) -> float:
-        """Share of the power of the response's inverse transform before t = 0 (source, eqs. 5.4 to 5.6).
+        """Share of the power of the inverse transform of `bla` before t = 0 (thesis, eqs. 5.4 to 5.6).
 
-        Transformed over the excited lines alone: the edges of the band put some of a linear axis there too,
-        so that only the same band at another level is a fair comparison.
+        Only the excited lines are transformed. The edges of the band also cause a noncausal part on a linear
+        axis. Compare the value therefore only with that of the same band at another input level.
 
         Raises
         ------
         ValueError
-            Responses measured elsewhere: the grid of their lines is not known.
+            The responses were imported, and the grid of their lines is unknown.
         """
         if not self.period_samples:
-            raise ValueError("the inverse transform needs a period, which responses measured elsewhere lack")
+            raise ValueError("the inverse transform needs a period, which imported responses do not have")
         n, line = self.period_samples, self.line
         spectrum = np.zeros(n // 2 + 1, complex)
         spectrum[line] = self.bla
         g = np.fft.irfft(spectrum, n)
-        # lines k0 + i d repeat, but for their phase, every N/d samples: half of that is before t = 0
+        # lines k0 + i d repeat every N/d samples, except for their phase: half of that is before t = 0
         half = n // (2 * int(np.gcd.reduce(np.diff(line)))) if len(line) > 1 else n // 2
         before, after = np.sum(g[n - half :] ** 2), np.sum(g[:half] ** 2)
         return float(before / (before + after))
 
     @property
     def bands(self) -> list[DistortedBand]:
-        """Bands in which noise or distortion leads; see `gsid.response.distortion`."""
+        """Bands in which noise or distortion dominates; see `gsid.response.distortion`."""
 
         return distorted_bands(self)
 
     @property
     def verdict(self) -> str:
-        """What limits the measurement, in words."""
+        """Summary of what limits the measurement."""
 
         return verdict(self)
 
     def intervals(self, level: float = 0.95) -> dict[str, np.ndarray]:
-        """Intervals of the standard deviations, line by line.
+        """Confidence intervals of the standard deviations at each line.
 
         Parameters
         ----------
@@ -159,15 +161,17 @@ class Distortion(Plottable):
         Returns
         -------
         dict of (2, F) arrays, lower and upper
-            `std_noise` of `bla` by noise: exact, chi-square with 2 M (P - 1) degrees of freedom.
-            `std_nonlinear` of one realisation by distortion: that of Williams and Tukey for a component of
-            variance (DIS-4), from 0 where noise alone explains the scatter, with fewer degrees of freedom
-            where the scatter has longer tails than a normal one (DIS-5); NaN with one realisation.
+            `std_noise`: standard deviation of `bla` due to noise. The interval is exact: chi-square with
+            2 M (P - 1) degrees of freedom.
+            `std_nonlinear`: standard deviation of one realisation due to distortion. This is the interval of
+            Williams and Tukey for a variance component (DIS-4). It starts at 0 if noise alone explains the
+            scatter. It has fewer degrees of freedom if the scatter has longer tails than a normal
+            distribution (DIS-5). NaN with one realisation.
 
         Raises
         ------
         ValueError
-            A level that is no probability.
+            The level is not between 0 and 1.
         """
         if not 0 < level < 1:
             raise ValueError(f"the level must be between 0 and 1, not {level}")
@@ -193,10 +197,10 @@ class Distortion(Plottable):
 
 
 def excess_kurtosis(responses: np.ndarray) -> float:
-    """How much longer than a normal variable's the tails of the scatter over realisations are (DIS-5).
+    """Excess kurtosis of the scatter over realisations (DIS-5).
 
-    Distortion is a sum of products of lines: of few lines, it is not normal, and its sample variance scatters
-    more. One number for all lines, since M values of one line cannot tell.
+    Distortion is a sum of products of lines. With few lines it is not normally distributed, and its sample
+    variance scatters more. One number is estimated for all lines, because M values of one line are too few.
 
     Parameters
     ----------
@@ -205,7 +209,8 @@ def excess_kurtosis(responses: np.ndarray) -> float:
     Returns
     -------
     float
-        E|d|^4 / (E|d|^2)^2 - 2, 0 at least; 0 with fewer than 4 realisations, which say next to nothing.
+        E|d|^4 / (E|d|^2)^2 - 2, at least 0; 0 with fewer than 4 realisations, which are too few to estimate
+        it.
     """
     m = len(responses)
     power = np.abs(responses - np.mean(responses, axis=0)) ** 2
@@ -220,17 +225,17 @@ def excess_kurtosis(responses: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class DistortedBand:
-    """A band in which one thing limits the measurement.
+    """A band in which one kind of error limits the measurement.
 
     Attributes
     ----------
     f_lo_hz, f_hi_hz : float
         First and last line.
     kind : {"noise", "odd", "even", "odd and even", "nonlinear"}
-        Of the distortion that leads; "nonlinear" where no free lines tell orders apart.
+        Dominant error; "nonlinear" if the free lines do not separate odd and even orders.
     low_db, high_db : float
-        Distortion over the noise left by averaging over the periods, least and largest of the bands joined;
-        NaN for noise.
+        Distortion over the noise that remains after averaging over the periods, minimum and maximum of the
+        merged bands; NaN for noise.
     """
 
     f_lo_hz: float
@@ -242,7 +247,7 @@ class DistortedBand:
 
 @dataclass(frozen=True)
 class _Kind:
-    """One sort of evidence: power measured and what noise alone leaves of it, line by line."""
+    """One kind of evidence: measured power, and the part of it due to noise, at each line."""
 
     f_hz: np.ndarray
     power: np.ndarray
@@ -250,7 +255,7 @@ class _Kind:
     nu: tuple[int, int]  # degrees of freedom of the ratio at one line
 
     def level_db(self, lo: float, hi: float, alarm: float) -> float:
-        """Distortion over noise within a band [dB]; minus infinity where noise explains it."""
+        """Distortion over noise within a band [dB]; minus infinity if noise explains the power."""
         within = (self.f_hz >= lo) & (self.f_hz <= hi) & (self.noise > 0)
         if not within.any():
             return -np.inf
@@ -261,7 +266,7 @@ class _Kind:
 
 
 def distorted_bands(d: Distortion) -> list[DistortedBand]:
-    """Find the bands in which noise or distortion leads.
+    """Find the bands in which noise or distortion dominates.
 
     Parameters
     ----------
@@ -270,7 +275,7 @@ def distorted_bands(d: Distortion) -> list[DistortedBand]:
     Returns
     -------
     list of DistortedBand
-        In order of frequency; empty where nothing was measured that could tell.
+        In order of frequency; empty if the measurement cannot separate distortion from the response.
     """
     kinds = _evidence(d)
     if not kinds:
@@ -285,7 +290,7 @@ def distorted_bands(d: Distortion) -> list[DistortedBand]:
 
 
 def verdict(d: Distortion) -> str:
-    """Say what limits the measurement.
+    """Describe what limits the measurement.
 
     Parameters
     ----------
@@ -299,23 +304,23 @@ def verdict(d: Distortion) -> str:
     bands = distorted_bands(d)
     if not bands:
         return (
-            "Distortion cannot be told from the response: measure other realisations, or leave lines free "
-            "(odd lines of a multisine)."
+            "Distortion cannot be separated from the response: measure other realisations, or leave lines "
+            "unexcited (odd lines of a multisine)."
         )
     if all(band.kind == "noise" for band in bands):
         return "No distortion above the noise: averaging longer helps everywhere."
     sentences = [_sentence(d, band) for band in bands if band.kind != "noise"]
     quiet = [_span(band) for band in bands if band.kind == "noise"]
     if quiet:
-        sentences.append(f"{', '.join(quiet)}: noise leads; averaging longer helps")
+        sentences.append(f"{', '.join(quiet)}: noise dominates; averaging longer helps")
     return ". ".join(sentences) + "."
 
 
 def _evidence(d: Distortion) -> dict[str, _Kind]:
-    """Ratios of what is measured to noise, by kind of line."""
+    """Measured power and noise, by kind of line."""
     m, p = d.n_realisations, d.n_periods
     kinds = {}
-    if m > 1:  # on excited lines of odd order only odd distortion falls
+    if m > 1:  # excited lines of odd order contain odd distortion only
         kinds["odd" if d.orders_apart else "nonlinear"] = _Kind(
             d.f_hz, d.var_total, d.var_noise, (2 * (m - 1), 2 * (p - m))
         )
@@ -329,14 +334,14 @@ def _evidence(d: Distortion) -> dict[str, _Kind]:
 
 
 def _edges(f_hz: np.ndarray) -> list[tuple[float, float]]:
-    """Bands of a third of an octave at least, and of LINES_PER_BAND excited lines at least."""
+    """Bands of at least a third of an octave and at least LINES_PER_BAND excited lines."""
     edges, start = [], 0
     for i in range(1, len(f_hz) + 1):
         is_wide = i == len(f_hz) or f_hz[i] >= BAND_RATIO * f_hz[start]
         if is_wide and (i - start >= LINES_PER_BAND or i == len(f_hz)):
             edges.append((float(f_hz[start]), float(f_hz[i - 1])))
             start = i
-    if len(edges) > 1 and np.count_nonzero(f_hz >= edges[-1][0]) < LINES_PER_BAND:  # too few lines were left
+    if len(edges) > 1 and np.count_nonzero(f_hz >= edges[-1][0]) < LINES_PER_BAND:  # too few lines remain
         edges[-2:] = [(edges[-2][0], edges[-1][1])]
     return edges
 
@@ -348,8 +353,8 @@ def _leading(level: dict[str, float]) -> tuple[str, float, float]:
     if not named:
         return ("nonlinear", whole, whole) if np.isfinite(whole) else ("noise", np.nan, np.nan)
     top = max(named.values())
-    alike = [name for name in ("odd", "even") if named.get(name, -np.inf) > top - ALIKE_DB]
-    return " and ".join(alike), top, top
+    largest = [name for name in ("odd", "even") if named.get(name, -np.inf) > top - COMPARABLE_DB]
+    return " and ".join(largest), top, top
 
 
 def _joined(bands: list[DistortedBand]) -> list[DistortedBand]:
@@ -372,12 +377,12 @@ def _span(band: DistortedBand) -> str:
 def _sentence(d: Distortion, band: DistortedBand) -> str:
     low, high = f"{band.low_db:.0f}", f"{band.high_db:.0f}"
     size = f"{low} dB" if low == high else f"{low} to {high} dB"
-    if band.kind == "even":  # does not fall on the excited lines, which are odd
+    if band.kind == "even":  # does not appear at the excited lines, which are odd
         advice = "the response at the excited lines is free of it"
     elif band.high_db > AVERAGING_HELPS_DB:
         advice = "averaging longer will not help"
         if d.n_realisations < 2:
             advice += ", other realisations will"
     else:
-        advice = "averaging longer helps still"
+        advice = "averaging longer still helps"
     return f"{_span(band)}: {band.kind} distortion {size} above noise; {advice}"

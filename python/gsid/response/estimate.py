@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-SHORTEST_WINDOW = 4  # samples: below, no line is apart from the mean and from half of the sample rate
+SHORTEST_WINDOW = 4  # samples: shorter windows have no line between 0 Hz and half of the sample rate
 
 
 def frf(
@@ -38,72 +38,72 @@ def frf(
     merge: bool = False,
     min_input: float = 0.0,
 ) -> Frf:
-    """Estimate the frequency response at the lines that every realisation excites.
+    """Estimate the frequency response at the lines excited in every realisation.
 
-    A record whose input does not repeat is cut into windows, with a warning: see `window`.
+    A record whose input is not periodic is divided into windows, with a warning: see `window`.
 
     Parameters
     ----------
     records : Record or Spectra, or a sequence of them
         One per realisation.
     period, settle : int, optional
-        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+        Period and settling [samples]. Default: the values of each record, else found from its data. Not used
+        for Spectra.
     band : (lo, hi), optional
-        Only lines within [Hz].
+        Use only lines within this band [Hz].
     remove_periodic : bool
-        Take periodic disturbances off the output first (`gsid.noise`); one at a line of the period looks like
-        the response, and stays.
+        Subtract periodic disturbances from the output first (`gsid.noise`). A disturbance at a line of the
+        period cannot be separated from the response, and remains.
     reference : str, optional
-        Of records measured in a closed loop: the column of its reference (`gsid.response.closed_loop`).
+        Column of the reference, for records measured in a closed loop (`gsid.response.closed_loop`).
     lpm : bool
-        Take the transient out by the local polynomial method instead of waiting for it to die out; one period
-        is enough.
+        Remove the transient by the local polynomial method instead of discarding it. One period is enough.
     window : int, optional
-        Samples of Hann windows to average over, as is done for an input that does not repeat (H1, WIN-1);
-        default then the largest power of two of which the record holds 8.
+        Length of the Hann windows to average over (H1, WIN-1) [samples]. Windows are also used if the input
+        is not periodic. Their default length is the largest power of two that fits 8 times into the record.
     merge : bool
-        The records are parts of one realisation: put their periods together (FRF-4) instead of averaging
-        their responses.
+        The records are parts of one realisation: combine their periods (FRF-4) instead of averaging their
+        responses.
     min_input : float
-        Leave out lines whose input amplitude is smaller, unit of u.
+        Omit lines whose input amplitude is smaller, unit of u.
 
     Returns
     -------
     Frf
-        FRF-1, FRF-2 (source, eqs. 4.10, 4.11, 7.29; 5.14 over realisations); LPM-1, LPM-2 with `lpm`.
+        FRF-1, FRF-2 (thesis, eqs. 4.10, 4.11, 7.29; 5.14 over realisations); LPM-1, LPM-2 with `lpm`.
 
     Raises
     ------
     InputError
-        As `spectra`; realisations of unequal period, sample rate, hold or units; no common line in the band;
-        parts of one realisation whose inputs differ.
+        As `spectra`; or the realisations differ in period, sample rate, hold or units; they have no common
+        line in the band; or the inputs of parts to merge differ.
     NotPeriodicError
-        An input that does not repeat, where windows are no way out: the record is short, or `merge` is asked
-        for, or there are Spectra beside it.
+        The input is not periodic and windows are not possible: the record is too short, `merge` is requested,
+        or some of the records are Spectra.
     ValueError
-        No record; Spectra where samples are needed; a window of less than 4 samples; options that exclude
-        each other; a band upside down.
+        The sequence is empty; the options need samples and Spectra are given; the window has fewer than 4
+        samples; the options exclude each other; or the band is reversed.
     TypeError
-        Something else than records, as samples or a file's name; a band that is not two numbers.
+        An item is not a record, for example samples or a file name; or the band is not two numbers.
     """
     if window is not None and window < SHORTEST_WINDOW:
-        raise ValueError(f"a window has {SHORTEST_WINDOW} samples at least, not {window}")
-    asked = {"remove_periodic": remove_periodic, "lpm": lpm, "window": window, "merge": merge}
-    asked = [name for name, value in (asked | {"min_input": min_input > 0}).items() if value]
+        raise ValueError(f"a window has at least {SHORTEST_WINDOW} samples, not {window}")
+    options = {"remove_periodic": remove_periodic, "lpm": lpm, "window": window, "merge": merge}
+    options = [name for name, value in (options | {"min_input": min_input > 0}).items() if value]
     if reference is not None:
-        if asked:
-            raise ValueError(f"{asked[0]} is for open loops: in a closed one u answers y")
+        if options:
+            raise ValueError(f"{options[0]} cannot be used with a reference: it is for open loops only")
         from gsid.response.closed_loop import closed_loop_frf
 
         result = closed_loop_frf(records, reference, period=period, settle=settle, band=band)
-        _say_rejected(result)
+        _report_rejected(result)
         return result
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
     records = listed(records)
     has_samples = not any(isinstance(record, Spectra) for record in records)
     if not has_samples and (remove_periodic or lpm or window):
-        raise ValueError(f"{asked[0]} needs the samples: give records, not their spectra")
+        raise ValueError(f"{options[0]} needs the samples: give records, not their spectra")
     removed: list[Tone] = []
     if remove_periodic:
         records = [_without_tones(record, removed, period, settle) for record in records]
@@ -114,12 +114,12 @@ def frf(
         result = windowed_frf(records, window, settle=settle, band=band, min_input=min_input)
     else:
         result = _at_lines(parts, band, merge, min_input)
-    _say_rejected(result)
+    _report_rejected(result)
     return replace(result, removed=tuple(removed))
 
 
 def as_response(measured: Frf | Record | Spectra | Sequence[Record | Spectra]) -> Frf:
-    """A response as it is, and that of records with the defaults of :func:`frf`.
+    """Return a response unchanged, or estimate it from records with the defaults of :func:`frf`.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def as_response(measured: Frf | Record | Spectra | Sequence[Record | Spectra]) -
     Raises
     ------
     TypeError
-        Something else.
+        The argument is neither a response nor records.
     InputError, ValueError
         As :func:`frf`.
     """
@@ -143,12 +143,12 @@ def as_response(measured: Frf | Record | Spectra | Sequence[Record | Spectra]) -
     return measured
 
 
-def _say_rejected(result: Frf) -> None:
-    left_out = result.rejected_hz
-    if len(left_out):
-        few = ", ".join(f"{f:g}" for f in left_out[:8]) + ", ..." * (len(left_out) > 8)
+def _report_rejected(result: Frf) -> None:
+    f_hz = result.rejected_hz
+    if len(f_hz):
+        first = ", ".join(f"{f:g}" for f in f_hz[:8]) + ", ..." * (len(f_hz) > 8)
         why = "too weak" if result.n_realisations == 1 else "too weak, or not in every record"
-        _log.warning("lines left out, their input being %s: %d (%s Hz)", why, len(left_out), few)
+        _log.warning("lines left out because their input is %s: %d (%s Hz)", why, len(f_hz), first)
 
 
 def _parts(
@@ -159,7 +159,7 @@ def _parts(
     window: int | None,
     merge: bool,
 ) -> tuple[list[Realisation] | list[Unsettled], int | None]:
-    """Realisations to estimate from, or none and the windows to cut the records into."""
+    """Realisations to estimate from; or none, and the length of the windows to use instead."""
     if window is not None:
         return [], window
     if lpm:
@@ -169,7 +169,7 @@ def _parts(
     try:
         return realisations(records, period=period, settle=settle), None
     except NotPeriodicError:
-        # periods that are merged, or were transformed before, are not to become windows
+        # windows replace neither periods to merge nor spectra
         if merge or any(isinstance(record, Spectra) for record in records):
             raise
         from gsid.response.windows import default_window
@@ -186,7 +186,7 @@ def _at_lines(
     merge: bool,
     min_input: float,
 ) -> Frf:
-    """Estimate at the lines that every part excites with `min_input`; those left out are kept in mind."""
+    """Estimate at the lines that every part excites with `min_input`, and record the rejected lines."""
     line = common_lines(parts, band)
     each = [
         single_response(part, line) if isinstance(part, Realisation) else part.frf(line) for part in parts
@@ -194,23 +194,25 @@ def _at_lines(
     if min_input > 0:
         strong = np.min([np.abs(one.u) for one in each], axis=0) >= min_input
         if not strong.any():
-            most = max(np.abs(one.u).max() for one in each)
-            hint = f"the largest has {most:.4g}"
-            raise InputError("no line has that much input", each[0].name, f"{min_input:g}", hint)
+            largest = max(np.abs(one.u).max() for one in each)
+            hint = f"the largest is {largest:.4g}"
+            raise InputError(
+                "no line reaches the minimum input amplitude", each[0].name, f"{min_input:g}", hint
+            )
         line, each = line[strong], [one.at(strong) for one in each]
     rejected = parts[0].f_hz[rejected_lines(parts, line, band)]
-    average = merged if merge else _over_realisations
+    average = merged if merge else _mean_over_realisations
     return replace(each[0] if len(each) == 1 else average(each), rejected_hz=rejected)
 
 
 def _without_tones(record: Record, removed: list[Tone], period: int | None, settle: int | None) -> Record:
-    """The record less its periodic disturbances, which are said and added to `removed`."""
+    """The record without its periodic disturbances, which are logged and added to `removed`."""
     from gsid.spectrum.noise import without_tones
 
     cleaned, tones = without_tones(record, period=period, settle=settle)
     unit = f" {record.y_unit}" if record.y_unit else ""
-    taken = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in tones) or "nothing"
-    _log.info("%s: taken off as periodic disturbance: %s", record.name or "record", taken)
+    found = ", ".join(f"{tone.name} of {tone.amplitude:.3g}{unit}" for tone in tones) or "none"
+    _log.info("%s: periodic disturbances removed: %s", record.name or "record", found)
     removed += tones
     return cleaned
 
@@ -239,17 +241,17 @@ def single_response(part: Realisation, line: np.ndarray) -> Frf:
     )
 
 
-def _over_realisations(each: list[Frf]) -> Frf:
-    """Mean of the responses and of their levels (source, eq. 5.14)."""
+def _mean_over_realisations(each: list[Frf]) -> Frf:
+    """Mean of the responses and of their levels (thesis, eq. 5.14)."""
     first, m = each[0], len(each)
-    turn = [np.exp(-1j * np.angle(one.u)) for one in each]
+    phase_factor = [np.exp(-1j * np.angle(one.u)) for one in each]
     return Frf(
         line=first.line,
         f_hz=first.f_hz,
         g=sum(one.g for one in each) / m,
         var_g=sum(one.var_g for one in each) / m**2,
-        u=sum(one.u * t for one, t in zip(each, turn, strict=True)) / m,
-        y=sum(one.y * t for one, t in zip(each, turn, strict=True)) / m,
+        u=sum(one.u * factor for one, factor in zip(each, phase_factor, strict=True)) / m,
+        y=sum(one.y * factor for one, factor in zip(each, phase_factor, strict=True)) / m,
         var_u=sum(one.var_u for one in each) / m,
         var_y=sum(one.var_y for one in each) / m,
         cov_yu=sum(one.cov_yu for one in each) / m,

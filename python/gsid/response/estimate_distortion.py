@@ -1,4 +1,4 @@
-"""Estimate noise and nonlinear distortion, from records or as they come."""
+"""Estimate noise and nonlinear distortion from records, or sample by sample."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gsid.spectrum.spectra import Spectra
 
 
 class StreamingDistortion:
-    """The measurement as it runs beside a controller: the C core, in fixed memory.
+    """Streaming measurement that can run beside a controller: the C core, in fixed memory.
 
     Parameters
     ----------
@@ -28,11 +28,11 @@ class StreamingDistortion:
     line : (F,) int
         Excited lines, ascending, 1 <= line < N/2.
     free_line : (D,) int, optional
-        Lines left free, ascending, none of them excited.
+        Lines that are not excited, ascending.
     settle_samples : int
-        Thrown away at the start of every realisation.
+        Samples discarded at the start of each realisation.
     input_is_known : bool
-        Each realisation is given the lines of its input; else the input is measured.
+        Whether `start` is given the lines of the input. Otherwise the input is measured.
     precision : {"double", "single"}
         Build of the core.
 
@@ -93,18 +93,18 @@ class StreamingDistortion:
 
         Parameters
         ----------
-        u_known : (F,) complex, when the input is known
-            Its lines.
+        u_known : (F,) complex, if the input is known
+            Lines of the input.
 
         Raises
         ------
         ValueError
-            u_known is missing, not wanted, or of another length than line.
+            u_known is missing, given for a measured input, or of another length than line.
         GsidError
             A line is not finite.
         """
         if (u_known is None) == self.input_is_known:
-            raise ValueError("u_known goes with a known input, and only with that")
+            raise ValueError("u_known is required if the input is known, and not allowed otherwise")
         self._known = None
         if u_known is not None:
             if np.shape(u_known) != self.line.shape:
@@ -119,7 +119,7 @@ class StreamingDistortion:
         Parameters
         ----------
         u, y : (n,) array_like
-            Input and output at the same instants; a sample that is not finite counts as lost.
+            Input and output at the same instants. A sample that is not finite counts as lost.
         """
         for u_n, y_n in zip(np.atleast_1d(u).tolist(), np.atleast_1d(y).tolist(), strict=True):
             status = self._lib.gsid_distortion_step(self._d, u_n, y_n)
@@ -128,13 +128,13 @@ class StreamingDistortion:
             check(status, "taking a sample")
 
     def add_periods(self, Y: np.ndarray, U: np.ndarray | None = None) -> None:
-        """Take whole periods whose lines are known already.
+        """Add whole periods whose lines are already computed.
 
         Parameters
         ----------
         Y : (P, F + D) complex
             Lines of the output, the excited ones first.
-        U : (P, F + D) complex, when the input is measured
+        U : (P, F + D) complex, if the input is measured
 
         Raises
         ------
@@ -152,16 +152,16 @@ class StreamingDistortion:
         Raises
         ------
         GsidError
-            None is under way, it has fewer than 2 good periods, or an excited line has no input.
+            No realisation was started, it has fewer than 2 good periods, or an excited line has no input.
         """
-        g, u, n_spoiled = *self._under_way(), self._d.frf.n_spoiled
+        g, u, n_spoiled = *self._current(), self._d.frf.n_spoiled
         check(self._lib.gsid_distortion_finish(self._d), "ending a realisation")
         self.n_spoiled += n_spoiled
         self._power_u += np.abs(u) ** 2
         self._responses.append(g)
 
-    def _under_way(self) -> tuple[np.ndarray, np.ndarray]:
-        """Response and mean input lines of the realisation under way, (F,) each."""
+    def _current(self) -> tuple[np.ndarray, np.ndarray]:
+        """Response and mean input lines of the current realisation, (F,) each."""
         g, u = (np.zeros(len(self._all), self._cplx) for _ in range(2))
         out = self._ffi.new("gsid_frf_out *")
         out.g, out.u = self._pointer(g), self._pointer(u)
@@ -169,7 +169,7 @@ class StreamingDistortion:
         return g[: len(self.line)].astype(complex), u[: len(self.line)].astype(complex)
 
     def result(self) -> Distortion:
-        """Read the realisations finished so far.
+        """Return the result of the realisations finished so far.
 
         Returns
         -------
@@ -185,14 +185,14 @@ class StreamingDistortion:
         real = {name: np.full(n, np.nan, self._real) for name in ("var_noise", "var_total", "std_nonlinear")}
         real |= {name: np.empty(n_free, self._real) for name in ("level", "level_noise")}
         if self.n_realisations < 2:
-            asked = {
+            requested = {
                 name: array for name, array in real.items() if name not in ("var_total", "std_nonlinear")
             }
         else:
-            asked = real
+            requested = real
         out = self._ffi.new("gsid_distortion_out *")
         out.bla = self._pointer(bla)
-        for name, array in asked.items():
+        for name, array in requested.items():
             setattr(out, name, self._ffi.from_buffer("gsid_real[]", array))
         check(self._lib.gsid_distortion_result(self._d, out), "reading the distortion")
         spacing = self.fs_hz / self.period_samples
@@ -229,16 +229,17 @@ def distortion(
     settle: int | None = None,
     band: tuple[float, float] | None = None,
 ) -> Distortion:
-    """Split noise and nonlinear distortion.
+    """Estimate the best linear approximation, noise and nonlinear distortion.
 
     Parameters
     ----------
     records : Record or Spectra, or a sequence of them
-        One per realisation; of one input level.
+        One per realisation, all with the same input level.
     period, settle : int, optional
-        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+        Period and settling [samples]. Default: the values of each record, else found from its data. Not used
+        for Spectra.
     band : (lo, hi), optional
-        Only lines within [Hz].
+        Use only lines within this band [Hz].
 
     Returns
     -------
@@ -247,9 +248,9 @@ def distortion(
     Raises
     ------
     InputError
-        As `gsid.frf`; realisations of different levels.
+        As `gsid.frf`; or the realisations have different input levels.
     ValueError
-        No record.
+        The sequence is empty.
     """
     parts = realisations(records, period=period, settle=settle)
     first = parts[0]
@@ -280,10 +281,10 @@ def distortion(
 
 
 def _fast(d: Distortion) -> Distortion:
-    """With one realisation, the distortion at the excited lines from the odd lines left free beside them.
+    """With one realisation, estimate distortion at the excited lines from the neighbouring free odd lines.
 
-    Odd distortion is as large at a free odd line as it would be at an excited one beside it (DIS-3): the mean
-    power above noise of the nearest NEIGHBOURS of them is taken.
+    Odd distortion has the same level at a free odd line as at a neighbouring excited line (DIS-3). The
+    estimate is the mean power above noise of the nearest NEIGHBOURS free odd lines.
     """
     free = np.flatnonzero(d.odd & (d.free_line > d.line[0]) & (d.free_line < d.line[-1]))
     if d.n_realisations > 1 or not d.orders_apart or len(free) < NEIGHBOURS:
@@ -295,24 +296,24 @@ def _fast(d: Distortion) -> Distortion:
 
 
 def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
-    """Split noise and distortion of responses measured elsewhere, such as one entry of a matrix of responses.
+    """Separate noise and distortion of imported responses, such as one element of a matrix of responses.
 
     Parameters
     ----------
     f_hz : (F,) array_like
         Hz.
     g : (M, P, F) complex array_like
-        Response of each period of each realisation, P >= 2 (source, eq. 5.12).
+        Response of each period of each realisation, P >= 2 (thesis, eq. 5.12).
 
     Returns
     -------
     Distortion
-        With unit input; lines are numbered 1 .. F, and there are no free lines.
+        With unit input. Lines are numbered 1 .. F, and there are no free lines.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit.
+        The shapes do not match.
     """
     f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
     if g.ndim != 3 or f_hz.shape != g.shape[2:] or g.shape[1] < 2:
@@ -327,7 +328,7 @@ def from_responses(f_hz: np.ndarray, g: np.ndarray) -> Distortion:
 
 
 def _lines_of(parts: list[Realisation], band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Lines that every realisation excites, and lines that none does."""
+    """Lines excited in every realisation, and lines excited in none."""
     line, first = common_lines(parts, band), parts[0]
     some = np.logical_or.reduce([part.excited for part in parts])
     excited = np.flatnonzero(some)
@@ -344,12 +345,12 @@ def _orders(line: np.ndarray, free_line: np.ndarray) -> np.ndarray:
 
 
 def _require_one_level(parts: list[Realisation], line: np.ndarray) -> None:
-    """The best linear approximation is that of one level: another one has another."""
+    """Refuse different input levels: the best linear approximation depends on the level."""
     level = [float(np.sqrt(np.sum(np.abs(part.input(line).mean(axis=0)) ** 2))) for part in parts]
     for part, one in zip(parts[1:], level[1:], strict=True):
         if abs(one / level[0] - 1) > SAME_LEVEL:
             raise InputError(
-                "the records are of different input levels",
+                "the records have different input levels",
                 part.name,
                 f"{one / level[0]:.3g} times that of {parts[0].name or 'the first'}",
                 "compare levels with --other-level REC",

@@ -1,24 +1,27 @@
-"""Frequency response and its uncertainty from periodic records.
+"""Frequency response and its variance from periodic records.
 
-The mean over periods estimates the lines of input and output, their scatter the noise (source, eqs. 4.10 and
-4.11):
+The mean over periods estimates the lines of input and output; the scatter over periods estimates the noise
+(thesis, eqs. 4.10 and 4.11):
 
     G = mean(Y) / mean(U)
-    var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (source, eq. 7.29)
+    var G = |G|^2 [var_Y/|Y|^2 + var_U/|U|^2 - 2 Re(cov_YU / (Y conj U))] / P      (thesis, eq. 7.29)
 
-With M realisations, G is the mean of theirs and its variance 1/M^2 of the sum of theirs (source, eq. 5.14).
+With M realisations, G is the mean of the M responses. Its variance is the sum of their variances divided by
+M^2 (thesis, eq. 5.14).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.spectrum.realisation import require_same
 
 if TYPE_CHECKING:
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 
     from gsid.spectrum.tones import Tone
 
-SAME_INPUT = 0.1  # inputs of parts of one realisation differ by less, as a share
+SAME_INPUT = 0.1  # largest relative difference between the inputs of parts of one realisation
 
 
 @dataclass(repr=False)
@@ -39,14 +42,14 @@ class Frf(Plottable):
     line : (F,) int
     f_hz : (F,) [Hz]
     g : (F,) complex
-        mean(Y)/mean(U), unit y over u (source, eq. 4.10); the mean over realisations (eq. 5.14).
+        mean(Y)/mean(U), unit y over u (thesis, eq. 4.10); the mean over realisations (eq. 5.14).
     var_g : (F,)
-        Variance E|error|^2 of g (source, eqs. 7.29, 5.14).
+        Variance E|error|^2 of g (thesis, eqs. 7.29, 5.14).
     u, y : (F,) complex
-        Means over periods; with several realisations averaged after turning each by the phase of its u, so
+        Means over periods. With several realisations, the phases are taken relative to u before averaging, so
         that u is a mean amplitude.
     var_u, var_y, cov_yu : (F,)
-        Sample (co)variances of one period (source, eq. 4.11), averaged over realisations.
+        Sample (co)variances of one period (thesis, eq. 4.11), averaged over realisations.
     n_periods : int
         Good periods of all realisations.
     n_realisations, n_spoiled, settle_samples, period_samples : int
@@ -55,14 +58,14 @@ class Frf(Plottable):
         As in `gsid.Record`.
     u_unit, y_unit, name : str
     removed : tuple of Tone
-        Periodic disturbances that were taken off the output first.
+        Periodic disturbances that were subtracted from the output first.
     n_dof : float
-        Degrees of freedom of the variances, counted in complex numbers; default `n_periods - n_realisations`;
-        infinite: they are known.
+        Complex degrees of freedom of the variances. Default `n_periods - n_realisations`; infinite if the
+        variances are known.
     rejected_hz : (R,) [Hz]
-        Lines with an input that were left out: too weak, lost in its noise, or not in every record.
+        Lines of the input that are not used: too weak, below the noise, or not in every record.
     method : {"periods", "lpm", "windows"}
-        From what the variances come: the scatter over periods, the local polynomial method, or windows over a
+        Method that estimated the variances: scatter over periods, local polynomial method, or windows over a
         record that is not periodic.
     """
 
@@ -96,17 +99,19 @@ class Frf(Plottable):
 
     @property
     def coherence(self) -> np.ndarray:
-        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (source, eq. 5.3).
+        """Coherence of input and output over periods or windows, (F,), 0 .. 1 (thesis, eq. 5.3).
 
-        Distortion repeats with the period, and so lowers it only where the excitation does not repeat.
+        Distortion is the same in all periods, and lowers the coherence only if the excitation is not
+        periodic. NaN if the output is exactly zero: it has neither signal nor noise.
         """
-        rest = self.var_y + np.abs(self.g) ** 2 * self.var_u - 2 * np.real(self.cov_yu * self.g.conj())
-        gain = np.abs(self.g * self.u) ** 2
-        share = 1 - 1 / (self.n_dof + 1)  # of the scatter about the mean, which the data themselves have
-        return gain / (gain + share * np.maximum(rest, 0))
+        noise = error_variance(self.var_u, self.var_y, self.cov_yu, self.g)
+        power = np.abs(self.g * self.u) ** 2
+        share = 1 - 1 / (self.n_dof + 1)  # mean square about the sample mean over the variance
+        total = power + share * noise
+        return np.divide(power, total, out=np.full_like(total, np.nan), where=total > 0)
 
     def at(self, use: np.ndarray) -> Frf:
-        """The response at some of its lines only: use, (F,) bool."""
+        """Select lines of the response: use, (F,) bool."""
         per_line = {
             name: value[use]
             for name, value in vars(self).items()
@@ -124,17 +129,17 @@ class Frf(Plottable):
     def from_arrays(
         cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray | None = None, *, fs_hz: float = float("nan")
     ) -> Frf:
-        """Take a response measured elsewhere.
+        """Import a measured response.
 
         Parameters
         ----------
         f_hz : (F,) array_like
-            Hz; need not be on a grid.
+            Frequencies [Hz]; they need not lie on a grid.
         g : (F,) complex array_like
         var_g : (F,) array_like, optional
-            Variance of g, taken as known exactly; default: not known, NaN.
+            Variance of g, assumed to be exact. Default: unknown, NaN.
         fs_hz : float, optional
-            Sample rate [Hz], for models in z and held inputs.
+            Sample rate [Hz], for models in z and inputs with a zero-order hold.
 
         Returns
         -------
@@ -144,7 +149,7 @@ class Frf(Plottable):
         Raises
         ------
         ValueError
-            Unequal lengths, a frequency below 0 or a response that is no finite number.
+            The lengths differ, a frequency is negative, or a value is not finite.
         """
         f_hz, g = np.asarray(f_hz, float), np.asarray(g, complex)
         variance = np.full(len(g), np.nan) if var_g is None else np.asarray(var_g, float)
@@ -153,7 +158,7 @@ class Frf(Plottable):
         sound = np.isfinite(g) & np.isfinite(f_hz) & (f_hz >= 0)
         if not sound.all():
             bad = int(np.flatnonzero(~sound)[0])
-            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: leave it out")
+            raise ValueError(f"line {bad} of the response is {g[bad]} at {f_hz[bad]} Hz: remove it")
         zero = np.zeros(len(g))
         return cls(
             line=np.arange(1, len(g) + 1),
@@ -176,14 +181,14 @@ class Frf(Plottable):
 
     @classmethod
     def from_control(cls, frd: control.FRD, *, var_g: np.ndarray | None = None) -> Frf:
-        """Take a single-input single-output `control.FRD`.
+        """Import a single-input single-output `control.FRD`.
 
         Parameters
         ----------
         frd : control.FRD
             Frequencies in rad/s.
         var_g : (F,) array_like, optional
-            Variance of the response, which an FRD does not carry; default: not known, NaN.
+            Variance of the response, which an FRD does not contain. Default: unknown, NaN.
 
         Returns
         -------
@@ -193,7 +198,7 @@ class Frf(Plottable):
         Raises
         ------
         ValueError
-            More than one input or output, or var_g of another length.
+            The FRD has several inputs or outputs, or var_g has another length.
         """
         response = np.asarray(frd(1j * frd.omega, squeeze=False))
         if response.shape[:2] != (1, 1):
@@ -203,7 +208,7 @@ class Frf(Plottable):
 
     @classmethod
     def from_pandas(cls, frame: pandas.DataFrame, *, fs_hz: float = float("nan")) -> Frf:
-        """Take a frame with columns f_hz, g_re, g_im and, where it is known, std_g.
+        """Import a frame with columns f_hz, g_re, g_im and, if known, std_g.
 
         Parameters
         ----------
@@ -237,7 +242,7 @@ class Frf(Plottable):
         )
 
     def _summary(self) -> dict[str, str]:
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a dead output
+        with np.errstate(divide="ignore", invalid="ignore"):  # if the output is zero
             error = np.sqrt(self.var_g) / np.abs(self.g)
         gain_unit = f" {self.y_unit or '1'}/{self.u_unit or '1'}" if self.y_unit or self.u_unit else ""
         peak = int(np.argmax(np.abs(self.g)))
@@ -257,31 +262,77 @@ class Frf(Plottable):
         return f"Frf {self.name or 'unnamed'}\n{rows}"
 
     def _repr_html_(self) -> str:
-        from html import escape
+        return Table((), list(self._summary().items()), title=f"Frf {self.name or 'unnamed'}").html()
 
-        summary = self._summary().items()
-        rows = "".join(f"<tr><th>{key}</th><td>{escape(value)}</td></tr>" for key, value in summary)
-        return f"<table><caption>Frf {escape(self.name or 'unnamed')}</caption>{rows}</table>"
+
+_COMPLEX = ("g", "y", "u", "cov_yu")
+_REAL = ("var_g", "var_y", "var_u")
 
 
 def response_of(
     u: np.ndarray, y: np.ndarray, var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, n_periods: int
 ) -> dict[str, np.ndarray]:
-    """Eq: FRF-2"""
-    g = y / u
-    # eq. 7.29 times |G|^2, so that no Y stands in a denominator: an antiresonance may measure 0
-    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())) / np.abs(u) ** 2
-    var_g = np.maximum(variance, 0) / n_periods
-    return {"g": g, "var_g": var_g, "u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+    """Response and its variance from means, variances and covariance over periods.  Eq: FRF-2
+
+    Parameters
+    ----------
+    u, y : (F,) complex ndarray
+        Means.
+    var_u, var_y : (F,) ndarray
+    cov_yu : (F,) complex ndarray
+        Of one period.
+    n_periods : int
+        In the means.
+
+    Returns
+    -------
+    dict of (F,) ndarrays
+        g, var_g and the arrays given, by the names of `Frf`.
+    """
+    means = {"u": u, "y": y, "var_u": var_u, "var_y": var_y, "cov_yu": cov_yu}
+    out, arrays = _to_c(means | {"g": np.empty(len(u), complex), "var_g": np.empty(len(u))})
+    check(lib.gsid_batch_frf_divide(len(u), n_periods, out), "frequency response")
+    return arrays
+
+
+def error_variance(var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Variance of Y - g U of one period.  Eq: FRF-2
+
+    Parameters
+    ----------
+    var_u, var_y : (F,) ndarray
+    cov_yu : (F,) complex ndarray
+        Of one period.
+    g : (F,) complex ndarray
+        Any response, such as that of a model.
+
+    Returns
+    -------
+    (F,) ndarray, not negative.
+    """
+    out, _arrays = _to_c({"var_u": var_u, "var_y": var_y, "cov_yu": cov_yu})
+    g, variance = np.ascontiguousarray(g, complex), np.empty(len(g))
+    pointers = ffi.from_buffer("gsid_cplx[]", g), ffi.from_buffer("double[]", variance)
+    check(lib.gsid_batch_frf_error_variance(len(g), out, *pointers), "variance of the error")
+    return variance
+
+
+def _to_c(arrays: Mapping[str, np.ndarray]) -> tuple[Any, dict[str, np.ndarray]]:
+    """Lines of a response for the C library, and the copies of the arrays that it points to."""
+    out, kept = ffi.new("gsid_frf_out *"), {}
+    for name, values in arrays.items():
+        kept[name] = np.array(values, complex if name in _COMPLEX else float)
+        setattr(out, name, ffi.from_buffer("gsid_cplx[]" if name in _COMPLEX else "double[]", kept[name]))
+    return out, kept
 
 
 def merged(each: Sequence[Frf]) -> Frf:
-    """Put parts of one realisation together, as if they had been measured one after the other (FRF-4).
+    """Merge parts of one realisation, as if they had been measured consecutively (FRF-4).
 
     Parameters
     ----------
     each : sequence of Frf
-        By periods, at the same lines.
+        Estimated from periods, at the same lines.
 
     Returns
     -------
@@ -290,14 +341,14 @@ def merged(each: Sequence[Frf]) -> Frf:
     Raises
     ------
     InputError
-        Their inputs differ by more than a tenth, or their periods, sample rates, holds or units differ.
+        Their inputs differ by more than 10 %, or their periods, sample rates, holds or units differ.
     ValueError
-        No part, other lines, or a response that was not estimated by periods.
+        The sequence is empty, the lines differ, or a response was not estimated from periods.
     """
     if not each or any(
         one.method != "periods" or one.n_realisations != 1 or np.isinf(one.n_dof) for one in each
     ):
-        raise ValueError("only responses of one realisation each, by periods, are merged")
+        raise ValueError("each response to merge must be of one realisation and estimated from periods")
     whole = each[0]
     for part in each[1:]:
         require_same(whole, part)
@@ -309,24 +360,16 @@ def merged(each: Sequence[Frf]) -> Frf:
 
 def _merged_pair(a: Frf, b: Frf) -> Frf:
     if np.sum(np.abs(a.u - b.u) ** 2) > SAME_INPUT**2 * np.sum(np.abs(a.u) ** 2):
-        hint = (
-            "leave --merge out: realisations are averaged; parts of one begin at the same point of the period"
-        )
+        hint = "omit --merge to average realisations; parts of one begin at the same point of the period"
         raise InputError("the inputs of the parts differ", b.name, None, hint)
+    parts = [_to_c({name: getattr(part, name) for name in (*_COMPLEX, *_REAL)}) for part in (a, b)]
+    (whole, arrays), (other, _kept) = parts
     n_a, n_b = a.n_periods, b.n_periods
-    n = n_a + n_b
-    du, dy, weight = b.u - a.u, b.y - a.y, n_a * n_b / n
-
-    def covariance_of(of_a: np.ndarray, of_b: np.ndarray, product: np.ndarray) -> np.ndarray:
-        return ((n_a - 1) * of_a + (n_b - 1) * of_b + weight * product) / (n - 1)
-
-    var_u = covariance_of(a.var_u, b.var_u, np.abs(du) ** 2)
-    var_y = covariance_of(a.var_y, b.var_y, np.abs(dy) ** 2)
-    cov_yu = covariance_of(a.cov_yu, b.cov_yu, dy * du.conj())
+    check(lib.gsid_batch_frf_merge(len(a.line), n_a, whole, n_b, other), "merging two responses")
     return replace(
         a,
-        **response_of(a.u + du * (n_b / n), a.y + dy * (n_b / n), var_u, var_y, cov_yu, n),
-        n_periods=n,
+        **arrays,
+        n_periods=n_a + n_b,
         n_spoiled=a.n_spoiled + b.n_spoiled,
         n_dof=None,
         removed=a.removed + b.removed,
@@ -336,7 +379,7 @@ def _merged_pair(a: Frf, b: Frf) -> Frf:
 
 
 def check_response(frf: object) -> None:
-    """Refuse (TypeError) what is no measured response."""
+    """Refuse an argument that is not a measured response (TypeError)."""
     if not all(hasattr(frf, name) for name in ("f_hz", "g", "var_g", "cov_yu")):
-        hint = "fit_mimo takes a matrix of them" if hasattr(frf, "f_hz") else "frf(record) measures it"
-        raise TypeError(f"a response is needed, an Frf, got {type(frf).__name__}; {hint}")
+        hint = "fit_mimo takes a matrix of responses" if hasattr(frf, "f_hz") else "frf(record) estimates it"
+        raise TypeError(f"expected an Frf, got {type(frf).__name__}; {hint}")

@@ -1,8 +1,8 @@
-"""The local polynomial method: no waiting for the transient, and a noise level from one period or two.
+"""Local polynomial method: removes the transient, and estimates the noise from one or two periods.
 
-Over a few lines the response G, and what the record's ends leak into its transform T (the transient above
-all), are smooth functions of the frequency: polynomials of low order over a common pole are fitted to them
-around each line, and what they leave is noise (LPM-1, LPM-2).
+Over a few lines, the response G and the leakage T, which is mainly the transient, are smooth functions of the
+frequency. Around each line, low-order polynomials with a common denominator are fitted to them. The residual
+is noise (LPM-1, LPM-2).
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ import numpy as np
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
 from gsid.records.periods import find_period, require_period
-from gsid.records.record import Record
-from gsid.response.frf import Frf
-from gsid.spectrum.excited import excited_lines, large_lines, say_slip
+from gsid.records.record import Record, check_range
+from gsid.response.frf import Frf, response_of
+from gsid.spectrum.excited import excited_lines, large_lines, warn_of_slip
 from gsid.spectrum.lines import period_lines
 from gsid.spectrum.realisation import require_same
 
 ORDER = 2  # of the polynomials
-N_DOF = 9  # of the noise's variance at each line
-ROUNDING = 1e-10  # of the largest line: what is smaller comes from rounding
-WELL_POSED = 1e-8  # smallest diagonal of R over the largest: below, G and T cannot be told apart
+N_DOF = 9  # degrees of freedom of the noise variance at each line
+ROUNDING = 1e-10  # of the largest line: smaller values come from rounding
+WELL_POSED = 1e-8  # smallest diagonal of R over the largest: below, G and T cannot be separated
 
 
 @dataclass(repr=False)
 class Unsettled:
-    """One realisation, transformed as a whole with the transient in it.
+    """One realisation, transformed as a whole, including the transient.
 
     Attributes
     ----------
-    U, Y : (K P / 2 + 1,) complex
-        Lines of all P periods as one, of which every P-th is one of the period's.
+    U, Y : (N P / 2 + 1,) complex
+        Lines of all P periods together. Every P-th is a line of the period.
     excited : (N/2 + 1,) bool
-        Lines of the period.
+        Excited lines of the period.
     n_periods, settle_samples, period_samples : int
     fs_hz : float
     hold, u_unit, y_unit, name : str
@@ -70,24 +70,25 @@ class Unsettled:
         Returns
         -------
         Frf
-            Its variances have 9 degrees of freedom, some of which neighbouring lines share.
+            The variances have 9 degrees of freedom, which are partly shared between neighbouring lines.
 
         Raises
         ------
         InputError
-            Neighbouring lines of one period are too alike to tell response and transient apart.
+            Neighbouring lines of one period are too similar to separate response and transient.
         """
         estimate = _between_lines if self.n_periods > 1 else _with_neighbours
         try:
             values = estimate(self.U, self.Y, line, self.n_periods)
         except np.linalg.LinAlgError as error:
-            what = "neighbouring lines of the input are too alike to tell response and transient apart"
+            what = "neighbouring lines of the input are too similar to separate response and transient"
             raise InputError(what, self.name, None, "use random phases, or two periods") from error
         n_period, settle = self.period_samples, self.settle_samples
-        turn = np.exp(-2j * np.pi * (line * (settle % n_period) % n_period) / n_period)  # to the first sample
-        values["u"], values["y"] = values["u"] * turn, values["y"] * turn
+        # phases relative to the first sample, (co)variances of one period
+        phase_factor = np.exp(-2j * np.pi * (line * (settle % n_period) % n_period) / n_period)
+        values["u"], values["y"] = values["u"] * phase_factor, values["y"] * phase_factor
         for name in ("var_u", "var_y", "cov_yu"):
-            values[name] = values[name] * self.n_periods  # of one period
+            values[name] = values[name] * self.n_periods
         return Frf(
             line=line,
             f_hz=self.f_hz[line],
@@ -115,9 +116,10 @@ def unsettled(
     Parameters
     ----------
     records : sequence of Record
-        One per realisation, of one period or more, from rest or not.
+        One per realisation, with at least one period. They need not start from rest.
     period, settle : int, optional
-        Samples; default: what each record states, else the period that u has, and nothing thrown away.
+        Period and settling [samples]. Default: the values of each record, else the period found from u and no
+        settling.
 
     Returns
     -------
@@ -126,10 +128,10 @@ def unsettled(
     Raises
     ------
     InputError
-        A lost sample, less than one period, a period not known, too few lines; realisations of unequal
-        period, sample rate, hold or units.
+        A sample is lost, there is less than one period, the period is not found, or there are too few lines;
+        or the realisations differ in period, sample rate, hold or units.
     ValueError
-        No record.
+        The sequence is empty.
     """
     if not records:
         raise ValueError("no record of any realisation")
@@ -140,6 +142,7 @@ def unsettled(
 
 
 def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsettled:
+    check_range(record)
     settle = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     period = record.period_samples if period is None else whole_samples("period", period)
     if period is None:
@@ -156,17 +159,17 @@ def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsett
             "the local polynomial method needs every sample",
             f"{record.name} sample {settle + lost[0]}",
         )
-        raise InputError(what, where, "lost", "throw away what is before it (--settle), or leave --lpm out")
+        raise InputError(what, where, "lost", "discard the samples up to it (--settle), or omit --lpm")
     bins = np.arange(n_periods * period // 2 + 1, dtype=np.uint32)
     if len(bins) < 4 * N_DOF:
         raise InputError("too few lines for the local polynomial method", record.name, size, "measure longer")
     U, Y = (period_lines(x[part][None], bins, 0)[0] for x in (record.u, record.y))
     rows = record.u[part].reshape(n_periods, period)
     lines = period_lines(rows, bins[: period // 2 + 1], 0)
-    say_slip(record.name, lines, period)
+    warn_of_slip(record.name, lines, period)
     excited = excited_lines(lines, period)
     if not excited.any():
-        what = "u has no line that stands out of its own noise"
+        what = "u has no line above its noise"
         raise InputError(what, record.name, size, "excite the axis more, or give the right --period")
     return Unsettled(
         U,
@@ -184,42 +187,32 @@ def _unsettled(record: Record, period: int | None, settle: int | None) -> Unsett
 
 
 def _between_lines(U: np.ndarray, Y: np.ndarray, line: np.ndarray, n_periods: int) -> dict[str, np.ndarray]:
-    """Two periods or more: between the lines of the period there is transient and noise only (LPM-2)."""
+    """Two periods or more: between the lines of the period are only transient and noise (LPM-2)."""
     free = np.arange(1, len(U))
     free = free[free % n_periods != 0]
-    powers, beside = _powers(line * n_periods, free, ORDER + 2 + N_DOF)
-    transient, leverage, rest_y = _local_fit(powers.astype(complex), powers, Y[beside])
-    u, y, rest_u = U[line * n_periods], Y[line * n_periods] - transient[:, 0], np.zeros_like(rest_y)
-    if np.abs(U[beside]).max() > ROUNDING * np.abs(u).max():  # else u repeats from the start
-        transient, _, rest_u = _local_fit(powers.astype(complex), powers, U[beside])
+    powers, neighbours = _powers(line * n_periods, free, ORDER + 2 + N_DOF)
+    transient, leverage, residual_y = _local_fit(powers.astype(complex), powers, Y[neighbours])
+    u, y, residual_u = U[line * n_periods], Y[line * n_periods] - transient[:, 0], np.zeros_like(residual_y)
+    if np.abs(U[neighbours]).max() > ROUNDING * np.abs(u).max():  # otherwise u is periodic from the start
+        transient, _, residual_u = _local_fit(powers.astype(complex), powers, U[neighbours])
         u = u - transient[:, 0]
-    g = y / u
     var_y, var_u, cov_yu = (
         np.einsum("kr,kr->k", a, b.conj()) / N_DOF
-        for a, b in ((rest_y, rest_y), (rest_u, rest_u), (rest_y, rest_u))
+        for a, b in ((residual_y, residual_y), (residual_u, residual_u), (residual_y, residual_u))
     )
-    # eq. 7.29, with the error of the transient at the line
-    variance = (var_y + np.abs(g) ** 2 * var_u - 2 * np.real(cov_yu * g.conj())).real / np.abs(u) ** 2
-    return {
-        "g": g,
-        "var_g": np.maximum(variance, 0) * (1 + leverage),
-        "u": u,
-        "y": y,
-        "var_u": var_u.real,
-        "var_y": var_y.real,
-        "cov_yu": cov_yu,
-    }
+    found = response_of(u, y, var_u.real, var_y.real, cov_yu, 1)
+    return found | {"var_g": found["var_g"] * (1 + leverage)}  # with the error of the transient at the line
 
 
 def _with_neighbours(
     U: np.ndarray, Y: np.ndarray, line: np.ndarray, _n_periods: int
 ) -> dict[str, np.ndarray]:
-    """One period: response and transient from the lines beside, excited or not (LPM-1)."""
-    powers, beside = _powers(line, np.arange(1, len(U) - 1), 2 * ORDER + 3 + N_DOF)
-    size = np.abs(U[line])  # so that all columns are of one size
-    columns = np.concatenate([powers * (U[beside] / size[:, None])[:, :, None], powers], axis=2)
-    fitted, leverage, rest = _local_fit(columns, powers, Y[beside])
-    var_y = np.sum(np.abs(rest) ** 2, axis=1) / N_DOF
+    """One period: response and transient from the neighbouring lines, excited or not (LPM-1)."""
+    powers, neighbours = _powers(line, np.arange(1, len(U) - 1), 2 * ORDER + 3 + N_DOF)
+    size = np.abs(U[line])  # scales the columns to similar size
+    columns = np.concatenate([powers * (U[neighbours] / size[:, None])[:, :, None], powers], axis=2)
+    fitted, leverage, residual = _local_fit(columns, powers, Y[neighbours])
+    var_y = np.sum(np.abs(residual) ** 2, axis=1) / N_DOF
     return {
         "g": fitted[:, 0] / size,
         "var_g": var_y * leverage / size**2,
@@ -234,28 +227,28 @@ def _with_neighbours(
 def _powers(at: np.ndarray, usable: np.ndarray, n_rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Powers 0 .. ORDER of the scaled distance of the usable lines nearest to each `at`, and those lines."""
     first = np.clip(np.searchsorted(usable, at) - n_rows // 2, 0, len(usable) - n_rows)
-    beside = usable[first[:, None] + np.arange(n_rows)]
-    distance = beside - at[:, None]
+    neighbours = usable[first[:, None] + np.arange(n_rows)]
+    distance = neighbours - at[:, None]
     scaled = distance / np.abs(distance).max(axis=1, keepdims=True)
-    return scaled[:, :, None] ** np.arange(ORDER + 1), beside
+    return scaled[:, :, None] ** np.arange(ORDER + 1), neighbours
 
 
 def _local_fit(
     columns: np.ndarray, powers: np.ndarray, X: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit X (1 + d x) = columns times coefficients, around each line; at the line itself x = 0.
+    """Fit X (1 + d x) = columns times coefficients around each line; x is 0 at the line itself.
 
-    The pole lets the fit follow a resonance that is only a few lines wide. Returns the coefficients (F, C),
-    the variance of the first over that of the noise (F,), and what is left (F, R).
+    With the pole, the fit can follow a resonance that is only a few lines wide. Returns the coefficients (F,
+    C), the variance of the first coefficient over that of the noise (F,), and the residuals (F, R).
     """
     size = np.abs(X).max(axis=1, keepdims=True)
     with_pole = -powers[:, :, 1] * X / np.maximum(size, np.finfo(float).tiny)
     q, r = np.linalg.qr(np.concatenate([columns, with_pole[:, :, None]], axis=2))
     diagonal = np.abs(np.diagonal(r, axis1=1, axis2=2))[:, : columns.shape[2]]
     if np.any(diagonal.min(axis=1) < WELL_POSED * diagonal.max(axis=1)):
-        raise np.linalg.LinAlgError("columns too alike")
+        raise np.linalg.LinAlgError("columns too similar")
     projected = np.einsum("krc,kr->kc", q.conj(), X)
-    rest = X - np.einsum("krc,kc->kr", q, projected)
+    residual = X - np.einsum("krc,kc->kr", q, projected)
     inverse = np.linalg.inv(r)
     fitted = np.einsum("kcd,kd->kc", inverse, projected)
-    return fitted[:, :-1], np.sum(np.abs(inverse[:, 0]) ** 2, axis=1), rest
+    return fitted[:, :-1], np.sum(np.abs(inverse[:, 0]) ** 2, axis=1), residual

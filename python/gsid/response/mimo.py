@@ -1,13 +1,13 @@
-"""Records of several inputs and outputs, and the matrix of frequency responses that they measure.
+"""Matrix of frequency responses from records of several inputs and outputs.
 
-One experiment excites all inputs at once; n_u experiments or more, with other phases or signs in each, tell
-the inputs apart (orthogonal multisines do it best).  With the means over periods of all experiments beside
-each other, Y = G U + N at each line (MIM-4):
+Each experiment excites all inputs at once. At least n_u experiments with different phases or signs are needed
+to separate the inputs; orthogonal multisines are best. With the means over periods of all experiments as
+columns, Y = G U + N at each line (MIM-4):
 
     G = Y W U^H Q,    Q = (U W U^H)^-1,    W = diag(periods of each experiment)
     cov(G_ij, G_i'j') = C_ii' conj(Q_jj')
 
-C is the covariance of one period's output error Y - G U, which contains the error of the inputs too.
+C is the covariance of the output error Y - G U of one period, which includes the error of the inputs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gsid.spectrum.excited import excited_lines
 from gsid.spectrum.lines import period_lines
 
 CONDITION_MAX = 100.0
-"""Of the inputs' lines over the experiments: beyond it they are not told apart."""
+"""Largest condition number of the matrix of inputs over experiments at a line."""
 
 
 @dataclass(repr=False)
@@ -38,16 +38,16 @@ class MimoFrf:
     f_hz : (F,) [Hz]
     g : (F, n_y, n_u) complex
     cov_y : (F, n_y, n_y) complex
-        Covariance of one period's output errors (variance: E|error|^2).
+        Covariance of the output errors of one period (variance: E|error|^2).
     spread : (F, n_u, n_u) complex
-        Q, what the inputs' lines make of it.
+        Q, which scales `cov_y` to the covariance of g.
     dof : float
-        Degrees of freedom of `cov_y`; infinite when it is known.
+        Degrees of freedom of `cov_y`; infinite if it is known.
     source : {"periods", "experiments", "known"}
-        Where `cov_y` comes from: the scatter over periods is noise alone; the scatter over experiments, where
-        there are more of them than inputs, contains nonlinear distortion too.
+        Source of `cov_y`: the scatter over periods, which is noise only, or the scatter over experiments,
+        which includes nonlinear distortion and needs more experiments than inputs.
     n_experiments, n_periods : int
-        n_periods of all experiments together.
+        n_periods counts the periods of all experiments together.
     fs_hz : float
     period_samples : int
     inputs, outputs, u_units, y_units : list of str
@@ -91,15 +91,15 @@ class MimoFrf:
     def from_arrays(
         cls, f_hz: np.ndarray, g: np.ndarray, var_g: np.ndarray, *, fs_hz: float = float("nan")
     ) -> MimoFrf:
-        """Take a matrix of responses measured elsewhere, whose errors are independent from output to output.
+        """Import a measured matrix of responses, with independent errors of the outputs.
 
         Parameters
         ----------
         f_hz : (F,) array_like
-            Hz.
+            Frequencies [Hz].
         g : (F, n_y, n_u) complex array_like
         var_g : (F, n_y) array_like
-            Variance of the responses of each output, known exactly and the same for all inputs.
+            Variance of the responses of each output, assumed to be exact and the same for all inputs.
         fs_hz : float, optional
             Sample rate [Hz], for models in z.
 
@@ -110,7 +110,7 @@ class MimoFrf:
         Raises
         ------
         ValueError
-            Unequal shapes.
+            The shapes do not match.
         """
         f_hz, g, var_g = np.asarray(f_hz, float), np.asarray(g, complex), np.asarray(var_g, float)
         if g.ndim != 3 or f_hz.shape != g.shape[:1] or var_g.shape != g.shape[:2]:
@@ -135,7 +135,7 @@ class MimoFrf:
         )
 
     def in_band(self, band: tuple[float, float] | None) -> MimoFrf:
-        """The lines in a band (lo, hi) [Hz], ends included; all of them for None."""
+        """Select the lines in a band (lo, hi) [Hz], limits included; None selects all lines."""
         use = in_band(self.f_hz, band)
         names = ("line", "f_hz", "g", "cov_y", "spread")
         return replace(self, **{name: getattr(self, name)[use] for name in names})
@@ -151,28 +151,28 @@ class MimoFrf:
 
 
 def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None = None) -> MimoFrf:
-    """Matrix of frequency responses of as many experiments as there are inputs, or more.
+    """Estimate a matrix of frequency responses. At least as many experiments as inputs are needed.
 
     Parameters
     ----------
     records : sequence of MimoRecord
         One per experiment.
     band : (lo, hi), optional
-        Only lines within [Hz].
+        Use only lines within this band [Hz].
 
     Returns
     -------
     MimoFrf
-        MIM-4. With more experiments than inputs its covariance is the scatter over experiments, which
-        contains nonlinear distortion, else the scatter over periods.
+        MIM-4. With more experiments than inputs, the covariance is estimated from the scatter over
+        experiments, which includes nonlinear distortion, otherwise from the scatter over periods.
 
     Raises
     ------
     InputError
-        Too few experiments, experiments that differ in rate, period or channels, inputs that are not told
-        apart at a line of the band, or as `gsid.spectra`.
+        There are too few experiments; the experiments differ in rate, period or channels; or the inputs
+        cannot be separated at a line of the band; or as `gsid.spectra`.
     ValueError
-        No line in the band.
+        The band contains no line.
     """
     records = [records] if isinstance(records, MimoRecord) else list(records)
     if not records:
@@ -180,7 +180,7 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     first = records[0]
     n_u, n_e = len(first.inputs), len(records)
     if n_e < n_u:
-        hint = "measure at least as many experiments as inputs, with other signs or phases in each"
+        hint = "measure at least as many experiments as inputs, with different signs or phases in each"
         raise InputError("fewer experiments than inputs", first.name, f"{n_e} for {n_u} inputs", hint)
     parts = [channel_lines(record) for record in records]
     _require_same(records, [n_period for _, _, n_period in parts])
@@ -195,7 +195,7 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     us, ys = ([part[i][..., chosen] for part in parts] for i in (0, 1))  # each (P, channels, F)
     mean_u, mean_y = (np.stack([x.mean(axis=0) for x in xs], axis=-1).swapaxes(0, 1) for xs in (us, ys))
     weight = np.array([len(u) for u in us], dtype=float)
-    _require_told_apart(mean_u, f_hz[chosen], first.name)
+    _require_separable(mean_u, f_hz[chosen], first.name)
     spread = np.linalg.inv((mean_u * weight) @ _adjoint(mean_u))
     g = (mean_y * weight) @ _adjoint(mean_u) @ spread
     error_of_mean = mean_y - g @ mean_u
@@ -224,7 +224,7 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
 
 
 def channel_lines(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
-    """Lines of inputs and outputs, (P, channels, K) each, and the period."""
+    """Compute the lines of inputs and outputs, (P, channels, K) each, and the period."""
     first = _periods(record)
     line = np.arange(first.period_samples // 2 + 1, dtype=np.uint32)
 
@@ -237,26 +237,26 @@ def channel_lines(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _periods(record: MimoRecord) -> Periods:
-    """Cut where all channels have settled; the period is that of the busiest input: others may rest."""
-    busiest = record.pair(int(np.argmax(record.u.std(axis=0))), 0)
+    """Periods after all channels have settled. The largest input gives the period; others may be zero."""
+    largest = record.pair(int(np.argmax(record.u.std(axis=0))), 0)
     if record.settle_samples is not None:
-        return split_periods(busiest)
+        return split_periods(largest)
     period = record.period_samples
     if period is None:
-        period = find_period(busiest.u, valid=busiest.valid, name=busiest.name)
+        period = find_period(largest.u, valid=largest.valid, name=largest.name)
     settle = max(find_settling(pair, period) for pair in record.pairs())
-    return split_periods(busiest, period=period, settle=settle)
+    return split_periods(largest, period=period, settle=settle)
 
 
 def _excited(parts: list, n_period: int) -> np.ndarray:
-    """Lines that each input excites in one experiment at least."""
+    """Lines that each input excites in at least one experiment."""
     n_u = parts[0][0].shape[1]
     by_input = [[excited_lines(u[:, i], n_period) for u, _, _ in parts] for i in range(n_u)]
     return np.logical_and.reduce([np.logical_or.reduce(each) for each in by_input])
 
 
 def any_excited(part: tuple, n_period: int) -> np.ndarray:
-    """Lines that one input at least excites in this experiment."""
+    """Lines that at least one input excites in this experiment."""
     u = part[0]
     return np.logical_or.reduce([excited_lines(u[:, i], n_period) for i in range(u.shape[1])])
 
@@ -273,16 +273,16 @@ def _require_same(records: list[MimoRecord], periods: list[int]) -> None:
             raise InputError("the experiments differ in their period", record.name, period)
 
 
-def _require_told_apart(u: np.ndarray, f_hz: np.ndarray, name: str) -> None:
+def _require_separable(u: np.ndarray, f_hz: np.ndarray, name: str) -> None:
     size = np.linalg.norm(u, axis=-1, keepdims=True)
     condition = np.linalg.cond(u / size)
     worst = int(np.argmax(condition))
     if not condition[worst] < CONDITION_MAX:
         raise InputError(
-            f"the inputs are not told apart at {f_hz[worst]:g} Hz",
+            f"the inputs cannot be separated at {f_hz[worst]:g} Hz",
             name,
-            f"condition {condition[worst]:.3g} of their lines over the experiments",
-            "give each experiment other phases or signs, for example orthogonal multisines",
+            f"condition number {condition[worst]:.3g} of the inputs over the experiments",
+            "use different phases or signs in each experiment, for example orthogonal multisines",
         )
 
 

@@ -1,4 +1,4 @@
-"""The measurement of a frequency response as it runs beside a controller, in the C core."""
+"""Streaming measurement of a frequency response in the C core, as it runs beside a controller."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from gsid._lib import check, ffi, ffi32, lib, lib32
 from gsid.response.frf import Frf
 
-FEW_LINES = 10  # summing them at every sample is as quick as transforming
-"""Up to so many lines `StreamingFrf` sums at every sample by itself."""
+FEW_LINES = 10
+"""Largest number of lines for which `StreamingFrf` chooses "direct": it is then as fast as a transform."""
 
 
 class StreamingFrf:
-    """The measurement as it runs beside a controller: the C core, sample by sample, in fixed memory.
+    """Streaming measurement that can run beside a controller: the C core, sample by sample, in fixed memory.
 
     Parameters
     ----------
@@ -23,15 +23,16 @@ class StreamingFrf:
     line : (F,) int
         1 <= line < N/2.
     settle_samples : int
-        Thrown away first.
+        Samples discarded at the start.
     u_known : (F,) complex, optional
-        Lines of the input when it is known exactly; default: the input is measured.
+        Lines of the input if it is known exactly. Default: the input is measured.
     precision : {"double", "single"}
         Build of the core.
     engine : {"auto", "direct", "spread"}
-        How the lines of a period are made: summed at every sample, or by a transform spread over the samples
-        of the next period (N even, N/2 without prime factors above 7). They agree to rounding. "auto" takes
-        the transform where it is possible and there are more than `FEW_LINES` lines.
+        Method that computes the lines of a period. "direct" updates a sum at every sample. "spread" computes
+        a transform spread over the samples of the next period (N even, N/2 without prime factors above 7).
+        The results agree within rounding. "auto" chooses the transform if it is possible and there are more
+        than `FEW_LINES` lines.
 
     Raises
     ------
@@ -90,7 +91,7 @@ class StreamingFrf:
 
     @property
     def n_spoiled(self) -> int:
-        """Periods left out because samples of them were lost."""
+        """Periods omitted because they have lost samples."""
         return self._frf.n_spoiled
 
     def step(self, u: np.ndarray, y: np.ndarray, valid: np.ndarray | None = None) -> int:
@@ -99,9 +100,9 @@ class StreamingFrf:
         Parameters
         ----------
         u, y : (n,) array_like
-            Input and output at the same instants, finite where valid; u is not looked at when it is known.
+            Input and output at the same instants, finite where valid. u is not used if the input is known.
         valid : (n,) bool, optional
-            False: the sample was lost, and its period is left out.
+            False: the sample was lost, and its period is omitted.
 
         Returns
         -------
@@ -111,25 +112,24 @@ class StreamingFrf:
         Raises
         ------
         ValueError
-            Unequal lengths.
+            The lengths differ.
         GsidError
-            A sample is not finite: none of the block was taken.
+            A sample is not finite. No sample of the block was used.
         """
         u = np.atleast_1d(np.ascontiguousarray(u, np.float64))
         y = np.atleast_1d(np.ascontiguousarray(y, np.float64))
         good = None if valid is None else np.atleast_1d(np.ascontiguousarray(valid, bool)).view(np.uint8)
         if u.shape != y.shape or (good is not None and good.shape != u.shape):
             shapes = [x.shape for x in (u, y, good) if x is not None]
-            raise ValueError(f"u, y and valid must be of one length, not {shapes}")
+            raise ValueError(f"u, y and valid must have the same length, not {shapes}")
         if self._lib is lib:
             flags = ffi.NULL if good is None else ffi.from_buffer("uint8_t[]", good)
             block = ffi.from_buffer("double[]", u), ffi.from_buffer("double[]", y)
             check(lib.gsid_batch_frf_step(self._frf, len(u), *block, flags), "taking a block of samples")
         else:
             self._step_single(u, y, good)
-        check(
-            self._lib.gsid_frf_finish(self._frf), "adding the last period"
-        )  # there is no tick to keep short
+        # at once, because there is no control tick to keep short
+        check(self._lib.gsid_frf_finish(self._frf), "adding the last period")
         return self.n_periods
 
     def _step_single(self, u: np.ndarray, y: np.ndarray, good: np.ndarray | None) -> None:
@@ -151,7 +151,7 @@ class StreamingFrf:
         Parameters
         ----------
         other : StreamingFrf
-            Of the same lines, period, precision and kind of input; any engine. It stays as it is.
+            With the same lines, period, precision and kind of input; any engine. It is not changed.
 
         Returns
         -------
@@ -161,9 +161,9 @@ class StreamingFrf:
         Raises
         ------
         ValueError
-            Another precision.
+            The precisions differ.
         GsidError
-            Not the same lines or input.
+            The lines or the kinds of input differ.
         """
         if other._lib is not self._lib:
             raise ValueError("the measurements differ in precision")
@@ -171,7 +171,7 @@ class StreamingFrf:
         return self.n_periods
 
     def result(self) -> Frf:
-        """Read the measurement so far.
+        """Return the result so far.
 
         Returns
         -------

@@ -1,12 +1,12 @@
-"""The older tests for nonlinearity (source, 5.2): two amplitudes side by side, the harmonics of a sine.
+"""Classical tests for nonlinearity (thesis, 5.2): superposition at two amplitudes, and harmonics of a sine.
 
-On a linear axis the responses at two levels are one, and their difference is noise. The variance of this
-noise at a line is the sum of two variances. Both are estimates, and their ratio is unknown, since the noise
-may depend on the level. The test therefore takes one ratio for all lines, and averages over the values that
-the records allow. Given the ratio, both estimates are pooled, each line's statistic is exactly F(2, 2 nu)
-with the degrees of freedom of both, and the lines combine as in `gsid.compare` (DIS-6). Where the records
-show that the ratio differs from line to line, each line has a law that holds as a bound for any ratio: the
-p-value is then too large rather than too small.
+On a linear axis the responses at two levels are equal, and their difference is noise. The variance of this
+noise at a line is the sum of two variances. Both are estimates. Their ratio is unknown, since the noise may
+depend on the level. The test therefore assumes one ratio for all lines, and averages over the values that are
+consistent with the records. Given the ratio, both estimates are pooled. The statistic of each line is then
+exactly F(2, 2 nu) with the degrees of freedom of both, and the lines are combined as in `gsid.compare`
+(DIS-6). If the records show that the ratio differs between lines, a bound that holds for any ratio is used at
+each line. The p-value is then an upper bound.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from scipy.stats import beta, chi2, gamma, norm
 from gsid.base.cached import cached_property
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
+from gsid.spectrum.line_test import exponential_score
 
 if TYPE_CHECKING:
     from gsid.response.distortion import Distortion
 
 SUPERPOSITION_ALARM = 0.01
-# Level of the test for one ratio of noise at all lines. A rejection by chance only costs power. Ratios that
-# scatter too little to be rejected change the level little: those above and below the mean ratio cancel.
+# Level of the test for one noise ratio at all lines. A false rejection only reduces the power. If the ratios
+# scatter too little for a rejection, they change the level little: those above and below the mean cancel.
 RATIO_ALARM = 0.01
-RATIO_NODES = np.linspace(-5, 5, 41)  # of a normal variable, for the integral over the ratio
-ROUNDING = 1e-13  # of a response: records without noise have no smaller scatter
+RATIO_NODES = np.linspace(-5, 5, 41)  # nodes of a normal variable, for the integral over the ratio
+ROUNDING = 1e-13  # of a response: smallest scatter, which records without noise have
 
 
 @dataclass(repr=False)
 class Superposition(Plottable):
-    """Responses at two input levels: on a linear axis they are one (source, eq. 5.2).
+    """Comparison of responses at two input levels, which are equal on a linear axis (thesis, eq. 5.2).
 
     Attributes
     ----------
@@ -50,16 +51,16 @@ class Superposition(Plottable):
     change_db, change_deg : (F,)
         Change of gain and phase.
     std : (F,)
-        Standard deviation of `change`; with several realisations their scatter counts too.
+        Standard deviation of `change`. With several realisations it includes their scatter.
     n_dof : int
         Complex degrees of freedom of `std`.
     p_value : float
         Probability of changes this large on a linear axis, all lines together (DIS-6).
     noise_ratio : float
-        Variance of the output's noise at the second level over that at the first, from all lines; with
-        several realisations that of their scatter.
+        Variance of the output noise at the second level over that at the first, from all lines. With several
+        realisations, the ratio of their scatter.
     one_noise_ratio : bool
-        Whether the records agree with one ratio at all lines. If not, `p_value` is an upper bound.
+        Whether the records are consistent with one ratio at all lines. If not, `p_value` is an upper bound.
     first, second : Distortion
     """
 
@@ -79,7 +80,7 @@ class Superposition(Plottable):
 
     @property
     def sentence(self) -> str:
-        """What the two levels say, in words."""
+        """Summary of the comparison in one sentence."""
         ratio = f"At {self.level_ratio:.3g} times the input"
         p = f"p {'=' if self.one_noise_ratio else '<='} {self.p_value:.2g}"
         if self.p_value > SUPERPOSITION_ALARM:
@@ -87,7 +88,8 @@ class Superposition(Plottable):
         worst = int(np.argmax(np.abs(self.change) / self.std))
         return (
             f"{ratio} the response changes ({p}): by {self.change_db[worst]:+.2f} dB and "
-            f"{self.change_deg[worst]:+.1f} deg at {self.f_hz[worst]:.3g} Hz, where it is clearest."
+            f"{self.change_deg[worst]:+.1f} deg at {self.f_hz[worst]:.3g} Hz, where the change is most "
+            "significant."
         )
 
     def __repr__(self) -> str:
@@ -100,7 +102,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
     Parameters
     ----------
     first, second : Distortion
-        Of one axis, at different levels.
+        Measurements of one axis at different levels.
 
     Returns
     -------
@@ -109,7 +111,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
     Raises
     ------
     InputError
-        No common line, or a record whose output has neither response nor noise.
+        There is no common line, or the output of a record has neither response nor noise.
     """
     if (first.fs_hz, first.period_samples) != (second.fs_hz, second.period_samples):
         what = "the two levels were measured with different periods or rates"
@@ -119,7 +121,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
         raise InputError("no line is excited at both levels", second.name, None, "excite the same lines")
     level_ratio = float(np.sqrt(np.sum(second.u[b] ** 2) / np.sum(first.u[a] ** 2)))
     change = second.bla[b] - first.bla[a]
-    turn = second.bla[b] / first.bla[a]
+    ratio = second.bla[b] / first.bla[a]
     scatter = _Scatter(
         variance=np.array([_variance(first)[a], _variance(second)[b]]),
         nu=np.array([_degrees(first), _degrees(second)]),
@@ -127,7 +129,7 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
     )
     for d, variance in zip((first, second), scatter.variance, strict=True):
         if not np.all(variance > 0):
-            hint = "measure an output that answers to the input"
+            hint = "measure an output that responds to the input"
             raise InputError("the output is constant: there is nothing to compare", d.name, None, hint)
     judged = _judged(np.abs(change) ** 2, scatter)
     return Superposition(
@@ -135,8 +137,8 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
         f_hz=first.f_hz[a],
         level_ratio=level_ratio,
         change=change,
-        change_db=20 * np.log10(np.abs(turn)),
-        change_deg=np.degrees(np.angle(turn)),
+        change_db=20 * np.log10(np.abs(ratio)),
+        change_deg=np.degrees(np.angle(ratio)),
         **judged,
         first=first,
         second=second,
@@ -144,10 +146,10 @@ def superposition(first: Distortion, second: Distortion) -> Superposition:
 
 
 def _variance(d: Distortion) -> np.ndarray:
-    """Variance of the mean response: of the scatter over realisations where there are several.
+    """Variance of the mean response, from the scatter over realisations if there are several.
 
-    On a linear axis the scatter over periods would do, with more degrees of freedom. But distortion differs
-    from realisation to realisation, and that is no change of the response with the level.
+    On a linear axis the scatter over periods would suffice, with more degrees of freedom. But distortion
+    differs between realisations, and this difference is not a change of the response with the level.
     """
     variance = d.var_total if d.n_realisations > 1 else d.var_noise
     return np.maximum(variance, (ROUNDING * np.abs(d.bla)) ** 2)
@@ -161,7 +163,8 @@ def _degrees(d: Distortion) -> int:
 class _Scatter:
     """Variances of two responses: `variance` (2, F) with `nu` (2,) complex degrees of freedom.
 
-    Noise of the same size in both outputs makes the second variance `expected` (F,) times the first.
+    If the noise of both outputs has the same variance, the second variance is `expected` (F,) times the
+    first.
     """
 
     variance: np.ndarray
@@ -170,7 +173,7 @@ class _Scatter:
 
     @cached_property
     def log_odds(self) -> np.ndarray:
-        """Logarithm of the second sum of squares over the first, as for equal noise, (F,)."""
+        """Logarithm of the second sum of squares over the first, scaled to equal noise, (F,)."""
         first, second = self.nu[:, None] * self.variance
         return np.log(second / (first * self.expected))
 
@@ -179,20 +182,20 @@ class _Scatter:
         return expit(self.log_odds - log_ratio)
 
     def log_ratio(self, mean_share: float) -> float:
-        """The ratio for which the shares have this mean."""
+        """Logarithm of the noise ratio for which the shares have this mean."""
         odds = self.log_odds
         low, high = odds.min() - 40, odds.max() + 40
         return brentq(lambda x: np.mean(expit(odds - x)) - mean_share, low, high, xtol=1e-6)
 
     def pooled(self, log_ratio: float) -> np.ndarray:
-        """Variance of the difference, for this ratio, with the degrees of freedom of both, (F,)."""
+        """Variance of the difference for this ratio, with the degrees of freedom of both, (F,)."""
         scale = self.expected * np.exp(log_ratio)
         sums = self.nu[:, None] * self.variance
         return (sums[0] + sums[1] / scale) / self.nu.sum() * (1 + scale)
 
 
 def _judged(power: np.ndarray, scatter: _Scatter) -> dict[str, np.ndarray | float | bool]:
-    """What `Superposition` says of differences of this squared size (F,)."""
+    """Results of `Superposition` for differences with these squared magnitudes (F,)."""
     nu1, nu2 = scatter.nu
     nu = nu1 + nu2
     log_ratio = scatter.log_ratio(nu2 / nu)
@@ -201,7 +204,7 @@ def _judged(power: np.ndarray, scatter: _Scatter) -> dict[str, np.ndarray | floa
         variance, n_dof = scatter.pooled(log_ratio), nu
         p_value = _p_value_over_ratios(power, scatter)
     else:
-        # (1 + t w/nu1)^-nu1 (1 + t (1 - w)/nu2)^-nu2 <= (1 + t/n_dof)^-n_dof for every share w of the first
+        # (1 + t w/nu1)^-nu1 (1 + t (1 - w)/nu2)^-nu2 <= (1 + t/n_dof)^-n_dof for all shares w of the first
         variance, n_dof = scatter.variance.sum(axis=0), min(nu1, nu2)
         p_value = _combined(power / variance, n_dof)
     return {
@@ -214,11 +217,11 @@ def _judged(power: np.ndarray, scatter: _Scatter) -> dict[str, np.ndarray | floa
 
 
 def _p_value_over_ratios(power: np.ndarray, scatter: _Scatter) -> float:
-    """P-value of all lines, averaged over the ratios of noise that the records allow.
+    """P-value of all lines, averaged over the noise ratios that are consistent with the records.
 
-    The mean share of the true ratio has a known law that does not depend on the pooled variances (Basu's
-    theorem), so that each of its quantiles gives a ratio. A beta of the same mean and variance is that law
-    for one line, and close to it for more.
+    At the true ratio, the mean share has a known distribution that does not depend on the pooled variances
+    (Basu's theorem). Each of its quantiles therefore gives a ratio. A beta distribution with the same mean
+    and variance is exact for one line and a good approximation for more.
     """
     nu1, nu2 = scatter.nu
     nu = nu1 + nu2
@@ -229,15 +232,15 @@ def _p_value_over_ratios(power: np.ndarray, scatter: _Scatter) -> float:
 
 
 def _combined(t: np.ndarray, nu: int) -> float:
-    """P-value of statistics t (F,), each F(2, 2 nu), together (CMP-1)."""
-    return float(chi2.sf(2 * np.sum(nu * np.log1p(t / nu)), 2 * len(t)))
+    """Combined p-value of the statistics t (F,), each F(2, 2 nu) (CMP-1)."""
+    return float(chi2.sf(2 * np.sum(exponential_score(t, nu)), 2 * len(t)))
 
 
 def _p_value_of_one_ratio(scatter: _Scatter, log_ratio: float) -> float:
-    """Probability that the shares scatter this much when the noise changed by one ratio at all lines.
+    """Probability of a scatter of the shares this large if the noise ratio is the same at all lines.
 
-    The sum of their squared deviations is taken as a gamma variable of the same mean and variance; the
-    estimated ratio takes one of the F degrees of freedom.
+    The sum of their squared deviations is approximated by a gamma variable with the same mean and variance.
+    The estimated ratio uses one of the F degrees of freedom.
     """
     n, law = len(scatter.expected), beta(scatter.nu[1], scatter.nu[0])
     if n < 2:
@@ -250,14 +253,14 @@ def _p_value_of_one_ratio(scatter: _Scatter, log_ratio: float) -> float:
 
 @dataclass(frozen=True)
 class Harmonic:
-    """A multiple of the frequency of a sine, in the output.
+    """A harmonic of a sine in the output.
 
     Attributes
     ----------
     order : int
     f_hz : float
     level, noise : float
-        Amplitude, and the standard deviation that noise alone leaves of it, unit of y.
+        Amplitude, and its standard deviation due to noise, unit of y.
     below_fundamental_db, above_noise_db : float
     """
 
@@ -270,17 +273,17 @@ class Harmonic:
 
 
 def harmonics(d: Distortion) -> list[Harmonic]:
-    """List the harmonics of a record whose input is one sine (source, section 5.2).
+    """List the harmonics of a record whose input is one sine (thesis, section 5.2).
 
     Parameters
     ----------
     d : Distortion
-        With one excited line.
+        Measurement with one excited line.
 
     Returns
     -------
     list of Harmonic
-        From order 2 on.
+        From order 2.
 
     Raises
     ------
@@ -288,7 +291,7 @@ def harmonics(d: Distortion) -> list[Harmonic]:
         More than one line is excited.
     """
     if len(d.line) != 1:
-        raise ValueError(f"{len(d.line)} lines are excited: harmonics belong to one sine")
+        raise ValueError(f"{len(d.line)} lines are excited: harmonics need one sine")
     fundamental = float(np.abs(d.bla[0]) * d.u[0])
     found = []
     for i in np.flatnonzero(d.free_order >= 2):

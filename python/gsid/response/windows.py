@@ -1,7 +1,8 @@
-"""The response to an excitation that does not repeat: windows over the record, the H1 estimate, coherence.
+"""Response to an excitation that is not periodic: H1 estimate and coherence from windows over the record.
 
-What a window cuts off leaks into its transform, and windowing makes that smaller, not zero: the estimate is
-biased where the response changes within a few lines. A periodic excitation has no such error.
+The signal is cut off at the ends of each window, which causes leakage. A Hann window reduces the leakage but
+does not remove it. The estimate is biased where the response changes within a few lines. A periodic
+excitation does not have this error.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from gsid.base.bands import within
 from gsid.base.errors import InputError
-from gsid.records.record import Record
+from gsid.records.record import Record, check_range
 from gsid.response.frf import Frf
 from gsid.spectrum.excited import SHARE_OF_LARGEST
 from gsid.spectrum.noise import CORRELATION, hann_windows
@@ -21,13 +22,13 @@ from gsid.spectrum.realisation import require_same
 
 _log = logging.getLogger(__name__)
 
-FEWEST_WINDOWS = 8  # that do not overlap, of a record whose window is not given
-SHORTEST = 64  # samples of such a window
-FIRST_LINE = 2  # lines below hold the mean of the window
+FEWEST_WINDOWS = 8  # number of windows without overlap that gives the default length
+SHORTEST = 64  # samples: shortest default window
+FIRST_LINE = 2  # lower lines contain the mean of the window
 
 
 def default_window(records: Sequence[Record]) -> int | None:
-    """Largest power of two of which the shortest record holds 8; None where that is less than 64 samples."""
+    """Largest power of two that fits 8 times into the shortest record; None if it is less than 64 samples."""
     most = min(len(record) for record in records) // FEWEST_WINDOWS
     return 1 << (most.bit_length() - 1) if most >= SHORTEST else None
 
@@ -40,31 +41,32 @@ def windowed_frf(
     band: tuple[float, float] | None = None,
     min_input: float = 0.0,
 ) -> Frf:
-    """Estimate the response by Hann windows that overlap by half (WIN-1), and say what that costs.
+    """Estimate the response with Hann windows that overlap by half (WIN-1), and warn of the bias.
 
     Parameters
     ----------
     records : sequence of Record
-        Their windows are averaged together.
+        The average is over the windows of all records.
     window : int
-        Samples of a window.
+        Length of a window [samples].
     settle : int, optional
-        Samples thrown away first; default: what each record states, else none.
+        Samples discarded at the start. Default: the value of each record, else none.
     band : (lo, hi), optional
-        Only lines within [Hz].
+        Use only lines within this band [Hz].
     min_input : float
-        Lines whose input amplitude is smaller are left out, unit of u.
+        Omit lines whose input amplitude is smaller, unit of u.
 
     Returns
     -------
     Frf
-        `n_periods` counts the windows; u is an rms amplitude without a phase; lines whose input is below 1 %
-        of the largest are left out (`rejected_hz`).
+        `n_periods` counts the windows. u is an rms amplitude without a phase. Lines whose input is below 1 %
+        of the largest are omitted (`rejected_hz`).
 
     Raises
     ------
     InputError
-        Fewer than 3 windows, no line in the band, records of unequal sample rate, hold or units.
+        There are fewer than 3 windows or no line in the band, or the records differ in sample rate, hold or
+        units.
     """
     first = records[0]
     parts = [_Sums(record, window, settle) for record in records]
@@ -74,21 +76,22 @@ def windowed_frf(
     n_effective = sum(part.n_effective for part in parts)
     if n_windows < 3:
         size = f"{n_windows} windows of {window} samples"
-        raise InputError("too few windows to tell noise by", first.name, size, "shorten them (--window)")
+        hint = "shorten them (--window)"
+        raise InputError("too few windows to estimate the noise", first.name, size, hint)
     uu, yy, yu = (sum(getattr(part, name) for part in parts) / n_windows for name in ("uu", "yy", "yu"))
     line = np.arange(len(uu))
     f_hz = line * (first.fs_hz / window)
-    looked_at = (line >= FIRST_LINE) & (2 * line < window) & within(f_hz, band)
+    candidate = (line >= FIRST_LINE) & (2 * line < window) & within(f_hz, band)
     amplitude = np.sqrt(uu)
-    use = looked_at & (amplitude > SHARE_OF_LARGEST * amplitude[FIRST_LINE:].max()) & (amplitude >= min_input)
+    use = candidate & (amplitude > SHARE_OF_LARGEST * amplitude[FIRST_LINE:].max()) & (amplitude >= min_input)
     if not use.any():
         raise InputError("no line is excited", first.name, None, "widen the band, or excite the axis more")
     g = yu[use] / uu[use]
-    # of one window; one degree of freedom went into g
-    rest = np.maximum(yy[use] - np.abs(g) ** 2 * uu[use], 0) * n_effective / (n_effective - 1)
+    # variance of one window; estimating g uses one degree of freedom
+    var_y = np.maximum(yy[use] - np.abs(g) ** 2 * uu[use], 0) * n_effective / (n_effective - 1)
     _log.warning(
-        "%s: not by periods but by %d Hann windows of %d samples (H1): leakage biases the response where it "
-        "changes within %.3g Hz; a periodic excitation (gsid design) has no such error",
+        "%s: averaging over %d Hann windows of %d samples (H1) instead of periods: leakage biases the "
+        "response where it changes within %.3g Hz; use a periodic excitation (gsid design) to avoid this",
         first.name or "record",
         n_windows,
         window,
@@ -98,11 +101,11 @@ def windowed_frf(
         line=line[use],
         f_hz=f_hz[use],
         g=g,
-        var_g=rest / uu[use] / n_effective,
+        var_g=var_y / uu[use] / n_effective,
         u=amplitude[use].astype(complex),
         y=g * amplitude[use],
         var_u=np.zeros(len(g)),
-        var_y=rest,
+        var_y=var_y,
         cov_yu=np.zeros(len(g), complex),
         n_periods=n_windows,
         n_realisations=len(records),
@@ -116,12 +119,12 @@ def windowed_frf(
         name=", ".join(record.name for record in records if record.name),
         n_dof=n_effective - 1,
         method="windows",
-        rejected_hz=f_hz[looked_at & ~use],
+        rejected_hz=f_hz[candidate & ~use],
     )
 
 
 class _Sums:
-    """Powers of one record's windows, scaled as the squared amplitudes of sines.
+    """Sums of powers over the windows of one record, scaled as squared amplitudes of sines.
 
     Attributes
     ----------
@@ -129,12 +132,13 @@ class _Sums:
     yu : (K,) complex
         Sums over the windows.
     n_windows, n_spoiled, settle_samples : int
-        Good ones, those with a lost sample, and what was thrown away before the first.
+        Good windows, windows with a lost sample, and samples discarded before the first window.
     n_effective : float
-        How many independent ones they are worth.
+        Equivalent number of independent windows.
     """
 
     def __init__(self, record: Record, window: int, settle: int | None) -> None:
+        check_range(record)
         self.settle_samples = (record.settle_samples or 0) if settle is None else settle
         part = slice(self.settle_samples, None)
         U, Y = (hann_windows(x[part], record.valid[part], window) for x in (record.u, record.y))

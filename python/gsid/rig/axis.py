@@ -10,7 +10,7 @@ from gsid._lib import check, ffi, lib
 from gsid.base.errors import InputError, close
 from gsid.effects.types import catalogue, find
 
-#: Effects that the axis has laws of its own for, and can hide: their parameters, and the names in the axis.
+#: Effects that the axis implements itself: their parameters, and the names of these in the axis.
 HIDDEN = {
     effect.id: {p.name: p.axis_field for p in effect.parameters}
     for effect in catalogue().values()
@@ -27,14 +27,14 @@ def parameter_types() -> dict[str, type]:
 
 
 def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of the axis that put an effect of the catalogue into it.
+    """Parameters of the axis that give it an effect of the catalogue.
 
     Parameters
     ----------
     effect : str
-        Of `HIDDEN`.
+        One of `HIDDEN`.
     params : dict of float
-        By the catalogue's names and in its units; those not given are typical ones.
+        Names and units are those of the catalogue; the default of each is its typical value.
 
     Returns
     -------
@@ -48,10 +48,10 @@ def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, flo
     known = find(effect)
     if effect not in HIDDEN:
         raise InputError(
-            "the simulated axis has no law of its own for this effect",
+            "the simulated axis does not have this effect",
             "",
             effect,
-            f"it has one for {', '.join(HIDDEN)}",
+            f"it has {', '.join(HIDDEN)}",
         )
     for name in params:
         if name not in known.names:
@@ -61,12 +61,12 @@ def hidden_parameters(effect: str, params: Mapping[str, float]) -> dict[str, flo
 
 
 class SimulatedAxis:
-    """Simulated axis: by default the inner azimuth axis of the thesis, or one with other parameters.
+    """Simulated axis. The defaults are those of the inner azimuth axis of the thesis.
 
     Parameters
     ----------
     **parameters
-        Fields of gsid_axis_cfg; include/gsid/host/axis.h has units and ranges. The others keep defaults.
+        Fields of gsid_axis_cfg; include/gsid/host/axis.h states units and ranges.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class SimulatedAxis:
         types = parameter_types()
         for name, value in parameters.items():
             if name not in types:
-                raise ValueError(f"no axis parameter {name}; there are: {', '.join(types)}")
+                raise ValueError(f"no axis parameter {name}; the axis has {', '.join(types)}")
             setattr(cfg, name, types[name](value))
         self.parameters: dict[str, float] = {name: getattr(cfg, name) for name in types}
         handle = ffi.new("gsid_axis **")
@@ -107,7 +107,7 @@ class SimulatedAxis:
         Parameters
         ----------
         n : int
-            Number of the run. Each one has noise of its own.
+            Number of the run. Each run has different noise.
         """
         (seed,) = np.random.SeedSequence([int(self.parameters["seed"]), n]).generate_state(1, np.uint64)
         return type(self)(**{**self.parameters, "seed": int(seed)})
@@ -123,7 +123,7 @@ class SimulatedAxis:
         Returns
         -------
         u_applied : (n,) float64
-            Command as clipped and rounded.
+            Command, clipped and rounded.
         y : (n,) float64
             Gyro [deg/s], sampled at the instant from which the command of the same tick is applied.
         angle_deg : (n,) float64
@@ -132,7 +132,7 @@ class SimulatedAxis:
         Raises
         ------
         GsidError
-            A command is not finite; nothing was advanced.
+            A command is not finite; the axis did not advance.
         """
         u = np.ascontiguousarray(u, dtype=np.float64)
         out = np.empty((3, len(u)))
@@ -141,7 +141,7 @@ class SimulatedAxis:
         return out[0], out[1], out[2]
 
     def truth(self) -> dict:
-        """Parameters, and the transfer function from command to gyro of what is linear in the axis.
+        """Parameters of the axis, and the transfer function of its linear part from command to gyro.
 
         Returns
         -------

@@ -29,7 +29,7 @@ def frames(kind: int, tick=0, a=0.0, b=0.0, flags=0) -> np.ndarray:
     kind : int
         COMMAND, SAMPLE, HELLO, STOP or RESULT.
     tick : (n,) array_like of int, or int
-        Tick that the frame is about, modulo 2^32; of HELLO the session's id.
+        Tick to which the frame refers, modulo 2^32; for HELLO the id of the session.
     a, b : (n,) array_like, or float
         Values, unit of the command or of the output.
     flags : (n,) array_like of int, or int
@@ -51,7 +51,7 @@ def hello_frame(session: int, a: float = 0.0, b: float = 0.0) -> np.ndarray:
     session : int
         1 .. SESSION_MAX.
     a, b : float
-        In an axis's answer: ticks per second [Hz], and commands it can queue.
+        In the reply of an axis: ticks per second [Hz], and number of commands it can queue.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def encode(block: np.ndarray, session: int) -> bytes:
     ----------
     block : (n,) ndarray of FRAME
     session : int
-        Id of the session, from which the check starts.
+        Id of the session, the start value of the checksum.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def encode(block: np.ndarray, session: int) -> bytes:
     Raises
     ------
     ValueError
-        A frame is of no known kind.
+        A frame has an unknown kind.
     """
     out = bytearray(len(block) * lib.GSID_LINK_FRAME_MAX)
     source, target, size = ffi.from_buffer("gsid_frame[]", block), ffi.from_buffer("uint8_t[]", out), 0
@@ -90,7 +90,7 @@ def encode(block: np.ndarray, session: int) -> bytes:
 
 
 class Receiver:
-    """Find the frames in a stream of bytes: HELLO always, others of one session.
+    """Find the frames in a stream of bytes: every HELLO, and the other frames of one session.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Receiver:
     Attributes
     ----------
     n_frames, n_damaged, n_garbage : int
-        Good frames, frames whose check failed (those of other sessions too), bytes thrown away.
+        Good frames; frames with a wrong checksum, which includes those of other sessions; discarded bytes.
     """
 
     def __init__(self, session: int = 0, follows_hello: bool = False) -> None:

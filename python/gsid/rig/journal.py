@@ -29,9 +29,12 @@ SAMPLE = np.dtype([("u", "<f4"), ("y", "<f4"), ("valid", "u1")])
 DESCRIPTION_MAX = 1 << 20  # bytes
 BLOCK_MAX = 1024  # samples
 SAMPLES_MAX = 1 << 31
-LOST_MAX = 64, 1 << 22  # samples that a journal may lack: this number for each byte, plus a constant number
+LOST_MAX = (
+    64,
+    1 << 22,
+)  # most samples that may be missing: a number for each byte of the file, plus a constant
 SYNC_S = 1.0  # between two syncs
-CLOSE_S = 10.0  # for a disk that does not answer
+CLOSE_S = 10.0  # longest wait for a disk that does not respond
 
 
 @dataclass
@@ -44,10 +47,10 @@ class RunDescription:
         Sample rate [Hz].
     period_samples, settle_samples : int
     capacity : int
-        Samples that the run takes at most.
+        Largest number of samples of the run.
     u_unit, y_unit : str
     name : str
-        Of the port.
+        Name of the port.
     meta : dict of str
     """
 
@@ -68,7 +71,7 @@ class RunDescription:
         u, y : (n,) float64
         valid : (n,) bool
         meta : dict of str
-            Beside that of the description.
+            Added to that of the description.
 
         Returns
         -------
@@ -105,8 +108,8 @@ class JournalError(InputError):
 class Journal:
     """Append samples to a new file in a separate thread, so that a slow disk never delays the line.
 
-    A sample is safe from the end of this process as soon as it is written, and from the end of the computer's
-    power when it is synced: once a second.
+    A written sample survives the end of this process. It survives a power failure once it is synced, which
+    happens once a second.
 
     Parameters
     ----------
@@ -117,9 +120,9 @@ class Journal:
     Raises
     ------
     InputError
-        There is a journal of that name.
+        A journal of that name exists.
     JournalError
-        The file cannot be made.
+        The file cannot be created.
     """
 
     def __init__(self, path: str | os.PathLike, run: RunDescription) -> None:
@@ -134,7 +137,7 @@ class Journal:
             self._file = os.open(self.path, flags, 0o666)
         except FileExistsError:
             raise InputError(
-                "there is a journal of an earlier run",
+                "a journal of an earlier run exists",
                 str(self.path),
                 None,
                 f"`gsid run --recover {self.path} -o REC` makes a record of it; then remove it",
@@ -225,7 +228,7 @@ class Journal:
             "the journal cannot be written",
             str(self.path),
             error.strerror or str(error),
-            "what is in memory is not safe without it: free some space, or name another folder with -o",
+            "without it a crash would lose the samples: free some space, or name another folder with -o",
         )
 
 
@@ -240,7 +243,7 @@ def _block(first: int, samples: bytes, n: int) -> bytes:
 
 
 def _sync_folder(folder: Path) -> None:
-    with contextlib.suppress(OSError):  # some systems cannot
+    with contextlib.suppress(OSError):  # not supported by some systems
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -256,9 +259,9 @@ class Recovered:
     ----------
     record : Record
     n_torn : int
-        Bytes at the end that are no whole block: the run was cut off while it wrote them.
+        Bytes of an incomplete block at the end: the run was interrupted while it wrote them.
     n_damaged : int
-        Bytes before the last good block that are none.
+        Bytes of damaged blocks before the last good block.
     """
 
     record: Record
@@ -281,7 +284,7 @@ def recover(path: str | os.PathLike) -> Recovered:
     Raises
     ------
     InputError
-        No journal, one whose description is damaged, or one without a sample.
+        The file is not a journal, its description is damaged, or it contains no sample.
     """
     name = str(path)
     data = Path(path).read_bytes()
@@ -300,7 +303,7 @@ def recover(path: str | os.PathLike) -> Recovered:
         at += n_bytes
     if not blocks:
         raise InputError(
-            "the journal holds no sample", name, None, "the run ended before the first: run it again"
+            "the journal contains no sample", name, None, "the run ended before the first: run it again"
         )
     end = max(first + len(samples) for first, samples in blocks)
     u, y, valid = np.zeros(end), np.zeros(end), np.zeros(end, bool)
@@ -314,7 +317,7 @@ def recover(path: str | os.PathLike) -> Recovered:
 
 
 def _read_block(data: bytes, at: int, limit: int, blocks: list[tuple[int, np.ndarray]]) -> int:
-    """Enter the block that starts there; its length in bytes, 0 when there is none."""
+    """Append the block that starts at `at`. Returns its length in bytes; 0 if no valid block starts there."""
     if at + HEAD.size > len(data):
         return 0
     mark, first, n, check = HEAD.unpack_from(data, at)
@@ -329,14 +332,14 @@ def _read_block(data: bytes, at: int, limit: int, blocks: list[tuple[int, np.nda
 
 
 def _read_description(name: str, data: bytes) -> tuple[RunDescription, int]:
-    """The description, and where the blocks begin."""
+    """The description, and the offset of the first block."""
     if not data.startswith(MAGIC):
-        raise InputError("not a journal of gsid run", name, None, "give REC.journal of an interrupted run")
+        raise InputError("not a journal of gsid run", name, None, "name REC.journal of an interrupted run")
     damaged = InputError(
         "the description of the journal is damaged",
         name,
         None,
-        "without it rate and period are not known; `gsid run` writes it before the axis moves",
+        "without it rate and period are unknown; `gsid run` writes it before the axis moves",
     )
     at = len(MAGIC) + SIZES.size
     if len(data) < at:

@@ -17,7 +17,7 @@ BAUD = 921600
 QUIET_S = 2.0  # time without a reply after which the pending frames are sent again
 SILENT_S = 10.0  # time without a reply after which the run ends with an error
 SILENCE_STOP_S = 0.2  # time without a frame after which the axis sets its command to zero
-STOP_WAIT_S = 0.5  # for the answer to STOP
+STOP_WAIT_S = 0.5  # longest wait for the reply to STOP
 
 
 class LinkError(InputError):
@@ -110,9 +110,9 @@ class Link:
     ----------
     transport : Transport
     name : str
-        Of the port, for messages.
+        Name of the port, for messages.
     should_stop : callable, optional
-        True: what waits for the axis ends with `Stopped`.
+        If it returns True, a wait for the axis ends with `Stopped`.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Link:
         self._should_stop = should_stop
         self.name = name
         self.receiver = Receiver()
-        self.longest_silence_s = 0.0  # of this end, while the axis runs
+        self.longest_silence_s = 0.0  # longest time without a frame from the host while the axis runs
 
     @classmethod
     def open(cls, port: str, should_stop: Callable[[], bool] | None = None) -> Link:
@@ -146,7 +146,7 @@ class Link:
             raise self._gone(error) from error
 
     def receive(self) -> np.ndarray:
-        """Return what has come, (n,) of FRAME, nothing after 50 ms; LinkError when the port is gone."""
+        """Return the received frames, (n,) of FRAME; none after 50 ms. LinkError when the port is gone."""
         try:
             return self.receiver.decode(self._transport.read())
         except OSError as error:
@@ -163,20 +163,20 @@ class Link:
         )
 
     def hello(self) -> tuple[float, int]:
-        """Open a session: the axis starts again at tick 0.
+        """Open a session. The axis restarts at tick 0.
 
         Returns
         -------
         fs_hz : float
             Ticks per second of the axis [Hz].
         n_queue : int
-            Commands that it can keep.
+            Number of commands that it can queue.
 
         Raises
         ------
         LinkError
-            No answer in 10 s, an axis of another version of the protocol, one whose rate or queue is not a
-            positive number, or the port is gone.
+            No reply within 10 s, another version of the protocol, a rate or queue that is not a positive
+            number, or the port is gone.
         """
         self.receiver.session = new_session(self.receiver.session)
         for _ in range(round(SILENT_S / QUIET_S)):
@@ -192,7 +192,7 @@ class Link:
         )
 
     def _is_answer(self, hello: np.void) -> bool:
-        """Whether a HELLO is the reply to ours; an axis of another version has no sessions."""
+        """Whether a HELLO is the reply to the host's; an axis of another version has no sessions."""
         return hello["tick"] == self.receiver.session or hello["flags"] != VERSION
 
     def _read_hello(self, answer: np.void) -> tuple[float, int]:
@@ -220,7 +220,7 @@ class Link:
         Parameters
         ----------
         take : callable, optional
-            Called with the frames that come until then, (n,) of FRAME: samples that were under way.
+            Called with the frames that arrive until then, (n,) of FRAME: pending samples.
         """
         for _ in range(3):
             self.send(frames(STOP))

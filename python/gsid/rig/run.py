@@ -36,7 +36,7 @@ class Progress:
     ticks: int
     good: int
     lost: int
-    asked: int
+    requested: int
 
 
 def run(
@@ -57,10 +57,10 @@ def run(
 ) -> Record:
     """Drive an axis with a periodic excitation until the requested number of good periods is measured.
 
-    A lost or damaged sample spoils its period only; so does one whose echo of the command differs from that
-    of other periods. A lost command (the axis holds the one before, and reports it) disturbs the axis: the
-    `settle` samples that follow it are left out too, as at the start. The command is set to zero at the end,
-    whatever happens.
+    A lost or damaged sample spoils its period only. So does a sample whose echo of the command differs from
+    that of other periods. A lost command disturbs the axis, which holds the command before it and reports the
+    loss: the `settle` samples that follow are then left out too, as at the start. The command is set to zero
+    at the end in any case.
 
     Parameters
     ----------
@@ -73,45 +73,46 @@ def run(
     settle : int, optional
         Samples at the start that are recorded but not counted as periods. Default: two periods.
     fs_hz : float
-        Sample rate [Hz]; a Multisine brings its own.
+        Sample rate [Hz]. A Multisine has its own, which takes precedence.
     u_unit, y_unit : str
     meta : dict of str, optional
-        Put into the record's meta, beside the statistics of the line.
+        Added to the record's meta, beside the statistics of the line.
     frf : StreamingFrf, optional
-        Given every sample as it comes, so that the response is measured while the axis runs.
+        Receives every sample on arrival, so that the response is measured while the axis runs.
     on_progress : callable, optional
-        Given a `Progress` whenever samples have come.
+        Called with a `Progress` whenever samples have arrived.
     journal : path_like, optional
-        New file for the samples as they come; `gsid.rig.journal.recover` makes a record of it. It is left for
-        the caller to remove once the record is written, and removed here when it holds no sample.
+        New file to which the samples are written on arrival; `gsid.rig.journal.recover` makes a record of it.
+        The caller removes it once the record is written; it is removed here if it contains no sample.
     should_stop : callable, optional
         Called many times a second: True ends the run with `Stopped`. For handlers of signals that set a flag.
     limits : RunLimits, optional
-        Of the planned command, checked before the start, and of the command in force, rate and travel as the
-        samples come. The travel is the integral of the rate less its mean during half a second of command
-        zero before the start, in which the axis has to stand still; the rate is taken to be in deg/s. With a
-        limit on rate or travel, samples without a rate, lost or not numbers, end the run after 1 s.
+        Limits of the planned command, checked before the start, and of the command in force, rate and travel,
+        checked on arrival of the samples. The travel is the integral of the rate minus the offset of the
+        gyro; the offset is the mean rate during half a second of command zero before the start, while the
+        axis must stand still. The rate is assumed to be in deg/s. With a limit on rate or travel, the run
+        ends if no sample with a rate arrives for 1 s.
 
     Returns
     -------
     Record
-        u is the command as the axis reports it applied; hold "zoh"; lost samples are not valid.
+        u is the applied command, as reported by the axis; hold "zoh"; lost samples are not valid.
 
     Raises
     ------
     ValueError
         `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
     LinkError
-        The port cannot be opened, the axis does not answer, runs at another rate, uses another version of the
-        protocol or reports another command than the one sent, the port disappears, or too many periods are
-        lost (8 in a row, or the asked number is not reached in 4 times as many). Its `record` is what was
+        The port cannot be opened or disappears. The axis does not respond, runs at another rate, uses another
+        version of the protocol, or reports another command than the one sent. Or too many periods are lost: 8
+        in a row, or fewer good periods than requested in 4 times that number. `record` contains the samples
         measured until then.
     LimitError
-        The planned command or the axis passes a limit. Its `record` is what was measured until then.
+        The planned command or the axis exceeds a limit. `record` contains the samples measured until then.
     JournalError
-        The journal cannot be written; its `record` is what was measured until then.
+        The journal cannot be written. `record` contains the samples measured until then.
     Stopped
-        Ctrl-C, or `should_stop`; its `record` is what was measured until then.
+        Ctrl-C, or `should_stop`. `record` contains the samples measured until then.
     """
     table, fs_hz = _one_period(excitation, fs_hz)
     settle = 2 * len(table) if settle is None else int(settle)
@@ -148,7 +149,7 @@ def _check_plan(table: np.ndarray, limits: RunLimits | None, name: str) -> None:
     peak = np.abs(table).max()
     if limits and limits.command is not None and peak > limits.command * ROUNDING:
         raise LimitError(
-            "the planned command passes its limit",
+            "the planned command exceeds its limit",
             name,
             f"peak {peak:.4g}, limit {limits.command:g}",
             "lower --amplitude, or `gsid design --limit-command` makes a command that stays within it",
@@ -235,18 +236,18 @@ class _Consumers:
             self.frf.step(samples.u[new], samples.y[new], samples.valid[new])
             self.n_fed = samples.end
         if self.on_progress:
-            self.on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.asked))
+            self.on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.requested))
 
     def _check_limits(self, watch: Watch, samples: Samples) -> None:
         first, new = self.n_watched, slice(self.n_watched, samples.end)
-        found = watch.check(samples.u[new], samples.y[new], samples.came[new])
+        found = watch.check(samples.u[new], samples.y[new], samples.received[new])
         self.n_watched = samples.end
         if found is not None:
             raise LimitError(
-                "the axis passes a limit: stopped",
+                "the axis exceeds a limit: stopped",
                 self.name,
                 f"{found[1]}, at sample {first + found[0]}",
-                "lower the amplitude, or raise the limit where the rig stands it",
+                "lower the amplitude, or raise the limit if the rig permits it",
             )
 
 
@@ -286,8 +287,8 @@ def _stop(link: Link, samples: Samples | None = None, n_ahead: int = 0) -> bool:
     """Set the command to zero and receive pending samples; True if the axis has confirmed it."""
 
     def take(got: np.ndarray) -> None:
-        if samples is not None and samples.end:  # else they are those of the rest before the run
-            with contextlib.suppress(LinkError):  # the run ends already
+        if samples is not None and samples.end:  # otherwise they belong to the rest before the run
+            with contextlib.suppress(LinkError):  # the run is ending anyway
                 samples.take(got, samples.end + n_ahead)
 
     try:
@@ -306,13 +307,13 @@ def _exchange(
 ) -> None:
     """Keep a window of commands in flight and `take` the samples, until there are enough good periods.
 
-    A paced axis may have gone on beyond the last command sent while the host was stalled: samples up to
-    `n_ahead` ticks further are believed.
+    While the host is stalled, a paced axis may run on beyond the last command sent: samples up to `n_ahead`
+    ticks beyond it are accepted.
     """
     window = max(1, min(WINDOW, n_queue // 2))
-    sent, heard = 0, time.monotonic()
-    sent_at, resend = heard, heard + QUIET_S
-    while samples.n_good < samples.asked:
+    sent, received_at = 0, time.monotonic()
+    sent_at, resend_at = received_at, received_at + QUIET_S
+    while samples.n_good < samples.requested:
         link.check_stop()
         if samples.hopeless():
             raise _too_many_lost(link, samples)
@@ -323,21 +324,21 @@ def _exchange(
             link.longest_silence_s = max(link.longest_silence_s, now - sent_at)
             sent_at = now
         if samples.take(link.receive(), sent + n_ahead):
-            heard = time.monotonic()
-            resend = heard + QUIET_S
+            received_at = time.monotonic()
+            resend_at = received_at + QUIET_S
             take(samples)
-        elif time.monotonic() > heard + SILENT_S:
+        elif time.monotonic() > received_at + SILENT_S:
             raise LinkError(
                 f"no sample from the axis for {SILENT_S:g} s",
                 link.name,
                 f"after {samples.end} samples",
                 "check the line and the axis, and start again",
             )
-        elif time.monotonic() > resend:
+        elif time.monotonic() > resend_at:
             # Commands or samples may be lost; the axis then waits for commands that were never sent.
             sent = _send_commands(link, table, samples.end, min(sent + window, samples.end + n_queue))
             sent_at = time.monotonic()
-            resend += QUIET_S
+            resend_at += QUIET_S
 
 
 def _send_commands(link: Link, table: np.ndarray, first: int, end: int) -> int:
@@ -350,7 +351,7 @@ def _too_many_lost(link: Link, samples: Samples) -> LinkError:
     return LinkError(
         "too many periods are lost on the line",
         link.name,
-        f"{samples.n_good} good of {len(samples.good)}, {samples.asked} requested; "
+        f"{samples.n_good} good of {len(samples.good)}, {samples.requested} requested; "
         f"{link.receiver.n_damaged} damaged frames, {samples.n_held} commands lost, "
         f"{samples.echo.n_wrong} wrong echoes",
         "check the line (cable, grounding, baud rate) or shorten the period: one lost sample spoils a period",

@@ -7,23 +7,23 @@ import numpy as np
 from gsid.rig.frames import LOST_COUNT, SAMPLE
 from gsid.rig.link import LinkError
 
-GAP_HELD = 64  # samples lost in a row that stand for a lost command: the count of those may have wrapped
+GAP_HELD = 64  # samples lost in a row that count as a lost command: the 7-bit count of those may have wrapped
 BAD_IN_A_ROW = 8  # periods
 BAD_FACTOR = 4  # periods measured over periods requested
 
 
 class Echo:
-    """The command as reported by the axis: the one sent, clipped and rounded, the same in every period."""
+    """Echo of the command, as the axis reports it: clipped and rounded, and the same in every period."""
 
     def __init__(self, table: np.ndarray) -> None:
         self.sent = table.astype(np.float32)
         self.known = np.full(len(table), np.nan, np.float32)  # echo of each sample of the period
         self.other = np.full(len(table), np.nan, np.float32)  # last different echo; it is adopted if repeated
         self.n_wrong = 0
-        self.is_judged = False  # whether a whole period was compared with what was sent
+        self.is_judged = False  # whether a whole period was compared with the command sent
 
     def check(self, tick: np.ndarray, echo: np.ndarray) -> np.ndarray:
-        """Whether each of these samples, of rising ticks, has the echo of its sample in other periods."""
+        """Whether the echo of each sample, in ascending ticks, equals that of other periods."""
         good = np.empty(len(tick), bool)
         first = 0
         while first < len(tick):
@@ -41,14 +41,14 @@ class Echo:
         return good
 
     def judge(self) -> np.ndarray:
-        """Compare a whole period with what was sent; LinkError when they differ by more than single samples.
+        """Compare a whole period with the command sent; LinkError if they differ by more than single samples.
 
         Returns
         -------
         (m,) ndarray of int
-            Samples of the period that cannot be right.
+            Samples of the period whose echo is wrong.
         """
-        lo, hi = np.quantile(self.known, [0.005, 0.995])  # where it clips
+        lo, hi = np.quantile(self.known, [0.005, 0.995])  # limits of the clipping
         step = _step_of(self.known)
         error = np.abs(np.clip(self.known, lo, hi) - np.clip(self.sent, lo, hi))
         wrong = np.flatnonzero(error > 0.999 * step + 1e-6 * np.abs(self.sent).max())
@@ -71,13 +71,13 @@ class Echo:
 
 
 def _step_of(values: np.ndarray) -> float:
-    """The step to which values are rounded, with a few wrong ones among them; near 0 when they are not."""
+    """Rounding step of values, of which a few may be wrong; near 0 if the values are not rounded."""
     levels, n = np.unique(values, return_counts=True)
     if n[n > 1].sum() > len(values) / 2:
         levels = levels[n > 1]
         n_wrong = 0
     else:
-        n_wrong = 1 + len(levels) // 100  # each makes two small differences
+        n_wrong = 1 + len(levels) // 100  # each causes two small differences
     steps = np.sort(np.diff(levels))
     return float(steps[min(2 * n_wrong, len(steps) - 1)]) if len(steps) else 0.0
 
@@ -85,13 +85,13 @@ def _step_of(values: np.ndarray) -> float:
 class Samples:
     """Received samples by tick, and which of their periods are good."""
 
-    def __init__(self, table: np.ndarray, settle: int, asked: int) -> None:
-        capacity = settle + (BAD_FACTOR * asked + 1) * len(table)
-        self.period, self.settle, self.asked = len(table), settle, asked
+    def __init__(self, table: np.ndarray, settle: int, requested: int) -> None:
+        capacity = settle + (BAD_FACTOR * requested + 1) * len(table)
+        self.period, self.settle, self.requested = len(table), settle, requested
         self.u = np.zeros(capacity)
         self.y = np.zeros(capacity)
         self.valid = np.zeros(capacity, bool)
-        self.came = np.zeros(capacity, bool)  # with numbers, valid or not
+        self.received = np.zeros(capacity, bool)  # received with finite numbers, valid or not
         self.echo = Echo(table)
         self.end = 0
         self.kept = 0  # samples below are in the journal
@@ -101,7 +101,7 @@ class Samples:
         self._last_held = -capacity - 1
 
     def take(self, got: np.ndarray, limit: int) -> bool:
-        """Enter frames as they came, of ticks below `limit`; True when there was a new sample among them."""
+        """Store received samples of ticks below `limit`; True if one of them is new."""
         limit = min(limit, len(self.u))
         got = got[(got["kind"] == SAMPLE) & (got["tick"] >= self.end) & (got["tick"] < limit)]
         got = got[np.diff(np.maximum.accumulate(got["tick"].astype(np.int64)), prepend=self.end - 1) > 0]
@@ -111,7 +111,7 @@ class Samples:
         held_before = self._held_before(tick, got["flags"])
         finite = np.isfinite(got["a"]) & np.isfinite(got["b"])
         self.u[tick[finite]], self.y[tick[finite]] = got["a"][finite], got["b"][finite]
-        self.came[tick] = finite
+        self.received[tick] = finite
         good = finite & (tick - held_before > self.settle)
         good[good] = self.echo.check(tick[good], got["a"][good])
         self.valid[tick] = good
@@ -134,7 +134,7 @@ class Samples:
                 self.kept = 0
 
     def _held_before(self, tick: np.ndarray, flags: np.ndarray) -> np.ndarray:
-        """The last tick, up to each sample, at which a lost command is known to have disturbed the axis."""
+        """For each sample, the last tick at which a lost command is known to have disturbed the axis."""
         count = ((flags & LOST_COUNT) >> 1).astype(np.int64)
         lost = np.diff(count, prepend=self._lost_count) % 128
         gap = np.diff(tick, prepend=self.end - 1) > GAP_HELD
@@ -154,4 +154,4 @@ class Samples:
     def hopeless(self) -> bool:
         """Whether too many periods are lost to continue."""
         in_a_row = len(self.good) >= BAD_IN_A_ROW and not any(self.good[-BAD_IN_A_ROW:])
-        return in_a_row or len(self.good) >= BAD_FACTOR * self.asked
+        return in_a_row or len(self.good) >= BAD_FACTOR * self.requested

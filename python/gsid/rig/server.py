@@ -116,10 +116,10 @@ class Server:
     ----------
     axis : SimulatedAxis
     paced : bool
-        False: lock-step, the axis advances when commands come. True: by the clock.
+        False: lock-step, the axis advances when commands arrive. True: by the clock.
     on_applied : callable, optional
-        Called with the time [s], the first tick and the commands as applied, (n,) float64, whenever the axis
-        advances; after HELLO and STOP with one zero.
+        Called whenever the axis advances, with the time [s], the first tick and the applied commands, (n,)
+        float64. After HELLO and STOP the commands are one zero.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Server:
         self._restart()
 
     def _restart(self) -> None:
-        if self._tick > 0:  # a HELLO that is only repeated starts no new noise
+        if self._tick > 0:  # a repeated HELLO does not start new noise
             self._n_runs += 1
             self.axis = self._first_axis.with_noise_of_run(self._n_runs)
         self.axis.reset()
@@ -166,12 +166,12 @@ class Server:
         Returns
         -------
         bytes
-            To send: in lock-step also the samples of all ticks up to the last command.
+            Bytes to send. In lock-step they include the samples of all ticks up to the last command.
         """
         got = self.receiver.decode(data)
         self._now_s = now_s
         if len(got):
-            self._heard_s = now_s
+            self._received_s = now_s
         out, first = [], 0
         for last in [*np.flatnonzero((got["kind"] == HELLO) | (got["kind"] == STOP)), len(got)]:
             out.append(self._commands(got[first:last], now_s))
@@ -181,7 +181,7 @@ class Server:
         return b"".join(out)
 
     def _control(self, frame: np.void) -> bytes:
-        """Reply to HELLO or STOP. The reply tells a host of another version that it cannot start a run."""
+        """Reply to HELLO or STOP. The reply shows a host of another version that it cannot start a run."""
         if self.on_applied:
             self.on_applied(self._now_s, self._tick, np.zeros(1))
         if frame["kind"] == HELLO:
@@ -201,7 +201,7 @@ class Server:
         got, tick = got[usable], tick[usable]
         if not self.running or not len(got):
             return b""
-        for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # a tick's own command above the copy
+        for value, at in ((got["b"], tick + 1), (got["a"], tick)):  # a tick's own command overrides the copy
             finite = np.isfinite(value)
             self._queue[at[finite] % QUEUE] = value[finite]
             self._queue_tick[at[finite] % QUEUE] = at[finite]
@@ -216,7 +216,7 @@ class Server:
         if not self.running or self._start_s is None or now_s < self._start_s:
             return b""
         self._now_s = now_s
-        if now_s - self._heard_s > WATCHDOG_S:
+        if now_s - self._received_s > WATCHDOG_S:
             self._forget()
             self._held = 0.0
         due_s = self._start_s + self._tick / self.axis.fs_hz
@@ -300,8 +300,8 @@ def serve_line(
     ----------
     server : Server
     axis_fd, host_fd : int
-        From `pseudo_terminal`. `host_fd` keeps the line open while no host is there; with `once` it is closed
-        at the first byte, so that the host's leaving shows.
+        From `pseudo_terminal`. `host_fd` keeps the line open while no host is connected. With `once` it is
+        closed at the first byte, so that the end of the host's connection is detected.
     damage_in, damage_out : Damage
     once : bool
         Return when the host closes the port.

@@ -19,7 +19,7 @@ class RunLimits:
     command : float or None
         Largest |command|, unit of the command.
     travel_deg : float or None
-        Largest travel to each side of where the axis stood at the start [deg].
+        Largest travel to each side of the angle at the start [deg].
     rate : float or None
         Largest |rate|, unit of the output.
 
@@ -48,7 +48,7 @@ class Watch:
     fs_hz : float
         Sample rate [Hz].
     rate_offset : float
-        What the gyro shows at rest, unit of the output; the travel is the integral of what is above it.
+        Offset of the gyro: its output at rest, unit of the output. It is subtracted before the integration.
     """
 
     def __init__(self, limits: RunLimits, fs_hz: float, rate_offset: float = 0.0) -> None:
@@ -59,29 +59,29 @@ class Watch:
         self._rate = rate_offset
         self._n_blind = 0
 
-    def check(self, u: np.ndarray, y: np.ndarray, came: np.ndarray) -> tuple[int, str] | None:
+    def check(self, u: np.ndarray, y: np.ndarray, received: np.ndarray) -> tuple[int, str] | None:
         """Check the next samples.
 
         Parameters
         ----------
         u, y : (n,) float64
             Command in force and rate.
-        came : (n,) bool
-            False: the sample was lost or is no number, and the rate before it is held, for `BLIND_S` at most.
+        received : (n,) bool
+            False: the sample is lost or not a number. The rate before it is held, for at most `BLIND_S`.
 
         Returns
         -------
         (int, str) or None
-            First of these samples that passes a limit, and which one.
+            Index of the first sample that exceeds a limit, and the limit.
         """
-        last = np.maximum.accumulate(np.where(came, np.arange(len(y)), -1))
+        last = np.maximum.accumulate(np.where(received, np.arange(len(y)), -1))
         rate = np.where(last >= 0, y[np.maximum(last, 0)], self._rate)
         blind = np.arange(1, len(y) + 1) + np.where(last >= 0, -1 - last, self._n_blind)
         angle = self.angle_deg + np.cumsum(rate - self.rate_offset) / self.fs_hz
         self._rate, self.angle_deg, self._n_blind = float(rate[-1]), float(angle[-1]), int(blind[-1])
         needs_rate = self.limits.rate is not None or self.limits.travel_deg is not None
         found = [
-            self._first(np.where(came, u, 0.0), self.limits.command, "command"),
+            self._first(np.where(received, u, 0.0), self.limits.command, "command"),
             self._first(rate, self.limits.rate, "rate"),
             self._first(angle, self.limits.travel_deg, "travel [deg]"),
             self._first(blind / self.fs_hz, BLIND_S if needs_rate else None, "time without a rate [s]"),

@@ -1,1 +1,1 @@
-"""Lines of records: spectra, variances, noise and tones."""
+"""Spectral lines of records: spectra, variances, noise and periodic disturbances."""

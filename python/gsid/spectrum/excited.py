@@ -1,4 +1,4 @@
-"""Which lines an excitation has, and whether its period is the one that is thought."""
+"""Find the excited lines of a periodic input, and check its period."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import numpy as np
 
 _log = logging.getLogger(__name__)
 
-SHARE_OF_LARGEST = 0.01  # weaker lines than this are not excited
-GAP = 2.0  # ratio between neighbours, lines sorted by size, that parts excitation from by-products
+SHARE_OF_LARGEST = 0.01  # weaker lines are not excited
+GAP = 2.0  # ratio of neighbours, lines sorted by size, that separates the excitation from its harmonics
 SLOPE = 1.5  # power of the frequency, 30 dB per decade, by which a designed spectrum may rise or fall
-SLIP_RANGE = 3  # samples by which a period that is given or found may be wrong, and is told
-SLIP_SAID = 0.005  # samples per period that are worth a word: 0.6 % of a line at a fifth of the sample rate
+SLIP_RANGE = 3  # samples: largest error of the period that is detected
+SLIP_REPORTED = 0.005  # samples per period: 0.6 % of a line at a fifth of the sample rate
 ABOVE_NOISE = 16.0  # |mean|^2 over its variance; noise alone exceeds it once in exp(16) = 9e6 lines
 
 
 def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
-    """Tell the excited lines from what a bench adds to them.
+    """Separate the excited lines from the harmonics that a test bench adds.
 
-    A current loop answers the excited lines with harmonics that repeat as well as the lines do, so that noise
-    alone does not tell them apart. But a designed spectrum is smooth and its by-products lie a step below:
-    lines are sorted by size, and the excitation ends where two neighbours are most apart, the upper above 1 %
-    of the largest and by a factor of 2 at least. Without such a step every line above 1 % counts. Where the
-    step is larger between sizes that are taken relative to a slope of up to 30 dB per decade, those are
-    sorted instead: the first lines of a spectrum that falls as 1/f differ by more than 2, too. The mean must
-    stand 12 dB out of its own noise besides.
+    A current loop responds to the excited lines with harmonics. They repeat exactly as the lines do, so a
+    noise test does not separate them. But a designed spectrum is smooth, and the harmonics are much smaller.
+    The lines are sorted by size. The excitation ends at the largest ratio of two neighbours, if this ratio is
+    at least 2 and the larger line is above 1 % of the largest. Without such a step every line above 1 %
+    counts. The first lines of a spectrum that falls as 1/f also differ by more than 2. The sizes are
+    therefore also sorted relative to a slope of up to 30 dB per decade, and the larger of both steps decides.
+    In addition, the mean must exceed its noise by 12 dB.
 
     Parameters
     ----------
     U : (P, K) complex
-        Lines 0 .. N/2 of the input, one row per period; a single row is an input without noise.
+        Lines 0 .. N/2 of the input, one row per period. A single row is an input without noise.
     n_period : int
         N, samples.
 
@@ -42,20 +42,21 @@ def excited_lines(U: np.ndarray, n_period: int) -> np.ndarray:
 
 
 def large_lines(U: np.ndarray, n_period: int) -> np.ndarray:
-    """The first half of `excited_lines`: by size alone, without a look at the noise."""
+    """Select lines by size only: `excited_lines` without the noise test."""
     size = np.abs(U.mean(axis=0))
     size[0] = 0
     size[n_period / 2 == np.arange(len(size))] = 0
     if not size.any():
         return np.zeros(len(size), bool)
-    as_it_is, beside_slope = _above_step(size), _above_step(size / _sloped(size))
-    return max(as_it_is, beside_slope, key=lambda found: found[0])[1]
+    absolute, relative_to_slope = _above_step(size), _above_step(size / _sloped(size))
+    return max(absolute, relative_to_slope, key=lambda found: found[0])[1]
 
 
 def _sloped(size: np.ndarray) -> np.ndarray:
-    """Least spectrum above all lines that nowhere rises or falls by more than SLOPE, (K,).
+    """Smallest spectrum above all lines that does not rise or fall by more than SLOPE, (K,).
 
-    No lower than the weakest line that counts: noise far from the excitation would pass for its slope.
+    It is never below the weakest line that counts. Otherwise noise far from the excitation would look like
+    its slope.
     """
     k = np.maximum(np.arange(len(size)), 1.0) ** SLOPE
     falling = np.maximum.accumulate(size * k) / k
@@ -64,10 +65,10 @@ def _sloped(size: np.ndarray) -> np.ndarray:
 
 
 def _above_step(size: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest step between neighbours in size, 1 where none reaches GAP, and the lines above it.
+    """Largest ratio of neighbours in size, 1 if none reaches GAP, and the lines above it.
 
-    A step counts as so many times that of an odd spectrum that falls as 1/f: its first lines are 3, 5/3,
-    7/5 apart.
+    Each ratio is divided by that of an odd spectrum that falls as 1/f, whose lines have the ratios 3, 5/3,
+    7/5.
     """
     ordered = np.sort(size)[::-1]
     n_strong = np.count_nonzero(ordered > SHARE_OF_LARGEST * ordered[0])
@@ -81,7 +82,7 @@ def _above_step(size: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:
-    """Large lines whose mean stands out of its own noise, (K,) bool; one row has none."""
+    """Large lines whose mean exceeds its noise, (K,) bool. A single row has no noise."""
     excited = large.copy()
     if len(U) > 1:
         lines = U[:, large]
@@ -91,10 +92,10 @@ def above_noise(U: np.ndarray, large: np.ndarray) -> np.ndarray:
 
 
 def slip(U: np.ndarray, n_period: int) -> tuple[float, float]:
-    """By how many samples each period comes later than the one before it: 0 where the period is right.
+    """Estimate the delay of each period relative to the one before it; 0 if the period is correct.
 
-    A delay of d samples turns line k by -2 pi k d/N. The turn from period to period is looked for up to
-    SLIP_RANGE; the scatter over the pairs of periods tells how well it is known.
+    A delay of d samples shifts the phase of line k by -2 pi k d/N. The delay is searched up to SLIP_RANGE.
+    Its uncertainty follows from the scatter over the pairs of periods.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ def slip(U: np.ndarray, n_period: int) -> tuple[float, float]:
     Returns
     -------
     samples, half_width : float
-        The slip and half of its 99.9 % interval, which is infinite with less than three periods.
+        The delay and half of its 99.9 % interval, which is infinite with fewer than three periods.
     """
     from scipy.special import stdtrit
 
@@ -122,27 +123,27 @@ def slip(U: np.ndarray, n_period: int) -> tuple[float, float]:
     return float(late.mean()), float(stdtrit(len(late) - 1, 0.9995) * late.std(ddof=1) / np.sqrt(len(late)))
 
 
-def say_slip(name: str, U: np.ndarray, n_period: int) -> None:
-    """Warn where the input's period is not so many samples: what leaks looks like noise, and is not.
+def warn_of_slip(name: str, U: np.ndarray, n_period: int) -> None:
+    """Warn if the period of the input is not the stated one. Leakage then looks like noise but is not.
 
     Parameters
     ----------
     name : str
-        Of the record.
+        Name of the record.
     U, n_period
         As `slip`.
     """
     if len(U) < 3:
         return
     late, half_width = slip(U, n_period)
-    if abs(late) < max(SLIP_SAID, half_width):
+    if abs(late) < max(SLIP_REPORTED, half_width):
         return
     nearest = round(n_period + late)
-    other = "let it be a whole number of them, and one clock make and measure it"
+    other = "use a whole number of samples per period and one clock for output and recording"
     if nearest != n_period:
-        other = f"give {nearest}, or no period, which finds it"
+        other = f"give {nearest}, or omit the period to have it determined"
     _log.warning(
-        "%s: u repeats every %.6g samples, not %d: the response is biased by more than it shows; %s",
+        "%s: u repeats every %.6g samples, not %d: the response is biased by more than its uncertainty; %s",
         name or "record",
         n_period + late,
         n_period,

@@ -1,4 +1,4 @@
-"""Fourier lines of periods, and the variances of their means."""
+"""Fourier lines of periods, and their variances."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gsid._lib import check, ffi, lib
 
 
 def lines_of(x: np.ndarray) -> np.ndarray:
-    """Lines 0 .. N/2 of one period, as Spectra has them: |line| is the amplitude of the sine.
+    """Compute lines 0 .. N/2 of one period, scaled as in Spectra: |line| is the amplitude of the sine.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def lines_of(x: np.ndarray) -> np.ndarray:
 
 
 def period_of(lines: np.ndarray, n_period: int) -> np.ndarray:
-    """One period of the signal that has these lines: the inverse of `lines_of`.
+    """Compute one period of the signal with these lines: the inverse of `lines_of`.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def period_of(lines: np.ndarray, n_period: int) -> np.ndarray:
 
 
 def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> np.ndarray:
-    """Lines (uint32) of each row of `periods` (P, N), referred to the record's first sample, (P, K)."""
+    """Compute lines (uint32) of each row of `periods` (P, N): (P, K), phases from the first sample."""
     n_periods, n_period = periods.shape
     periods = np.ascontiguousarray(periods, np.float64)
     lines = np.empty((n_periods, len(line)), complex)
@@ -61,34 +61,35 @@ def period_lines(periods: np.ndarray, line: np.ndarray, settle_samples: int) -> 
     )
     check(status, "transforming the periods")
     if settle_samples % n_period:  # settling not a whole number of periods
-        lines *= _turns(line, settle_samples, n_period)
+        lines *= _phase_factors(line, settle_samples, n_period)
     return lines
 
 
-def _turns(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
-    """Each line's phase after n_samples, as a factor; the angle is reduced with integers."""
+def _phase_factors(line: np.ndarray, n_samples: int, n_period: int) -> np.ndarray:
+    """Phase factor of each line after n_samples. The angle is reduced in integer arithmetic."""
     return np.exp(-2j * np.pi * (line.astype(np.int64) * (n_samples % n_period) % n_period) / n_period)
 
 
 def sample_variance(a: np.ndarray) -> np.ndarray:
-    """Sample variance over the first axis, (K,): `covariance(a, a)` in half of the passes."""
-    away = a - a.mean(axis=0)
-    power = sum(np.einsum("pk,pk->k", part, part) for part in (away.real, away.imag))
+    """Sample variance over the first axis, (K,): as `covariance(a, a)`, but faster."""
+    deviation = a - a.mean(axis=0)
+    power = sum(np.einsum("pk,pk->k", part, part) for part in (deviation.real, deviation.imag))
     return power / (len(a) - 1)
 
 
 def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Sample covariance of a and conj(b) over their first axis (source, eq. 4.11)."""
+    """Sample covariance of a and conj(b) over their first axis (thesis, eq. 4.11)."""
     return np.einsum("pk,pk->k", a - a.mean(axis=0), (b - b.mean(axis=0)).conj()) / (len(a) - 1)
 
 
 def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
-    """Variance of one period's lines, from between them in the spectrum of the whole record (FRF-6).
+    """Variance of one period's lines, estimated from the bins between them in the whole record (FRF-6).
 
-    A wandering output makes each period begin and end at different values. The jump leaks into all lines of
-    that period, but not into their mean: what one period's end adds the next one's beginning takes away. The
-    sample variance over the periods (source, eq. 4.11) counts it. In the spectrum of all P periods together
-    line k is bin kP, and the P - 1 bins around it hold noise alone, leakage as in the mean.
+    If the output drifts, each period begins and ends at different values. The discontinuity leaks into all
+    lines of that period, but not into their mean, where the end of one period cancels the beginning of the
+    next. The sample variance over the periods (thesis, eq. 4.11) includes this leakage. In the spectrum of
+    all P periods together, line k is bin kP. The P - 1 bins around it contain noise only, with the leakage of
+    the mean.
 
     Parameters
     ----------
@@ -97,14 +98,14 @@ def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int
     n_period : int
         N, samples.
     settle_samples : int
-        The lines' phases count from that long before the first period.
+        The phases of the lines count from this many samples before the first period.
 
     Returns
     -------
-    (K,) float64 ndarray; of white noise as `covariance`, with P - 1 degrees of freedom too
+    (K,) float64 ndarray; for white noise as `covariance`, also with P - 1 degrees of freedom
     """
     n_periods, n_lines = lines.shape
-    lines = lines * _turns(np.arange(n_lines), settle_samples, n_period).conj()
+    lines = lines * _phase_factors(np.arange(n_lines), settle_samples, n_period).conj()
     whole = np.fft.fft(np.concatenate([period_of(one, n_period) for one in lines]))
     around = np.arange(-((n_periods - 1) // 2), n_periods // 2 + 1)
     bins = n_periods * np.arange(n_lines)[:, None] + around[around != 0]

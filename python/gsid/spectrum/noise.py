@@ -1,7 +1,7 @@
-"""Noise of a record: its spectrum with an interval, its variance, and the periodic disturbances in it.
+"""Noise of a record: its spectrum with an interval, its variance, and its periodic disturbances.
 
-Meant for a record with zero input (source, section 4.4.1), which shows the sensor's noise and what else turns
-in the room. An excited record can be looked at, too: what repeats with its period is then taken off first.
+It is intended for a record with zero input (thesis, section 4.4.1), which shows the noise of the sensor and
+disturbances from rotating machines nearby. For an excited record, the mean period is subtracted first.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
 from gsid.base.plottable import Plottable
 from gsid.records.periods import find_period, split_periods
-from gsid.records.record import Record
-from gsid.spectrum.tones import Tone, find_tones, n_taken_off
+from gsid.records.record import Record, check_range
+from gsid.spectrum.tones import Tone, find_tones, n_subtracted
 
 _log = logging.getLogger(__name__)
 
-SEGMENTS = 16  # of a record whose period is not known: the resolution is so many times coarser than 1/T
+SEGMENTS = 16  # of a record without a known period: the resolution is coarser than 1/T by this factor
 FEWEST = 256  # samples
-SHORTEST = 8  # samples of a window: Hann's reaches two lines far, and one must be clear of 0 Hz and of fs/2
+SHORTEST = 8  # samples of a window: Hann's reaches two lines, and one line must be free of 0 Hz and of fs/2
 CORRELATION = 1 / 36  # of the powers of Hann windows that overlap by half
 
 
@@ -42,14 +42,14 @@ class Noise(Plottable):
     tones : list of Tone
         Periodic disturbances, the largest first.
     variance, variance_rest : float
-        Of the samples of y about what is not noise (their trend, or their mean period), with and without the
-        disturbances; unit of y squared.
+        Variance of y about its trend or its mean period, with and without the disturbances; unit of y
+        squared.
     alpha : float
-        Rate at which noise without any disturbance would show one.
+        False-alarm rate: probability of detecting a disturbance in noise that has none.
     segment_samples : int
         Length of the windows that `psd` is averaged over.
     period_samples, settle_samples : int
-        Of the excitation that was taken off; 0: zero input.
+        Period and settling of the excitation that was subtracted; period 0: zero input.
     n_samples, n_lost : int
     fs_hz : float
     y_unit, name : str
@@ -72,7 +72,7 @@ class Noise(Plottable):
     name: str = ""
 
     def interval(self, level: float = 0.95) -> np.ndarray:
-        """Interval of the density, line by line.
+        """Confidence interval of the density at each line.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Noise(Plottable):
         Raises
         ------
         ValueError
-            A level that is no probability.
+            The level is not between 0 and 1.
         """
         if not 0 < level < 1:
             raise ValueError(f"the level must be between 0 and 1, not {level}")
@@ -95,7 +95,7 @@ class Noise(Plottable):
         return self.psd * self.n_dof / chi2.ppf(tails, self.n_dof)
 
     def line_variance(self, period_samples: int) -> np.ndarray:
-        """Variance that a line of one period would have, to compare with `Frf.var_y` and to plan with.
+        """Variance of a line of one period, for comparison with `Frf.var_y` and for planning.
 
         Parameters
         ----------
@@ -110,13 +110,13 @@ class Noise(Plottable):
         return 2 * self.fs_hz / period_samples * self.psd
 
     def near_tone(self, f_hz: np.ndarray, width_hz: float) -> np.ndarray:
-        """Tell which frequencies lie within width_hz of a disturbance, to leave them out: (F,) bool."""
+        """Mark the frequencies within width_hz of a disturbance, so that they can be omitted: (F,) bool."""
         tones = np.array([tone.f_hz for tone in self.tones])
         return (np.abs(np.asarray(f_hz)[:, None] - tones) <= width_hz).any(axis=1)
 
     @property
     def sentence(self) -> str:
-        """What is periodic in the noise, in words."""
+        """Summary of the periodic disturbances in one sentence."""
         unit = f" {self.y_unit}" if self.y_unit else ""
         rms = f"rms {np.sqrt(self.variance):.4g}{unit}"
         if not self.tones:
@@ -142,12 +142,13 @@ def noise(
     Parameters
     ----------
     record : Record
-        With zero input, or with a periodic one, whose response is taken off.
+        With zero input, or with a periodic input, whose response is subtracted.
     alpha : float
-        Probability of finding a periodic disturbance in noise that has none.
+        Probability of detecting a periodic disturbance in noise that has none.
     period, settle : int, optional
-        Samples; default: what the record states, else what the data show. With zero input the period is the
-        length of the windows: the spectrum has the lines that a measurement of that period would have.
+        Period and settling [samples]. Default: the values of the record, else found from the data. With zero
+        input the period is the length of the windows: the spectrum has the lines of a measurement with that
+        period.
 
     Returns
     -------
@@ -157,24 +158,24 @@ def noise(
     Raises
     ------
     InputError
-        Fewer than 256 samples, or a period that u does not have.
+        There are fewer than 256 samples, or u does not have the given period.
     ValueError
-        An alpha that is no probability.
+        alpha is not between 0 and 1.
     TypeError
-        Not one record, as several, or bare samples.
+        The argument is not one Record.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, not {alpha}")
     if not isinstance(record, Record):
-        raise TypeError(f"noise is told of one Record at a time, got {type(record).__name__}")
+        raise TypeError(f"noise analyses one Record at a time, got {type(record).__name__}")
     part, period_samples, segment = _noise_alone(record, period, settle)
     y, valid = record.y[part], record.valid[part]
     if len(y) < FEWEST:
         raise InputError(
-            "too few samples to tell noise by", record.name, f"{len(y)}", f"record {FEWEST} at least"
+            "too few samples to estimate the noise", record.name, f"{len(y)}", f"record at least {FEWEST}"
         )
     if segment < SHORTEST:
-        hint = f"give a period of {SHORTEST} samples at least; a multiple of it is one, too"
+        hint = f"give a period of at least {SHORTEST} samples; a multiple of the period is also a period"
         raise InputError("the period is too short for a spectrum", record.name, f"{segment} samples", hint)
     tones, rest = find_tones(y, record.fs_hz, valid=valid, period=period_samples, alpha=alpha)
     tones = [_from_first_sample(tone, part.start / record.fs_hz) for tone in tones]
@@ -206,7 +207,7 @@ def noise(
 def without_tones(
     record: Record, *, alpha: float = 0.01, period: int | None = None, settle: int | None = None
 ) -> tuple[Record, list[Tone]]:
-    """Take the periodic disturbances off the output by a fit of sines.
+    """Subtract the periodic disturbances from the output by a fit of sines.
 
     Parameters
     ----------
@@ -216,9 +217,9 @@ def without_tones(
     Returns
     -------
     record : Record
-        A copy, less the disturbances.
+        A copy without the disturbances.
     tones : list of Tone
-        What was taken off.
+        The subtracted disturbances.
 
     Raises
     ------
@@ -230,18 +231,19 @@ def without_tones(
 
 
 def _noise_alone(record: Record, period: int | None, settle: int | None) -> tuple[slice, int, int]:
-    """Samples to look at, the period to take off (0: zero input), and the length of the windows."""
+    """Return the samples to analyse, the period to subtract (0: zero input) and the window length."""
     stated = record.period_samples if period is None else whole_samples("period", period)
     start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     if not record.valid.any():
         raise InputError("no valid samples", record.name, "valid is 0 everywhere", "measure again")
+    check_range(record)
     if np.ptp(record.u[record.valid]) == 0:
         return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
     try:
         found = stated or find_period(record.u, valid=record.valid, name=record.name)
     except InputError:
         name = record.name or "record"
-        _log.warning("%s: u is neither zero nor periodic: taken as zero, with noise of its own", name)
+        _log.warning("%s: u is neither zero nor periodic: assumed to be zero with measurement noise", name)
         return slice(start, len(record)), 0, max(1, (len(record) - start) // SEGMENTS)
     periods = split_periods(record, period=found, settle=settle)
     n_periods = (len(record) - periods.settle_samples) // found
@@ -250,8 +252,8 @@ def _noise_alone(record: Record, period: int | None, settle: int | None) -> tupl
 
 
 def _share_of_noise(valid: np.ndarray, period_samples: int) -> float:
-    """Share of the noise's variance that is left when mean and trend, or the mean period, are taken off."""
-    return 1 - n_taken_off(valid, period_samples) / np.count_nonzero(valid)
+    """Share of the noise variance that remains after mean and trend, or the mean period, are subtracted."""
+    return 1 - n_subtracted(valid, period_samples) / np.count_nonzero(valid)
 
 
 def _from_first_sample(tone: Tone, start_s: float) -> Tone:
@@ -262,14 +264,14 @@ def _from_first_sample(tone: Tone, start_s: float) -> Tone:
 def spectrum(
     x: np.ndarray, fs_hz: float, valid: np.ndarray, segment: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Power spectral density by Hann windows that overlap by half (NOI-3).
+    """Estimate the power spectral density with Hann windows that overlap by half (NOI-3).
 
     Parameters
     ----------
     x : (n,) float
     fs_hz : float
     valid : (n,) bool
-        A window with a lost sample is left out.
+        A window with a lost sample is omitted.
     segment : int
         Length of a window, samples.
 
@@ -283,12 +285,12 @@ def spectrum(
     Raises
     ------
     InputError
-        No window without a lost sample.
+        Every window has a lost sample.
     """
     rows = hann_windows(x, valid, segment)
     n_rows = len(rows)
     if n_rows == 0:
-        what = "no stretch without lost samples is as long as a window"
+        what = "no segment without lost samples is as long as a window"
         raise InputError(what, "", f"{segment} samples", "give a shorter --period, or measure again")
     inner = slice(1, (segment + 1) // 2)
     psd = np.mean(np.abs(rows[:, inner]) ** 2, axis=0) * segment / (2 * fs_hz)
@@ -297,20 +299,20 @@ def spectrum(
 
 
 def hann_windows(x: np.ndarray, valid: np.ndarray, length: int) -> np.ndarray:
-    """Transform Hann windows that overlap by half, each less its mean.
+    """Transform Hann windows that overlap by half, after subtracting the mean of each.
 
     Parameters
     ----------
     x : (n,) float
     valid : (n,) bool
-        A window with a lost sample is left out.
+        A window with a lost sample is omitted.
     length : int
-        Of a window, samples.
+        Length of a window, samples.
 
     Returns
     -------
     (M, length // 2 + 1) complex
-        Of noise, each line has the mean square that it has in FRF-1, where there is no window.
+        For noise, the mean square of each line equals that of FRF-1, which has no window.
     """
     if len(x) < length:
         return np.empty((0, length // 2 + 1), complex)

@@ -1,4 +1,4 @@
-"""Records transformed: one as its spectra, several as realisations of one excitation."""
+"""Transform records: one record into its spectra, several into realisations of one excitation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsid.base.errors import InputError
 from gsid.base.hold import DECLARE
 from gsid.records.periods import split_periods
 from gsid.records.record import Record
-from gsid.spectrum.excited import above_noise, large_lines, say_slip
+from gsid.spectrum.excited import above_noise, large_lines, warn_of_slip
 from gsid.spectrum.lines import period_lines
 from gsid.spectrum.spectra import DIGEST_LENGTH, Spectra
 
@@ -27,7 +27,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
     ----------
     record : Record
     period, settle : int, optional
-        Samples; default: what the record states, else what the data show.
+        Period and settling [samples]. Default: the values of the record, else found from the data.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
     Raises
     ------
     InputError
-        u does not repeat, fewer than two good periods, or u without any line of its own.
+        u does not repeat, there are fewer than two good periods, or no line of u exceeds its noise.
     """
     part = _realisation(record, period, settle)
     line = np.arange(part.period_samples // 2 + 1)
@@ -64,13 +64,13 @@ def spectra_of(
     period: int | None = None,
     settle: int | None = None,
 ) -> list[Spectra]:
-    """Transform what is not yet transformed, of one record or of several.
+    """Transform one record or several. Spectra are returned as they are.
 
     Parameters
     ----------
     records : Record or Spectra, or a sequence of them
     period, settle : int, optional
-        As `spectra`. Not looked at for Spectra.
+        As `spectra`. Not used for Spectra.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def spectra_of(
     Raises
     ------
     ValueError
-        No record.
+        The sequence is empty.
     InputError
         As `spectra`.
     """
@@ -89,7 +89,7 @@ def spectra_of(
 
 
 def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Record | Spectra]:
-    """One record or several as a list.
+    """Convert one record or several to a list.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
     Raises
     ------
     ValueError
-        No record.
+        The sequence is empty.
     TypeError
-        Something else, as the name of a file.
+        An item is not a record, for example the name of a file.
     """
     is_one = isinstance(records, str | Path) or not isinstance(records, Iterable)
     several = [records] if is_one else list(records)
@@ -120,21 +120,21 @@ def listed(records: Record | Spectra | Sequence[Record | Spectra]) -> list[Recor
 
 @dataclass(repr=False)
 class Realisation:
-    """One realisation in periods, transformed at the lines that are asked for, and no others.
+    """One realisation divided into periods. Only the requested lines are transformed.
 
     Attributes
     ----------
     u_repeats : bool
-        To the bit: the input is known exactly, and one row stands for all periods.
+        Whether all periods of the input are identical. The input is then known exactly, and has one row.
     large, excited : (K,) bool
-        Lines 0 .. N/2 that are large enough to be excited, and those of them that stand out of their noise.
+        Lines 0 .. N/2 that are large enough to be excited, and those of them that exceed their noise.
     n_periods, n_spoiled, settle_samples, period_samples : int
     fs_hz : float
     hold, u_unit, y_unit, name : str
     """
 
     _samples: tuple[np.ndarray, np.ndarray] | None  # of input (P or 1, N) and output (P, N)
-    _lines: tuple[np.ndarray, np.ndarray | None]  # of both, from line 0 on, as far as they are known already
+    _lines: tuple[np.ndarray, np.ndarray | None]  # of both, from line 0 on, as far as already computed
     u_repeats: bool
     large: np.ndarray
     excited: np.ndarray
@@ -174,14 +174,15 @@ def realisations(
     period: int | None = None,
     settle: int | None = None,
 ) -> list[Realisation]:
-    """Cut records of one experiment into periods, and find their excited lines.
+    """Divide records of one experiment into periods, and find their excited lines.
 
     Parameters
     ----------
     records : Record or Spectra, or a sequence of them
         One per realisation.
     period, settle : int, optional
-        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+        Period and settling [samples]. Default: the values of each record, else found from its data. Not used
+        for Spectra.
 
     Returns
     -------
@@ -190,9 +191,9 @@ def realisations(
     Raises
     ------
     InputError
-        As `spectra`; realisations of unequal period, sample rate, hold or units.
+        As `spectra`; or the realisations differ in period, sample rate, hold or units.
     ValueError
-        No record.
+        The sequence is empty.
     """
     parts = [_realisation(record, period, settle) for record in listed(records)]
     for part in parts[1:]:
@@ -201,7 +202,7 @@ def realisations(
 
 
 def common_lines(parts: list[Realisation], band: tuple[float, float] | None) -> np.ndarray:
-    """Lines within the band [Hz] that every realisation excites, (F,) int; InputError where there is none."""
+    """Lines within the band [Hz] that every realisation excites, (F,) int; InputError if there is none."""
     first = parts[0]
     chosen = np.logical_and.reduce([part.excited for part in parts]) & within(first.f_hz, band)
     if not chosen.any():
@@ -219,7 +220,7 @@ def common_lines(parts: list[Realisation], band: tuple[float, float] | None) -> 
 def rejected_lines(
     parts: Sequence[Realisation], used: np.ndarray, band: tuple[float, float] | None
 ) -> np.ndarray:
-    """Lines within the band that are large enough in some realisation, but not used, (R,) int."""
+    """Lines within the band that are large enough in at least one realisation, but not used, (R,) int."""
     rejected = np.logical_or.reduce([part.large for part in parts]) & within(parts[0].f_hz, band)
     rejected[used] = False
     return np.flatnonzero(rejected)
@@ -238,10 +239,10 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
         samples = (periods.u[:1] if u_repeats else periods.u, periods.y)
         large, excited, U = _input_lines(samples[0], n_settle)
         lines = (U, None)
-        say_slip(record.name, U, n_period)
+        warn_of_slip(record.name, U, n_period)
         if not excited.any():
-            what = "u has no line that stands out of its own noise"
-            raise InputError(what, record.name, hint="excite the axis more, or name the input with --u")
+            what = "u has no line above its noise"
+            raise InputError(what, record.name, hint="excite the axis more, or select the input with --u")
     return Realisation(
         samples,
         lines,
@@ -261,9 +262,10 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
 
 
 def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Large and excited lines, and the lines of each period up to the last large one.
+    """Find large and excited lines, and compute the lines of each period up to the last large one.
 
-    `excited_lines` without a transform of every period at every line: the mean period shows what is large.
+    As `excited_lines`, but it does not transform every period at every line: the mean period shows which
+    lines are large.
     """
     n_period = u.shape[1]
     line = np.arange(n_period // 2 + 1, dtype=np.uint32)
@@ -277,7 +279,7 @@ def _input_lines(u: np.ndarray, n_settle: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 class Measured(Protocol):
-    """What was measured with one excitation: a realisation, spectra or a frequency response."""
+    """A measurement with one excitation: a realisation, spectra or a frequency response."""
 
     period_samples: int
     fs_hz: float
@@ -288,7 +290,7 @@ class Measured(Protocol):
 
 
 def require_same(first: Measured, other: Measured) -> None:
-    """Refuse to put together records of unequal period, rate, hold or units (InputError)."""
+    """Refuse to combine records that differ in period, rate, hold or units (InputError)."""
     for what in ("period_samples", "fs_hz", "hold", "u_unit", "y_unit"):
         ours, theirs = getattr(first, what), getattr(other, what)
         if ours != theirs:

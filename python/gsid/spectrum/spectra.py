@@ -1,6 +1,6 @@
-"""Lines of each period of a record: the transform, and which lines are excited.
+"""Spectral lines of each period of a record.
 
-The phases of the lines count from the record's first sample on, whatever was thrown away to settle.
+The phases of the lines count from the first sample of the record, including the discarded settling.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from gsid.base.cached import cached_property
 from gsid.base.errors import InputError
 from gsid.spectrum.lines import covariance, sample_variance, variance_between_lines
 
-CONSTANT = 1e-13  # largest line of an output over its mean, by rounding
+CONSTANT = 1e-13  # largest line of a constant output over its mean, due to rounding
 DIGEST_LENGTH = 16  # hexadecimal digits
 
 
@@ -32,10 +31,10 @@ class Spectra:
     line : (K,) int
         All lines 0 .. N/2.
     U, Y : (P, K) complex
-        One row per good period, units `u_unit` and `y_unit`; |U| is the amplitude of the sine, its phase that
-        of a cosine from the record's first sample on.
+        One row per good period, units `u_unit` and `y_unit`. |U| is the amplitude of the sine. Its phase is
+        that of a cosine, from the first sample of the record.
     n_spoiled : int
-        Periods left out because samples of them were lost.
+        Periods omitted because they have lost samples.
     settle_samples : int
     excited : (K,) bool
         See `gsid.spectrum.excited.excited_lines`.
@@ -43,8 +42,8 @@ class Spectra:
         As in `gsid.Record`.
     u_unit, y_unit, name : str
     digest : str
-        Of the record's output samples, whatever was thrown away to settle: which measurement it is. Empty
-        where there is no record.
+        Hash of the output samples of the record, including the settling; it identifies the measurement. Empty
+        if there is no record.
     """
 
     fs_hz: float
@@ -73,29 +72,29 @@ class Spectra:
 
     @property
     def u(self) -> np.ndarray:
-        """Mean of U over periods, (K,) complex (source, eq. 4.10)."""
+        """Mean of U over periods, (K,) complex (thesis, eq. 4.10)."""
         return self.U.mean(axis=0)
 
     @property
     def y(self) -> np.ndarray:
-        """Mean of Y over periods, (K,) complex (source, eq. 4.10)."""
+        """Mean of Y over periods, (K,) complex (thesis, eq. 4.10)."""
         return self.Y.mean(axis=0)
 
     @property
     def var_u(self) -> np.ndarray:
-        """Sample variance of one period's U, (K,) (source, eq. 4.11)."""
+        """Sample variance of one period's U, (K,) (thesis, eq. 4.11)."""
         return sample_variance(self.U)
 
     @property
     def var_y(self) -> np.ndarray:
-        """Sample variance of one period's Y, (K,) (source, eq. 4.11)."""
+        """Sample variance of one period's Y, (K,) (thesis, eq. 4.11)."""
         return sample_variance(self.Y)
 
     @cached_property
     def noise_y(self) -> np.ndarray:
-        """Variance of one period's Y as the mean over periods sees it, (K,), see `variance_between_lines`.
+        """Variance of one period's Y without the leakage that cancels in the mean, (K,).
 
-        Where periods in between were lost, `var_y`.
+        See `variance_between_lines`. If periods were lost, it equals `var_y`.
         """
         if self.n_spoiled:
             return self.var_y
@@ -103,7 +102,7 @@ class Spectra:
 
     @property
     def cov_yu(self) -> np.ndarray:
-        """Sample covariance, mean of Y conj(U), of one period, (K,) complex (source, eq. 4.11)."""
+        """Sample covariance, mean of Y conj(U), of one period, (K,) complex (thesis, eq. 4.11)."""
         return covariance(self.Y, self.U)
 
     def __repr__(self) -> str:
@@ -116,7 +115,7 @@ class Spectra:
 
 
 def require_motion_of_output(measured: Iterable[Spectra]) -> None:
-    """Refuse records to fit whose output is constant.
+    """Refuse to fit records whose output is constant.
 
     Parameters
     ----------
@@ -125,51 +124,22 @@ def require_motion_of_output(measured: Iterable[Spectra]) -> None:
     Raises
     ------
     InputError
-        An output has no lines but its mean, to rounding.
+        All lines of an output except its mean are zero, within rounding.
     """
     for one in measured:
         size = np.abs(one.Y)
         if not np.max(size[:, 1:]) > CONSTANT * np.max(size[:, 0]):
-            hint = "look at the sensor, and at the column that --y names"
+            hint = "check the sensor, and the column that --y selects"
             raise InputError("the output is constant: there is nothing to fit", one.name, None, hint)
 
 
-class HasOutput(Protocol):
-    """A record of one output or several, or its spectra."""
-
-    name: str
-
-    @property
-    def y(self) -> np.ndarray:
-        """Output."""
-        ...
-
-
-def require_not_fitted(fitted: Sequence[HasOutput], held_out: Sequence[HasOutput]) -> None:
-    """Refuse to judge on a record that is fitted.
-
-    Parameters
-    ----------
-    fitted, held_out : sequence of Record, MimoRecord or Spectra
-
-    Raises
-    ------
-    InputError
-        A record kept out is one of those fitted, whatever its name.
-    """
-    for one in held_out:
-        if any(np.array_equal(one.y, other.y) for other in fitted):
-            hint = "leave it out of the records to fit, or judge on another"
-            raise InputError("a record is fitted and kept out", one.name, None, hint)
-
-
 def is_open(measured: Sequence[Spectra]) -> bool:
-    """Whether a record does not say whether its input was held."""
+    """Whether the hold of any record is unknown."""
     return any(one.hold is None for one in measured)
 
 
 def read_as(measured: Sequence[Spectra], hold: str) -> list[Spectra]:
-    """The records, with those that do not say it read one way."""
+    """Return the records, with `hold` assumed for those whose hold is unknown."""
     taken = [copy.copy(one) if one.hold is None else one for one in measured]
     for one in taken:
         one.hold = hold if one.hold is None else one.hold

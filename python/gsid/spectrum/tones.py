@@ -1,9 +1,9 @@
-"""Sines in noise: found by a test with a stated false-alarm rate, fitted off the grid, taken off.
+"""Detect sines in noise with a stated false-alarm rate, fit them between the bins, and subtract them.
 
-The strongest peak of the periodogram is compared with the noise beside it (NOI-1), fitted by least squares
-where it is more than noise explains (NOI-2), and subtracted; then the next is looked for, until noise alone
-is left. In an excited record what repeats with the period is taken off first, from the record and from the
-sines alike: a disturbance at a line of the period cannot be told from the response, every other one can.
+The strongest peak of the periodogram is compared with the noise around it (NOI-1). If noise does not explain
+it, a sine is fitted by least squares (NOI-2) and subtracted. This is repeated until only noise remains. In an
+excited record the mean period is subtracted first, from the record and from the sines. A disturbance at a
+line of the period cannot be distinguished from the response; disturbances at other frequencies can.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from scipy.special import gammaln
 _log = logging.getLogger(__name__)
 
 MAX_TONES = 64
-NEVER = 4.0  # times the noise beside it: what is lower is noise
-GUARD = 2  # bins beside a peak that it leaks into
-BESIDE = 16  # bins on each side, behind the guard, that tell the noise
-FEWEST_BESIDE = 4  # nearer to 0 Hz there are too few, and nothing is looked for
+LEAST_PEAK = 4.0  # times the noise around it: a lower peak counts as noise
+GUARD = 2  # bins on each side of a peak that contain its leakage
+N_SIDE = 16  # bins on each side, outside the guard, that give the noise level
+FEWEST_SIDE = 4  # closer to 0 Hz there are fewer bins, and sines are not searched for
 FINE = 4  # points of the periodogram per bin
-OFF_LINE = 0.5  # bins from a line of the period within which no sine is looked for
-CLOSEST = 0.2  # bins from such a line within which the fit cannot tell a sine from the response
-HARMONIC_STD = 3.0  # a multiple of another frequency, within so many standard deviations
-HARMONIC_BINS = 0.01  # or within so many bins: what is left of the error where there is no noise
-BY_CHANCE = 0.01  # no name where an unrelated frequency would be as near to a multiple more often than this
+OFF_LINE = 0.5  # bins from a line of the period within which sines are not searched for
+CLOSEST = 0.2  # bins from such a line within which the fit cannot separate a sine from the response
+HARMONIC_STD = 3.0  # standard deviations within which a frequency is a multiple of another
+HARMONIC_BINS = 0.01  # bins within which it is a multiple in any case: the numerical error without noise
+BY_CHANCE = 0.01  # largest probability that an unrelated frequency is this close to a multiple
 MAX_STEPS = 20
 ROUNDING = 1e-12  # of the signal: what is smaller comes from rounding
 CONVERGED = 0.01  # last step, in standard deviations of the frequency
-NO_MORE = 0.1  # what sines do to each other's fits, in standard deviations of the amplitude
+NEGLIGIBLE = 0.1  # effect of a sine on the fits of others, in standard deviations of the amplitude
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Tone:
     p_value : float
         Probability that noise alone shows such a peak anywhere in the record (NOI-1).
     order, base_hz : int, float
-        The frequency is `order` times `base_hz`, that of another disturbance; order 1: it is its own.
+        The frequency is `order` times `base_hz`, the frequency of another disturbance. Order 1: no harmonic.
     """
 
     f_hz: float
@@ -62,7 +62,7 @@ class Tone:
 
     @property
     def name(self) -> str:
-        """The frequency in words, for example "61.8 Hz (2 x 30.9 Hz)"."""
+        """The frequency as text, for example "61.8 Hz (2 x 30.9 Hz)"."""
         text = f"{_digits(self.f_hz, self.std_f_hz)} Hz"
         return (
             text if self.order == 1 else f"{text} ({self.order} x {_digits(self.base_hz, self.std_f_hz)} Hz)"
@@ -74,31 +74,31 @@ class Tone:
 
 
 def _digits(value: float, std: float) -> str:
-    """As many decimals as the standard deviation allows, two at least."""
+    """Print as many decimals as the standard deviation justifies, at least two."""
     decimals = int(np.clip(np.ceil(-np.log10(std)), 2, 6)) if std > 0 else 6
     return f"{value:.{decimals}f}"
 
 
-def n_taken_off(valid: np.ndarray, period: int) -> int:
-    """Degrees of freedom of the mean period that `Rest` takes off; with period 0, of mean and trend."""
+def n_subtracted(valid: np.ndarray, period: int) -> int:
+    """Degrees of freedom of the mean period that `Residual` subtracts; with period 0, of mean and trend."""
     return np.count_nonzero(valid.reshape(-1, period).any(axis=0)) if period else 2
 
 
-class Rest:
-    """What is left of a signal when what is not noise is taken off: its mean and trend, or its mean period.
+class Residual:
+    """Residual of a signal after subtracting its mean and trend, or its mean period.
 
     Parameters
     ----------
     valid : (n,) bool
-        False: the sample was lost, and is 0 in what is left.
+        False: the sample was lost. It is 0 in the residual.
     period : int
-        N; 0: nothing is excited, mean and trend are taken off.
+        N; 0: there is no excitation, and mean and trend are subtracted.
     """
 
     def __init__(self, valid: np.ndarray, period: int) -> None:
         self._weight, self._period = valid.astype(float), period
         self._spacing = len(valid) // period if period else 0
-        self._n_free = np.count_nonzero(valid) - n_taken_off(valid, period)
+        self._n_free = np.count_nonzero(valid) - n_subtracted(valid, period)
         self._count = (
             np.maximum(self._weight.reshape(-1, period).sum(axis=0), 1) if period else self._weight.sum()
         )
@@ -108,7 +108,7 @@ class Rest:
             self._trend = t / np.linalg.norm(t)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Take off what is not noise: x, (n,) -> (n,)."""
+        """Compute the residual of x, (n,) -> (n,)."""
         x = x * self._weight
         if self._period:
             rows = x.reshape(-1, self._period)
@@ -117,12 +117,12 @@ class Rest:
         return x - (self._trend @ x) * self._trend
 
     def variance(self, power: float) -> float:
-        """Variance of white noise of which the periodogram has this power, off the lines of the period."""
-        off_lines = 1 - (self._period or 2) / len(self._weight)  # what was taken off is missing there only
+        """Variance of white noise whose periodogram has this power, away from the lines of the period."""
+        off_lines = 1 - (self._period or 2) / len(self._weight)  # only these lines lost power
         return power * off_lines / self._n_free
 
-    def off_lines(self, bins: float) -> float:
-        """The nearest place that is not too close to a line of the period."""
+    def away_from_lines(self, bins: float) -> float:
+        """Return the nearest position that is not too close to a line of the period."""
         if not self._spacing:
             return bins
         line = self._spacing * round(bins / self._spacing)
@@ -132,45 +132,45 @@ class Rest:
 def find_tones(
     x: np.ndarray, fs_hz: float, *, valid: np.ndarray | None = None, period: int = 0, alpha: float = 0.01
 ) -> tuple[list[Tone], np.ndarray]:
-    """Find the sines in a signal, the strongest first.
+    """Detect the sines in a signal, the strongest first.
 
     Parameters
     ----------
     x : (n,) float
-        Signal; with `period` a whole number of periods.
+        Signal; with `period`, a whole number of periods.
     fs_hz : float
     valid : (n,) bool, optional
         False: the sample was lost.
     period : int
-        Samples of the excitation's period, whose lines are no disturbance; 0: nothing is excited.
+        Period of the excitation in samples; its lines are not disturbances. 0: there is no excitation.
     alpha : float
-        Probability of finding any in noise that has none.
+        Probability of detecting any sine in noise that has none.
 
     Returns
     -------
     tones : list of Tone
         Phases count from x[0].
-    rest : (n,) float
-        What is left: noise, 0 where samples were lost.
+    residual : (n,) float
+        The residual noise, 0 for lost samples.
     """
     n = len(x)
-    rest_of = Rest(np.ones(n, bool) if valid is None else np.asarray(valid, bool), period)
-    rest = rest_of(np.asarray(x, float))
-    beside = _Beside(n, n // period if period else 0)
+    residual_of = Residual(np.ones(n, bool) if valid is None else np.asarray(valid, bool), period)
+    residual = residual_of(np.asarray(x, float))
+    noise_floor = _NoiseFloor(n, n // period if period else 0)
     found: list[_Sine] = []
-    power = rest @ rest
+    power = residual @ residual
     while len(found) < MAX_TONES:
-        peak = _strongest(rest, beside)
-        if peak is None or peak.p_value > alpha or rest @ rest < ROUNDING**2 * power:
+        peak = _strongest(residual, noise_floor)
+        if peak is None or peak.p_value > alpha or residual @ residual < ROUNDING**2 * power:
             break
-        found.append(_fitted(_Sine(peak.bins, 0.0, 0.0, peak.p_value), rest, rest_of))
-        rest = rest - rest_of(found[-1].samples(n))
-        rest = _fit_again(found, rest, rest_of, peak.std_amplitude)
+        found.append(_fitted(_Sine(peak.bins, 0.0, 0.0, peak.p_value), residual, residual_of))
+        residual = residual - residual_of(found[-1].samples(n))
+        residual = _fit_again(found, residual, residual_of, peak.std_amplitude)
     else:
-        _log.warning("%d periodic disturbances found, and there are more", MAX_TONES)
-    floor = beside.mean(_periodogram(rest))
-    tones = [_tone(sine, rest_of, floor, beside.n_beside, fs_hz, n) for sine in found]
-    return _harmonics(sorted(tones, key=lambda tone: -tone.amplitude), fs_hz / n), rest
+        _log.warning("%d periodic disturbances found, which is the limit: there are more", MAX_TONES)
+    floor = noise_floor.mean(_periodogram(residual))
+    tones = [_tone(sine, residual_of, floor, noise_floor.n_around, fs_hz, n) for sine in found]
+    return _harmonics(sorted(tones, key=lambda tone: -tone.amplitude), fs_hz / n), residual
 
 
 # ---------------------------------------------------------------- the test
@@ -180,24 +180,24 @@ def find_tones(
 class _Peak:
     bins: float
     p_value: float
-    std_amplitude: float  # of a sine in the noise beside it
+    std_amplitude: float  # of a sine in the noise around it
 
 
-class _Beside:
-    """The noise beside each point of the periodogram, of a record of n samples.
+class _NoiseFloor:
+    """Noise level around each point of the periodogram of a record of n samples.
 
     Attributes
     ----------
-    n_beside : (F,)
-        Of how many bins its mean is taken; 0: the point is not looked at.
+    n_around : (F,)
+        Number of bins that the mean is taken over; 0: the point is not searched.
     leak : (F,)
-        Share of a sine's own power that leaks into that mean.
+        Share of the power of a sine that leaks into that mean.
     n_bins : float
-        Bins that are looked at.
+        Number of bins that are searched.
 
     Notes
     -----
-    Points between the bins count, too: what the ends of the record leak is another there.
+    Points between the bins are included, because the leakage of the record's ends differs there.
     """
 
     def __init__(self, n: int, spacing: int) -> None:
@@ -207,17 +207,17 @@ class _Beside:
             off = np.abs(k - FINE * spacing * np.round(k / (FINE * spacing)))
             self._usable &= off > FINE * OFF_LINE
         last, guard = len(k) - 1, FINE * GUARD
-        # as many on both sides: noise has a slope
-        beside = np.clip(np.minimum(k, last - k) - guard - 1, 0, FINE * BESIDE)
-        self._outer = np.maximum(k - guard - beside, 0), np.minimum(k + guard + beside, last) + 1
+        # the same number on both sides, since the noise spectrum has a slope
+        n_side = np.clip(np.minimum(k, last - k) - guard - 1, 0, FINE * N_SIDE)
+        self._outer = np.maximum(k - guard - n_side, 0), np.minimum(k + guard + n_side, last) + 1
         self._inner = np.maximum(k - guard, 0), np.minimum(k + guard, last) + 1
         self._n_points = self._around(self._usable)
-        fewest = FINE * FEWEST_BESIDE
-        looked_at = self._usable & (beside >= fewest) & (self._n_points >= fewest)
-        self.n_beside = np.where(looked_at, self._n_points / FINE, 0)
-        self.n_bins = np.count_nonzero(looked_at) / FINE
-        leakage = np.sinc(np.arange(guard + 1, guard + FINE * BESIDE + 1) / FINE) ** 2
-        self.leak = np.concatenate(([0.0], np.cumsum(leakage) / np.arange(1, len(leakage) + 1)))[beside]
+        fewest = FINE * FEWEST_SIDE
+        searched = self._usable & (n_side >= fewest) & (self._n_points >= fewest)
+        self.n_around = np.where(searched, self._n_points / FINE, 0)
+        self.n_bins = np.count_nonzero(searched) / FINE
+        leakage = np.sinc(np.arange(guard + 1, guard + FINE * N_SIDE + 1) / FINE) ** 2
+        self.leak = np.concatenate(([0.0], np.cumsum(leakage) / np.arange(1, len(leakage) + 1)))[n_side]
 
     def _around(self, values: np.ndarray) -> np.ndarray:
         total = np.concatenate(([0], np.cumsum(values)))
@@ -226,33 +226,34 @@ class _Beside:
         return total[high] - total[low] - (total[inner_high] - total[inner_low])
 
     def mean(self, power: np.ndarray) -> np.ndarray:
-        """Mean power beside each point, (F,)."""
+        """Mean power around each point, (F,)."""
         mean = self._around(np.where(self._usable, power, 0)) / np.maximum(self._n_points, 1)
         return np.maximum(mean, np.finfo(float).tiny)
 
 
-def _periodogram(rest: np.ndarray) -> np.ndarray:
-    """Powers at FINE points per bin, from 0 Hz on."""
-    return np.abs(fft.rfft(rest, FINE * len(rest))) ** 2
+def _periodogram(residual: np.ndarray) -> np.ndarray:
+    """Power at FINE points per bin, from 0 Hz."""
+    return np.abs(fft.rfft(residual, FINE * len(residual))) ** 2
 
 
-def _strongest(rest: np.ndarray, beside: _Beside) -> _Peak | None:
-    """Peak of the periodogram that noise explains least, its place between the bins (NOI-1)."""
-    power = _periodogram(rest)
-    floor = beside.mean(power)
-    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (beside.n_beside[1:-1] > 0)
-    at = np.flatnonzero(is_peak & (power[1:-1] > NEVER * floor[1:-1])) + 1
+def _strongest(residual: np.ndarray, noise_floor: _NoiseFloor) -> _Peak | None:
+    """Most significant peak of the periodogram, located between the bins (NOI-1)."""
+    power = _periodogram(residual)
+    floor = noise_floor.mean(power)
+    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (noise_floor.n_around[1:-1] > 0)
+    at = np.flatnonzero(is_peak & (power[1:-1] > LEAST_PEAK * floor[1:-1])) + 1
     if not len(at):
         return None
     place, height = _vertex(power, at)
-    noise = np.maximum(floor[at] - height * beside.leak[at], 0.01 * floor[at])  # its own leakage is no noise
-    p = false_alarm(height / noise, beside.n_beside[at], beside.n_bins)
+    leakage = height * noise_floor.leak[at]  # of the peak itself
+    noise = np.maximum(floor[at] - leakage, 0.01 * floor[at])
+    p = false_alarm(height / noise, noise_floor.n_around[at], noise_floor.n_bins)
     best = int(np.argmin(p))
-    return _Peak(float(place[best] / FINE), float(p[best]), float(np.sqrt(2 * noise[best])) / len(rest))
+    return _Peak(float(place[best] / FINE), float(p[best]), float(np.sqrt(2 * noise[best])) / len(residual))
 
 
 def _vertex(power: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Place and height of the parabola through the logarithms of each maximum and its neighbours."""
+    """Vertex (position, height) of a parabola through the logarithms of each maximum and its neighbours."""
     tiny = np.finfo(float).tiny
     left, middle, right = (np.log(np.maximum(power[at + i], tiny)) for i in (-1, 0, 1))
     bend = left - 2 * middle + right
@@ -260,23 +261,23 @@ def _vertex(power: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at + shift, np.exp(middle - (left - right) * shift / 4)
 
 
-def false_alarm(ratio: np.ndarray, n_beside: np.ndarray, n_bins: float) -> np.ndarray:
+def false_alarm(ratio: np.ndarray, n_around: np.ndarray, n_bins: float) -> np.ndarray:
     """Probability of a peak this high anywhere, in noise without sines (NOI-1).
 
     Parameters
     ----------
     ratio : (F,) float
-        Height of the peak over the mean power of the bins beside it.
-    n_beside : (F,) float
+        Height of the peak over the mean power of the bins around it.
+    n_around : (F,) float
         Number of those bins.
     n_bins : float
-        Bins looked at.
+        Number of bins searched.
 
     Returns
     -------
     (F,) float, at most 1
     """
-    ratio, m = np.asarray(ratio, float), np.asarray(n_beside, float)
+    ratio, m = np.asarray(ratio, float), np.asarray(n_around, float)
     log_p = (
         np.log(n_bins * np.sqrt(np.pi / 3))
         + 0.5 * np.log(np.maximum(ratio, np.finfo(float).tiny) / m)
@@ -292,7 +293,7 @@ def false_alarm(ratio: np.ndarray, n_beside: np.ndarray, n_bins: float) -> np.nd
 
 @dataclass(frozen=True)
 class _Sine:
-    """a cos + b sin of 2 pi bins (i - middle)/n: about its middle, frequency and phase err independently."""
+    """a cos + b sin of 2 pi bins (i - middle)/n: errors of frequency and mid-record phase are independent."""
 
     bins: float
     a: float
@@ -314,61 +315,68 @@ def _from_middle(n: int) -> np.ndarray:
     return np.arange(n) - (n - 1) / 2
 
 
-def _fitted(sine: _Sine, rest: np.ndarray, rest_of: Rest) -> _Sine:
-    """Least squares over amplitude, phase and frequency, by Gauss and Newton's steps (NOI-2)."""
-    n = len(rest)
+def _fitted(sine: _Sine, residual: np.ndarray, residual_of: Residual) -> _Sine:
+    """Fit amplitude, phase and frequency by least squares with Gauss-Newton steps (NOI-2)."""
+    n = len(residual)
     per_bin = (2 * np.pi / n) * _from_middle(n)
     for _ in range(MAX_STEPS):
         angle = sine.bins * per_bin
         cos, sin = np.cos(angle), np.sin(angle)
-        basis = np.column_stack([rest_of(cos), rest_of(sin)])
-        normal, right = basis.T @ basis, basis.T @ rest
+        basis = np.column_stack([residual_of(cos), residual_of(sin)])
+        normal, right = basis.T @ basis, basis.T @ residual
         a, b = np.linalg.solve(normal, right)
-        slope = rest_of((b * cos - a * sin) * per_bin)
+        slope = residual_of((b * cos - a * sin) * per_bin)
         across = slope @ basis
         curvature = slope @ slope - across @ np.linalg.solve(normal, across)
-        # half a bin at most: the next minimum is one bin away
-        step = float(np.clip((slope @ rest - across @ np.array([a, b])) / curvature, -0.5, 0.5))
-        bins, along = rest_of.off_lines(sine.bins + step), np.array([a, b]) / np.hypot(a, b)
-        # about its middle amplitude and frequency err apart, but not next to a line that is taken off
-        pull = along @ np.linalg.solve(normal, across)
-        spread = 1 / np.sqrt(curvature), np.sqrt(along @ np.linalg.solve(normal, along) + pull**2 / curvature)
+        # at most half a bin: the next minimum is one bin away
+        step = float(np.clip((slope @ residual - across @ np.array([a, b])) / curvature, -0.5, 0.5))
+        bins, along = residual_of.away_from_lines(sine.bins + step), np.array([a, b]) / np.hypot(a, b)
+        # the errors of amplitude and frequency are independent, except next to a subtracted line
+        coupling = along @ np.linalg.solve(normal, across)
+        var_amplitude = along @ np.linalg.solve(normal, along) + coupling**2 / curvature
+        spread = 1 / np.sqrt(curvature), np.sqrt(var_amplitude)
         moved = abs(bins - sine.bins)
         sine = _Sine(bins, float(a), float(b), sine.p_value, *map(float, spread))
-        if moved < CONVERGED * spread[0] * np.sqrt(max(rest @ rest - right @ np.array([a, b]), 0) / n):
+        if moved < CONVERGED * spread[0] * np.sqrt(
+            max(residual @ residual - right @ np.array([a, b]), 0) / n
+        ):
             break
     return sine
 
 
-def _fit_again(found: list[_Sine], rest: np.ndarray, rest_of: Rest, std_amplitude: float) -> np.ndarray:
-    """Fit those again that the newest leaks into, and the newest, until none moves by a tenth of its error.
+def _fit_again(
+    found: list[_Sine], residual: np.ndarray, residual_of: Residual, std_amplitude: float
+) -> np.ndarray:
+    """Refit the newest sine and those it leaks into, until no fit moves by a tenth of its error.
 
-    Returns what is left then; `found` is brought up to date.
+    Updates `found`, and returns the residual.
     """
-    n, new = len(rest), found[-1]
+    n, new = len(residual), found[-1]
     near = [
         i
         for i, s in enumerate(found[:-1])
-        if new.amplitude > NO_MORE * std_amplitude * np.pi * abs(s.bins - new.bins)
+        if new.amplitude > NEGLIGIBLE * std_amplitude * np.pi * abs(s.bins - new.bins)
     ]
     for _ in range(MAX_STEPS if near else 0):
         moved = 0.0
         for i in [*near, len(found) - 1]:
             old = found[i]
-            rest = rest + rest_of(old.samples(n))
-            found[i] = _fitted(old, rest, rest_of)
-            rest = rest - rest_of(found[i].samples(n))
+            residual = residual + residual_of(old.samples(n))
+            found[i] = _fitted(old, residual, residual_of)
+            residual = residual - residual_of(found[i].samples(n))
             moved = max(moved, abs(complex(found[i].a - old.a, found[i].b - old.b)))
-        if moved < NO_MORE * std_amplitude:
+        if moved < NEGLIGIBLE * std_amplitude:
             break
-    return rest
+    return residual
 
 
-def _tone(sine: _Sine, rest_of: Rest, floor: np.ndarray, n_beside: np.ndarray, fs_hz: float, n: int) -> Tone:
+def _tone(
+    sine: _Sine, residual_of: Residual, floor: np.ndarray, n_around: np.ndarray, fs_hz: float, n: int
+) -> Tone:
     nearest = min(round(FINE * sine.bins), len(floor) - 1)
-    while nearest + 1 < len(floor) and not n_beside[nearest]:  # beside a line of the excitation
+    while nearest + 1 < len(floor) and not n_around[nearest]:  # next to a line of the excitation
         nearest += 1
-    variance = rest_of.variance(floor[nearest])  # as if the noise beside the sine were white
+    variance = residual_of.variance(floor[nearest])  # as if the noise around the sine were white
     middle_angle = 2 * np.pi * sine.bins / n * (n - 1) / 2
     phase = np.arctan2(-sine.b, sine.a) - middle_angle
     return Tone(
@@ -389,7 +397,7 @@ def _is_multiple(tone: Tone, base: Tone, bin_hz: float) -> bool:
 
 
 def _harmonics(tones: list[Tone], bin_hz: float) -> list[Tone]:
-    """Name those that are multiples of another's frequency, where that is not likely to be chance."""
+    """Mark disturbances whose frequency is a multiple of another's, if this is unlikely by chance."""
     named = []
     for tone in tones:
         near = [other for other in tones if _is_multiple(tone, other, bin_hz)]
