@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gsid.base.tables import Table
 from gsid.cli.options import (
     OUTPUT,
     band_option,
-    check_picture,
     json_option,
     options_as_arguments,
     picture_option,
@@ -18,7 +18,16 @@ from gsid.cli.options import (
     records_argument,
     reference_option,
 )
-from gsid.cli.output import as_typed, describe, draw, print_json, print_table, say, suggest, working
+from gsid.cli.output import (
+    command_line,
+    describe,
+    draw,
+    print_json,
+    print_message,
+    print_table,
+    suggest,
+    working,
+)
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -63,20 +72,21 @@ def start(
     """
     from gsid.structure.start import start as find_structure
 
-    check_picture(picture)
     measured = read(records)
     with working(f"fitting structures to {describe(measured)}"), options_as_arguments():
         found = find_structure(measured, output=y_is, band=band, reference=reference)
     if path:
         found.save(path)
-        say(f"wrote {path}" if found.has_model else f"wrote {path}, the rational model")
+        print_message(f"wrote {path}" if found.has_model else f"wrote {path}, the rational model")
     draw(found.plot, picture)
     if as_json:
         print_json(found.to_dict())
         return
     _print(found)
     if path and found.has_model and reference is None:
-        suggest(f"`{as_typed('diagnose', '--model', path, records=records)}` looks for a missing effect")
+        suggest(
+            f"`{command_line('diagnose', '--model', path, records=records)}` searches for a missing effect"
+        )
 
 
 def _print(found: Start) -> None:
@@ -84,7 +94,7 @@ def _print(found: Start) -> None:
     if found.effects:
         header = ["effect", "parameter", "value", "std", "noise only", "unit"]
         print()
-        print_table(header, found.rows(), left=["effect", "parameter", "unit"])
+        print_table(Table(header, found.rows(), left=["effect", "parameter", "unit"]))
     print()
     for text in found.notes():
         print(text)

@@ -21,7 +21,7 @@ from gsid.diagnosis.missing_torque.ranking import (
     scan_laws,
 )
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
-from gsid.plant.linear_response import JOINT
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -163,9 +163,9 @@ def first_stage(
         The band contains no line.
     """
     check_plant(model)
-    if any(effect.id == JOINT for effect in model.effects):
+    if any(effect.id == BACKLASH for effect in model.effects):
         hint = "remove it from the model; a simulation is needed to judge laws beside it"
-        raise InputError("the first stage has no model of play between motor and load", "", JOINT, hint)
+        raise InputError("the first stage has no model of play between motor and load", "", BACKLASH, hint)
     clock = _Clock()
     on_step("transforming the records")
     measured = read_as(spectra_of(records), "zoh")
@@ -268,7 +268,7 @@ def _scan_only(one: Candidate) -> Ranked:
 
 
 def _not_tried(model: PlantModel, problem: Problem) -> dict[str, Any]:
-    found = {JOINT: "the position of the motor is hidden; it needs a simulation"}
+    found = {BACKLASH: "the position of the motor is hidden; it needs a simulation"}
     if problem.closed_loop:
         found |= {
             law.name: "the command inside the loop is not in the record"
