@@ -106,10 +106,11 @@ def test_covariance_is_that_of_repeated_fits(rng):
 @pytest.mark.parametrize("output", ["rate", "angle", "acceleration"])
 @pytest.mark.parametrize("body", [(), (20.0,), (20.0, 900.0)])
 @pytest.mark.parametrize("residual", [False, True])
-def test_rational_form_and_its_order(output, body, residual):
-    values = Values.of(output, body, [(300.0, 0.02)], [2e-3], 0.0, residual)
+@pytest.mark.parametrize("n_modes", [0, 1])
+def test_rational_form_and_its_order(output, body, residual, n_modes):
+    values = Values.of(output, body, [(300.0, 0.02)][:n_modes], [2e-3], 0.0, residual)
     lines = Lines(np.linspace(1, 200, 50), 1000.0, False)
-    gains = np.array([10.0, -3.0, 0.01])[: 2 + residual]
+    gains = np.array([10.0, *[-3.0] * n_modes, *[0.01] * residual])
     data = Data(lines, columns(values, lines) @ gains, np.ones(50))
     fitted = linear_fit(values, data)
     num, den = as_rational(estimate(fitted, data, np.ones(50), 1.0))

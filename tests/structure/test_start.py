@@ -187,7 +187,20 @@ def test_bad_arguments():
 
 @needs_silverbox
 def test_silverbox_is_one_spring():
-    """The section with random phases: ten realisations of one period each."""
+    """Ten realisations with random phases, of one period each."""
+    whole = np.load(DATA / "silverbox" / "Schroeder80mV.npz")
+    parts = [slice(begin - 200, begin + 8192) for begin in 22231 + 8692 * np.arange(10)]
+    records = [gsid.Record(whole["u"][p], whole["y"][p], 610.3515625, 8192, 200, hold="none") for p in parts]
+    found = gsid.start(records)
+    assert (found.output, found.order) == ("angle", "2/0")
+    assert set(found.effects) <= {"rigid_body", "viscous_friction", "cable_spring", "transport_delay"}
+    f_hz = np.sqrt(found.effects["cable_spring"]["stiffness"]) / (2 * np.pi)
+    assert f_hz == pytest.approx(69.95, rel=5e-3)
+    assert found.measured.largest_source == "realisations"
+
+
+@needs_silverbox
+def test_smooth_phases_of_one_realisation_are_reported():
     whole = np.load(DATA / "silverbox" / "Schroeder80mV.npz")
     part = slice(10587, 10587 + 11 * 1024)
     measured = gsid.Record(whole["u"][part], whole["y"][part], 610.3515625, 1024, hold="none")

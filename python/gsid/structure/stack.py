@@ -120,7 +120,7 @@ def as_rational(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         num, den = _integrated(num, den)
     if structure.body == "free" and q < 0:
         num, den = _without_origin(num, den)
-    return num, den
+    return np.trim_zeros(num, "f"), den
 
 
 def _integrated(num: np.ndarray, den: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -244,7 +244,7 @@ def start(
     outputs = OUTPUTS if output is None else (output,)
     found = _under_each_hold(measured, outputs, settings)
     best = found[_likelier_hold(found, measured)]
-    return _described(best, found, measured, output, settings)
+    return _described(best, found, measured, output)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +300,6 @@ def _described(
     found: dict[str, _Found],
     measured: TotalVariance,
     output: str | None,
-    settings: StructureSettings,
 ) -> Start:
     """The result in words and numbers."""
     selection, fitted = best.selection, best.estimate.fitted
