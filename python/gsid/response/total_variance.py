@@ -167,7 +167,7 @@ def total_variance(
         One per realisation. Their excited lines may differ: each line is averaged over the realisations that
         excite it.
     period, settle : int, optional
-        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+        Samples; default: what each record states, else what its data show. Not used for Spectra.
     band : (lo, hi), optional
         Only lines within [Hz].
     reference : str, optional

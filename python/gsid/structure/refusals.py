@@ -52,7 +52,7 @@ def _impossible(values: Values, data: Data, settings: StructureSettings) -> str:
 
 
 def _not_shown(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
-    """Elements that cancel each other, or do not stand out anywhere."""
+    """Elements that cancel each other, or are small everywhere."""
     structure, f = fitted.structure, data.lines.f_hz
     size = np.abs(columns(fitted.values, data.lines) * fitted.gains)
     measured = np.abs(data.g)
@@ -72,7 +72,7 @@ def _not_shown(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
             return f"mode at {f_mode:.4g} Hz cancels against another element"
         at = int(np.argmin(np.abs(f - f_mode)))
         if size[at, i] < settings.standing_out * (total[at] - size[at, i]):
-            return f"mode at {f_mode:.4g} Hz does not stand out"
+            return f"mode at {f_mode:.4g} Hz is small beside the other elements"
     if structure.residual and np.max(size[:, -1] / (total - size[:, -1])) < settings.residual_share:
-        return "modes above the band do not stand out"
+        return "modes above the band are small beside the other elements"
     return ""

@@ -95,7 +95,7 @@ def select(
         What y may be.
     settings : StructureSettings
     expected_output : str, optional
-        What the unit of y says: the others have the odds against them.
+        What y is by its unit: the others have the odds against them.
 
     Returns
     -------

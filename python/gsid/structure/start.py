@@ -214,7 +214,7 @@ def start(
     output : {"rate", "angle", "acceleration"}, optional
         What y is; default: inferred from the data, with the unit of y as a hint.
     period, settle : int, optional
-        Samples; default: what each record states, else what its data show. Not looked at for Spectra.
+        Samples; default: what each record states, else what its data show. Not used for Spectra.
     band : (lo, hi), optional
         Only lines within [Hz].
     reference : str, optional
