@@ -12,6 +12,7 @@ from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, Problem, fit_null, linear_part
 from gsid.diagnosis.missing_torque.motion import motions
 from gsid.diagnosis.missing_torque.ranking import Candidate
+from gsid.diagnosis.missing_torque.sample_hold import find_images, held_rate
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
@@ -258,3 +259,22 @@ def test_members_of_a_family_that_are_as_good_form_a_group():
     assert equals(best, [best, other], MISFIT, DEFAULTS) == ["sensor_lag"]
     other = candidate("sensor_lag", 1.2, cost=2400.0)
     assert equals(best, [best, other], MISFIT, DEFAULTS) == []
+
+
+# ---- a sensor that is sampled and held -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate_hz", [400.0, 625.0])
+def test_a_sensor_that_is_held_is_found_by_its_images_with_its_rate(rate_hz):
+    """625 Hz: above half the sample rate the image stands at 375 Hz."""
+    problem = Problem(
+        plant(TRUE), spectra_of(records({"sensor_sample_hold": {"rate_hz": rate_hz}})), None, DEFAULTS
+    )
+    assert held_rate(problem) == pytest.approx(rate_hz)
+
+
+def test_noise_and_friction_have_no_images():
+    for extra in ({}, {"coulomb_friction": {"level": 1.0}}):
+        problem = Problem(plant(TRUE), spectra_of(records(extra)), None, DEFAULTS)
+        assert find_images(problem).statistic < DEFAULTS.images_least
+        assert held_rate(problem) is None

@@ -221,6 +221,8 @@ def _against(
         for one in enlarged
         if one.cost < best.cost - settings.enlarged_gain
     ]
+    if best.kept > settings.verdict_cost:
+        reasons.append(f"What is left has {best.kept:.3g} times the power of noise.")
     if 0 < misfit.n_periods < settings.periods_least:
         reasons.append(f"One record of {misfit.n_periods} periods shows no scatter.")
     return reasons

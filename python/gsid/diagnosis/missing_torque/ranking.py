@@ -473,7 +473,8 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
             break
         part, c = fit.part, fit.coefficients
         moved = motions(problem, part)
-        if law.effect.c.holding != ffi.NULL and np.any(c != 0):
+        # In a closed loop the motor's torque is not in the record.
+        if law.effect.c.holding != ffi.NULL and np.any(c != 0) and not problem.closed_loop:
             moved = [stuck(problem, law, one.shape, c, motion) for motion in moved]
         if law.shape is not None:
             scan = Scan(problem, fit, moved)

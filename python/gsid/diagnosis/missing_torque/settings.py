@@ -14,6 +14,12 @@ class SearchSettings:
     images : int
         Images of the held command on each side of a line. Their sum falls as 1/m^2; beyond the third they are
         below 0.3 % of the response at a fifteenth of the sample rate, and the fitted delay absorbs that.
+    images_least : float
+        Least power of the images of a sensor that is sampled and held, over that of noise, summed over the
+        records. In 92 development trials it is 31 000 and more with such a sensor, and below 30 without one
+        or play.
+    images_size : float
+        Largest ratio of the images' size to that of a sensor of that rate: play has other sizes.
     motion_band : float
         Highest line of the motion, in highest lines of the fit. Friction moves the axis above the excitation;
         far above it the output is noise.
@@ -92,6 +98,8 @@ class SearchSettings:
     """
 
     images: int = 3
+    images_least: float = 100.0
+    images_size: float = 1.5
     motion_band: float = 2.0
     oversampling: float = 6.0
     delays: tuple[float, ...] = (0.5, 0.75, 1.0, 1.35, 1.8)

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
-from gsid.diagnosis.missing_torque.linear_fit import LinearFit, LinearPart, Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.linear_fit import (
+    LinearFit,
+    LinearPart,
+    Problem,
+    fit_linear_part,
+    fit_null,
+    linear_part,
+)
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.ranking import (
     Candidate,
@@ -20,12 +28,14 @@ from gsid.diagnosis.missing_torque.ranking import (
     refit,
     scan_laws,
 )
+from gsid.diagnosis.missing_torque.sample_hold import held_rate
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
+from gsid.effects.types import catalogue as effect_types
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, read_as
+from gsid.spectrum.spectra import Spectra, is_open, read_as
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +150,7 @@ def first_stage(
     Parameters
     ----------
     records : Record or Spectra, or a sequence of them
-        Realisations. A record that does not state its hold is taken as held.
+        Realisations. If they do not state their hold, both are tried, and the linear part decides.
     model : PlantModel
         Its linear part: rigid body, damping, spring, modes, lags and delay; their free values are fitted.
     band : (lo, hi), optional
@@ -168,13 +178,19 @@ def first_stage(
         raise InputError("the first stage has no model of play between motor and load", "", BACKLASH, hint)
     clock = _Clock()
     on_step("transforming the records")
-    measured = read_as(spectra_of(records), "zoh")
-    problem = Problem(model, measured, band, settings)
+    measured = spectra_of(records)
     clock.take("spectra")
     on_step("fitting the linear part")
     given = linear_part(model)
-    null = fit_null(problem, given)
+    readings = ["zoh", "none"] if is_open(measured) and not model.has_controller else ["zoh"]
+    problems = [Problem(model, read_as(measured, reading), band, settings) for reading in readings]
+    fits = [fit_null(problem, given) for problem in problems]
+    problem, null = min(zip(problems, fits, strict=True), key=lambda each: each[1].cost)
     clock.take("linear part")
+    held = _held_sensor(problem, null, model, without)
+    if held is not None:
+        before, given, null = null, held.part, held
+    clock.take("sample and hold")
     on_step("scanning the laws")
     moved = motions(problem, null.part)
     candidates = _scanned(problem, null, moved, model, without)
@@ -188,14 +204,51 @@ def first_stage(
     clock.take("enlarged laws")
     rest = sorted((one for one in fitted if one is not best), key=lambda one: one.kept)
     only_scanned = [one for one in candidates if one.fit is None]
+    conclusion = conclude(best, fitted, enlarged, misfit, settings)
+    ranking = [_ranked(one, fitted, misfit) for one in [best, *rest]]
+    ranking += [_scan_only(one) for one in only_scanned]
+    if held is not None:
+        conclusion = _with_hold(conclusion)
+        ranking.insert(0, _ranked_hold(before, held, _misfit(problem, before), misfit.kept))
     return FirstStage(
-        conclude(best, fitted, enlarged, misfit, settings),
-        [_ranked(one, fitted, misfit) for one in [best, *rest]] + [_scan_only(one) for one in only_scanned],
+        conclusion,
+        ranking,
         null.cost_per_dof,
         null.part.stack,
         _not_tried(model, problem),
         clock.seconds,
     )
+
+
+HOLD = next(effect.id for effect in effect_types().values() if effect.linear_part == "hold")
+
+
+def _held_sensor(
+    problem: Problem, null: LinearFit, model: PlantModel, without: Collection[str]
+) -> LinearFit | None:
+    """The linear part with a sensor that is sampled and held, where its images are seen."""
+    if HOLD in without or any(effect.id == HOLD for effect in model.effects):
+        return None
+    rate_hz = held_rate(problem)
+    if rate_hz is None:
+        return None
+    (parameter,) = effect_types()[HOLD].parameters
+    stack = null.part.stack | {HOLD: {parameter.name: rate_hz}}
+    return fit_linear_part(problem, replace(null.part, stack=stack))
+
+
+def _with_hold(rest: Conclusion) -> Conclusion:
+    """Sample and hold is named by its images; what is missing beside it is for the next round."""
+    beside = " or ".join(rest.effects) or "an unknown effect"
+    reasons = () if rest.kind == "none" else (f"Beside it: {beside} ({rest.kind}).",)
+    return Conclusion("named", (HOLD,), reasons)
+
+
+def _ranked_hold(before: LinearFit, held: LinearFit, misfit: Misfit, kept: float) -> Ranked:
+    params = held.part.stack[HOLD]
+    drop = before.cost - held.cost
+    share = misfit.share(kept)
+    return Ranked((HOLD,), params, held.part.stack, held.cost_per_dof, share, math.inf, 0.0, drop, drop)
 
 
 def _scanned(
