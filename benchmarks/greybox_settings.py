@@ -1,6 +1,6 @@
 """Sweep of the numerical settings of the grey-box fit (`gsid.greybox.settings`); tables on stdout.
 
-    .venv/bin/python benchmarks/greybox_settings.py [--axes 8] [--seed 1]
+    .venv/bin/python benchmarks/greybox_settings.py [--axes 6] [--seed 1]
 
 `make settings-study` runs it; docs/explanation/decisions.md has the results.
 
@@ -181,7 +181,7 @@ def starts(jobs: list[tuple[PlantModel, list[Spectra]]], truths: list[PlantModel
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--axes", type=int, default=8, help="number of random axes")
+    arguments.add_argument("--axes", type=int, default=6, help="number of random axes")
     arguments.add_argument("--seed", type=int, default=1, help="random seed")
     chosen = arguments.parse_args()
     print("seed", chosen.seed)

@@ -297,6 +297,8 @@ static void what_cannot_be_is_refused(void **state) {
     bad = good, bad.line = NULL;
     assert_int_equal(gsid_distortion_mem_size(&bad), 0);
     assert_int_equal(gsid_distortion_spread_mem_size(&bad), 0);
+    assert_int_equal(gsid_distortion_mem_size(NULL), 0);
+    assert_int_equal(gsid_distortion_spread_mem_size(NULL), 0);
     bad = good, bad.input_is_known = 1;
     init(&d, &bad);
     assert_int_equal(gsid_distortion_start(&d, NULL), GSID_E_NULL);

@@ -47,6 +47,7 @@ from gsid.records.record import Record
 from gsid.report import words
 from gsid.response.estimate import frf
 from gsid.response.estimate_distortion import StreamingDistortion, distortion
+from gsid.response.frf import merged
 from gsid.response.mimo import frf_mimo
 from gsid.response.streaming import StreamingFrf
 from gsid.rig.axis import SimulatedAxis
@@ -79,7 +80,8 @@ def plant(fs_hz=FS_HZ, **more):
 
 
 def spectra_of_several_periods():
-    return [frf(record(n, seed=n)).g for n in (400, 440, 486, 400)]
+    responses = [frf(record(n, seed=n)) for n in (400, 440, 486, 400)]
+    return [one.g for one in (*responses, merged([responses[0], responses[-1]]))]
 
 
 def a_long_period():

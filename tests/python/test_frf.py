@@ -451,6 +451,17 @@ def test_response_variance_and_merged_means_are_those_of_the_formula():
     assert max(worst.values()) < 1e-9  # the deviations are small beside the means: 1e-16 / 1e-5
 
 
+def test_bug_arrays_of_other_lengths_were_read_beyond_their_end():
+    """The C library reads all arrays of a response to the same length."""
+    g = np.full(200, 2.0 + 1.0j)
+    full = error_variance(np.full(200, 0.5), np.full(200, 3.0), np.full(200, 0.25j), g)
+    np.testing.assert_array_equal(
+        error_variance(np.array([0.5]), np.array([3.0]), np.array([0.25j]), g), full
+    )
+    with pytest.raises(ValueError, match="shape"):
+        error_variance(np.full(3, 0.5), np.full(200, 3.0), np.full(200, 0.25j), g)
+
+
 def moments(u, y):
     """Sample variances and covariance over periods (eq. 4.11)."""
     du, dy = u - u.mean(0), y - y.mean(0)

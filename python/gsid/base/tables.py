@@ -18,7 +18,7 @@ class Table:
     Attributes
     ----------
     head : sequence of str
-        Names of the columns with their units; empty if the first cell of each row names it.
+        Names of the columns with their units. Empty, for `html` only, if the first cell of each row names it.
     rows : sequence of sequences of str
     left : sequence of str
         Columns of text; the others are numbers, aligned to the right.

@@ -98,7 +98,7 @@ def _uncertainty(result: Comparison, rms: str) -> str:
     """Whether and how the test allows for the model's uncertainty."""
     match result.model_uncertainty:
         case "included":
-            return f"{result.model_uncertainty_rms:.4g} {rms}, allowed for"
+            return f"{result.model_uncertainty_rms:.4g} {rms}, included in the test"
         case "fitted":
             return "not added: the model was fitted to these records"
     return "left out: the model has no covariance and is judged as if known exactly"

@@ -51,7 +51,7 @@ def fit_stack(request: FitRequest) -> None:
         found.model.save(request.output)
         print_message(f"wrote {request.output}")
     note_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
-    draw(lambda: found.plot(measured), request.picture)
+    draw(found.plot, request.picture)
     if request.as_json:
         print_json(found.summary() | {"effects": found.model.to_dict()["effects"]})
     else:

@@ -117,7 +117,7 @@ def _print(model: MimoModel) -> None:
         f"{model.n_parameters} parameters, {model.n_lines} lines, {converged}, {stable}"
     )
     if model.hold == "zoh":
-        print("inputs held over each sample; the model is of what follows")
+        print("inputs held over each sample; the model does not include the hold")
     expected = "" if model.cost_expected is None else f", expected of noise alone {model.cost_expected:.5g}"
     print(f"cost {model.cost:.5g}{expected}")
     print()

@@ -123,7 +123,7 @@ def _print(model: RationalModel) -> None:
 
 def _beside_intervals(warning: FitWarning) -> str:
     if warning.bias_over_std is None:
-        return f"intervals count the noise alone: {warning.short}"
+        return f"intervals include noise only: {warning.short}"
     return f"intervals leave out a bias of up to {warning.bias_over_std:.2g} sigma: use {warning.use}"
 
 
@@ -135,10 +135,11 @@ def _expected(model: RationalModel) -> str:
 def _print_held_out(v: Validation) -> None:
     low, high = v.interval
     print()
-    print(f"on data kept out: cost {v.cost:.5g}, {low:.0f} to {high:.0f} (95 %) of a right model")
+    print(f"on data kept out: cost {v.cost:.5g}, 95 % interval for a correct model {low:.0f} to {high:.0f}")
     verdict = "adequate" if v.adequate else "not adequate"
-    print(f"the model is {verdict} there: p = {v.p_value:.3g}, its own uncertainty allowed for")
-    print(f"error {v.error_db:.1f} dB of the response, {v.noise_db:.1f} dB of it noise of these data")
+    uncertainty = "with the uncertainty of the model included"
+    print(f"the model is {verdict} on these data: p = {v.p_value:.3g}, {uncertainty}")
+    print(f"error {v.error_db:.1f} dB relative to the response, of which {v.noise_db:.1f} dB is noise")
 
 
 def _delay(model: RationalModel) -> str:

@@ -32,7 +32,7 @@ from gsid.cli.options import (
     rate_option,
 )
 from gsid.cli.output import draw, print_json, print_message, print_table
-from gsid.cli.stopping import Stopping, print_if_terminal
+from gsid.cli.stopping import Stopping, print_if_open
 
 if TYPE_CHECKING:
     import numpy as np
@@ -149,9 +149,7 @@ def run(
     if port is None:
         raise click.UsageError("Missing option '--port', or --recover", click.get_current_context())
     if picture and periods < 2:
-        raise UsageError(
-            "--plot draws the frequency response, with its noise", "measure --periods 2 at least"
-        )
+        raise UsageError("--plot draws the frequency response, with its noise", "give --periods 2 or more")
     with options_as_arguments():
         plan = _from_file(u_file, fs_hz) if u_file else _multisine(fs_hz, period, band, amplitude, shape)
     n_settle = settle[0] * plan.n_period if settle[1] else settle[0]
@@ -215,7 +213,7 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
         except BaseException as error:  # first write what was measured
             failure, record = error, getattr(error, "record", None)
         if stopping():
-            print_if_terminal(f"{stopping.name()}: the run is stopped")
+            print_if_open(f"{stopping.name()}: the run is stopped")
         if record is not None:
             _keep(path, record, journal, failure)
     if failure is not None:
@@ -236,7 +234,7 @@ def _keep(path: Path, record: Record, journal: Path, failure: BaseException | No
         hint = f"the samples are in the journal: `gsid run --recover {journal} -o REC` makes a record of it"
         if failure is None:
             raise InputError("the record cannot be written", str(path), reason, hint) from error
-        print_if_terminal(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
+        print_if_open(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
         return
     journal.unlink(missing_ok=True)
 
@@ -310,7 +308,7 @@ def _from_file(path: str, fs_hz: float) -> _Plan:
             "u excites no line",
             path,
             None,
-            "a constant excites no line: make an excitation with `gsid design`",
+            "make an excitation with `gsid design`",
         )
     return _Plan(u, len(u), record.fs_hz, excited, {"excitation": f"from {Path(path).name}"})
 
@@ -343,7 +341,7 @@ def _write(path: Path, record: Record) -> None:
 
     write_record(path, record)
     good, lost = record.meta["good_periods"], record.meta["spoiled_periods"]
-    print_if_terminal(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
+    print_if_open(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
 
 
 @contextlib.contextmanager

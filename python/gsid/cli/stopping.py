@@ -58,7 +58,7 @@ class Stopping:
         return signal.Signals(self.number).name if self.number is not None else ""
 
 
-def print_if_terminal(text: str) -> None:
+def print_if_open(text: str) -> None:
     """Print a message if the terminal is still open: after SIGHUP it may be closed, and the run continues."""
     try:
         print_message(text)

@@ -128,7 +128,7 @@ def columns_by_record(columns: np.ndarray, n_lines: list[int]) -> np.ndarray:
 def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) -> np.ndarray:
     """Probability that chance alone gives the best of all candidates a score this high (DIA-2).
 
-    For each residual drawn under a right model the largest score over all candidates and grid points is
+    For each residual drawn under a correct model the largest score over all candidates and grid points is
     taken. This accounts for the number of candidates and for their correlations. One-sided candidates whose
     coefficient would be negative are left out, about half of them, and the remaining ones are treated as
     two-sided, which compensates for it. `make blind` measures the resulting false-alarm rate.
@@ -138,7 +138,7 @@ def family_wise_p(residual: np.ndarray, drawn: np.ndarray, scores: list[Score]) 
     residual : (n,) ndarray
         Whitened; only its length is used.
     drawn : (n, draws) ndarray
-        Residuals drawn under a right model; see `random_phases` and `random_periods`.
+        Residuals drawn under a correct model; see `random_phases` and `random_periods`.
     scores : list of Score
 
     Returns

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 LAGS = 10
 ALPHA = 0.05  # false-alarm rate of the test for adequacy
-HELD_OUT = ("held-out cost", "of right model", "p", "error [dB]", "noise [dB]")
+HELD_OUT = ("held-out cost", "of a correct model", "p", "error [dB]", "noise [dB]")
 """Columns of the validation in tables that compare models."""
 
 

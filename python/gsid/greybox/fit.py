@@ -15,7 +15,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +33,6 @@ from gsid.plant.periodic import Prediction
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _log = logging.getLogger(__name__)
 
@@ -271,25 +268,6 @@ class PlantFit(Plottable):
             if r.params
         ]
         return {key: getattr(self, key) for key in keys} | {"band_hz": list(self.band_hz), "per_record": own}
-
-    def plot(self, records: Record | Spectra | Sequence[Record | Spectra]) -> Figure:
-        """Draw output over input, measured and simulated, and the error of every line over its noise.
-
-        Parameters
-        ----------
-        records : Record or Spectra, or a sequence of them
-            Records of the fit, in the same order.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-
-        Raises
-        ------
-        ValueError
-            The number of records is not that of the fit.
-        """
-        return self._figure(spectra_of(records))
 
     def __repr__(self) -> str:
         lines = [repr(self.model)]

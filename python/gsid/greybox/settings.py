@@ -67,8 +67,7 @@ class GreyboxSettings:
     scan_spread : float, relative to the start value
         Range of the scan over the resonance frequency to each side. Sweep: with 0.05 all resonances are found
         from starts up to 10 % off, with 0.15 up to 20 %, with 0.3 nearly all up to 30 %, at twice the time of
-        the scan. Chosen: a start value read from a measured response is closer than
-        15 %.
+        the scan. Chosen: a start value read from a measured response is closer than 15 %.
     scan_step : float, in half-power widths (2 zeta f)
         Step of the scan. Sweep: steps of 0.03 to 3 find the resonance as often. Chosen: the peak has ten
         points, so that one of them is near its top even if the start value of zeta is too large.

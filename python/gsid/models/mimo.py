@@ -195,12 +195,16 @@ class MimoModel(Plottable):
         c.section, c.num = (ffi.from_buffer("double[]", values) for values in kept)
         return c, kept
 
+    @staticmethod
+    def _of_channel(what: str, i: int, j: int) -> str:
+        return f"{what} from input {j} to output {i} at the given frequencies, of which one may lie on a pole"
+
     def _each_channel(self, f: np.ndarray, response_of: Callable[[Any, np.ndarray], int]) -> np.ndarray:
         """Responses at f, (F, n_y, n_u); `response_of` fills that of one channel and returns a status."""
         g = np.empty((self.n_y, self.n_u, len(f)), dtype=complex)
         for i, j in np.ndindex(self.n_y, self.n_u):
             c, _kept = self._channel(i, j)
-            check(response_of(c, ffi.from_buffer("gsid_cplx[]", g[i, j])), "response")
+            check(response_of(c, ffi.from_buffer("gsid_cplx[]", g[i, j])), self._of_channel("response", i, j))
         return np.moveaxis(g, -1, 0)
 
     def response(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
@@ -310,7 +314,9 @@ class MimoModel(Plottable):
         gradient = np.empty((len(f), n + 1), dtype=complex)
         c, _kept = self._channel(i, j)
         arrays = ffi.from_buffer("double[]", f), ffi.from_buffer("gsid_cplx[]", gradient)
-        check(lib.gsid_mimo_gradient(c, len(f), *arrays), "derivatives of the response")
+        check(
+            lib.gsid_mimo_gradient(c, len(f), *arrays), self._of_channel("derivatives of the response", i, j)
+        )
         return gradient if self.delay_of is not None else gradient[:, :n]
 
     def response_std(self, f_hz: np.ndarray | list[float]) -> np.ndarray:

@@ -584,9 +584,8 @@ def _check_params(effect: Effect, where: str) -> None:
             hint = close(name, known.names) or f"it has {', '.join(known.names) or 'none'}"
             raise InputError("unknown parameter", f"{where}.{name}", None, hint)
     for parameter in known.parameters:
-        if (
-            known.stage == "controller" and parameter.null_value is not None
-        ):  # a controller is complete without it
+        # A controller is complete without a parameter that may vanish.
+        if known.stage == "controller" and parameter.null_value is not None:
             effect.params.setdefault(parameter.name, Param(parameter.null_value, free=False))
         if parameter.name not in effect.params:
             hint = f"a gimbal has {parameter.typical:g} {parameter.unit}".rstrip()

@@ -65,7 +65,7 @@ def comparison(comparison: Comparison) -> Figure:
     error, sigma, y = (np.abs(np.asarray(a)) for a in (comparison.error, comparison.sigma, comparison.y))
     bound = _bound(comparison)
     included = comparison.model_uncertainty == "included"
-    label, right = (BOUND_OF_BOTH, "a right model") if included else (BOUND_OF_NOISE, "noise alone")
+    label, right = (BOUND_OF_BOTH, "a correct model") if included else (BOUND_OF_NOISE, "noise alone")
     kinds = [k for k in KINDS if np.any((kind == k) & (f > 0.0))] or ["excited"]
     figure = new_figure(1.0 + 2.1 * len(kinds))
     axes = np.atleast_1d(figure.subplots(len(kinds), 1, sharex=True, sharey=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,59 +33,48 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gsid.greybox.fit import PlantFit, RecordFit
-    from gsid.spectrum.spectra import Spectra
 
 
 @styled
-def plant_fit(fit: PlantFit, measured: Sequence[Spectra]) -> Figure:
+def plant_fit(fit: PlantFit) -> Figure:
     """Output over input of every record, measured and simulated, and the error over the noise of each line.
 
     Parameters
     ----------
     fit : PlantFit
-    measured : sequence of Spectra
-        Records of the fit, in the same order.
 
     Returns
     -------
     Figure
         Above, gain and phase at the excited lines of the band; below, the error of the output over the
         noise of its mean, at excited and other lines.
-
-    Raises
-    ------
-    ValueError
-        The number of records is not that of the fit.
     """
-    if len(measured) != len(fit.records):
-        raise ValueError(f"the fit has {len(fit.records)} records, {len(measured)} were given")
     figure = new_figure(8.0)
     gain_ax, phase_ax, error_ax = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 3])
-    gains = [
-        _draw_response(gain_ax, phase_ax, one, record)
-        for one, record in zip(fit.records, measured, strict=True)
-    ]
-    f = np.concatenate([_frequencies(one, s)[1] for one, s in zip(fit.records, measured, strict=True)])
+    gains = [_draw_response(gain_ax, phase_ax, one) for one in fit.records]
+    f = np.concatenate([_frequencies(one)[1] for one in fit.records])
     for ax in (gain_ax, phase_ax, error_ax):
         frequency_axis(ax, f, label=ax is error_ax)
     limits_db(gain_ax, *gains)
-    gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(measured[0].y_unit, measured[0].u_unit))))
-    several = f" of {len(measured)} records" if len(measured) > 1 else ""
+    first = fit.records[0].spectra
+    gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(first.y_unit, first.u_unit))))
+    several = f" of {len(fit.records)} records" if len(fit.records) > 1 else ""
     gain_ax.set_title(f"Output over input{several} at the excited lines")
     phase_axis(phase_ax)
-    _draw_errors(error_ax, fit, measured)
+    _draw_errors(error_ax, fit)
     legend_below(figure, [gain_ax, error_ax])
     return figure
 
 
-def _frequencies(one: RecordFit, measured: Spectra) -> tuple[np.ndarray, np.ndarray]:
+def _frequencies(one: RecordFit) -> tuple[np.ndarray, np.ndarray]:
     """Lines of the band above 0 Hz, as indices into `one.line`, and their frequencies [Hz]."""
     index = np.flatnonzero(one.line > 0)
-    return index, measured.f_hz[one.line[index]]
+    return index, one.spectra.f_hz[one.line[index]]
 
 
-def _draw_response(gain_ax: Axes, phase_ax: Axes, one: RecordFit, measured: Spectra) -> np.ndarray:
+def _draw_response(gain_ax: Axes, phase_ax: Axes, one: RecordFit) -> np.ndarray:
     """Draw one record; returns the gains drawn [dB]."""
+    measured = one.spectra
     line = one.line[(one.line > 0) & measured.excited[one.line]]
     f, u = measured.f_hz[line], measured.u[line]
     g, g_model = measured.y[line] / u, one.prediction.Y[line] / u
@@ -101,17 +89,19 @@ def _draw_response(gain_ax: Axes, phase_ax: Axes, one: RecordFit, measured: Spec
     return np.concatenate([db(g), db(g_model)])
 
 
-def _draw_errors(ax: Axes, fit: PlantFit, measured: Sequence[Spectra]) -> None:
+def _draw_errors(ax: Axes, fit: PlantFit) -> None:
     """Draw |Y measured - model| over the standard deviation of the mean, in dB, of all records together."""
     f, error, excited = [], [], []
-    for one, record in zip(fit.records, measured, strict=True):
-        index, at = _frequencies(one, record)
+    for one in fit.records:
+        index, at = _frequencies(one)
         re, im = one.residual.reshape(2, -1)[:, index]
         f.append(at)
         error.append(np.hypot(re, im) / np.sqrt(2))  # a residual has variance 1 in each part
-        excited.append(record.excited[one.line[index]])
+        excited.append(one.spectra.excited[one.line[index]])
     f, error, excited = np.concatenate(f), np.concatenate(error), np.concatenate(excited)
-    bound = complex_bound(np.ones(len(f)), n_dof=fit.variance_dof)
+    dof = fit.variance_dof
+    sigma = np.sqrt((dof - 1) / dof)  # the residuals have mean square 1 beside a sample variance
+    bound = complex_bound(np.full(len(f), sigma), n_dof=dof)
     above = error > bound
     ax.axhline(float(db(bound[0])), color=EXCESS, linewidth=1.0, label=BOUND_OF_NOISE)
     for use, colour, label in (

@@ -53,9 +53,8 @@ def pole_zero(model: RationalModel) -> Figure:
         if root.imag >= -1e-9 * abs(root)
     ]
     known = [abs(root) for _, root, cov in roots if not _may_be_zero(root, cov)]
-    lost = [
-        r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)
-    ]  # position undetermined
+    # Roots of an undetermined position.
+    lost = [r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)]
     roots = [r for r in roots if not any(r is one for one in lost)]
     close_ups = [r for r in roots if np.all(np.isfinite(r[2])) and np.any(r[2] > 0.0)][:6]
     n_columns = -(-len(close_ups) // 2) if len(close_ups) > 2 else min(len(close_ups), 1)

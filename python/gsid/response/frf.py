@@ -309,20 +309,33 @@ def error_variance(var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray, g: 
     Returns
     -------
     (F,) ndarray, not negative.
+
+    Raises
+    ------
+    ValueError
+        Arrays of different lengths.
     """
-    out, _arrays = _to_c({"var_u": var_u, "var_y": var_y, "cov_yu": cov_yu})
-    g, variance = np.ascontiguousarray(g, complex), np.empty(len(g))
-    pointers = ffi.from_buffer("gsid_cplx[]", g), ffi.from_buffer("double[]", variance)
-    check(lib.gsid_batch_frf_error_variance(len(g), out, *pointers), "variance of the error")
+    out, arrays = _to_c({"var_u": var_u, "var_y": var_y, "cov_yu": cov_yu, "g": g})
+    variance = np.empty(len(arrays["g"]))
+    pointers = ffi.from_buffer("gsid_cplx[]", arrays["g"]), ffi.from_buffer("double[]", variance)
+    check(lib.gsid_batch_frf_error_variance(len(variance), out, *pointers), "variance of the error")
     return variance
 
 
 def _to_c(arrays: Mapping[str, np.ndarray]) -> tuple[Any, dict[str, np.ndarray]]:
-    """Lines of a response for the C library, and the copies of the arrays that it points to."""
+    """Lines of a response for the C library, and the copies of the arrays that it points to.
+
+    Raises
+    ------
+    ValueError
+        The arrays cannot be brought to the same shape: the library reads all of them to the same length.
+    """
     out, kept = ffi.new("gsid_frf_out *"), {}
+    shape = np.broadcast_shapes(*map(np.shape, arrays.values()))
     for name, values in arrays.items():
-        kept[name] = np.array(values, complex if name in _COMPLEX else float)
-        setattr(out, name, ffi.from_buffer("gsid_cplx[]" if name in _COMPLEX else "double[]", kept[name]))
+        kind, c_type = (complex, "gsid_cplx[]") if name in _COMPLEX else (float, "double[]")
+        kept[name] = np.array(np.broadcast_to(values, shape), kind, order="C")
+        setattr(out, name, ffi.from_buffer(c_type, kept[name]))
     return out, kept
 
 

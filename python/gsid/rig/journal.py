@@ -29,10 +29,8 @@ SAMPLE = np.dtype([("u", "<f4"), ("y", "<f4"), ("valid", "u1")])
 DESCRIPTION_MAX = 1 << 20  # bytes
 BLOCK_MAX = 1024  # samples
 SAMPLES_MAX = 1 << 31
-LOST_MAX = (
-    64,
-    1 << 22,
-)  # most samples that may be missing: a number for each byte of the file, plus a constant
+# Most samples that may be missing: a number for each byte of the file, plus a constant.
+LOST_MAX = (64, 1 << 22)
 SYNC_S = 1.0  # between two syncs
 CLOSE_S = 10.0  # longest wait for a disk that does not respond
 

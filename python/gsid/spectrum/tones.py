@@ -118,7 +118,9 @@ class Residual:
 
     def variance(self, power: float) -> float:
         """Variance of white noise whose periodogram has this power, away from the lines of the period."""
-        off_lines = 1 - (self._period or 2) / len(self._weight)  # only these lines lost power
+        off_lines = 1 - (self._period or 2) / len(
+            self._weight
+        )  # share of the bins that the subtraction left unchanged
         return power * off_lines / self._n_free
 
     def away_from_lines(self, bins: float) -> float:
