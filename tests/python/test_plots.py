@@ -424,7 +424,7 @@ def test_a_fitted_plant_is_drawn_beside_its_records():
 
 
 def test_bug_the_bound_of_a_fitted_plant_was_of_another_scale():
-    """The residuals count the scatter of their variances, and the bound counted it again: 3.7 % were above it."""
+    """The residuals count the scatter of their variances; the bound counted it again: 3.7 % were above."""
     print("seeds 1000, 1010, ...")
     above = total = 0
     for seed in range(1000, 1200, 10):

@@ -1,5 +1,5 @@
 /* Torques of an effect's law along a measured motion, and its command for a measured command: the columns with which a
- * missing effect is looked for without simulation. The laws are those of the descriptors (effect.h), written once. */
+ * missing effect is searched for without simulation. The laws are those of the descriptors (effect.h), written once. */
 #ifndef GSID_HOST_LAW_COLUMNS_H
 #define GSID_HOST_LAW_COLUMNS_H
 

@@ -1,6 +1,6 @@
 """Motion of the axis over one period, from the measured output.
 
-The output is divided by the sensor's response, and what a flexible mode adds to it is taken off. Each line
+The output is divided by the sensor's response, and the part of a flexible mode is subtracted. Each line
 has the Wiener weight max(0, 1 - variance / |Y|^2). The mean angle of a rate sensor is not known: 0.
 """
 

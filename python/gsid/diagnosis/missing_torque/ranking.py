@@ -359,7 +359,7 @@ def _linear_points(scan: Scan, effect: EffectType, scales: dict[str, float]) -> 
 
 
 def _with_linear(part: LinearPart, effect: EffectType, value: float) -> LinearPart:
-    """The part with a linear effect of one value; what a lag delays is taken off the delay."""
+    """The part with a linear effect of one value; the delay is reduced by what a lag delays."""
     larger = _enlarged(part, effect, {effect.parameters[0].name: value})
     name = "transport_delay.delay_s"
     if effect.linear_part != "lag" or name not in part.names:

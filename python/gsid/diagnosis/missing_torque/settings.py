@@ -35,7 +35,7 @@ class SearchSettings:
         Corner frequencies at which a spring or a damping that the model lacks is tried, in lowest lines of
         the fit: far below that line they do not show.
     mode_points : int
-        Frequencies at which a mode of the model is looked for, where the fit from the given values fails.
+        Frequencies at which a mode of the model is searched, where the fit from the given values fails.
     mode_dampings : tuple of float
         Its damping ratios there.
     mode_spread : float

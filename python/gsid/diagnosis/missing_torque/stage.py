@@ -226,7 +226,7 @@ HOLD = next(effect.id for effect in effect_types().values() if effect.linear_par
 def _held_sensor(
     problem: Problem, null: LinearFit, model: PlantModel, without: Collection[str]
 ) -> LinearFit | None:
-    """The linear part with a sensor that is sampled and held, where its images are seen."""
+    """The linear part with a sensor that is sampled and held, where its images are detected."""
     if HOLD in without or any(effect.id == HOLD for effect in model.effects):
         return None
     rate_hz = held_rate(problem)
