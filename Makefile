@@ -241,7 +241,7 @@ format: $(VENV)/requirements.stamp ## lay out C sources and Python by .clang-for
 	$(VENV)/bin/clang-format -i $(C_FILES)
 	$(VENV)/bin/ruff format -q .
 
-# Without a network the benchmarks and the tests beside peers say what they go without.
+# Without a network the benchmarks and the tests beside peers report what is missing.
 .PHONY: peers
 peers: build/peers/.stamp ## install the packages that benchmarks and tests compare with, into build/peers
 build/peers/.stamp: benchmarks/requirements.txt $(VENV)/requirements.stamp

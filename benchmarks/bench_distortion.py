@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/bench_distortion.py [--table]
 
 Figures to reach (design, section 7), 6 realisations of 40 periods: at most 1.5 times the time of numpy, a
-third of that of the package. numpy computes the source's eqs. 5.12 to 5.16 and nothing else: gsid checks its
-input besides, finds the lines, and sums by Welford's update. That the package says the same is
+third of that of the package. numpy computes the thesis's eqs. 5.12 to 5.16 and nothing else: gsid checks its
+input besides, finds the lines, and sums by Welford's update. That the package gives the same result is
 tests/python/test_distortion_peer.py.
 """
 

@@ -1,8 +1,8 @@
-"""Every estimator on the axis of the source, and from random starts on the benchmarks' plant; JSON on stdout.
+"""Every estimator on the axis of the thesis, and from random starts on the benchmarks' plant; JSON on stdout.
 
     make bench-fit       (or bench_estimators.py [--page docs/explanation/estimators.md])
 
-The source's own ML model (eq. 7.30) is the truth, its excitation the input (500 lines of 3 V up to 250 Hz, 75
+The thesis's own ML model (eq. 7.30) is the truth, its excitation the input (500 lines of 3 V up to 250 Hz, 75
 periods at 3 kHz), its band the one fitted (1 to 120 Hz), its order 3/2. Its noise is shown in pictures only:
 here 40 dB below the output, half of it white and half below 5 Hz. Errors are those from the truth, root mean
 squares over the lines and over ten noise seeds; processor times are medians.
@@ -45,7 +45,7 @@ PLANT = RationalModel(
 
 
 def source_axis(seed: int) -> Frf:
-    """Return the response of the source's model as its measurement would give it."""
+    """Return the response of the thesis's model as its measurement would give it."""
     rng = np.random.default_rng(seed)
     g = TRUTH.response(F_HZ)
     noise = AMPLITUDE**2 / 2 * np.sum(abs(g) ** 2) * 10 ** (-SNR_DB / 10)
@@ -181,7 +181,7 @@ def page_of_starts(rows: dict) -> str:
 
 
 def main() -> None:
-    """Run the benchmark, print its figures, and put them into the page asked for."""
+    """Run the benchmark, print its figures, and put them into the given page."""
     parser = argparse.ArgumentParser(description="Every estimator on one axis, and from random starts.")
     parser.add_argument("--page", help="page of the docs that takes the tables")
     page = parser.parse_args().page

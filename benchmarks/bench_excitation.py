@@ -2,7 +2,7 @@
 
     GSID_LCTOOLBOX=FOLDER .venv/bin/python benchmarks/bench_excitation.py [--table]
 
-Figures to reach (design, section 7), 500 lines of 6000 samples, looked at 8 times finer: crest factor at most
+Figures to reach (design, section 7), 500 lines of 6000 samples, evaluated 8 times finer: crest factor at most
 1.40 flat and 1.23 as 1/sqrt(f), in 0.25 s, 15 times faster than L2p in Octave; travel, peak to peak, at most
 0.70 of Schroeder's at a crest factor of at most 1.43. FOLDER holds a copy of KU Leuven's LCToolbox (LGPL, not
 part of gsid), whose msinl2pi.m is Guillaume's program of 1990: run as its head tells, p = 2, 4 .. 128 with

@@ -171,7 +171,7 @@ def page_of(figures: dict) -> str:
 
 
 def main() -> None:
-    """Run the benchmark, print its figures, and put them into the page asked for."""
+    """Run the benchmark, print its figures, and put them into the given page."""
     parser = argparse.ArgumentParser(description="Fits with a free delay beside other tools.")
     parser.add_argument("--page", help="page of the docs that takes the table")
     page = parser.parse_args().page

@@ -6,7 +6,7 @@ Figures to reach (design, section 7), a record of 450 000 samples: at most twice
 and four times faster than pyFRF and scipy.signal.csd, which give no variance. `scipy.fft` transforms what has
 to be transformed and no more: the output's periods, and one of an input that repeats. Without a window csd
 and pyFRF give the same response; as they come they do not (Hann's window of csd; pyFRF divides by j w unless
-told otherwise). All run in one process, turn by turn, and the least of several times counts.
+stated otherwise). All run in one process, turn by turn, and the least of several times counts.
 The time of one sample in the streaming core is that of a C loop (frf_tick.c), in double and in float.
 """
 

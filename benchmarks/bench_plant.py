@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/bench_plant.py
 
-The axis of the source in its periodic steady state, 6000 samples, linear and with friction that sticks and
+The axis of the thesis in its periodic steady state, 6000 samples, linear and with friction that sticks and
 slips. Figures to reach: well under 1 us a sample for the value alone, about 3 us with 10 free parameters.
 The value alone is what one more settling period costs; "all sensitivities" is a period with the columns of
 the free parameters and of the start's states, which the search needs. The best of several turns counts.
