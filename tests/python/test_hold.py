@@ -187,6 +187,17 @@ def test_a_rational_model_is_compared_under_both(caplog):
     assert not caplog.records  # no warning that model and record differ
 
 
+@pytest.mark.parametrize(("truth", "half"), [("zoh", 0.5 / FS_HZ), ("none", -0.5 / FS_HZ)])
+def test_the_delay_under_the_other_hold_differs_by_half_a_sample(truth, half):
+    """A hold delays by half a sample: without it, the same record has a longer transport delay."""
+    record = {"zoh": held_record, "none": unheld_record}[truth](900, 1e-3)
+    model = RationalModel([40.0], [1.0, 25.0], 1e-3, fs_hz=FS_HZ, hold="zoh", y_unit=record.y_unit)
+    found = compare(model, record)
+    assert (found.hold, found.adequate) == (truth, True)
+    assert found.other_delay_s == pytest.approx(1e-3 + half)
+    assert found.delay_hold_uncertainty_s == pytest.approx(0.5 / FS_HZ)
+
+
 def test_all_pieces_have_one_hold():
     rng, f_hz = np.random.default_rng(SEED), np.arange(1, 300) * 2.0
     model = fit_piecewise(response(axis("zoh"), rng, f_hz), "1/0", 3)
