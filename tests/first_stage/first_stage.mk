@@ -2,6 +2,6 @@
 
 .PHONY: first-stage-study
 first-stage-study: all $(TRUTH) ## how often the first stage ranks and names the right law, into docs/explanation/missing_torque.md (an hour; resumes; SEED=... SINGLES=... NULLS=... FOREIGN=...)
-	PYTHONPATH=tests/blind $(PY) tests/first_stage/study.py --folder $(BUILD)/first_stage \
+	PYTHONPATH=tests/blind $(PY) tests/first_stage/first_stage_study.py --folder $(BUILD)/first_stage \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(SINGLES:%=--singles %) $(NULLS:%=--nulls %) \
 	    $(FOREIGN:%=--foreign %) --page docs/explanation/missing_torque.md

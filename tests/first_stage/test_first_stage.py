@@ -1,6 +1,6 @@
 """Blind trials with the first stage; more by `make first-stage-study`."""
 
-import study
+import first_stage_study as study
 
 SEED = 161  # a development seed
 

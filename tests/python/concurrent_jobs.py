@@ -34,6 +34,7 @@ import numpy as np
 import gsid
 from gsid import effects
 from gsid.base.errors import GsidError
+from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.excitation.generators import Prbs, SteppedSine, Sweep
 from gsid.excitation.limits import optimise
 from gsid.excitation.multisine import Multisine
@@ -115,6 +116,11 @@ def several_inputs():
 def stack_of_effects(**how):
     records = [simulated(seed) for seed in (1, 2, 3)]
     return fit_plant(plant(coulomb_friction={"level": 3.0}), records, **how).model.free_values
+
+
+def missing_torque():
+    found = first_stage([simulated(seed) for seed in (1, 2)], plant())
+    return [[one.gain for one in found.ranking], found.cost_per_dof]
 
 
 def simulated(seed):
@@ -210,8 +216,8 @@ def failures():
 JOBS = {
     job.__name__: job
     for job in (spectra_of_several_periods, a_long_period, phases, phases_of_command_and_travel,
-                several_inputs, distorted, excitations, axis, frames_there_and_back, responses, laws,
-                versions, failures)
+                several_inputs, missing_torque, distorted, excitations, axis, frames_there_and_back,
+                responses, laws, versions, failures)
 }  # fmt: skip
 for name in ("ls", "iwls", "ga", "nls", "log", "ml", "ml-io", "nls-output"):
     JOBS[f"rational {name}"] = lambda name=name: rational(name)

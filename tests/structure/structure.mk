@@ -2,5 +2,5 @@
 
 .PHONY: start-study
 start-study: all $(TRUTH) ## structures of simulated axes, into docs/explanation/linear_structure.md (N=100 SEED=1; an hour; resumes)
-	PYTHONPATH=tests/structure:tests/blind nice -n 10 $(PY) tests/structure/study.py --results $(BUILD)/start_study \
+	PYTHONPATH=tests/structure:tests/blind nice -n 10 $(PY) tests/structure/start_study.py --results $(BUILD)/start_study \
 	    --trials $(N) --seed $(SEED) --processes 2 --page docs/explanation/linear_structure.md
