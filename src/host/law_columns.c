@@ -46,11 +46,11 @@ static gsid_motion motion_at(const gsid_law_motion *along, uint32_t i, double ed
     return now;
 }
 
-static double torque_of(const gsid_plant_item *item, const gsid_motion *now) {
+static gsid_torque law_at(const gsid_plant_item *item, const gsid_motion *now) {
     gsid_torque answer;
     memset(&answer, 0, sizeof answer);
     item->effect->torque(item, now, &answer);
-    return answer.torque;
+    return answer;
 }
 
 static void without_memory(const gsid_plant_item *item, const gsid_law_motion *along, double *torque) {
@@ -58,11 +58,11 @@ static void without_memory(const gsid_plant_item *item, const gsid_law_motion *a
     const double edge = effect->edge != NULL ? effect->edge(item) : 0;
     for (uint32_t i = 0; i < along->n; i++) {
         gsid_motion now = motion_at(along, i, edge);
-        torque[i] = torque_of(item, &now);
+        torque[i] = law_at(item, &now).torque;
         const double share = 0.5 * (1 - fabs(along->side[i])); /* of the other direction */
         if (effect->holding != NULL && share > 0) {
             now.side = -now.side;
-            torque[i] += share * (torque_of(item, &now) - torque[i]);
+            torque[i] += share * (law_at(item, &now).torque - torque[i]);
         }
     }
 }
@@ -104,13 +104,6 @@ static gsid_motion moved(const gsid_law_motion *along, const reversal *from, dou
     return now;
 }
 
-static double memory_after(const gsid_plant_item *item, const gsid_motion *now) {
-    gsid_torque answer;
-    memset(&answer, 0, sizeof answer);
-    item->effect->torque(item, now, &answer);
-    return answer.memory;
-}
-
 /* Memory at each reversal of a period that repeats. */
 static void find_memories(const gsid_plant_item *item, const gsid_law_motion *along, uint32_t n_reversals,
                           const reversal *at, double *memory) {
@@ -120,7 +113,7 @@ static void find_memories(const gsid_plant_item *item, const gsid_law_motion *al
         for (uint32_t k = 0; k < n_reversals; k++) {
             const uint32_t next = (k + 1) % n_reversals;
             const gsid_motion now = moved(along, &at[k], memory[k], at[next].angle);
-            memory[next] = memory_after(item, &now);
+            memory[next] = law_at(item, &now).memory;
         }
         if (fabs(memory[0] - first) <= REPEATS) {
             break;
@@ -145,7 +138,7 @@ static void with_memory(const gsid_plant_item *item, const gsid_law_motion *alon
         gsid_motion now = moved(along, n_reversals > 0 ? &at[last] : &rest, memory[last], along->angle[i]);
         now.rate = along->rate[i];
         now.command = along->command != NULL ? along->command[i] : 0;
-        torque[i] = torque_of(item, &now);
+        torque[i] = law_at(item, &now).torque;
     }
 }
 

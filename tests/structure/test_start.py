@@ -1,6 +1,7 @@
 """`gsid.start`: structures of simulated axes and of measured records, and what is reported of them."""
 
 import json
+from dataclasses import replace
 
 import axes
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 import gsid
 from gsid.base.errors import InputError
 from gsid.cli.main import main
+from gsid.response.total_variance import total_variance
 from gsid.spectrum.realisation import spectra
+from gsid.structure.select import has_slow_lag, rescored, select
 from measured import BENCH, DATA, needs_bench
 
 SEED = 20261124
@@ -67,6 +70,26 @@ def test_coulomb_friction_adds_no_elements(seed):
     assert modes == pytest.approx([f for f, _, _ in axis.modes], rel=5e-3)
     noise, std = flat(found.std_noise_only), flat(found.std)
     assert std["viscous_friction.rate"] > 2 * noise["viscous_friction.rate"]
+
+
+def test_bug_the_holds_were_compared_with_default_settings():
+    """With other odds against a slow lag the scores of the two holds ignored them."""
+    rng = np.random.default_rng([SEED, 60])
+    axis = axes.drawn(rng, 0.0)
+    axis.modes, axis.stiffness, axis.rate, axis.lag_s = [], 0.0, 20.0, 2e-3
+    measured = total_variance(record(axis, rng))
+    found = select(measured, "zoh", ("rate",))
+    values = found.chosen.fitted.values
+    assert (values.structure.body, values.structure.n_modes, len(values.lags)) == ("viscous", 0, 1)
+    exchanged = values.theta.copy()  # the same response: rate and 1 / lag are two real poles
+    exchanged[:2] = -values.theta[1::-1]
+    slow = replace(found.chosen.fitted, values=replace(values, theta=exchanged))
+    assert has_slow_lag(slow.values, found.data.lines)
+    found = replace(found, chosen=replace(found.chosen, fitted=slow))
+    same = {name: getattr(found, name) for name in ("relative_error", "correlation", "scale")}
+    other = replace(found.settings, slow_lag_odds=found.settings.slow_lag_odds + 5.0)
+    before, after = (rescored(one, measured, **same) for one in (found, replace(found, settings=other)))
+    assert after - before == pytest.approx(5.0, abs=1e-6)
 
 
 def test_model_and_rational_model_are_the_same_function():

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.base.tables import Table
 from gsid.cli.options import (
     OUTPUT,
     band_option,
@@ -92,9 +91,8 @@ def start(
 def _print(found: Start) -> None:
     print(found.summary())
     if found.effects:
-        header = ["effect", "parameter", "value", "std", "noise only", "unit"]
         print()
-        print_table(Table(header, found.rows(), left=["effect", "parameter", "unit"]))
+        print_table(found.table())
     print()
     for text in found.notes():
         print(text)

@@ -60,8 +60,8 @@ class Selection:
     data : Data
     represents : bool
         Whether the chosen structure represents the data.
-    odds : float
-        Difference of scores within which structures are equal.
+    settings : StructureSettings
+        Constants of the search.
     rational : list of RationalModel
         The rational fits that the search started from.
     """
@@ -73,7 +73,7 @@ class Selection:
     correlation: float
     data: Data
     represents: bool
-    odds: float
+    settings: StructureSettings
     rational: list[RationalModel] = field(default_factory=list)
 
 
@@ -121,7 +121,7 @@ def rescored(
     relative_error, correlation, scale : float
     """
     hold = "zoh" if selection.data.lines.held else "none"
-    search = _Search(measured, hold, (selection.chosen.structure.output,), StructureSettings(), None)
+    search = _Search(measured, hold, (selection.chosen.structure.output,), selection.settings, None)
     search.relative_error, search.correlation, search.scale = relative_error, correlation, scale
     search.weigh()
     return search.score(refine(selection.chosen.fitted.values, search.data))
@@ -176,7 +176,7 @@ class _Search:
             self.correlation,
             self.data,
             represents,
-            self.settings.odds,
+            self.settings,
             self.rational,
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ import numpy as np
 from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import ALIKE, DECLARE, MEANING, READINGS, likelier, other_reading
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
@@ -47,7 +47,8 @@ class Start(Plottable):
         those of the catalogue with degrees replaced by the unit of y; a second effect of an id is "id#2".
     std, std_noise_only : dict
         Standard deviations as {effect: {parameter: value}}: from the errors that the fit left, and from the
-        noise alone. Parameters that were not estimated are left out.
+        noise alone. Parameters that were not estimated are left out. How often an interval of two standard
+        deviations holds the true value is not established yet (docs/explanation/linear_structure.md).
     ambiguous : list of dict
         What the data do not decide: "what", "chosen", "other", and the difference of the scores [nats]. A
         difference of 0 means the same function.
@@ -145,8 +146,8 @@ class Start(Plottable):
         lines = {"n_lines": len(self.measured), "variance_from": self.measured.largest_source}
         return known | {"rational": rational} | lines
 
-    def rows(self) -> list[list[str]]:
-        """Rows of a table: effect, parameter, value, standard deviation, that by noise only, unit."""
+    def table(self) -> Table:
+        """Values with their standard deviations, and those by the noise only."""
         from gsid.effects.types import find
 
         unit_of_angle = self.measured.y_unit.partition("/")[0] or "deg"
@@ -157,7 +158,8 @@ class Start(Plottable):
                 unit = find(label.partition("#")[0])[name].unit.replace("deg", unit_of_angle)
                 spread = ["fixed", ""] if std is None else [f"{std:.2g}", f"{noise:.2g}"]
                 rows.append([label, name, f"{value:.6g}", *spread, unit])
-        return rows
+        head = ["effect", "parameter", "value", "std", "noise only", "unit"]
+        return Table(head, rows, left=["effect", "parameter", "unit"], title=self.summary())
 
     def summary(self) -> str:
         """One line: what the axis is, and how well the model represents it."""
@@ -177,22 +179,11 @@ class Start(Plottable):
         return texts + [f"assumed: {text}" for text in self.assumed]
 
     def __repr__(self) -> str:
-        rows = [
-            f"  {effect:20}{name:17}{value:>12}  {std if std == 'fixed' else f'+- {std}'}"
-            for effect, name, value, std, *_ in self.rows()
-        ]
-        return "\n".join([f"Start: {self.summary()}", *rows, *(f"  {text}" for text in self.notes())])
+        values = [self.table().text()] if self.effects else []
+        return "\n".join([f"Start: {self.summary()}", *values, *self.notes()])
 
     def _repr_html_(self) -> str:
-        head = "".join(
-            f"<th>{text}</th>" for text in ("effect", "parameter", "value", "std", "std, noise only", "unit")
-        )
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows()
-        )
-        notes = "".join(f"<li>{html.escape(text)}</li>" for text in self.notes())
-        caption = html.escape(self.summary())
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table><ul>{notes}</ul>"
+        return self.table().html() + Table((), [[text] for text in self.notes()]).html()
 
 
 def start(
@@ -390,7 +381,7 @@ def _ambiguous(
         deviance = _deviances(found, measured)
         other = other_reading(best.hold)
         difference = (deviance[other] - deviance[best.hold]) / 2
-        if difference <= ALIKE / 2 + best.selection.odds:
+        if difference <= ALIKE / 2 + best.selection.settings.odds:
             add("hold", best.hold, other, float(difference))
     return entries
 
