@@ -54,3 +54,11 @@ def test_help_imports_nothing_heavy():
     heavy = "matplotlib|pandas|control|scipy|numpy|h5py|rich"
     code = f"import sys, gsid.cli.main; print([m for m in '{heavy}'.split('|') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    "module", ["response.estimate", "comparison", "models.load", "fitting.rational", "fitting.order"]
+)
+def test_frequent_commands_start_without_scipy_stats(module):
+    code = f"import sys, gsid.{module}; print('scipy.stats' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import shutil
 import signal
 import stat
@@ -146,7 +145,7 @@ def _same_file(one: str | os.PathLike, other: str | os.PathLike) -> bool:
 @contextlib.contextmanager
 def _temporary(folder: Path, extension: str, mode: int) -> Iterator[Path]:
     """Create a file with a random name. It is removed on exit unless it was renamed."""
-    part = folder / f".gsid-{secrets.token_hex(8)}{extension}"
+    part = folder / f".gsid-{os.urandom(8).hex()}{extension}"
     with _removed_by_signals(part):
         try:
             os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))

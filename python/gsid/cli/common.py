@@ -1,8 +1,7 @@
-"""Exit codes, the version, and the ladder of a model that a diagnosis found."""
+"""Exit codes, and the ladder of a model that a diagnosis found."""
 
 from __future__ import annotations
 
-import importlib.metadata
 from typing import TYPE_CHECKING
 
 from gsid.cli.output import print_message
@@ -13,11 +12,6 @@ if TYPE_CHECKING:
     from gsid.spectrum.spectra import Spectra
 
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
-
-
-def version() -> str:
-    """Version of the installed package."""
-    return importlib.metadata.version("gsid")
 
 
 def with_ladder(

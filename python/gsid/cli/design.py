@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
-from gsid.cli.common import version
 from gsid.cli.options import (
     INPUT,
     LIMIT,
@@ -357,6 +356,7 @@ def _write(path: str, signal: Periodic) -> None:
 
 def _c_table(stem: str, signal: Periodic) -> str:
     """One period as a C99 header; single precision, which is what a drive takes."""
+    from gsid._lib import version
     from gsid.base.c_text import literal, refused_name
 
     name = re.sub(r"[^A-Za-z0-9]+", "_", stem)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import click
 
 from gsid.base.tables import Table
-from gsid.cli.common import EXIT_CRITERION, version
+from gsid.cli.common import EXIT_CRITERION
 from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_table
 
@@ -43,7 +43,7 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
     The exit code is 1 if something is missing or wrong.
     """
     checks = [
-        Check("gsid", True, version()),
+        Check("gsid", True, importlib.metadata.version("gsid")),
         Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
         *_packages(),
         *(_core(precision, module) for precision, module in CORES.items()),

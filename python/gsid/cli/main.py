@@ -13,7 +13,7 @@ import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
 
 from gsid.base.errors import GsidError, InputError, SimulationError
-from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, version
+from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE
 from gsid.cli.options import library_option
 from gsid.cli.output import print_message, visible
 
@@ -67,7 +67,7 @@ class Verbs(click.Group):
     epilog="`-o -` writes to the standard output.\n\n"
     "Exit codes: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal error.",
 )
-@click.version_option(version(), prog_name="gsid", message="%(prog)s %(version)s")
+@click.version_option(package_name="gsid", prog_name="gsid", message="%(prog)s %(version)s")
 @library_option(
     "Load an effect compiled from C that a model file names. This runs its code.", "libraries", multiple=True
 )

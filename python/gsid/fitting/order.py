@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gsid._lib import lib
 from gsid.base.errors import GsidError
@@ -235,7 +235,7 @@ def _judge(
         other = max(smaller, key=lambda c: c.model.n_parameters)
         q = p - other.model.n_parameters
         ratio = (other.cost - model.cost) / q / (model.cost / (2 * n - p))
-        p_value = float(stats.f.sf(max(ratio, 0.0), q, 2 * n - p))
+        p_value = float(special.fdtrc(q, 2 * n - p, max(ratio, 0.0)))
     return Candidate(
         order=order,
         model=model,
@@ -298,7 +298,7 @@ def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
         parts, d = np.array([by.real, by.imag]), np.array([(pole - zero).real, (pole - zero).imag])
         size = 2 if pole.imag > 0 else 1
         cov = (parts @ model.cov @ parts.T)[:size, :size]
-        if d[:size] @ np.linalg.solve(cov, d[:size]) < stats.chi2.ppf(LEVEL, size):
+        if d[:size] @ np.linalg.solve(cov, d[:size]) < special.chdtri(size, 1 - LEVEL):
             pairs.append((complex(pole), complex(zero)))
             zeros.remove(zero)
     return pairs

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gsid.base.bands import in_band
 from gsid.base.errors import InputError
@@ -159,7 +159,7 @@ def white(e: np.ndarray, n_lags: int = LAGS) -> float:
     lags = range(1, min(n_lags, n - 2) + 1)
     power = np.sum(np.abs(e) ** 2)
     r2 = [abs(np.vdot(e[lag:], e[:-lag]) / power) ** 2 * n / (n - lag) for lag in lags]
-    return float(stats.chi2.sf(2 * n * np.sum(r2), 2 * len(r2)))
+    return float(special.chdtrc(2 * len(r2), 2 * n * np.sum(r2)))
 
 
 def relative_variance(inflation: float) -> float:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import binom
+from scipy import special
 
 if TYPE_CHECKING:
     from gsid.models.rational import RationalModel
@@ -204,7 +204,7 @@ def excess_bands(f_hz, exceeds, *, window: int = 9, false_alarm: float = 0.01) -
         return []
     count = np.convolve(exceeds, np.ones(window, dtype=int), "valid")
     flagged = np.zeros(len(exceeds), dtype=bool)
-    for start in np.flatnonzero(binom.sf(count - 1, window, 1.0 - LEVEL) < false_alarm / len(count)):
+    for start in np.flatnonzero(special.bdtrc(count - 1, window, 1.0 - LEVEL) < false_alarm / len(count)):
         hit = start + np.flatnonzero(exceeds[start : start + window])
         flagged[hit[0] : hit[-1] + 1] = True
     bands: list[list[int]] = []

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy import linalg, special, stats
+from scipy import linalg, special
 
 from gsid.spectrum.line_test import exponential_score
 
@@ -97,7 +97,7 @@ class Errors:
         t, dof = self.t, self.dof
         q = exponential_score(t, dof)
         if np.any(self.real):
-            tail = stats.f.sf(t[self.real], 1, np.minimum(dof[self.real], 1e9))
+            tail = special.fdtrc(1, np.minimum(dof[self.real], 1e9), t[self.real])
             q[self.real] = -np.log(np.maximum(tail, TINY))
         return q
 
