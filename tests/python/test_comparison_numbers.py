@@ -9,6 +9,7 @@ from scipy import stats
 
 from gsid.comparison import compare
 from gsid.models.rational import RationalModel
+from gsid.spectrum.lines import lines_of
 from gsid.spectrum.spectra import Spectra
 
 GAIN = RationalModel([1.0], [1.0])
@@ -22,7 +23,7 @@ def scatter(periods):
     return pattern / np.std(pattern, ddof=1)
 
 
-def record(amplitude, t, *, periods=5, sigma=None):
+def record(amplitude, t, *, periods=5, sigma=None, **more):
     """A record with a given T of each line.
 
     Parameters
@@ -34,6 +35,8 @@ def record(amplitude, t, *, periods=5, sigma=None):
     periods : int
     sigma : dict, optional
         Standard deviation of one period by line, if it is not SIGMA.
+    **more
+        Further attributes of the record.
     """
     u, each = np.zeros(N // 2 + 1), np.full(N // 2 + 1, SIGMA)
     u[list(amplitude)] = list(amplitude.values())
@@ -44,7 +47,7 @@ def record(amplitude, t, *, periods=5, sigma=None):
     scattered = scatter(periods)[:, None]
     U = u * (1 + 0.01 * scattered)  # an input that scatters too: the variance is that of Y - G U
     Y = U + error + each * scattered
-    return Spectra(float(N), N, np.arange(len(u)), U + 0j, Y + 0j, 0, 0, u > 0)
+    return Spectra(float(N), N, np.arange(len(u)), U + 0j, Y + 0j, 0, 0, u > 0, **more)
 
 
 def only_noise(periods):
@@ -92,13 +95,32 @@ def test_neighbouring_bands_with_a_similar_excess_per_line_are_one(ratio, bands)
     assert sum(band["share"] for band in found.where) == pytest.approx(1)
 
 
-def test_a_band_that_fails_without_excess_has_no_share():
-    """T = 1.9 at 101 lines is below its mean of 2, but so many alike values are not noise of 3 periods."""
+def test_three_neighbouring_bands_with_a_similar_excess_per_line_are_one():
+    """The third octaves around 16, 20 and 25 Hz, one excited line each."""
+    rest = only_noise(5)
+    found = compare(GAIN, record(dict.fromkeys([16, 20, 25], 1.0), dict.fromkeys([16, 20, 25], rest + 300)))
+    assert [(band["f_lo_hz"], band["f_hi_hz"]) for band in found.where] == [(16, 25)]
+
+
+def test_the_first_third_octave_has_the_first_line_in_its_middle():
+    """From 100 Hz the bands end at 112.2, 141.4 and 178.2 Hz; their excess per line is 100, 5 and 0."""
+    lines = dict.fromkeys(range(100, 179), 1.0)
+    excess = dict.fromkeys(range(100, 113), 100.0) | dict.fromkeys(range(113, 142), 5.0)
+    found = compare(GAIN, record(lines, {line: only_noise(5) + more for line, more in excess.items()}))
+    assert [(band["f_lo_hz"], band["f_hi_hz"]) for band in found.where] == [(100, 112), (113, 141)]
+
+
+@pytest.mark.parametrize(("t", "share"), [(1.9, 0.0), (2.005, 1.0)])
+def test_a_band_that_fails_with_little_or_no_excess(t, share):
+    """The mean of T is 2 with 3 periods, but so many alike values are not noise.
+
+    The excess of 101 lines is -10 or 0.5. Without excess the band has no share of it.
+    """
     lines = range(1000, 1101)
-    found = compare(GAIN, record(dict.fromkeys(lines, 1.0), dict.fromkeys(lines, 1.9), periods=3))
+    found = compare(GAIN, record(dict.fromkeys(lines, 1.0), dict.fromkeys(lines, t), periods=3))
     assert not found.adequate
-    assert [band["share"] for band in found.where] == [0.0]
-    assert found.where[0]["p_value"] == pytest.approx(p_of_lines([1.9] * 101, 3), rel=1e-6)
+    assert [band["share"] for band in found.where] == [share]
+    assert found.where[0]["p_value"] == pytest.approx(p_of_lines([t] * 101, 3), rel=1e-6)
 
 
 def test_the_change_of_a_model_within_its_uncertainty_counts_as_misfit():
@@ -145,3 +167,43 @@ def test_the_record_of_the_largest_power_is_shown(amplitudes):
     records = [record(dict(zip([8, 9, 10], each, strict=True)), {}) for each in amplitudes]
     for several in (records, records[::-1]):
         np.testing.assert_allclose(compare(GAIN, several).y.real, amplitudes[0], atol=5 * SIGMA)
+
+
+def test_the_cost_of_each_line_is_averaged_over_records_with_equal_lines():
+    """The record with the largest output is shown. If the other has further lines, the cost is its own."""
+    large = record({8: 2.0, 9: 2.0}, {8: 6.0, 9: 1.0})
+    small, longer = (record(dict.fromkeys(lines, 1.0), {8: 2.0, 9: 3.0}) for lines in ([8, 9], [8, 9, 10]))
+    assert compare(GAIN, [large, small]).cost == pytest.approx([4.0, 2.0])
+    assert compare(GAIN, [large, longer]).cost == pytest.approx([6.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("holds", "common"), [(["zoh"], "zoh"), (["none", "none"], "none"), (["zoh", "none"], None)]
+)
+def test_the_hold_of_the_records_is_stated_if_it_is_common(holds, common):
+    records = [record({8: 1.0, 9: 1.0}, {}, hold=hold) for hold in holds]
+    assert compare(GAIN, records).hold == common
+
+
+def test_the_noise_floor_of_a_repeated_input_omits_the_leakage_of_drift():
+    """The output rises by 0.5 per period for four periods, and falls again: the mean has no ramp.
+
+    A ramp of 0.5 has lines of 0.5 / (pi k). The variance over the periods contains them, 500 times that of
+    the white noise at line 9.
+    """
+    periods, sigma = 8, 0.02
+    rng = np.random.default_rng(20260601)
+    white = sigma * rng.standard_normal(periods * N)
+    t = np.arange(periods * N) / N
+    drift = 0.5 * np.minimum(t, periods - t)
+    u = np.zeros(N // 2 + 1)
+    u[9:209] = 1.0
+
+    def floor(output):
+        Y = u + lines_of(output.reshape(periods, N))
+        line = np.arange(len(u))
+        one = Spectra(float(N), N, line, np.tile(u + 0j, (periods, 1)), Y, 0, 0, u > 0)
+        return compare(GAIN, one).noise_floor_rms
+
+    assert floor(white) == pytest.approx(sigma * np.sqrt(200 / (N / 2) / periods), rel=0.05)
+    assert floor(white + drift) == pytest.approx(floor(white), rel=0.05)

@@ -198,6 +198,15 @@ def test_the_delay_under_the_other_hold_differs_by_half_a_sample(truth, half):
     assert found.delay_hold_uncertainty_s == pytest.approx(0.5 / FS_HZ)
 
 
+def test_a_comparison_states_the_delay_of_the_fit_with_the_other_hold():
+    """The fit may move the delay by other than half a sample, because other parameters move with it."""
+    model = plant(AXIS)
+    model.fit = {"hold": "zoh", "other_delay_s": 1.4e-3}
+    found = compare(model, held_record(900, 1e-3))
+    assert (found.hold, found.other_delay_s) == ("zoh", 1.4e-3)
+    assert found.delay_hold_uncertainty_s == pytest.approx(0.4e-3)
+
+
 def test_all_pieces_have_one_hold():
     rng, f_hz = np.random.default_rng(SEED), np.arange(1, 300) * 2.0
     model = fit_piecewise(response(axis("zoh"), rng, f_hz), "1/0", 3)
