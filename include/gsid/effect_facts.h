@@ -48,7 +48,8 @@ typedef enum {
     GSID_SPACING_TURNS = 4, /* first, first + step, ... up to last, all over the scale */
     GSID_SPACING_LIST = 5, /* n points of a list */
     GSID_SPACING_DECADES = 6, /* n points of a list in each decade, from first to last of the scale */
-    GSID_SPACING_ROUNDING = 7 /* n points downwards from first, neighbours p^2 / (step scale) apart */
+    GSID_SPACING_ROUNDING = 7, /* n points downwards from first, neighbours p^2 / (step scale) apart */
+    GSID_SPACING_PER = 8 /* n points of a list, over the scale */
 } gsid_spacing;
 
 /* Where the search for missing effects begins, of a parameter that has no derivative where the effect vanishes. */
@@ -74,7 +75,7 @@ typedef struct {
         *as_c; /* the law in C for gsid export-c, {parameter} for a value; NULL: not exported, or by its linear part */
     gsid_linear_part linear_part;
     int turns_only; /* the law takes an angle: no meaning for an axis whose unit is a length */
-    const char *simpler; /* id of the law that it becomes at one end of its shapes; NULL: none */
+    const char *simpler; /* id of the law that it becomes for special values of its shapes; NULL: none */
     const char
         *enlarged; /* rivals from outside the catalogue: expressions with coefficient c, parted by ; NULL: none */
     const char *not_searched; /* why the search for missing effects leaves it out; NULL: it is searched */

@@ -26,6 +26,7 @@
     X(coulomb_friction)                                                                                                \
     X(stribeck_friction)                                                                                               \
     X(presliding_friction)                                                                                             \
+    X(bouc_wen)                                                                                                        \
     X(quadratic_drag)                                                                                                  \
     X(cable_spring)                                                                                                    \
     X(quadratic_spring)                                                                                                \

@@ -21,7 +21,8 @@ static gsid_real y[N];
 typedef struct {
     double gain, viscous, spring, delay_steps;
     double motor_lag, f_hz, zeta, residue, sensor_lag, refresh_samples;
-    double coulomb, stribeck, stribeck_speed, dahl, dahl_stiffness, drag, quadratic, cubic, unbalance, unbalance_rad;
+    double coulomb, stribeck, stribeck_speed, dahl, dahl_stiffness, hysteresis, unloading, loading, drag, quadratic,
+        cubic, unbalance, unbalance_rad;
     double cogging, cycles, phase, stop, stop_stiffness, bias;
     double gap, gear_stiffness, ratio, damping;
     double step, dead_zone, limit;
@@ -30,7 +31,7 @@ typedef struct {
     double fan_hz, fan, fan_phase;
 } physics;
 
-enum { ANGLE, RATE, MOTOR, BEND, BEND_RATE, GYRO, DAHL, MOTOR_ANGLE, MOTOR_RATE, N_STATES };
+enum { ANGLE, RATE, MOTOR, BEND, BEND_RATE, GYRO, DAHL, BOUC_WEN, MOTOR_ANGLE, MOTOR_RATE, N_STATES };
 
 static double sign(double x) {
     return (x > 0) - (x < 0);
@@ -42,7 +43,7 @@ static double outside(double x, double edge) {
 
 static double friction(const physics *p, const double *x) {
     const double w = x[RATE], ratio = p->stribeck > 0 ? w / p->stribeck_speed : 0.0;
-    return p->viscous * w + p->drag * w * fabs(w) + p->dahl * x[DAHL] +
+    return p->viscous * w + p->drag * w * fabs(w) + p->dahl * x[DAHL] + p->hysteresis * x[BOUC_WEN] +
            (p->coulomb + p->stribeck * exp(-ratio * ratio)) * sign(w);
 }
 
@@ -75,6 +76,9 @@ static void derivative(const physics *p, double u, const double *x, double *dx) 
         dx[GYRO] = (x[RATE] + x[BEND_RATE] - x[GYRO]) / p->sensor_lag;
     }
     dx[DAHL] = p->dahl_stiffness * (x[RATE] - fabs(x[RATE]) * x[DAHL]);
+    /* gamma |w| z + delta w |z|: unloading = gamma - delta, loading = gamma + delta */
+    dx[BOUC_WEN] = x[RATE] - 0.5 * (p->unloading + p->loading) * fabs(x[RATE]) * x[BOUC_WEN] -
+                   0.5 * (p->loading - p->unloading) * x[RATE] * fabs(x[BOUC_WEN]);
 }
 
 static void runge_kutta(const physics *p, double u, double h, double *x) {
@@ -246,6 +250,12 @@ static void friction_follows_the_truth(void **state) {
     start_stack();
     bench_add_with(&b, "presliding_friction", 60, 50, 0);
     p.dahl = 60, p.dahl_stiffness = 50;
+    compare(&p, 50, 0);
+
+    p = plain;
+    start_stack();
+    bench_add_with(&b, "bouc_wen", 3000, 50, -3);
+    p.hysteresis = 3000, p.unloading = 50, p.loading = -3;
     compare(&p, 50, 0);
 
     p = plain;
@@ -447,7 +457,7 @@ static int is_listed(const char *list) {
 
 static void descriptors_are_complete(void **state) {
     (void)state;
-    assert_int_equal(gsid_n_catalogue, 24);
+    assert_int_equal(gsid_n_catalogue, 25);
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *e = gsid_catalogue[i];
         assert_ptr_equal(gsid_catalogue_find(e->id), e);

@@ -98,6 +98,26 @@ static void presliding_repeats_and_follows_its_closed_form_between_reversals(voi
     }
 }
 
+/* Bouc-Wen with equal rates is Dahl; with others it repeats, and dz = (1 - rate side z) dtheta holds from sample to sample. */
+static void bouc_wen_contains_dahl_and_follows_its_equation(void **state) {
+    (void)state;
+    static double dahl[N];
+    const double level[P] = {2.0, 0.8}, values[2][P] = {{1.6, 0.8, 0.8}, {1.0, 1.9, -0.3}};
+    assert_int_equal(gsid_law_torques(gsid_catalogue_find("presliding_friction"), NULL, &motion, 1, level, dahl),
+                     GSID_OK);
+    assert_int_equal(gsid_law_torques(gsid_catalogue_find("bouc_wen"), NULL, &motion, 2, values[0], out), GSID_OK);
+    double largest = 0;
+    for (int i = 0; i < N; i++) {
+        near(out[i], dahl[i], 1e-12);
+        const double z = out[N + i], next = out[N + (i + 1) % N], path = angle[(i + 1) % N] - angle[i];
+        const double side_here = path > 0 ? 1 : -1, mid = 0.5 * (z + next);
+        const double by_angle = 1 - (side_here * mid < 0 ? 1.9 : -0.3) * side_here * mid;
+        near(next - z, by_angle * path, rate[i] * rate[(i + 1) % N] < 0 || z * next < 0 ? 1e-4 : 1e-6);
+        largest = fmax(largest, fabs(z));
+    }
+    assert_true(largest > swing);
+}
+
 static void hard_stop_acts_beyond_its_edges(void **state) {
     (void)state;
     const double values[P] = {1.2, 50.0};
@@ -150,6 +170,7 @@ int main(void) {
         cmocka_unit_test_setup(coulomb_has_the_mean_of_its_fourier_line, swinging),
         cmocka_unit_test_setup(stribeck_is_the_mean_of_both_directions_at_a_reversal, swinging),
         cmocka_unit_test_setup(presliding_repeats_and_follows_its_closed_form_between_reversals, swinging),
+        cmocka_unit_test_setup(bouc_wen_contains_dahl_and_follows_its_equation, swinging),
         cmocka_unit_test_setup(hard_stop_acts_beyond_its_edges, swinging),
         cmocka_unit_test(commands_of_several_sizes_are_mapped_at_once),
         cmocka_unit_test_setup(what_has_no_column_is_refused, swinging),

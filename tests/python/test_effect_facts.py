@@ -159,6 +159,7 @@ def test_what_the_search_leaves_out():
     assert {"position_velocity_loop", "periodic_disturbance", "quadratic_spring"} == NOT_SEARCHED
     assert {"mass_unbalance", "motor_cogging"} == TURNS_ONLY
     assert SIMPLER == {
+        "bouc_wen": "presliding_friction",
         "presliding_friction": "coulomb_friction",
         "stribeck_friction": "coulomb_friction",
     }
@@ -202,6 +203,8 @@ def test_a_grid_lies_in_the_bounds_and_has_a_reason(effect):
 GRIDS = {
     "stribeck_friction.velocity": (20.0, 20.0 * np.geomspace(0.003, 0.5, 8)),
     "presliding_friction.stiffness": (3.0, 1 / (3.0 * np.geomspace(0.001, 4.0, 11))),
+    "bouc_wen.unloading": (3.0, 1 / (3.0 * np.geomspace(0.02, 2.0, 5))),
+    "bouc_wen.loading": (3.0, np.array([-2, -1, -0.5, -0.2, 0, 0.5, 2, 8, 30]) / 3.0),
     "hard_stop.angle_deg": (1.7, (1 - np.geomspace(0.5, 0.002, 14)) * 1.7),
     "drive_dead_zone.half_width": (75.0, 75.0 * np.geomspace(1e-4, 0.3, 14)),
     "drive_saturation.limit": (
@@ -254,9 +257,10 @@ def test_an_effect_of_ones_own_has_no_linear_part():
 
 
 def test_an_effect_that_is_searched_has_directions_of_the_search():
-    """Besides the axis itself, and two that are simulated: a bias in `scan`, a gear with play in `joint`."""
+    """Besides the axis itself, two that are simulated (a bias in `scan`, a gear with play in `joint`), and
+    Bouc-Wen's hysteresis, which only the first stage searches for."""
     searched = catalogue().keys() - NOT_SEARCHED
-    assert searched - DIRECTIONS.keys() == {"rigid_body", "torque_bias", "gear_backlash"}
+    assert searched - DIRECTIONS.keys() == {"rigid_body", "torque_bias", "gear_backlash", "bouc_wen"}
 
 
 # ---- the law written for export-c, against the equations that the plant runs -------------------------------

@@ -110,9 +110,9 @@ def _closed(signal):
 def test_the_coefficients_of_a_phase_are_its_level_and_angle():
     cogging = catalogue()["motor_cogging"]
     law = Law(cogging, "motor_cogging", "position")
-    params = law.params(50.0, [3.0 * np.cos(0.7), 3.0 * np.sin(0.7)])
+    params = law.params(np.array([50.0]), [3.0 * np.cos(0.7), 3.0 * np.sin(0.7)])
     assert params == pytest.approx({"level": 3.0, "cycles_per_rev": 50.0, "phase_rad": 0.7})
-    in_phase, quadrature = law.unit_values(50.0)
+    in_phase, quadrature = law.unit_values(np.array([50.0]))
     assert in_phase[:3] == pytest.approx([1, 50, 0])
     assert quadrature[:3] == pytest.approx([1, 50, np.pi / 2])
 

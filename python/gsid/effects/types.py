@@ -54,6 +54,7 @@ SPACINGS = {
     lib.GSID_SPACING_LIST: "list",
     lib.GSID_SPACING_DECADES: "decades",
     lib.GSID_SPACING_ROUNDING: "rounding",
+    lib.GSID_SPACING_PER: "per",
 }
 SCALES = {
     lib.GSID_SHARE_OF_RATE: "largest rate",
@@ -82,7 +83,7 @@ class Grid:
     n : int
         Number of points; 0 if `step` determines it.
     points : tuple of float
-        The points of the spacing "list".
+        The points of the spacings "list" and "per".
     reason : str
         Reason for this choice.
     """
@@ -110,6 +111,8 @@ class Grid:
         """
         if self.spacing == "list":
             return scale * np.array(self.points)
+        if self.spacing == "per":
+            return np.array(self.points) / scale
         if self.spacing == "turns":
             return np.arange(self.first / scale, self.last / scale, self.step / scale)
         if self.spacing == "rounding":
@@ -200,7 +203,7 @@ class EffectType:
     turns_only : bool
         Whether the law requires an angle. Such a law has no meaning for an axis whose unit is a length.
     simpler : str or None
-        Simpler law that it approaches at one end of its shape parameters.
+        Simpler law that it becomes for special values of its shape parameters.
     enlarged : tuple of str
         Similar laws from outside the catalogue, as expressions with the coefficient c. If one of them
         explains the data better, this law is not the missing one.

@@ -7,6 +7,7 @@ quarter of a turn spans all of them.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,10 +50,9 @@ class Law:
         return self.effect.c.command != ffi.NULL
 
     @property
-    def shape(self) -> EffectParameter | None:
-        """The parameter that is searched; of a map of the command its only one."""
-        searched = [p for p in self.effect.parameters if p.grid is not None]
-        return searched[0] if searched else None
+    def shapes(self) -> list[EffectParameter]:
+        """The parameters that are searched; of a map of the command its only one."""
+        return [p for p in self.effect.parameters if p.grid is not None]
 
     @property
     def coefficients(self) -> list[EffectParameter]:
@@ -84,13 +84,15 @@ class Law:
             return np.full(self.n_columns, -np.inf)
         return np.array([p.lower if p.lower == 0 else -np.inf for p in self.coefficients])
 
-    def unit_values(self, shape: float) -> np.ndarray:
+    def unit_values(self, shape: np.ndarray) -> np.ndarray:
         """(n_columns, parameters of the C library) values of each column for a shape.
 
         Parameters
         ----------
-        shape : float
+        shape : (d,) ndarray
+            Values of `shapes`.
         """
+        searched = {p.name: value for p, value in zip(self.shapes, shape, strict=True)}
         rows = []
         for quarter in (0.0, 1.0) if self.phase else (0.0,):
             for one in self.coefficients:
@@ -98,22 +100,22 @@ class Law:
                 for i, p in enumerate(self.effect.parameters):
                     if p is one:
                         row[i] = 1.0
-                    elif p is self.shape:
-                        row[i] = shape
+                    elif p.name in searched:
+                        row[i] = searched[p.name]
                     elif p is self.phase:
                         row[i] = quarter * quarter_turn(p)
                 rows.append(row)
         return np.array(rows)
 
-    def params(self, shape: float, coefficients: Sequence[float]) -> dict[str, float]:
+    def params(self, shape: np.ndarray, coefficients: Sequence[float]) -> dict[str, float]:
         """Values of the effect's parameters by name.
 
         Parameters
         ----------
-        shape : float
+        shape : (d,) ndarray
         coefficients : (n_columns,) sequence of float
         """
-        values = {self.shape.name: float(shape)} if self.shape else {}
+        values = {p.name: float(value) for p, value in zip(self.shapes, shape, strict=True)}
         if self.phase:
             in_phase, quadrature = coefficients
             turned = math.atan2(quadrature, in_phase) / (math.pi / 2)
@@ -124,19 +126,20 @@ class Law:
         return values
 
     def points(self, scales: dict[str, float]) -> np.ndarray:
-        """Grid of its shape for this motion; one meaningless point for a law without.
+        """Grid of its shapes for this motion, (s, d); one point of no values for a law without.
 
         Parameters
         ----------
         scales : dict of float
             The quantities that grids are relative to.
         """
-        shape = self.shape
-        if shape is None:
-            return np.zeros(1)
-        turns = shape.grid.spacing == "turns"  # of a sine, whose argument is in rad
-        points = np.sort(shape.grid.at(scales["travel in rad" if turns else shape.grid.of]))
-        return points[(points >= shape.lower) & (points <= shape.upper)]
+        return np.array(list(itertools.product(*(_points(p, scales) for p in self.shapes))))
+
+
+def _points(shape: EffectParameter, scales: dict[str, float]) -> np.ndarray:
+    turns = shape.grid.spacing == "turns"  # of a sine, whose argument is in rad
+    points = np.sort(shape.grid.at(scales["travel in rad" if turns else shape.grid.of]))
+    return points[(points >= shape.lower) & (points <= shape.upper)]
 
 
 def quarter_turn(phase: EffectParameter) -> float:
@@ -180,13 +183,29 @@ def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.
     return out
 
 
+def dissipated(law: Law, shapes: np.ndarray, motion: Motion, radians: float) -> np.ndarray:
+    """Share of the work of a law with one coefficient that does not come back, (shapes,): 0 is a spring.
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (s, d) ndarray
+    motion : Motion
+    radians : float
+        In a unit of angle.
+    """
+    values = np.concatenate([law.unit_values(shape) for shape in shapes])
+    power = torques(law, values, motion, radians) * motion.rate
+    return np.sum(power, axis=1) / np.maximum(np.sum(np.abs(power), axis=1), np.finfo(float).tiny)
+
+
 def torque_lines(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> list[np.ndarray]:
     """Lines of a law's torque for unit coefficients, (shapes, n_columns, K) of each record.
 
     Parameters
     ----------
     law : Law
-    shapes : (s,) ndarray
+    shapes : (s, d) ndarray
     problem : Problem
     moved : sequence of Motion
     """
@@ -204,11 +223,11 @@ def mapped(law: Law, shapes: np.ndarray, u: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     law : Law
-    shapes : (s,) ndarray
+    shapes : (s, 1) ndarray
     u : (n,) ndarray
     """
     values = np.zeros((len(shapes), lib.GSID_EFFECT_PARAMETERS_MAX))
-    values[:, 0] = shapes
+    values[:, :1] = shapes
     u, out = np.ascontiguousarray(u, float), np.empty((len(shapes), len(u)))
     arrays = [ffi.from_buffer("double[]", x) for x in (u, values, out)]
     effect = law.effect
@@ -223,7 +242,7 @@ def command_lines(law: Law, shapes: np.ndarray, problem: Problem) -> list[np.nda
     Parameters
     ----------
     law : Law
-    shapes : (s,) ndarray
+    shapes : (s, d) ndarray
     problem : Problem
     """
     found = []

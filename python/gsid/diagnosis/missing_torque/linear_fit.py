@@ -9,8 +9,8 @@ whitened E has a variance of 1 where only noise is left.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,6 +24,7 @@ from gsid.plant.units import RADIANS
 from gsid.spectrum.spectra import Spectra
 
 STEP = 1e-6  # relative step of a derivative: the responses are smooth, and rounding is 1e-10 of it
+SHAPE_STEP = 1e-3  # the same of a shape: reversals lie between samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,14 +294,17 @@ class LinearFit:
         Of the torque columns; empty without.
     error : (n_rows,) ndarray
         Whitened E.
-    jacobian : (n_rows, n + c) ndarray
-        Its derivative by the free values and the coefficients.
+    jacobian : (n_rows, n + c + d) ndarray
+        Its derivative by the free values, the coefficients and the shape.
+    shape : (d,) ndarray
+        Of the torque columns; empty where it is not fitted.
     """
 
     part: LinearPart
     coefficients: np.ndarray
     error: np.ndarray
     jacobian: np.ndarray
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def cost(self) -> float:
@@ -378,6 +382,73 @@ def fit_linear_part(
     )
     x = found.x * scale
     return LinearFit(start.at(x[:n]), x[n:], found.fun, found.jac / scale)
+
+
+def fit_with_shape(
+    problem: Problem,
+    start: LinearFit,
+    torques: Callable[[np.ndarray], list[np.ndarray]],
+    ends: tuple[np.ndarray, np.ndarray],
+) -> LinearFit:
+    """Fit the linear part, the coefficients and the shape of torque columns together.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : LinearFit
+        Its part, coefficients and shape are the start.
+    torques : callable
+        Gives the lines of the torque of each record, (c, K), for a unit coefficient and a shape.
+    ends : tuple of two (c + d,) ndarray
+        Least and largest coefficients and shapes.
+
+    Returns
+    -------
+    LinearFit
+    """
+    n, n_columns = len(start.part.names), len(start.coefficients)
+    x0 = np.concatenate([start.part.values, start.coefficients, start.shape])
+    scale = np.where(x0 != 0, np.abs(x0), 1.0)
+    scale[n + n_columns :] = np.max(np.abs(start.shape))
+
+    def parted(x: np.ndarray) -> tuple[LinearPart, np.ndarray, np.ndarray]:
+        values = x * scale
+        return start.part.at(values[:n]), values[n : n + n_columns], values[n + n_columns :]
+
+    def total(c: np.ndarray, shape: np.ndarray) -> list[np.ndarray]:
+        return [c @ t for t in torques(shape)]
+
+    def error(x: np.ndarray) -> np.ndarray:
+        part, c, shape = parted(x)
+        return problem.error(part, problem.commands, total(c, shape))
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        part, c, shape = parted(x)
+        columns = torques(shape)
+        slopes = problem.tangent(part, problem.commands, [c @ t for t in columns])
+        step = SHAPE_STEP * np.max(np.abs(shape))
+        changes = []
+        for d in step * np.eye(len(shape)):
+            pairs = zip(total(c, shape + d), total(c, shape - d), strict=True)
+            changes.append([(more - less)[None, :] / (2 * step) for more, less in pairs])
+        by_shape = [torque_columns(problem, part, change) for change in changes]
+        return np.hstack([slopes, torque_columns(problem, part, columns), *by_shape]) * scale
+
+    least = np.concatenate([start.part.lower, ends[0]]) / scale
+    most = np.concatenate([start.part.upper, ends[1]]) / scale
+    found = least_squares(
+        error,
+        np.clip(x0 / scale, least, most),
+        jacobian,
+        bounds=(least, most),
+        x_scale="jac",
+        ftol=problem.settings.tolerance,
+        xtol=1e-9,
+        gtol=1e-12,
+        max_nfev=problem.settings.steps,
+    )
+    part, c, shape = parted(found.x)
+    return LinearFit(part, c, found.fun, found.jac / scale, shape)
 
 
 def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndarray]) -> np.ndarray:

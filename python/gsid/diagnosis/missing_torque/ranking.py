@@ -11,17 +11,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 
 from gsid._lib import ffi
 from gsid.diagnosis.missing_torque.catalogue import family as effect_family
-from gsid.diagnosis.missing_torque.law_columns import Law, command_lines, mapped, torque_lines, torques
+from gsid.diagnosis.missing_torque.law_columns import (
+    Law,
+    command_lines,
+    dissipated,
+    mapped,
+    torque_lines,
+    torques,
+)
 from gsid.diagnosis.missing_torque.linear_fit import (
     LinearFit,
     LinearPart,
     Problem,
     basis,
     fit_linear_part,
+    fit_with_shape,
     mode_columns,
     torque_columns,
 )
@@ -43,7 +51,10 @@ class Candidate:
         Drop of the cost in the scan.
     law : Law or None
         None: a linear effect, which is in the linear part.
-    shape : float
+    shape : (d,) ndarray
+        Values of the law's shapes.
+    bracket : (d, 2) ndarray
+        Between these values each of them is refined.
     fit : LinearFit or None
         Joint fit; None if it was not refitted.
     kept : float
@@ -59,8 +70,8 @@ class Candidate:
     effect: EffectType
     gain: float
     law: Law | None = None
-    shape: float = 0.0
-    bracket: tuple[float, float] = (0.0, 0.0)
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    bracket: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     start: LinearPart | None = None
     points: tuple[float, ...] = ()
     fit: LinearFit | None = None
@@ -90,7 +101,7 @@ class Candidate:
         """Values of the effect's parameters: starts of a fit by simulation."""
         if self.law is not None:
             if self.law.is_command:
-                return {self.effect.parameters[0].name: self.shape}
+                return {self.effect.parameters[0].name: float(self.shape[0])}
             return self.law.params(self.shape, self.coefficients)
         label = next(label for label in reversed(self.fit.part.stack) if label.startswith(self.effect.id))
         return dict(self.fit.part.stack[label])
@@ -125,7 +136,7 @@ class Scan:
         Parameters
         ----------
         law : Law
-        shapes : (s,) ndarray
+        shapes : (s, d) ndarray
         error : (n_rows,) ndarray
             What is left without the law, freed.
         """
@@ -188,23 +199,38 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
     found = []
     for law in laws:
         points = law.points(scales)
+        if law.effect.c.has_memory:
+            points = points[_is_dissipative(law, points, scan.problem, scan.moved)]
         if law.is_command:
-            if law.shape.grid.spacing == "rounding":
+            if law.shapes[0].grid.spacing == "rounding":
                 points = _likely_steps(scan, law, points, error)
             gains = scan.command_gains(law, points, error)
         else:
             gains, _ = scan.torque_gains(law, points, error)
         best = int(np.argmax(gains))
-        ends = points[max(best - 1, 0)], points[min(best + 1, len(points) - 1)]
-        found.append(
-            Candidate(law.name, law.family, law.effect, float(gains[best]), law, float(points[best]), ends)
-        )
+        ends = _neighbours(points, points[best])
+        found.append(Candidate(law.name, law.family, law.effect, float(gains[best]), law, points[best], ends))
     found.sort(key=lambda one: -one.gain)
     most = found[0].gain if found else 0.0
     for one in found:
         if one.gain >= scan.problem.settings.refined_share * most:
             refine_shape(scan, one, error)
     return sorted(found, key=lambda one: -one.gain)
+
+
+def _is_dissipative(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> np.ndarray:
+    """Whether a law with memory is a friction, (shapes,) bool, and not a spring."""
+    return dissipated(law, shapes, moved[0], problem.radians) >= problem.settings.dissipated_least
+
+
+def _neighbours(points: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """Neighbours in the grid of each value of a shape, (d, 2)."""
+    found = np.zeros((points.shape[1], 2))
+    for k, value in enumerate(best):
+        axis = np.unique(points[:, k])
+        i = int(np.searchsorted(axis, value))
+        found[k] = axis[max(i - 1, 0)], axis[min(i + 1, len(axis) - 1)]
+    return found
 
 
 LIKELY = 12  # steps of rounding whose gain is computed
@@ -228,12 +254,14 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
         asked = np.fft.irfft(whole, r.spectra.period_samples)
         for some in np.array_split(np.arange(len(steps)), max(len(steps) // 50, 1)):
             total[some] += (mapped(law, steps[some], r.command) - r.command) @ asked
-    likeness = -total / steps
-    return np.sort(steps[np.argsort(likeness)[-LIKELY:]])
+    likeness = -total / steps[:, 0]
+    return np.sort(steps[np.argsort(likeness)[-LIKELY:]], axis=0)
 
 
 def refine_shape(scan: Scan, one: Candidate, error: np.ndarray) -> None:
-    """Golden section for a candidate's shape between its neighbours in the grid; in place.
+    """Refine a candidate's shape between its neighbours in the grid; in place.
+
+    One value by golden section, two by Nelder and Mead's simplex.
 
     Parameters
     ----------
@@ -242,16 +270,43 @@ def refine_shape(scan: Scan, one: Candidate, error: np.ndarray) -> None:
     error : (n_rows,) ndarray
         What is left without the law, freed.
     """
-    law = one.law
-    if law is None or law.shape is None:
+    law, steps = one.law, scan.problem.settings.shape_steps
+    if law is None or not law.shapes:
         return
 
-    def gain(shape: float) -> float:
+    def gain(shape: np.ndarray) -> float:
         if law.is_command:
-            return float(scan.command_gains(law, np.array([shape]), error)[0])
-        return float(scan.torque_gains(law, np.array([shape]), error)[0][0])
+            return float(scan.command_gains(law, shape[None, :], error)[0])
+        return float(scan.torque_gains(law, shape[None, :], error)[0][0])
 
-    one.shape, one.gain = _golden(gain, one.bracket, (one.shape, one.gain), scan.problem.settings.shape_steps)
+    if len(law.shapes) == 1:
+        best = float(one.shape[0]), one.gain
+        shape, one.gain = _golden(lambda x: gain(np.array([x])), tuple(one.bracket[0]), best, steps)
+        one.shape = np.array([shape])
+    else:
+        one.shape, one.gain = _simplex(gain, one.bracket, (one.shape, one.gain), steps)
+
+
+def _simplex(
+    gain: Callable[[np.ndarray], float], bracket: np.ndarray, best: tuple[np.ndarray, float], steps: int
+) -> tuple[np.ndarray, float]:
+    """Largest gain inside a bracket, whose size is the unit of each value."""
+    low, size = bracket[:, 0], np.ptp(bracket, axis=1)
+    start = (best[0] - low) / size
+    towards = np.where(start < 0.5, 0.3, -0.3)  # into the bracket
+    found = minimize(
+        lambda x: -gain(low + x * size),
+        start,
+        method="Nelder-Mead",
+        bounds=[(0.0, 1.0)] * len(low),
+        options={
+            "initial_simplex": np.vstack([start, start + np.diag(towards)]),
+            "maxfev": 4 * steps,
+            "xatol": 1e-3,
+            "fatol": 1e-6 * best[1],
+        },
+    )
+    return max([best, (low + found.x * size, float(-found.fun))], key=lambda each: each[1])
 
 
 def _golden(
@@ -386,6 +441,8 @@ def refit(
 ) -> None:
     """Fit a candidate together with the linear part, and judge it on what is kept out; in place.
 
+    A law with memory that dissipates nothing is a spring, and stays without a fit.
+
     Parameters
     ----------
     problem : Problem
@@ -404,6 +461,11 @@ def refit(
         _refit_command(problem, null, one, moved)
     else:
         _refit_torque(problem, null, one, moved)
+        if (
+            one.law.effect.c.has_memory
+            and not _is_dissipative(one.law, one.shape[None, :], problem, moved)[0]
+        ):
+            one.fit, one.kept = None, np.inf
 
 
 def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
@@ -422,51 +484,55 @@ def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: Line
 def _refit_command(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
     law, part = one.law, null.part
     for _ in range(problem.settings.passes):
-        commands = [u[0] for u in command_lines(law, np.array([one.shape]), problem)]
+        commands = [u[0] for u in command_lines(law, one.shape[None, :], problem)]
         one.fit = fit_linear_part(problem, part, commands)
         part = one.fit.part
         # The error without the law, on the tangent of the fit with it.
         scan = Scan(problem, one.fit, moved)
         one.bracket = _around(one)
         error = scan.freed(problem.error(part, problem.commands))
-        one.gain = float(scan.command_gains(law, np.array([one.shape]), error)[0])
+        one.gain = float(scan.command_gains(law, one.shape[None, :], error)[0])
         refine_shape(scan, one, error)
-    commands = [u[0] for u in command_lines(law, np.array([one.shape]), problem)]
+    commands = [u[0] for u in command_lines(law, one.shape[None, :], problem)]
     one.fit = fit_linear_part(problem, part, commands)
-    column = _shape_slope(one, lambda shape: _command_error(problem, one, shape))
-    jacobian = np.hstack([one.fit.jacobian, column[:, None]])
-    one.coefficients = np.array([one.shape])
+    slopes = _shape_slopes(one, lambda shape: _command_error(problem, one, shape))
+    jacobian = np.hstack([one.fit.jacobian, slopes])
+    one.coefficients = one.shape
     one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, jacobian, 1, one.coefficients)
 
 
-def _command_error(problem: Problem, one: Candidate, shape: float) -> np.ndarray:
-    commands = [u[0] for u in command_lines(one.law, np.array([shape]), problem)]
+def _command_error(problem: Problem, one: Candidate, shape: np.ndarray) -> np.ndarray:
+    commands = [u[0] for u in command_lines(one.law, shape[None, :], problem)]
     return problem.error(one.fit.part, commands)
 
 
-def _around(one: Candidate) -> tuple[float, float]:
+def _around(one: Candidate) -> np.ndarray:
     """The bracket of a shape for the next pass, half as wide."""
-    low, high = one.bracket
-    half = 0.25 * (high - low)
-    return max(one.shape - half, one.law.shape.lower), min(one.shape + half, one.law.shape.upper)
+    half = 0.25 * np.ptp(one.bracket, axis=1)
+    lower, upper = (np.array([getattr(p, end) for p in one.law.shapes]) for end in ("lower", "upper"))
+    return np.stack([np.maximum(one.shape - half, lower), np.minimum(one.shape + half, upper)], axis=1)
 
 
-def _shape_slope(one: Candidate, error: Callable[[float], np.ndarray]) -> np.ndarray:
-    """Derivative of the error by the shape, over a thousandth of it."""
-    step = 1e-3 * one.shape
-    return (error(one.shape + step) - error(one.shape - step)) / (2 * step)
+def _shape_slopes(one: Candidate, error: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Derivative of the error by the shape, (n_rows, d), over a thousandth of its largest value."""
+    step = 1e-3 * np.max(np.abs(one.shape))
+    changes = step * np.eye(len(one.shape))
+    return np.stack([error(one.shape + d) - error(one.shape - d) for d in changes], axis=1) / (2 * step)
 
 
 def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
     law = one.law
     scan = Scan(problem, null, moved)
     error = scan.freed(null.error)
-    _, found = scan.torque_gains(law, np.array([one.shape]), error)
+    _, found = scan.torque_gains(law, one.shape[None, :], error)
     part, c = null.part, found[0]
     best: tuple[LinearFit, Sequence[Motion], float] | None = None
     for attempt in range(problem.settings.passes + 1):
-        lines = [t[0] for t in torque_lines(law, np.array([one.shape]), problem, moved)]
+        lines = [t[0] for t in torque_lines(law, one.shape[None, :], problem, moved)]
         fit = fit_linear_part(problem, part, torques=lines, first=c, lower=law.lower)
+        if len(law.shapes) > 1:
+            fit = _with_shape(problem, law, replace(fit, shape=one.shape), moved)
+            one.shape = fit.shape
         if best is None or fit.cost < best[0].cost:
             best = fit, moved, one.shape
         if attempt == problem.settings.passes:
@@ -476,30 +542,41 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
         # In a closed loop the motor's torque is not in the record.
         if law.effect.c.holding != ffi.NULL and np.any(c != 0) and not problem.closed_loop:
             moved = [stuck(problem, law, one.shape, c, motion) for motion in moved]
-        if law.shape is not None:
+        if len(law.shapes) == 1:
             scan = Scan(problem, fit, moved)
             totals = [c @ t for t in lines]
             without = torque_columns(problem, part, [t[None, :] for t in totals])[:, 0]
             rest = scan.freed(fit.error - without)
             one.bracket = _around(one)
-            one.gain = float(scan.torque_gains(law, np.array([one.shape]), rest)[0][0])
+            one.gain = float(scan.torque_gains(law, one.shape[None, :], rest)[0][0])
             refine_shape(scan, one, rest)
     one.fit, moved, one.shape = best
     one.coefficients = one.fit.coefficients
     jacobian = one.fit.jacobian
-    if law.shape is not None:
+    if len(law.shapes) == 1:
 
-        def error_at(shape: float) -> np.ndarray:
-            lines = [one.coefficients @ t[0] for t in torque_lines(law, np.array([shape]), problem, moved)]
+        def error_at(shape: np.ndarray) -> np.ndarray:
+            lines = [one.coefficients @ t[0] for t in torque_lines(law, shape[None, :], problem, moved)]
             return torque_columns(problem, one.fit.part, [t[None, :] for t in lines])[:, 0]
 
-        jacobian = np.hstack([jacobian, _shape_slope(one, error_at)[:, None]])
+        jacobian = np.hstack([jacobian, _shape_slopes(one, error_at)])
     n = len(null.part.names)
     kept = keep_out(problem, one.fit, jacobian, len(one.coefficients), one.coefficients, n)
     one.kept, one.scatter, one.scatter_error = kept
 
 
-def stuck(problem: Problem, law: Law, shape: float, c: np.ndarray, motion: Motion) -> Motion:
+def _with_shape(problem: Problem, law: Law, fit: LinearFit, moved: Sequence[Motion]) -> LinearFit:
+    """Fit several shapes together with all else: their best values depend on each other's."""
+    lower, upper = (np.array([getattr(p, end) for p in law.shapes]) for end in ("lower", "upper"))
+    ends = np.concatenate([law.lower, lower]), np.concatenate([np.full(law.n_columns, np.inf), upper])
+
+    def torques_of(shape: np.ndarray) -> list[np.ndarray]:
+        return [t[0] for t in torque_lines(law, shape[None, :], problem, moved)]
+
+    return fit_with_shape(problem, fit, torques_of, ends)
+
+
+def stuck(problem: Problem, law: Law, shape: np.ndarray, c: np.ndarray, motion: Motion) -> Motion:
     """The motion with the direction of dry friction where the axis may stand still.
 
     The sign of the measured rate is noise there. The friction is what holds the axis: the torque of the motor
@@ -509,7 +586,7 @@ def stuck(problem: Problem, law: Law, shape: float, c: np.ndarray, motion: Motio
     ----------
     problem : Problem
     law : Law
-    shape : float
+    shape : (d,) ndarray
     c : (c,) ndarray
         Coefficients.
     motion : Motion

@@ -132,7 +132,7 @@ class _Clock:
 
     def take(self, step: str) -> None:
         now = time.perf_counter()
-        self.seconds[step] = now - self.last
+        self.seconds[step] = self.seconds.get(step, 0.0) + now - self.last
         self.last = now
 
 
@@ -184,10 +184,74 @@ def first_stage(
     given = linear_part(model)
     readings = ["zoh", "none"] if is_open(measured) and not model.has_controller else ["zoh"]
     problems = [Problem(model, read_as(measured, reading), band, settings) for reading in readings]
-    fits = [fit_null(problem, given) for problem in problems]
-    problem, null = min(zip(problems, fits, strict=True), key=lambda each: each[1].cost)
+    nulls = [(problem, fit_null(problem, given)) for problem in problems]
     clock.take("linear part")
-    held = _held_sensor(problem, null, model, without)
+    found = [_fitted(*each, given, model, without, clock, on_step) for each in _possible(nulls, settings)]
+    one = min(found, key=lambda each: each.best.kept)
+    enlarged = _enlarged(one.problem, one.null, one.moved, one.best, one.given)
+    clock.take("enlarged laws")
+    rest = sorted((each for each in one.refitted if each is not one.best), key=lambda each: each.kept)
+    conclusion = conclude(one.best, one.refitted, enlarged, one.misfit, settings)
+    ranking = [_ranked(each, one.refitted, one.misfit) for each in [one.best, *rest]]
+    ranking += [_scan_only(each) for each in one.candidates if each.fit is None]
+    if one.before is not None:
+        conclusion = _with_hold(conclusion)
+        ranking.insert(
+            0, _ranked_hold(one.before, one.null, _misfit(one.problem, one.before), one.misfit.kept)
+        )
+    return FirstStage(
+        conclusion,
+        ranking,
+        one.null.cost_per_dof,
+        one.null.part.stack,
+        _not_tried(model, one.problem),
+        clock.seconds,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """The laws with one reading of the hold.
+
+    `before` is the linear part without the sensor that is sampled and held, None without such a sensor.
+    """
+
+    problem: Problem
+    null: LinearFit
+    given: LinearPart
+    before: LinearFit | None
+    moved: list[Motion]
+    candidates: list[Candidate]
+    refitted: list[Candidate]
+    misfit: Misfit
+    best: Candidate
+
+
+def _possible(
+    nulls: list[tuple[Problem, LinearFit]], settings: SearchSettings
+) -> list[tuple[Problem, LinearFit]]:
+    """Readings of the hold that the linear part does not exclude.
+
+    Half a sample of delay shifts the phase of a resonance by as much as a law does: where much is missing,
+    the linear part alone cannot decide.
+    """
+    least = min(null.cost for _, null in nulls)
+    if min(null.cost_per_dof for _, null in nulls) > settings.good_cost:
+        least *= settings.hold_ratio
+    return [(problem, null) for problem, null in nulls if null.cost <= least]
+
+
+def _fitted(
+    problem: Problem,
+    null: LinearFit,
+    given: LinearPart,
+    model: PlantModel,
+    without: Collection[str],
+    clock: _Clock,
+    on_step: Callable[[str], None],
+) -> _Fitted:
+    """Scan all laws and refit the best, with one reading of the hold."""
+    held, before = _held_sensor(problem, null, model, without), None
     if held is not None:
         before, given, null = null, held.part, held
     clock.take("sample and hold")
@@ -196,28 +260,11 @@ def first_stage(
     candidates = _scanned(problem, null, moved, model, without)
     clock.take("scan")
     on_step("fitting the best laws")
-    fitted = _refitted(problem, null, moved, candidates, given)
+    refitted = _refitted(problem, null, moved, candidates, given)
     misfit = _misfit(problem, null)
-    best = choose(fitted, misfit, settings)
+    best = choose(refitted, misfit, problem.settings)
     clock.take("joint fits")
-    enlarged = _enlarged(problem, null, moved, best, given)
-    clock.take("enlarged laws")
-    rest = sorted((one for one in fitted if one is not best), key=lambda one: one.kept)
-    only_scanned = [one for one in candidates if one.fit is None]
-    conclusion = conclude(best, fitted, enlarged, misfit, settings)
-    ranking = [_ranked(one, fitted, misfit) for one in [best, *rest]]
-    ranking += [_scan_only(one) for one in only_scanned]
-    if held is not None:
-        conclusion = _with_hold(conclusion)
-        ranking.insert(0, _ranked_hold(before, held, _misfit(problem, before), misfit.kept))
-    return FirstStage(
-        conclusion,
-        ranking,
-        null.cost_per_dof,
-        null.part.stack,
-        _not_tried(model, problem),
-        clock.seconds,
-    )
+    return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best)
 
 
 HOLD = next(effect.id for effect in effect_types().values() if effect.linear_part == "hold")
@@ -278,7 +325,7 @@ def _refitted(
             chosen.append(one)
     for one in chosen:
         refit(problem, null, one, moved, given)
-    return chosen
+    return [one for one in chosen if one.fit is not None]
 
 
 def _enlarged(
