@@ -12,12 +12,12 @@ from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, Problem, fit_null, linear_part
 from gsid.diagnosis.missing_torque.motion import motions
 from gsid.diagnosis.missing_torque.ranking import Candidate
-from gsid.diagnosis.missing_torque.sample_hold import find_images, held_rate
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
+from gsid.response.sample_hold import find_images, held_rate
 from gsid.spectrum.realisation import spectra_of
 
 FS_HZ, N, PERIODS, NOISE = 1000.0, 2000, 8, 0.1
@@ -270,11 +270,11 @@ def test_a_sensor_that_is_held_is_found_by_its_images_with_its_rate(rate_hz):
     problem = Problem(
         plant(TRUE), spectra_of(records({"sensor_sample_hold": {"rate_hz": rate_hz}})), None, DEFAULTS
     )
-    assert held_rate(problem) == pytest.approx(rate_hz)
+    assert held_rate(problem.mean_outputs) == pytest.approx(rate_hz)
 
 
 def test_noise_and_friction_have_no_images():
     for extra in ({}, {"coulomb_friction": {"level": 1.0}}):
         problem = Problem(plant(TRUE), spectra_of(records(extra)), None, DEFAULTS)
-        assert find_images(problem).statistic < DEFAULTS.images_least
-        assert held_rate(problem) is None
+        assert find_images(problem.mean_outputs).statistic < DEFAULTS.images_least
+        assert held_rate(problem.mean_outputs) is None

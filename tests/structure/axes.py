@@ -33,6 +33,7 @@ class Axis:
     delay_s: float
     coulomb: float = 0.0  # level over the rms of gain times command
     output: str = "rate"
+    refresh_samples: int = 1  # samples that the sensor holds its value
 
     @property
     def body(self) -> str:
@@ -106,7 +107,8 @@ def answer(axis: Axis, u: np.ndarray) -> np.ndarray:
         rate = whole - truth.linear_response(axis.params(), f_hz)
         added[lines] += rate * spectrum[lines]
     assert axis.output == "rate" or not axis.modes, body.shape
-    return y + np.fft.irfft(added, N)
+    y = y + np.fft.irfft(added, N)
+    return y[np.arange(N) // axis.refresh_samples * axis.refresh_samples]
 
 
 def measured(

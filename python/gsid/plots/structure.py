@@ -43,7 +43,7 @@ def start(found: Start) -> Figure:
     """
     measured = found.measured
     f, g = measured.f_hz, measured.g
-    model = found.rational.response(f)
+    model = found.response(f)
     figure = new_figure(6.0)
     gain_ax, phase_ax = figure.subplots(2, 1, height_ratios=[3, 2])
     draw_points(gain_ax, f, db(g), MEASURED, f"measured, {len(f)} lines", markersize=3.6, alpha=0.55)

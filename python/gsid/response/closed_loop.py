@@ -91,6 +91,29 @@ def _spectra(
     record: Record, reference: str, period: int | None, settle: int | None
 ) -> tuple[Spectra, Spectra]:
     """Spectra from the reference to u, and from the reference to y, over the same periods."""
+    driven = driven_by(record, reference)
+    to_y = spectra(driven, period=period, settle=settle)
+    to_u = spectra(replace(driven, y=record.u), period=to_y.period_samples, settle=settle)
+    longest = max(to_y.settle_samples, to_u.settle_samples)
+    if to_u.settle_samples == to_y.settle_samples:
+        return to_u, to_y
+    return _spectra(record, reference, to_y.period_samples, longest)
+
+
+def driven_by(record: Record, reference: str) -> Record:
+    """The record with its reference as input.
+
+    Parameters
+    ----------
+    record : Record
+    reference : str
+        Name of its column.
+
+    Raises
+    ------
+    InputError
+        The column does not exist, or has a number that is not finite.
+    """
     if reference not in record.columns:
         names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
         hint = f"{choose(reference, names)}; select it with --r"
@@ -101,13 +124,7 @@ def _spectra(
         where = f"{record.name} sample {bad[0]}, {reference}"
         raise InputError("a number is not finite", where, r[bad[0]], "repair it, or mark the sample as lost")
     r = np.where(record.valid, r, 0.0)
-    driven = replace(record, u=r, columns={}, name=f"{record.name} with {reference} for u")
-    to_y = spectra(driven, period=period, settle=settle)
-    to_u = spectra(replace(driven, y=record.u), period=to_y.period_samples, settle=settle)
-    longest = max(to_y.settle_samples, to_u.settle_samples)
-    if to_u.settle_samples == to_y.settle_samples:
-        return to_u, to_y
-    return _spectra(record, reference, to_y.period_samples, longest)
+    return replace(record, u=r, columns={}, name=f"{record.name} with {reference} for u")
 
 
 def _lines(R: np.ndarray, n_period: int) -> np.ndarray:

@@ -78,6 +78,8 @@ class TotalVariance:
     hold : {"zoh", "none"} or None
     u_unit, y_unit, name : str
     settle_samples : int
+    sensor_rate_hz : float or None
+        Refresh rate [Hz] of a sensor whose hold has been removed from `g`.
     rejected_hz : (R,) [Hz]
         Lines that were left out because their input is too weak.
     """
@@ -97,6 +99,7 @@ class TotalVariance:
     y_unit: str = ""
     name: str = ""
     settle_samples: int = 0
+    sensor_rate_hz: float | None = None
     rejected_hz: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def __len__(self) -> int:
@@ -140,6 +143,13 @@ class TotalVariance:
         names = ("line", "f_hz", "g", "var_noise", "var_total", "n_realisations")
         picked = {name: getattr(self, name)[use] for name in names}
         return replace(self, **picked, sources={name: var[use] for name, var in self.sources.items()})
+
+    def over(self, response: np.ndarray) -> TotalVariance:
+        """Divided by a known response, (F,) complex, such as that of a sensor."""
+        size2 = np.abs(response) ** 2
+        sources = {name: var / size2 for name, var in self.sources.items()}
+        var_noise, var_total = self.var_noise / size2, self.var_total / size2
+        return replace(self, g=self.g / response, var_noise=var_noise, var_total=var_total, sources=sources)
 
     def __repr__(self) -> str:
         share = np.sqrt(np.median(self.var_total / np.abs(self.g) ** 2))
@@ -201,7 +211,7 @@ def _in_open_loop(
     band: tuple[float, float] | None,
 ) -> tuple[list[Frf], list[np.ndarray] | None]:
     """Response and detected distortion of each realisation; local polynomials for single periods."""
-    if any(_is_one_period(record, period, settle) for record in records):
+    if any(is_one_period(record, period, settle) for record in records):
         unsettled_parts = unsettled(records, period=period, settle=settle)
         return [part.frf(_excited(part, band)) for part in unsettled_parts], None
     parts = realisations(records, period=period, settle=settle)
@@ -209,7 +219,15 @@ def _in_open_loop(
     return each, [_detected(part, one) for part, one in zip(parts, each, strict=True)]
 
 
-def _is_one_period(record: Record | Spectra, period: int | None, settle: int | None) -> bool:
+def is_one_period(record: Record | Spectra, period: int | None, settle: int | None) -> bool:
+    """Whether a record states its period and has fewer than two of them.
+
+    Parameters
+    ----------
+    record : Record or Spectra
+    period, settle : int or None
+        Samples; None: what the record states.
+    """
     if isinstance(record, Spectra):
         return False
     period = record.period_samples if period is None else period
@@ -296,7 +314,11 @@ def _spread(line: np.ndarray, at: np.ndarray, g: np.ndarray, n_lines: int) -> np
 
 
 def response_level(g: np.ndarray) -> np.ndarray:
-    """|g|^2, and around antiresonances that of the lines beside: distortion does not fall with the response.
+    """|g|^2, and at antiresonances that of the lines beside: distortion does not fall with the response.
+
+    An antiresonance has larger responses on both sides. On a slope, and towards the ends of the band, the
+    level is that of the line itself: behind a spring the response falls towards the first lines, and the
+    distortion with it.
 
     Parameters
     ----------
@@ -307,7 +329,11 @@ def response_level(g: np.ndarray) -> np.ndarray:
     (F,) ndarray
     """
     size2 = np.abs(g) ** 2
-    return np.maximum(np.maximum(size2, _running_median(size2)), np.finfo(float).tiny)
+    n = min(HALF_WINDOW, (len(size2) - 1) // 2)
+    before, after = (
+        ndimage.median_filter(size2, n + 1, mode="nearest", origin=shift) for shift in (n // 2, -(n // 2))
+    )
+    return np.maximum(np.maximum(size2, np.minimum(before, after)), np.finfo(float).tiny)
 
 
 def _running_median(x: np.ndarray) -> np.ndarray:
@@ -316,9 +342,21 @@ def _running_median(x: np.ndarray) -> np.ndarray:
 
 
 def _relative_median(variance: np.ndarray, g: np.ndarray, dof: float) -> np.ndarray:
-    """Running median of the variance over the level of g, without the median's bias; dof: complex numbers."""
+    """Running median of the variance over the level of g."""
+    return unbiased_median(variance / response_level(g), dof)
+
+
+def unbiased_median(variance: np.ndarray, dof: float) -> np.ndarray:
+    """Running median of variances over the lines, without the median's bias.
+
+    Parameters
+    ----------
+    variance : (F,) ndarray
+    dof : float
+        Complex numbers that each variance was estimated from.
+    """
     bias = 1.0 if np.isinf(dof) else stats.chi2.median(2 * dof) / (2 * dof)
-    return _running_median(variance / response_level(g)) / bias
+    return _running_median(variance) / bias
 
 
 def _scatter(line: np.ndarray, weight: np.ndarray, g: np.ndarray, mean: np.ndarray) -> np.ndarray:
@@ -358,16 +396,19 @@ def local_variance(line: np.ndarray, g: np.ndarray) -> np.ndarray:
     beside = first[:, None] + np.arange(LOCAL_LINES)
     x = (line[beside] - line[:, None]).astype(float)
     x /= np.abs(x).max(axis=1, keepdims=True)
-    found = [_rational_residual(x, g[beside], *orders) for orders in LOCAL_ORDERS]
+    level = response_level(g)
+    weight = 1 / np.sqrt(level[beside])
+    found = [_rational_residual(x, g[beside], weight, *orders) for orders in LOCAL_ORDERS]
     dof = LOCAL_LINES - 1 - max(sum(orders) for orders in LOCAL_ORDERS)
-    return _relative_median(np.min(found, axis=0), g, dof) * response_level(g)
+    return unbiased_median(np.min(found, axis=0), dof) * level
 
 
-def _rational_residual(x: np.ndarray, g: np.ndarray, n_num: int, n_den: int) -> np.ndarray:
-    """Residual variance of B(x)/A(x) around each line, A(0) = 1, by linear least squares."""
-    size = np.abs(g).max(axis=1, keepdims=True)
-    scaled = g / np.maximum(size, np.finfo(float).tiny)
-    num = x[:, :, None] ** np.arange(n_num + 1) + 0j
+def _rational_residual(
+    x: np.ndarray, g: np.ndarray, weight: np.ndarray, n_num: int, n_den: int
+) -> np.ndarray:
+    """Weighted residual variance of B(x)/A(x) around each line, A(0) = 1, by linear least squares."""
+    scaled = g * weight
+    num = weight[:, :, None] * x[:, :, None] ** np.arange(n_num + 1) + 0j
     den = -scaled[:, :, None] * x[:, :, None] ** np.arange(1, n_den + 1)
     q, r = np.linalg.qr(np.concatenate([num, den], axis=2))
     projected = np.einsum("krc,kr->kc", q.conj(), scaled)
@@ -376,7 +417,7 @@ def _rational_residual(x: np.ndarray, g: np.ndarray, n_num: int, n_den: int) -> 
         coefficient = np.linalg.solve(r, projected[:, :, None])[:, n_num + 1 :, 0]
         rest = rest / (1 + np.einsum("krc,kc->kr", x[:, :, None] ** np.arange(1, n_den + 1), coefficient))
     dof = x.shape[1] - n_num - n_den - 1
-    return np.sum(np.abs(rest) ** 2, axis=1) / dof * size[:, 0] ** 2
+    return np.sum(np.abs(rest) ** 2, axis=1) / dof
 
 
 def _detected(part: Realisation, response: Frf) -> np.ndarray:

@@ -193,12 +193,15 @@ class Lines:
         Whether the command is held over each sample.
     images : bool
         Whether the images of the hold are evaluated.
+    fractions : list of (float, (F,) complex ndarray), optional
+        Of a sensor that is refreshed between samples: `gsid.response.sample_hold.lag_fractions`.
     """
 
     f_hz: np.ndarray
     fs_hz: float
     held: bool
     images: bool = True
+    fractions: list[tuple[float, np.ndarray]] | None = None
 
     def __post_init__(self) -> None:
         self.w = 2 * np.pi * self.f_hz
@@ -247,13 +250,15 @@ def _images(values: Values, lines: Lines) -> np.ndarray:
     own += [(_pair(2 * z * w, w**2), 1) for w, z in values.modes]
     if structure.residual:
         own.append(([], 1))
-    return image_factors(
-        [-1 / tau for tau in values.lags],
-        [[*poles, *[0.0] * max(q - zeros, 0)] for poles, zeros in own],
-        [max(zeros - q, 0) for _, zeros in own],
-        values.delay_s,
-        lines.w,
-        1 / lines.fs_hz,
+    lags = [-1 / tau for tau in values.lags]
+    poles = [[*poles, *[0.0] * max(q - zeros, 0)] for poles, zeros in own]
+    n_zeros = [max(zeros - q, 0) for _, zeros in own]
+    sample_s, delay_s = 1 / lines.fs_hz, values.delay_s
+    if lines.fractions is None:
+        return image_factors(lags, poles, n_zeros, delay_s, lines.w, sample_s)
+    return sum(
+        share[:, None] * image_factors(lags, poles, n_zeros, delay_s + part * sample_s, lines.w, sample_s)
+        for part, share in lines.fractions
     )
 
 

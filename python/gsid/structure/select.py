@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from gsid.models.rational import RationalModel
+from gsid.response.sample_hold import lag_fractions
 from gsid.response.total_variance import TotalVariance, response_level
 from gsid.structure.elements import OUTPUTS, Lines, Structure, Values
 from gsid.structure.moves import moved, simpler
@@ -138,7 +139,7 @@ class _Search:
     ) -> None:
         self.measured, self.hold, self.outputs, self.settings = measured, hold, outputs, settings
         self.expected_output = expected_output
-        self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh")
+        self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh", fractions=_fractions(measured))
         self.level = response_level(measured.g)
         self.smooth = measured.smooth_phases
         self.relative_error = settings.smooth_error if self.smooth else settings.first_error
@@ -310,6 +311,13 @@ class _Search:
         if not self.smooth:
             weighted = chosen.fitted.error(self.data)
             self.correlation = min(correlation_of(weighted), settings.correlation_max)
+
+
+def _fractions(measured: TotalVariance) -> list[tuple[float, np.ndarray]] | None:
+    if measured.sensor_rate_hz is None:
+        return None
+    rate_hz, fs_hz, n_period = measured.sensor_rate_hz, measured.fs_hz, measured.period_samples
+    return lag_fractions(measured.f_hz, rate_hz, fs_hz, n_period)
 
 
 def has_slow_lag(values: Values, lines: Lines) -> bool:

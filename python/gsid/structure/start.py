@@ -21,10 +21,12 @@ from gsid.plant.model import OUTPUTS as OF_PLANTS
 from gsid.plant.model import PlantModel
 from gsid.plant.units import RADIANS
 from gsid.records.record import Record
-from gsid.response.total_variance import TotalVariance, total_variance
+from gsid.response.sample_hold import held_response
+from gsid.response.total_variance import TotalVariance
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.covariance import Estimate, estimate
 from gsid.structure.elements import OUTPUTS
+from gsid.structure.held_sensor import EFFECT, RATE, before_sensor, measurement
 from gsid.structure.select import Selection, rescored, select
 from gsid.structure.settings import StructureSettings
 from gsid.structure.stack import Stack, as_rational, as_stack
@@ -68,7 +70,10 @@ class Start(Plottable):
     rational : RationalModel
         The same transfer function; where no stack represents the data, the best rational fit.
     measured : TotalVariance
-        Best linear approximation with its variance.
+        Best linear approximation with its variance, with the sensor's hold.
+    sensor_rate_hz : float or None
+        Refresh rate of a sensor that is sampled and held [Hz]; None where no images of one were detected.
+        `effects` has it as an effect; `rational` does not contain it where a stack represents the data.
     covariance : (n, n) ndarray
         Of the estimated parameters, in the order of `names`.
     names : list of str
@@ -88,6 +93,7 @@ class Start(Plottable):
     represented: bool
     rational: RationalModel
     measured: TotalVariance
+    sensor_rate_hz: float | None = None
     covariance: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     names: list[str] = field(default_factory=list)
 
@@ -130,6 +136,20 @@ class Start(Plottable):
         """Write a model file: the stack where there is one, else the rational model."""
         (self.model() if self.has_model else self.rational).save(path)
 
+    def response(self, f_hz: np.ndarray) -> np.ndarray:
+        """Response of the model with the sensor's hold, (F,) complex.
+
+        Parameters
+        ----------
+        f_hz : (F,) ndarray
+            Hz.
+        """
+        response = self.rational.response(f_hz)
+        if self.sensor_rate_hz is None or not self.represented:
+            return response
+        measured = self.measured
+        return response * held_response(f_hz, self.sensor_rate_hz, measured.fs_hz, measured.period_samples)
+
     @property
     def has_model(self) -> bool:
         """Whether :meth:`model` gives a stack of effects."""
@@ -139,7 +159,7 @@ class Start(Plottable):
         """What `gsid start --json` prints."""
         names = (
             "effects", "std", "std_noise_only", "ambiguous", "output", "hold", "cost_per_line",
-            "relative_error", "order", "assumed", "represented",
+            "relative_error", "order", "assumed", "represented", "sensor_rate_hz",
         )  # fmt: skip
         known = {name: getattr(self, name) for name in names}
         rational = {"num": self.rational.num, "den": self.rational.den, "delay_s": self.rational.delay_s}
@@ -216,7 +236,7 @@ def start(
     Returns
     -------
     Start
-        STR-1 to STR-5.
+        BLA-4, STR-1 to STR-5.
 
     Raises
     ------
@@ -228,14 +248,29 @@ def start(
     if output is not None and output not in OUTPUTS:
         raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}")
     settings = settings or StructureSettings()
-    measured = total_variance(records, period=period, settle=settle, band=band, reference=reference)
+    source = measurement(records, period, settle, band, reference)
+    measured = source.total_variance()
     if len(measured) < settings.lines_min:
         hint = "excite more lines, or widen the band"
         raise InputError("too few lines for a structure", measured.name, len(measured), hint)
     outputs = OUTPUTS if output is None else (output,)
-    found = _under_each_hold(measured, outputs, settings)
-    best = found[_likelier_hold(found, measured)]
-    return _described(best, found, measured, output)
+    rate_hz = source.sensor_rate_hz()
+    axis = before_sensor(measured, rate_hz)
+    best, found = _likeliest(axis, outputs, settings)
+    if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
+        model = best.selection.chosen.fitted
+        measured = source.without_images(model, rate_hz, best.hold) or measured
+        axis = before_sensor(measured, rate_hz)
+        best, found = _likeliest(axis, outputs, settings)
+    return _described(best, found, measured, axis, rate_hz, output)
+
+
+def _likeliest(
+    axis: TotalVariance, outputs: tuple[str, ...], settings: StructureSettings
+) -> tuple[_Found, dict[str, _Found]]:
+    """The structure under the likelier hold of the input, and under each."""
+    found = _under_each_hold(axis, outputs, settings)
+    return found[_likelier_hold(found, axis)], found
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,34 +325,43 @@ def _described(
     best: _Found,
     found: dict[str, _Found],
     measured: TotalVariance,
+    axis: TotalVariance,
+    rate_hz: float | None,
     output: str | None,
 ) -> Start:
     """The result in words and numbers."""
     selection, fitted = best.selection, best.estimate.fitted
-    rest = np.abs(measured.g - fitted.response(selection.data.lines)) ** 2
     represented = selection.represents
-    rational = _rational(best, measured) if represented else _best_rational(best, measured)
-    if not represented:
-        rest = np.abs(measured.g - rational.response(measured.f_hz)) ** 2
+    if represented:
+        rational = _rational(best, axis)
+        rest = np.abs(axis.g - fitted.response(selection.data.lines)) ** 2 / axis.var_total
+    else:
+        rational = _best_rational(best, measured)
+        rest = np.abs(measured.g - rational.response(measured.f_hz)) ** 2 / measured.var_total
     stack = best.stack
     std, noise = (_by_effect(stack.names, cov) for cov in (stack.covariance, stack.noise_only))
     return Start(
-        effects=stack.effects if represented else {},
+        effects=_with_sensor(stack.effects, rate_hz) if represented else {},
         std=std if represented else {},
         std_noise_only=noise if represented else {},
-        ambiguous=_ambiguous(best, found, measured, output) if represented else [],
+        ambiguous=_ambiguous(best, found, axis, output) if represented else [],
         output=fitted.structure.output,
         hold=best.hold,
-        cost_per_line=float(np.sum(rest / measured.var_total) / len(rest)),
+        cost_per_line=float(np.mean(rest)),
         relative_error=float(selection.relative_error),
         order=f"{rational.n_poles}/{rational.n_zeros}",
-        assumed=_assumed(best, measured, output, represented),
+        assumed=_assumed(best, measured, rate_hz, output, represented),
         represented=represented,
         rational=rational,
         measured=measured,
+        sensor_rate_hz=rate_hz,
         covariance=stack.covariance,
         names=stack.names,
     )
+
+
+def _with_sensor(effects: dict[str, dict[str, float]], rate_hz: float | None) -> dict[str, dict[str, float]]:
+    return effects if rate_hz is None else effects | {EFFECT: {RATE: rate_hz}}
 
 
 def _by_effect(names: list[str], covariance: np.ndarray) -> dict[str, dict[str, float]]:
@@ -386,7 +430,13 @@ def _ambiguous(
     return entries
 
 
-def _assumed(best: _Found, measured: TotalVariance, output: str | None, represented: bool) -> list[str]:
+def _assumed(
+    best: _Found,
+    measured: TotalVariance,
+    rate_hz: float | None,
+    output: str | None,
+    represented: bool,
+) -> list[str]:
     """What the result relies on."""
     texts = [
         f"period {measured.period_samples} samples, {measured.settle_samples} samples discarded at the start"
@@ -394,6 +444,10 @@ def _assumed(best: _Found, measured: TotalVariance, output: str | None, represen
     texts.append(f"lines {measured.f_hz[0]:.4g} to {measured.f_hz[-1]:.4g} Hz")
     if measured.hold is None:
         texts.append(f"the input was {MEANING[best.hold]}; to decide, {DECLARE}")
+    if rate_hz is not None:
+        texts.append(
+            f"the sensor is sampled and held {rate_hz:g} times a second, by the images of the excitation"
+        )
     if represented and output is None:
         kind = best.estimate.fitted.structure.output
         texts.append(f"y is the {kind}, inferred from the data; --output states it")

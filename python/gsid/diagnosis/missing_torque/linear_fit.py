@@ -21,6 +21,7 @@ from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import input_period
 from gsid.plant.units import RADIANS
+from gsid.response.sample_hold import MeanOutput
 from gsid.spectrum.spectra import Spectra
 
 STEP = 1e-6  # relative step of a derivative: the responses are smooth, and rounding is 1e-10 of it
@@ -266,6 +267,14 @@ class Problem:
                 ]
             columns.append(self.whiten(parts))
         return np.array(columns).T.reshape(self.n_rows, len(values))
+
+    @property
+    def mean_outputs(self) -> list[MeanOutput]:
+        """Output of each record; images of a sensor that is held stand above the lines of the fit."""
+        return [
+            MeanOutput(r.y, r.variance, int(r.line[-1]), r.spectra.fs_hz, r.spectra.period_samples)
+            for r in self.records
+        ]
 
     @property
     def commands(self) -> list[np.ndarray]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsid.response.sample_hold import LARGEST_SIZE, LEAST_POWER
+
 
 @dataclass(frozen=True)
 class SearchSettings:
@@ -104,8 +106,8 @@ class SearchSettings:
     """
 
     images: int = 3
-    images_least: float = 100.0
-    images_size: float = 1.5
+    images_least: float = LEAST_POWER
+    images_size: float = LARGEST_SIZE
     hold_ratio: float = 4.0
     motion_band: float = 2.0
     oversampling: float = 6.0

@@ -28,12 +28,12 @@ from gsid.diagnosis.missing_torque.ranking import (
     refit,
     scan_laws,
 )
-from gsid.diagnosis.missing_torque.sample_hold import held_rate
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
 from gsid.effects.types import catalogue as effect_types
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
+from gsid.response.sample_hold import held_rate
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 
@@ -276,7 +276,10 @@ def _held_sensor(
     """The linear part with a sensor that is sampled and held, where its images are detected."""
     if HOLD in without or any(effect.id == HOLD for effect in model.effects):
         return None
-    rate_hz = held_rate(problem)
+    settings = problem.settings
+    rate_hz = held_rate(
+        problem.mean_outputs, least_power=settings.images_least, largest_size=settings.images_size
+    )
     if rate_hz is None:
         return None
     (parameter,) = effect_types()[HOLD].parameters

@@ -1,0 +1,108 @@
+"""A sensor that is sampled and held: detected without a model, and taken out before the structure is found."""
+
+import axes
+import numpy as np
+import pytest
+import truth
+
+import gsid
+from gsid.response.sample_hold import held_output, held_rate, held_response, mean_outputs
+
+SEED = 20261126
+
+
+def drawn(*seed, coulomb=0.0):
+    print("seed", SEED, *seed)
+    rng = np.random.default_rng([SEED, *seed])
+    return axes.drawn(rng, coulomb), rng
+
+
+def record(axis, rng):
+    u, y = axes.measured(axis, rng)
+    return gsid.Record(u, y, axes.FS_HZ, axes.N, 0, hold="zoh")
+
+
+def elements(axis):
+    """Effects that the axis has."""
+    names = {"rigid_body", "viscous_friction", "transport_delay"}
+    names |= {"sensor_sample_hold"} if axis.refresh_samples > 1 else set()
+    names |= {"cable_spring"} if axis.stiffness else set()
+    names |= {"sensor_lag"} if axis.lag_s else set()
+    return names | {"flexible_mode" if i == 0 else f"flexible_mode#{i + 1}" for i in range(len(axis.modes))}
+
+
+@pytest.mark.parametrize("refresh_samples", [4, 6, 8, 10])
+def test_structure_and_delay_behind_a_held_sensor(refresh_samples):
+    """At 8 and 10 samples (375 and 300 Hz) images of some lines fall on other lines."""
+    axis, rng = drawn(refresh_samples)
+    axis.refresh_samples = refresh_samples
+    found = gsid.start(record(axis, rng))
+    assert found.sensor_rate_hz == pytest.approx(axes.FS_HZ / refresh_samples)
+    assert set(found.effects) == elements(axis)
+    delay_s, std_s = (of["transport_delay"]["delay_s"] for of in (found.effects, found.std))
+    assert abs(delay_s - axis.delay_s) < 5 * std_s
+    f_hz = [params["f_hz"] for effect, params in found.effects.items() if effect.startswith("flexible")]
+    assert f_hz == pytest.approx([f for f, _, _ in axis.modes], rel=5e-3)
+
+
+def test_friction_beside_a_held_sensor():
+    axis, rng = drawn(20, coulomb=0.05)
+    axis.refresh_samples = 5
+    found = gsid.start(record(axis, rng))
+    assert found.sensor_rate_hz == pytest.approx(600.0)
+    assert set(found.effects) == elements(axis)
+
+
+def test_bug_the_second_harmonic_was_taken_as_the_rate():
+    """Around 300 Hz few images are above the lines of 0.5 to 250 Hz, around 600 Hz all are."""
+    for seed in range(3):
+        axis, rng = drawn(30, seed)
+        axis.refresh_samples = 10
+        assert held_rate(mean_outputs(record(axis, rng))) == pytest.approx(300.0)
+
+
+def test_a_sensor_that_is_refreshed_between_samples():
+    """400 Hz at 3000 samples a second, by the simulator's own sensor."""
+    axis, rng = drawn(40)
+    axis.modes, axis.lag_s = [], 0.0
+    u = axes.command(rng)
+    y, *_ = truth.steady(axis.params() | {"sample_hold_hz": 400.0}, u, tolerance=1e-5, n_steps=8)
+    y = np.tile(y, 6) + 1e-2 * np.std(y) * rng.standard_normal(6 * axes.N)
+    found = gsid.start(gsid.Record(np.tile(u, 6), y, axes.FS_HZ, axes.N, 0, hold="zoh"))
+    assert found.sensor_rate_hz == pytest.approx(400.0)
+    assert set(found.effects) == elements(axis) | {"sensor_sample_hold"}
+    assert found.effects["transport_delay"]["delay_s"] == pytest.approx(axis.delay_s, abs=5e-5)
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 0.05, 0.2])
+def test_no_held_sensor_is_detected_without_one(coulomb):
+    for seed in range(4):
+        axis, rng = drawn(50, seed, coulomb=coulomb)
+        assert held_rate(mean_outputs(record(axis, rng))) is None
+
+
+def test_the_model_and_the_response_have_the_held_sensor():
+    axis, rng = drawn(60)
+    axis.refresh_samples = 5
+    found = gsid.start(record(axis, rng))
+    model = found.model()
+    assert model["sensor_sample_hold.rate_hz"].value == pytest.approx(600.0)
+    assert "sensor_sample_hold.rate_hz" not in model.free_names
+    assert found.to_dict()["sensor_rate_hz"] == pytest.approx(600.0)
+    assert any("600 times a second" in text for text in found.assumed)
+    error = np.abs(found.response(found.measured.f_hz) - found.measured.g) ** 2 / found.measured.var_total
+    assert np.mean(error) == pytest.approx(found.cost_per_line, rel=1e-3)
+
+
+@pytest.mark.parametrize("rate_hz", [375.0, 400.0, 600.0])
+def test_held_output_of_a_sine(rate_hz):
+    """Against the values of the sine at the refreshes."""
+    n, line = axes.N, 101
+    refresh_s = np.floor(np.arange(n) * rate_hz / axes.FS_HZ + 1e-9) / rate_hz
+    expected = np.fft.rfft(np.cos(2 * np.pi * line * axes.FS_HZ / n * refresh_s + 0.3))
+    y = np.zeros(n // 2 + 1, complex)
+    y[line] = n / 2 * np.exp(0.3j)
+    held = held_output(y, rate_hz, axes.FS_HZ, n)
+    assert held == pytest.approx(expected, abs=1e-4 * n)
+    direct = held_response(np.array([line * axes.FS_HZ / n]), rate_hz, axes.FS_HZ, n)
+    assert held[line] / y[line] == pytest.approx(direct[0], abs=1e-4)
