@@ -1,4 +1,4 @@
-"""A sensor that is sampled and held: detected without a model, and taken out before the structure is found."""
+"""A sensor that is sampled and held: detected without a model, removed before the structure is found."""
 
 import axes
 import numpy as np

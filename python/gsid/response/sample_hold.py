@@ -198,7 +198,7 @@ def _mean_turn(f_hz: np.ndarray, lags: np.ndarray, fs_hz: float) -> np.ndarray:
 def lag_fractions(
     f_hz: np.ndarray, rate_hz: float, fs_hz: float, n_period: int
 ) -> list[tuple[float, np.ndarray]]:
-    """Fractions of a sample by which the sensor is refreshed before a sample, and their share in its response.
+    """Fractions of a sample by which the sensor is refreshed early, and their share in its response.
 
     Images of a held command depend on the fraction of the delay only.
 
