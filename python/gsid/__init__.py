@@ -28,6 +28,9 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.diagnosis.add import add as add
     from gsid.diagnosis.diagnose import Diagnosis as Diagnosis
     from gsid.diagnosis.diagnose import diagnose as diagnose
+    from gsid.diagnosis.from_records.diagnose import diagnose_records as diagnose_records
+    from gsid.diagnosis.from_records.result import RankedLaw as RankedLaw
+    from gsid.diagnosis.from_records.result import RecordsDiagnosis as RecordsDiagnosis
     from gsid.diagnosis.ladder import Ladder as Ladder
     from gsid.diagnosis.ladder import Rung as Rung
     from gsid.diagnosis.ladder import undo as undo
@@ -92,8 +95,10 @@ _HOME = {
     "PlantModel": "plant.model",
     "Prediction": "plant.periodic",
     "RationalModel": "models.rational",
+    "RankedLaw": "diagnosis.from_records.result",
     "Record": "records.record",
     "RecordFit": "greybox.fit",
+    "RecordsDiagnosis": "diagnosis.from_records.result",
     "Rung": "diagnosis.ladder",
     "Spectra": "spectrum.spectra",
     "Start": "structure.start",
@@ -101,6 +106,7 @@ _HOME = {
     "add": "diagnosis.add",
     "compare": "comparison",
     "diagnose": "diagnosis.diagnose",
+    "diagnose_records": "diagnosis.from_records.diagnose",
     "distortion": "response.estimate_distortion",
     "fit": "fitting.rational",
     "fit_mimo": "fitting.mimo",

@@ -10,16 +10,18 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.common import with_ladder
 from gsid.cli.options import (
+    INPUT,
     OUTPUT,
     SEED,
     alpha_option,
     band_option,
+    is_given,
     json_option,
     options_as_arguments,
     picture_option,
-    plant_option,
     reading_options,
     records_argument,
+    reference_option,
 )
 from gsid.cli.output import (
     command_line,
@@ -44,7 +46,20 @@ if TYPE_CHECKING:
 @click.command(short_help="Find the physical effect that is missing from a model.")
 @records_argument
 @reading_options
-@plant_option("Stack of effects (model file) to test.")
+@reference_option
+@click.option(
+    "--model",
+    "model_path",
+    metavar="M.json",
+    type=INPUT,
+    help="Stack of effects (model file) to test. [default: the linear structure is found from the records]",
+)
+@click.option(
+    "--output",
+    "y_is",
+    type=click.Choice(["rate", "angle", "acceleration"]),
+    help="What y is. [default: inferred from the data]",
+)
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option(0.05)
 @click.option(
@@ -54,9 +69,15 @@ if TYPE_CHECKING:
     default=0,
     help="Random seed of the bootstrap. [default: 0]",
 )
+@click.option("--fast", is_flag=True, help="Stop at the first draft, which no simulation confirms.")
 @click.option(
-    "-o", "--output", metavar="M2.json", type=OUTPUT, help="Write the model with the effects found."
+    "--time",
+    "time_s",
+    metavar="SECONDS",
+    type=click.FloatRange(0, min_open=True),
+    help="Budget: no simulation starts after it. [default: 60]",
 )
+@click.option("-o", "path", metavar="M2.json", type=OUTPUT, help="Write the model with the effects found.")
 @click.option(
     "--curve",
     metavar="CURVE.csv",
@@ -69,6 +90,56 @@ def diagnose(
     *,
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
+    reference: str | None,
+    model_path: str | None,
+    y_is: str | None,
+    band: tuple[float, float] | None,
+    fast: bool,
+    time_s: float | None,
+    alpha: float,
+    seed: int,
+    path: str | None,
+    curve: str | None,
+    picture: str | None,
+    as_json: bool,
+) -> int | None:
+    """Find the physical effect that is missing from a model of an axis.
+
+    Without --model, the linear structure is found from the records. The laws of the catalogue are ranked by
+    the missing torque that they explain, and the best ones are fitted by simulation. A law is named if these
+    fits confirm it, and is called the nearest or unknown otherwise. Ctrl-C prints the result reached so far.
+
+    With --model, the free parameters of the model are fitted first. Then the effects of the catalogue that
+    could explain the remaining error are fitted one by one and ranked by evidence. Effects that the data
+    cannot distinguish form one group.
+
+    Measure several realisations at two levels of the excitation for the best result.
+    """
+    _check_options(model_path)
+    if model_path is None:
+        from gsid.cli.diagnose_records import diagnose_without_model
+
+        how = {"output": y_is, "reference": reference, "band": band, "fast": fast, "time_s": time_s}
+        files = {"path": path, "curve": curve, "picture": picture}
+        return diagnose_without_model(records, read, how, **files, as_json=as_json)
+    _diagnose_model(records, read, model_path, band, alpha, seed, path, curve, picture, as_json)
+    return None
+
+
+def _check_options(model_path: str | None) -> None:
+    """Refuse options of the other kind of diagnosis."""
+    context = click.get_current_context()
+    of_records = {"reference": "--r", "y_is": "--output", "fast": "--fast", "time_s": "--time"}
+    of_models = {"alpha": "--alpha", "seed": "--seed"}
+    for name, option in (of_records if model_path else of_models).items():
+        if is_given(context, name):
+            place = "without --model" if model_path else "with --model"
+            raise click.UsageError(f"{option} applies only {place}", context)
+
+
+def _diagnose_model(
+    records: Sequence[str],
+    read: Callable[[Sequence[str]], list[Record]],
     model_path: str,
     band: tuple[float, float] | None,
     alpha: float,
@@ -78,12 +149,7 @@ def diagnose(
     picture: str | None,
     as_json: bool,
 ) -> None:
-    """Find out whether a physical effect is missing from a model, and which one.
-
-    First the free parameters are fitted. Then the effects of the catalogue that could explain the remaining
-    error are fitted one by one and ranked by evidence. Effects that the data cannot distinguish form one
-    group. Measure several realisations at two levels of the excitation for the best result.
-    """
+    """Run `gsid diagnose --model`."""
     from gsid.comparison import compare
     from gsid.diagnosis.diagnose import diagnose as find_missing
     from gsid.diagnosis.ladder import ladder

@@ -134,6 +134,7 @@ def torque_residual(
     records: Record | Spectra | Sequence[Record | Spectra],
     *,
     band: tuple[float, float] | None = None,
+    along: PlantModel | None = None,
 ) -> TorqueResidual:
     """Estimate the torque that explains the difference of model and measurement (DIA-7).
 
@@ -144,6 +145,8 @@ def torque_residual(
     records : Record or Spectra, or a sequence of them
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`. The mean torque is left out.
+    along : PlantModel, optional
+        Gives the trajectory; default the model itself. A model with the missing law moves more like the axis.
 
     Returns
     -------
@@ -156,7 +159,7 @@ def torque_residual(
     """
     measured = spectra_of(records)
     variances = pooled_variance(measured)
-    paths = [_path(model, s, v, band) for s, (v, _) in zip(measured, variances, strict=True)]
+    paths = [_path(model, along or model, s, v, band) for s, (v, _) in zip(measured, variances, strict=True)]
     total = sum(path.n * float(np.sum(np.abs(path.torque) ** 2)) / 2 for path in paths)
     units = {"rate": f"{model.angle_unit}/s", "angle": model.angle_unit, "command": model.u_unit}
     if not units["command"] and not model.has_controller:  # whose input is the reference
@@ -171,7 +174,13 @@ def torque_residual(
     )
 
 
-def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float, float] | None) -> _Path:
+def _path(
+    model: PlantModel,
+    along: PlantModel,
+    s: Spectra,
+    variance: np.ndarray,
+    band: tuple[float, float] | None,
+) -> _Path:
     use = lines_used(model, s, band) & (s.line > 0)
     answer = model.predict(s)
     error, noise = (s.y - answer.Y)[use], variance[use] / s.n_periods
@@ -180,13 +189,14 @@ def _path(model: PlantModel, s: Spectra, variance: np.ndarray, band: tuple[float
     excess = max(float(np.sum(np.abs(error) ** 2 - noise)), float(np.sum(noise)))
     back = np.conj(g) / (np.abs(g) ** 2 + noise * np.sum(np.abs(g) ** 2) / excess)
     delay = model.stack().get("transport_delay", {}).get("delay_s", 0.0)
-    command = np.roll(model.drive_command(s, answer), round(delay * s.fs_hz))  # as it arrives
+    moved = answer if along is model else along.predict(s)
+    command = np.roll(model.drive_command(s, moved), round(delay * s.fs_hz))  # as it arrives
     return _Path(
         n=s.period_samples,
         line=s.line[use],
         torque=back * error,
         variance=np.abs(back) ** 2 * noise,
-        coordinates={"rate": answer.rate, "angle": answer.angle, "command": command},
+        coordinates={"rate": moved.rate, "angle": moved.angle, "command": command},
     )
 
 

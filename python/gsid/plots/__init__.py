@@ -7,6 +7,7 @@ All intervals are 95 %, point by point; gsid.models.confidence computes them.
 from gsid.base.plottable import figure_of
 from gsid.comparison import Comparison
 from gsid.diagnosis.diagnose import Diagnosis
+from gsid.diagnosis.from_records.result import RecordsDiagnosis
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import TorqueResidual
 from gsid.excitation.periodic import Periodic
@@ -27,7 +28,7 @@ from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, r
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.structure import start
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
-from gsid.plots.torque import torque_residual
+from gsid.plots.torque import missing_torque, torque_residual
 from gsid.response.distortion import Distortion
 from gsid.response.frf import Frf
 from gsid.response.superposition import Superposition
@@ -49,6 +50,7 @@ __all__ = [
     "excitation",
     "frf",
     "ladder",
+    "missing_torque",
     "noise",
     "order_text",
     "periods",
@@ -77,6 +79,7 @@ _DRAWINGS = {
     PiecewiseModel: piecewise,
     PlantFit: plant_fit,
     RationalModel: bode,
+    RecordsDiagnosis: missing_torque,
     Start: start,
     Superposition: superposition,
     TorqueResidual: torque_residual,

@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gsid.plots.style import EXCESS, MODEL, NOISE, new_figure, plain_text, styled, with_unit
+from gsid.plots.style import EXCESS, MEASURED, MODEL, NOISE, new_figure, plain_text, styled, with_unit
 
 if TYPE_CHECKING:
+    from gsid.diagnosis.from_records.result import RecordsDiagnosis
     from gsid.diagnosis.torque_residual import Curve, TorqueResidual
 
 
@@ -45,6 +46,47 @@ def torque_residual(residual: TorqueResidual) -> Figure:
         fontsize=9.5,
     )
     return figure
+
+
+@styled
+def missing_torque(found: RecordsDiagnosis) -> Figure:
+    """Torque missing from the linear part against rate, angle and command, with the law found.
+
+    Parameters
+    ----------
+    found : RecordsDiagnosis
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    ValueError
+        No stack of effects represents the data.
+    """
+    measured, by_law = found.missing_torque()
+    figure = new_figure(3.4)
+    laws = by_law.curves[:3] if by_law else [None] * 3
+    axes = figure.subplots(1, 3, sharey=True)
+    for ax, curve, law in zip(axes, measured.curves[:3], laws, strict=True):
+        _draw_curve(ax, curve, EXCESS if curve is measured.best else MEASURED, "measured, ±2 σ")
+        if law is not None:
+            ax.plot(law.at, law.torque, color=MODEL, linewidth=1.6, label=" or ".join(found.effects))
+        ax.set_title(f"against {curve.name}: {100 * curve.explained:.0f} %")
+        ax.set_xlabel(with_unit(curve.name, plain_text(curve.unit)))
+    axes[0].set_ylabel(with_unit("missing torque / inertia", plain_text(measured.unit)))
+    axes[int(np.argmax([curve.explained for curve in measured.curves[:3]]))].legend(loc="best")
+    figure.suptitle(found.sentence.partition(" (")[0].removesuffix(".") + ".", fontsize=9.5)
+    return figure
+
+
+def _draw_curve(ax: Axes, curve: Curve, colour: str, label: str) -> None:
+    low, high = curve.torque - 2 * curve.std, curve.torque + 2 * curve.std
+    ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.8)
+    ax.fill_between(curve.at, low, high, color=colour, alpha=0.25, linewidth=0.0)
+    ax.plot(curve.at, curve.torque, color=colour, marker="o", linewidth=0.0, markersize=3.5, label=label)
+    _draw_occupancy(ax, curve)
 
 
 def _draw_occupancy(ax: Axes, curve: Curve) -> None:

@@ -28,11 +28,14 @@ class Conclusion:
         The law named or nearest; several where only their family is certain. Empty else.
     reasons : tuple of str
         What kept a law from being named, one sentence each.
+    beaten_by : tuple of str
+        Laws from outside the catalogue that explain more.
     """
 
     kind: str
     effects: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
+    beaten_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -180,13 +183,13 @@ def conclude(
         return Conclusion("none")
     share = misfit.share(best.kept)
     reasons = _against(best, rivals, enlarged, misfit, settings)
+    beaten = tuple(one.name for one in enlarged if one.cost < best.cost - settings.enlarged_gain)
     if best.kept > settings.verdict_cost or share < settings.nearest_share or gain < needed:
-        return Conclusion("unknown", (), tuple(reasons))
+        return Conclusion("unknown", (), tuple(reasons), beaten)
     if not reasons:
         return Conclusion("named", (best.name, *equals(best, rivals, misfit, settings)))
-    beaten = any(one.cost < best.cost - settings.enlarged_gain for one in enlarged)
     if beaten or not _steady(best, settings.nearest_scatter, settings):
-        return Conclusion("unknown", (), tuple(reasons))
+        return Conclusion("unknown", (), tuple(reasons), beaten)
     effects = (best.name, *equals(best, rivals, misfit, settings))
     return Conclusion("nearest", effects, tuple(reasons))
 

@@ -640,7 +640,8 @@ def keep_out(
         moved = -_solve(total - gram, right - slope)
         squares += float(np.sum((error + rows @ moved) ** 2))
         alone.append(values - _solve(gram, slope)[chosen] / size[chosen])
-        errors.append(np.sqrt(np.diag(np.linalg.pinv(gram)))[chosen] / size[chosen])
+        variances = np.maximum(np.diag(np.linalg.pinv(gram)), 0.0)  # rounding may leave them below 0
+        errors.append(np.sqrt(variances)[chosen] / size[chosen])
     n_rows = sum(len(error) for *_, error in parts)
     norm = float(np.linalg.norm(values)) or np.inf
     spread = np.linalg.norm(np.std(alone, axis=0)) / norm

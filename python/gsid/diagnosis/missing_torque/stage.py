@@ -91,6 +91,10 @@ class FirstStage:
         Effects that the first stage cannot look at, with the reason.
     seconds : dict of float
         Time of each step.
+    hold : {"zoh", "none"} or None
+        Hold of the input that was assumed; None if the records state different ones.
+    n_rows : int
+        Real numbers that were fitted.
     """
 
     conclusion: Conclusion
@@ -99,6 +103,8 @@ class FirstStage:
     linear: dict[str, dict[str, float]]
     not_tried: dict[str, str]
     seconds: dict[str, float]
+    hold: str | None
+    n_rows: int
 
     @property
     def sentence(self) -> str:
@@ -206,6 +212,8 @@ def first_stage(
         one.null.part.stack,
         _not_tried(model, one.problem),
         clock.seconds,
+        _hold(one.problem),
+        one.problem.n_rows,
     )
 
 
@@ -267,6 +275,11 @@ def _fitted(
     return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best)
 
 
+def _hold(problem: Problem) -> str | None:
+    holds = {r.spectra.hold for r in problem.records}
+    return holds.pop() if len(holds) == 1 else None
+
+
 HOLD = next(effect.id for effect in effect_types().values() if effect.linear_part == "hold")
 
 
@@ -291,7 +304,7 @@ def _with_hold(rest: Conclusion) -> Conclusion:
     """Sample and hold is named by its images; what is missing beside it is for the next round."""
     beside = " or ".join(rest.effects) or "an unknown effect"
     reasons = () if rest.kind == "none" else (f"Beside it: {beside} ({rest.kind}).",)
-    return Conclusion("named", (HOLD,), reasons)
+    return Conclusion("named", (HOLD,), reasons, rest.beaten_by)
 
 
 def _ranked_hold(before: LinearFit, held: LinearFit, misfit: Misfit, kept: float) -> Ranked:

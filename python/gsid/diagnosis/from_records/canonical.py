@@ -1,0 +1,118 @@
+"""The stack on which laws are judged: one body with damping and spring, one lag, the modes and the delay.
+
+A law biases the linear structure. A body and a low mode are a spring that friction has split; a spring or a
+lag that the start did not find may be hidden by the law. The canonical stack therefore has one body with a
+spring, and a lag, whose values may become zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.plant.units import RADIANS
+from gsid.spectrum.spectra import Spectra
+
+BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
+MODE, DELAY = "flexible_mode", "transport_delay"
+LAGS = ("sensor_lag", "motor_lag")
+
+Stack = dict[str, dict[str, float]]
+
+
+def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> PlantModel:
+    """The canonical stack of a linear model.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Of `gsid.start`.
+    f_lo_hz : float
+        Lowest line [Hz].
+    settings : DecisionSettings
+
+    Returns
+    -------
+    PlantModel
+        All its parameters are free, except those of modes above the band.
+    """
+    modes = [effect.params for effect in model.effects if effect.id == MODE]
+    stack = {effect.id: _values(effect.params) for effect in model.effects if effect.id != MODE}
+    low = [mode for mode in modes if mode["f_hz"].value < settings.low_mode * f_lo_hz]
+    corner = 2 * math.pi * settings.corner * f_lo_hz
+    if low and SPRING not in stack:
+        _merge(stack, _values(low[0]))
+    stack.setdefault(DAMPING, {"rate": corner})
+    stack.setdefault(SPRING, {"stiffness": corner**2})
+    sample_s = 1 / model.fs_hz
+    if not any(lag in stack for lag in LAGS):
+        stack[LAGS[0]] = {"time_constant_s": settings.lag_share * sample_s}
+    stack.setdefault(DELAY, {"delay_s": settings.lag_share * sample_s})
+    effects = [Effect(label, _free(params)) for label, params in stack.items()]
+    effects += [Effect(MODE, dict(mode)) for mode in modes if mode not in low]
+    return PlantModel(
+        fs_hz=model.fs_hz,
+        effects=effects,
+        output=model.output,
+        angle_unit=_angle_unit(model),
+        u_unit=model.u_unit,
+    )
+
+
+def _angle_unit(model: PlantModel) -> str:
+    """A travel in another unit, such as mm, is one of an axis that does not turn."""
+    unit = model.y_unit.partition("/")[0]
+    return "m" if unit and unit not in RADIANS else model.angle_unit
+
+
+def _merge(stack: Stack, mode: dict[str, float]) -> None:
+    """One sprung body in place of a body without a spring and a low mode."""
+    w0 = 2 * math.pi * mode["f_hz"]
+    stack[BODY]["gain"] *= 1 + mode["residue"]  # the response far above the mode
+    stack[DAMPING] = {"rate": 2 * mode["zeta"] * w0}
+    stack[SPRING] = {"stiffness": w0**2}
+
+
+def _values(params: dict[str, Param]) -> dict[str, float]:
+    return {name: p.value for name, p in params.items()}
+
+
+def _free(params: dict[str, float]) -> dict[str, Param]:
+    return {name: Param(value, free=True) for name, value in params.items()}
+
+
+def pruned(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> PlantModel:
+    """A stack without the elements of the canonical one whose values became zero.
+
+    Parameters
+    ----------
+    model : PlantModel
+    f_lo_hz, settings
+        As `canonical_stack`.
+    """
+    corner, sample_s = 2 * math.pi * f_lo_hz * settings.vanished, 1 / model.fs_hz
+    least = {SPRING: corner**2, DAMPING: corner, DELAY: settings.vanished * sample_s}
+    least |= dict.fromkeys(LAGS, settings.vanished * sample_s)
+    stays = [
+        effect
+        for effect in model.effects
+        if effect.id not in least or next(iter(effect.params.values())).value > least[effect.id]
+    ]
+    return replace(model, effects=stays)
+
+
+def without_wrong_unit(measured: Sequence[Spectra], model: PlantModel) -> list[Spectra]:
+    """Records without the unit of an output that the model's output contradicts: an angle that is a rate.
+
+    Parameters
+    ----------
+    measured : sequence of Spectra
+    model : PlantModel
+        Its output was inferred from the data.
+    """
+    units = {unit + ("" if model.output == "angle" else "/s") for unit in RADIANS}
+    return [replace(one, y_unit=one.y_unit if one.y_unit in units else "") for one in measured]

@@ -1,0 +1,192 @@
+"""Fits by simulation of the laws on the short list, within a budget of time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A law, or none, with the linear part, fitted by simulation.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Empty: the linear part alone.
+    fit : PlantFit
+    converged : bool
+        Whether a further step would lower the cost by less than a thousandth, or by less than noise.
+    kept : float
+        Kept-out cost per whitened number; 1 is noise.
+    scatter, scatter_error : float
+        Of the law's coefficient over what was left out, relative to it, and what noise makes of it.
+    """
+
+    effects: tuple[str, ...]
+    fit: PlantFit
+    converged: bool
+    kept: float
+    scatter: float
+    scatter_error: float
+
+    @property
+    def cost(self) -> float:
+        """-2 log likelihood."""
+        return self.fit.cost
+
+    @property
+    def model(self) -> PlantModel:
+        """The fitted model."""
+        return self.fit.model
+
+
+@dataclass
+class Simulations:
+    """Fits by simulation, one after the other, until the time is over.
+
+    Parameters
+    ----------
+    measured : list of Spectra
+    band : (lo, hi) or None
+    deadline : float
+        Of `time.perf_counter` [s].
+    settings : DecisionSettings
+    on_step : callable
+    """
+
+    measured: list[Spectra]
+    band: tuple[float, float] | None
+    deadline: float
+    settings: DecisionSettings
+    on_step: Callable[[str], None]
+    not_tried: dict[str, str] = field(default_factory=dict)
+
+    def fit(
+        self, model: PlantModel, effects: Sequence[str], to_beat: float | None = None
+    ) -> Simulated | None:
+        """Fit a model; None if there was no time, or if it cannot be simulated.
+
+        Parameters
+        ----------
+        model : PlantModel
+            With its starting values.
+        effects : sequence of str
+            The law.
+        to_beat : float, optional
+            Cost of the winner: a fit that cannot reach it is given up.
+        """
+        name = " and ".join(effects) or "the linear part"
+        left_s = self.deadline - time.perf_counter()
+        if left_s <= 0:
+            self.not_tried[name] = "the time was over before its fit by simulation"
+            return None
+        self.on_step(f"fitting {name} by simulation, {left_s:.0f} s left")
+        try:
+            fit = self._in_slices(model, to_beat)
+        except (GsidError, InputError) as error:
+            self.not_tried[name] = f"it cannot be simulated: {error}"
+            return None
+        return judged(fit, tuple(effects))
+
+    def _in_slices(self, model: PlantModel, to_beat: float | None) -> PlantFit:
+        steps, before = 1, np.inf
+        slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
+        for _ in range(slices):
+            began = time.perf_counter()
+            fit = fit_plant(model, self.measured, band=self.band, max_iter=steps)
+            now = time.perf_counter()
+            if has_converged(fit) or now > self.deadline:
+                break
+            behind = 0.0 if to_beat is None else before - to_beat
+            if behind > 0 and before - fit.cost < self.settings.hopeless * behind:
+                break
+            each_s = (now - began) / (steps + 1)
+            steps = int(np.clip((self.deadline - now) / each_s - 1, 1, self.settings.slice_steps))
+            model, before = fit.model, fit.cost
+        return fit
+
+
+def has_converged(fit: PlantFit) -> bool:
+    """Whether a further step is predicted to lower the cost by less than a thousandth, or than noise.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    """
+    if fit.converged:
+        return True
+    jacobian, residual = fit.jacobian, fit.residual
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(size > 0, size, 1.0)
+    change = scaled @ np.linalg.lstsq(scaled, residual, rcond=1e-7)[0]
+    return float(change @ change) < max(1e-3 * fit.cost, 1.0)
+
+
+def judged(fit: PlantFit, effects: tuple[str, ...]) -> Simulated:
+    """A fit with what it explains where it was not fitted.
+
+    One realisation after the other is left out and predicted, linearised at the fit to all. Of a single
+    record thirds of its periods are left out.
+
+    Parameters
+    ----------
+    fit : PlantFit
+    effects : tuple of str
+    """
+    names = fit.model.free_names
+    chosen = [i for i, name in enumerate(names) if name.partition(".")[0] in effects]
+    values = np.array([fit.model[names[i]].value for i in chosen])
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    parts = [(j / size, r) for j, r in _parts(fit)]
+    grams = [rows.T @ rows for rows, _ in parts]
+    slopes = [rows.T @ error for rows, error in parts]
+    squares, alone, errors = 0.0, [], []
+    for (rows, error), gram, slope in zip(parts, grams, slopes, strict=True):
+        moved = -_solve(sum(grams) - gram, sum(slopes) - slope)
+        squares += float(np.sum((error + rows @ moved) ** 2))
+        alone.append(values - (_solve(gram, slope) / size)[chosen])
+        variance = np.diag(np.linalg.pinv(gram, rcond=1e-10)) / size**2
+        errors.append(np.sqrt(np.maximum(variance, 0.0))[chosen])
+    n_rows = sum(len(error) for _, error in parts)
+    scatter, noise = _scatter(np.array(alone), np.array(errors), values)
+    return Simulated(effects, fit, has_converged(fit), squares / n_rows, scatter, noise)
+
+
+def _scatter(alone: np.ndarray, errors: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Scatter of the strongest parameter over the parts, relative to it, and by noise."""
+    if not len(values) or not np.all(values != 0):
+        return 0.0, 0.0
+    spread = np.std(alone, axis=0) / np.abs(values)
+    noise = np.sqrt(np.mean(errors**2, axis=0)) / np.abs(values)
+    best = int(np.argmin(noise))
+    return float(spread[best]), float(noise[best])
+
+
+def _parts(fit: PlantFit) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Jacobian and residual of each realisation; of a single record those of its thirds."""
+    if len(fit.records) > 1:
+        return [(one.jacobian, one.residual) for one in fit.records]
+    (one,) = fit.records
+    thirds = np.array_split(one.spectra.Y, min(3, one.spectra.n_periods))
+    return [_part(one, third) for third in thirds]
+
+
+def _part(one: RecordFit, periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    weight = np.sqrt(len(periods) / one.spectra.n_periods)  # of noise that is larger
+    change = one.whitened(periods.mean(axis=0) - one.spectra.y)
+    return weight * one.jacobian, weight * (one.residual + change)
+
+
+def _solve(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(gram, right, rcond=1e-12)[0]

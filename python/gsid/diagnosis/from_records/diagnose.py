@@ -1,0 +1,88 @@
+"""Diagnosis from the records alone: from the samples to the name of the missing effect.
+
+1. The linear structure is taken from the data (`gsid.start`), or from a given model.
+2. The laws are judged on a canonical stack by the first stage; linear effects that are missing enter the
+   stack first.
+3. The winner, its relatives and the best law of another family are fitted by simulation.
+4. A name is earned by these fits, otherwise the law is the nearest, or unknown.
+5. If a law is named, its part of the output is subtracted and the linear structure is found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+
+from gsid.diagnosis.from_records.result import RecordsDiagnosis
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
+from gsid.diagnosis.from_records.summary import summarised
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.spectrum.spectra import Spectra
+
+
+def diagnose_records(
+    records: Record | Spectra | Sequence[Record | Spectra],
+    model: PlantModel | None = None,
+    *,
+    output: str | None = None,
+    reference: str | None = None,
+    band: tuple[float, float] | None = None,
+    without: Collection[str] = (),
+    fast: bool = False,
+    time_s: float | None = None,
+    settings: DecisionSettings = DEFAULTS,
+    on_step: Callable[[str], None] = lambda text: None,
+) -> RecordsDiagnosis:
+    """Find the physical effect that is missing from the linear model of an axis, from its records alone.
+
+    Parameters
+    ----------
+    records : Record or Spectra, or a sequence of them
+        Realisations, preferably with random phases and at two levels.
+    model : PlantModel, optional
+        Linear stack to start with. Default: found by `gsid.start`.
+    output : {"rate", "angle", "acceleration"}, optional
+        What y is; default: inferred from the data. Not used with a model.
+    reference : str, optional
+        Of records measured in a closed loop: the column of its reference.
+    band : (lo, hi), optional
+        Only lines within [Hz]; default from the first to the last excited line.
+    without : collection of str
+        Effects that are not tried.
+    fast : bool
+        Stop at the first draft, which is not confirmed by simulation.
+    time_s : float, optional
+        Budget [s]; no fit by simulation starts after it. Default 60.
+    settings : DecisionSettings
+    on_step : callable
+        Called with a short description of each step before it starts.
+
+    Returns
+    -------
+    RecordsDiagnosis
+        If it is interrupted (KeyboardInterrupt) after the first draft: the state that it had reached.
+
+    Raises
+    ------
+    InputError
+        As `gsid.start`.
+    ValueError
+        No record, an unknown output, or a time that is not positive.
+    """
+    if time_s is not None and not time_s > 0:
+        raise ValueError(f"time_s must be positive, got {time_s}")
+    budget_s = settings.time_s if time_s is None else time_s
+    run = Run(budget_s, settings, band, without, on_step)
+    try:
+        run.find_structure(records, model, output, reference)
+        if run.stack is not None:
+            run.draw_up()
+            if not fast:
+                run.confirm()
+                run.mend_structure()
+    except KeyboardInterrupt:
+        if run.draft is None:
+            raise
+        run.interrupted = True
+    return summarised(run)

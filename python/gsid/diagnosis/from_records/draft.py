@@ -1,0 +1,111 @@
+"""First stage, repeated until its best law is not a linear effect: linear structure before any law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, Ranked, first_stage
+from gsid.effects.types import find
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra, is_open, read_as
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """First draft of the diagnosis.
+
+    Attributes
+    ----------
+    model : PlantModel
+        Linear stack, with the values of its fit.
+    stage : FirstStage
+        Of this stack.
+    first : FirstStage
+        Of the stack before linear effects were added.
+    added : list of Ranked
+        Linear effects that were added to the stack, in this order.
+    measured : list of Spectra
+        The records with the hold that was assumed.
+    """
+
+    model: PlantModel
+    stage: FirstStage
+    first: FirstStage
+    added: list[Ranked]
+    measured: list[Spectra]
+
+
+def draft(
+    measured: list[Spectra],
+    model: PlantModel,
+    *,
+    band: tuple[float, float] | None,
+    without: Collection[str] = (),
+    settings: DecisionSettings,
+    on_step: Callable[[str], None],
+) -> Draft:
+    """Rank the laws on a stack to which missing linear effects are added first.
+
+    Parameters
+    ----------
+    measured : list of Spectra
+    model : PlantModel
+        Linear.
+    band, without, on_step
+        As `first_stage`.
+    settings : DecisionSettings
+    """
+    added: list[Ranked] = []
+    first = stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
+    if is_open(measured) and stage.hold is not None:
+        measured = read_as(measured, stage.hold)
+    while len(added) < settings.linear_rounds and _adds_linear(stage, settings):
+        best = stage.ranking[0]
+        on_step(f"adding {best.effects[0]} to the linear part")
+        added.append(best)
+        model = with_stack(model, best.linear)
+        stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
+    return Draft(with_stack(model, stage.linear), stage, first, added, measured)
+
+
+def _adds_linear(stage: FirstStage, settings: DecisionSettings) -> bool:
+    """Whether the best of the ranking is a linear effect that explains enough."""
+    best = stage.ranking[0]
+    if stage.conclusion.kind == "none" or not is_linear(best.effects[0]):
+        return False
+    return best.effects[0] == HOLD or best.share_kept_out >= settings.linear_fall
+
+
+def is_linear(effect: str) -> bool:
+    """Whether an effect is a part of the linear structure.
+
+    Parameters
+    ----------
+    effect : str
+    """
+    return find(effect).linear_part in {"damping", "spring", "delay", "lag", "mode", "hold"}
+
+
+def with_stack(model: PlantModel, stack: dict[str, dict[str, float]]) -> PlantModel:
+    """A model with other effects and values.
+
+    Parameters
+    ----------
+    model : PlantModel
+    stack : dict of dict of float
+        {effect: {parameter: value}}. Parameters that the model holds fixed stay fixed.
+    """
+    given = dict(model.labels())
+
+    def param(label: str, name: str, value: float) -> Param:
+        known = given[label].params[name] if label in given else None
+        return Param(value, known is None or known.free, limits=known.limits if known else None)
+
+    effects = [
+        Effect(label.partition("#")[0], {name: param(label, name, v) for name, v in params.items()})
+        for label, params in stack.items()
+    ]
+    return replace(model, effects=effects, cov=None, cov_names=None, fit=None)

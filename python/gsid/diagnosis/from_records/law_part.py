@@ -1,0 +1,64 @@
+"""Records without what the laws of a model add to the output."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gsid.diagnosis.from_records.draft import is_linear
+from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+
+def linear_only(model: PlantModel) -> PlantModel:
+    """A model without its laws: the linear part, with the same values.
+
+    Parameters
+    ----------
+    model : PlantModel
+    """
+    stays = [e for e in model.effects if e.type.null_kind == "never" or is_linear(e.id)]
+    return replace(model, effects=stays, cov=None, cov_names=None, fit=None)
+
+
+def missing_torque(
+    model: PlantModel, measured: Sequence[Spectra], band: tuple[float, float] | None
+) -> tuple[TorqueResidual, TorqueResidual]:
+    """Torque missing from the linear part of a model with a law, and the same by the law.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Fitted, with a law.
+    measured : sequence of Spectra
+    band : (lo, hi) or None
+        Hz.
+
+    Returns
+    -------
+    measured, by_law : TorqueResidual
+        Along the motion of the model; the second is that of the model's own output.
+    """
+    linear = linear_only(model)
+    simulated = [replace(one, Y=one.Y - one.y + model.predict(one).Y) for one in measured]
+    both = [torque_residual(linear, each, band=band, along=model) for each in (list(measured), simulated)]
+    return both[0], both[1]
+
+
+def without_laws(measured: Sequence[Spectra], model: PlantModel) -> list[Spectra]:
+    """Records as if the axis had the linear part of a model only.
+
+    Parameters
+    ----------
+    measured : sequence of Spectra
+    model : PlantModel
+        Fitted to them.
+
+    Returns
+    -------
+    list of Spectra
+        Each period is reduced by the difference of both simulations.
+    """
+    linear = linear_only(model)
+    return [replace(one, Y=one.Y - (model.predict(one).Y - linear.predict(one).Y)) for one in measured]

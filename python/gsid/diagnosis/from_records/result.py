@@ -1,0 +1,240 @@
+"""Result of the diagnosis from records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
+from gsid.diagnosis.from_records.law_part import missing_torque
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
+from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+
+@dataclass(frozen=True)
+class RankedLaw:
+    """One law of the ranking.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Empty: none of the catalogue.
+    params : dict of float
+        Values of its parameters.
+    cost_per_dof_after : float
+        Cost per degree of freedom with it; NaN if it was only scanned.
+    share_kept_out : float
+        Share of the misfit that it explains where it was not fitted; NaN if it was only scanned.
+    margin : float
+        What the best law of another family leaves, over what it leaves; NaN if it was only scanned.
+    scatter : float
+        Of its coefficient over realisations, relative to it; NaN if it was only scanned.
+    confirmed : bool
+        Whether the numbers are those of a converged fit by simulation.
+    by : str
+        What the numbers come from.
+    """
+
+    effects: tuple[str, ...]
+    params: dict[str, float]
+    cost_per_dof_after: float
+    share_kept_out: float
+    margin: float
+    scatter: float
+    confirmed: bool
+    by: str = "first stage"
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `ranking` in `gsid diagnose --json`."""
+        return vars(self) | {"effects": list(self.effects), "probability": None}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordsDiagnosis(Plottable):
+    """Result of :func:`diagnose_records`.
+
+    Attributes
+    ----------
+    verdict : {"adequate", "missing_effect", "nearest_effect", "unknown_effect"}
+    effects : tuple of str
+        The law that is missing, or the nearest; several where the data do not distinguish them.
+    unexplained_share : float or None
+        Share of the misfit that the law leaves, where it was not fitted. None without a law.
+    confirmed : bool
+        Whether the verdict was confirmed by simulation; False for a first draft.
+    reasons : tuple of str
+        What kept a law from being named, one sentence each.
+    ranking : list of RankedLaw
+        The best law first. One entry without effects stands for "none of the catalogue": the linear part
+        alone.
+    found : list of tuple of str
+        All effects found: linear ones that a given model lacked, a sensor that is sampled and held, and the
+        law.
+    model : PlantModel or None
+        The stack with the law, if it is named, else the linear stack. None where no stack represents the
+        data.
+    cost_per_dof, cost_per_dof_after : float
+        Of the linear stack, and of `model`; 1 where only noise is left.
+    p_value : float or None
+        Probability of a misfit this large by chance if no effect is missing; None for a first draft.
+    assumed : list of str
+        What the result relies on and the data do not show.
+    not_tried : dict of str
+        Effects that were not tried or not confirmed, with the reason.
+    seconds : dict of float
+        Time of each step [s].
+    hold : {"zoh", "none"} or None
+        Hold of the input that was assumed.
+    hold_assumed : bool
+        Whether the records do not state it.
+    names : list of str
+        Names of the records.
+    measured : list of Spectra
+        The records with that hold.
+    band : (lo, hi) or None
+        Hz.
+    linear : PlantModel or None
+        The linear stack alone.
+    law_model : PlantModel or None
+        The stack with the law that is named or nearest.
+    interrupted : bool
+        Whether the diagnosis was interrupted: this is the state that it had reached.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    unexplained_share: float | None
+    confirmed: bool
+    reasons: tuple[str, ...]
+    ranking: list[RankedLaw]
+    found: list[tuple[str, ...]]
+    model: PlantModel | None
+    cost_per_dof: float
+    cost_per_dof_after: float
+    p_value: float | None
+    assumed: list[str]
+    not_tried: dict[str, str]
+    seconds: dict[str, float]
+    hold: str | None
+    hold_assumed: bool
+    names: list[str]
+    measured: list[Spectra] = field(default_factory=list)
+    band: tuple[float, float] | None = None
+    linear: PlantModel | None = None
+    law_model: PlantModel | None = None
+    interrupted: bool = False
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing is missing."""
+        return self.verdict == ADEQUATE
+
+    @property
+    def named(self) -> bool:
+        """Whether the missing effect has a name."""
+        return self.verdict == MISSING
+
+    @property
+    def sentence(self) -> str:
+        """The verdict as a sentence."""
+        names = " or ".join(self.effects)
+        draft = "" if self.confirmed else "First draft, not confirmed by simulation: "
+        if self.adequate:
+            text = "these data show no missing effect."
+        elif self.named:
+            text = f"missing is {names} ({self._cost}, {self._unexplained})."
+        elif self.verdict == NEAREST:
+            text = f"an effect is missing; the nearest is {names} ({self._unexplained})."
+        else:
+            text = "an effect is missing that no law of the catalogue explains."
+        return draft + text if draft else text[0].upper() + text[1:]
+
+    @property
+    def _cost(self) -> str:
+        return f"cost per degree of freedom {self.cost_per_dof:.4g} -> {self.cost_per_dof_after:.4g}"
+
+    @property
+    def _unexplained(self) -> str:
+        return f"not explained: {_percent(self.unexplained_share)} of the misfit"
+
+    def torque_residual(self) -> TorqueResidual:
+        """Torque missing from the linear part, against rate, angle, command and time.
+
+        Raises
+        ------
+        ValueError
+            No stack represents the data.
+        """
+        return self.missing_torque()[0]
+
+    def missing_torque(self) -> tuple[TorqueResidual, TorqueResidual | None]:
+        """The missing torque, and the same by the law that is named or nearest.
+
+        Raises
+        ------
+        ValueError
+            No stack represents the data.
+        """
+        if self.law_model is not None:
+            return missing_torque(self.law_model, self.measured, self.band)
+        if self.linear is None:
+            raise ValueError("no stack of effects represents the data: there is no missing torque")
+        return torque_residual(self.linear, self.measured, band=self.band), None
+
+    @property
+    def notes(self) -> list[str]:
+        """Reasons, what was assumed and what was not tried, as sentences."""
+        notes = list(self.reasons)
+        if self.interrupted:
+            notes.append("The diagnosis was interrupted: this is the state it had reached.")
+        notes += [f"assumed: {text}" for text in self.assumed]
+        return notes + [f"not tried: {effect}: {why}" for effect, why in self.not_tried.items()]
+
+    def table(self) -> Table:
+        """The ranking."""
+        head = ["law", "cost per d.o.f.", "explained, kept out", "margin", "scatter", "by"]
+        rows = [
+            [
+                " or ".join(one.effects) or "none of the catalogue",
+                f"{one.cost_per_dof_after:.4g}",
+                _percent(one.share_kept_out),
+                "" if one.margin != one.margin else f"{one.margin:.3g}",
+                "" if one.scatter != one.scatter else f"{one.scatter:.2%}",
+                one.by,
+            ]
+            for one in self.ranking
+            if one.cost_per_dof_after == one.cost_per_dof_after
+        ]
+        return Table(head, rows, left=["law", "by"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of `gsid diagnose --json`."""
+        keys = (
+            "verdict", "adequate", "unexplained_share", "confirmed", "p_value", "cost_per_dof",
+            "cost_per_dof_after", "hold", "hold_assumed", "assumed", "not_tried", "seconds", "notes",
+            "interrupted",
+        )  # fmt: skip
+        known = {key: getattr(self, key) for key in keys}
+        share = None if self.unexplained_share is None else 1 - self.unexplained_share
+        return known | {
+            "effects": list(self.effects),
+            "explained": share,
+            "ranking": [one.to_dict() for one in self.ranking],
+            "found": [{"effects": list(effects)} for effects in self.found],
+            "model": None if self.model is None else self.model.to_dict(),
+        }
+
+    def __repr__(self) -> str:
+        lines = [self.sentence, self.table().text() if self.ranking else ""]
+        return "\n".join([*lines, *self.notes])
+
+
+def _percent(share: float | None) -> str:
+    """A share with so many digits that what is left never becomes 0 % or 100 % by rounding."""
+    if share is None or share != share:
+        return ""
+    text = f"{share:.1%}"
+    return f"{share:.2%}" if text in ("100.0%", "0.0%") and 0 < share < 1 else text

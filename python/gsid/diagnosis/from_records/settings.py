@@ -1,0 +1,98 @@
+"""Constants of the diagnosis from records, each with its unit and the reason for its value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DecisionSettings:
+    """Constants of `gsid.diagnosis.from_records`.
+
+    Attributes
+    ----------
+    low_mode : float
+        Modes below this many lowest lines are merged into a free or viscous body, or left out: a low mode of
+        a fit that lacks a law is a spring, or the law itself.
+    corner : float
+        Corner frequency of a spring or a damping that the start did not find, in lowest lines: far below them
+        it does not show.
+    lag_share : float
+        Start of a lag that the start did not find, in samples.
+    vanished : float
+        Corner [lowest lines], lag and delay [samples] below which an element is dropped before a simulation:
+        it changes no line by 1e-3.
+    linear_rounds : int
+        Linear effects that are added to the stack before a law is judged. The prototype never needed more
+        than two.
+    linear_fall : float
+        Share of the kept-out misfit that a linear effect has to explain to be added.
+    structure_rounds : int
+        Repetitions of the start without the law's part of the output: the second changes nothing in most
+        trials.
+    time_s : float
+        Default budget [s]: a longer diagnosis is unusual, and its state then is the answer.
+    slice_steps : int
+        Iterations of a fit by simulation between two looks at the clock and at the rival's cost.
+    slices, slices_of_rivals : int
+        Most slices of the winner's fit and of the others: most fits of the trials need three. The first slice
+        is one iteration, which shows how long one takes.
+    rival_share : float
+        Least share kept out, by the first stage, of a law that is fitted by simulation: a law that explains
+        less cannot catch up.
+    rivals : int
+        Laws of other families that are fitted by simulation.
+    members : int
+        Further laws of the winner's family that are fitted by simulation.
+    hopeless : float
+        A rival is given up if a slice lowers its cost by less than this share of what it has to catch up.
+    adequate : float
+        Cost per degree of freedom up to which only noise is left.
+    named_share, named_margin : float
+        Least share of the misfit explained, kept out, and least ratio of what the best rival leaves, both by
+        simulation, for a name where more than noise is left.
+    named_lead : float
+        Drop of the cost against the best rival that is as good as the margin where only noise is left: a weak
+        effect has no large ratio.
+    nearest_share, nearest_scatter : float
+        Least share, and largest scatter of the coefficient, of a nearest law.
+    periods_least : int
+        Fewest periods of a single record for a name: its thirds have two periods each.
+    named_scatter, scatter_errors : float
+        Largest scatter of the law's coefficient over realisations, or in standard errors.
+    worse : float
+        Drop of the cost [noise units] by which a law with more parameters has to be better per parameter.
+    worse_share : float
+        The same as a share of the cost that is left: where a model error is left, a smaller difference does
+        not decide.
+    """
+
+    low_mode: float = 4.0
+    corner: float = 0.5
+    lag_share: float = 0.5
+    vanished: float = 0.02
+    linear_rounds: int = 3
+    linear_fall: float = 0.25
+    structure_rounds: int = 2
+    time_s: float = 60.0
+    slice_steps: int = 4
+    slices: int = 10
+    slices_of_rivals: int = 4
+    rival_share: float = 0.25
+    rivals: int = 1
+    members: int = 2
+    hopeless: float = 0.25
+    adequate: float = 1.15
+    named_share: float = 0.9
+    named_margin: float = 6.0
+    named_lead: float = 100.0
+    nearest_share: float = 0.5
+    nearest_scatter: float = 0.3
+    periods_least: int = 6
+    named_scatter: float = 0.06
+    scatter_errors: float = 2.5
+    worse: float = 12.0
+    worse_share: float = 0.1
+
+
+DEFAULTS = DecisionSettings()

@@ -1,0 +1,248 @@
+"""Whether a law has earned its name, from the fits by simulation.
+
+A name needs a converged fit that leaves only noise, or a large share of the misfit explained where it was not
+fitted; a clear lead over laws of other families that were fitted as well; a coefficient that is the same in
+all realisations; and no simpler law of its family that is as good. Otherwise it is the nearest, or unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import family
+from gsid.diagnosis.missing_torque.stage import FirstStage
+from gsid.effects.types import find
+
+ADEQUATE, MISSING, NEAREST, UNKNOWN = "adequate", "missing_effect", "nearest_effect", "unknown_effect"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict with its numbers.
+
+    Attributes
+    ----------
+    verdict : {"adequate", "missing_effect", "nearest_effect", "unknown_effect"}
+    effects : tuple of str
+        The law named or nearest; several where the data do not distinguish them.
+    reasons : tuple of str
+        What kept a law from being named, one sentence each.
+    unexplained_share : float or None
+        Share of the misfit that the law leaves, where it was not fitted. None without a law.
+    """
+
+    verdict: str
+    effects: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+    unexplained_share: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Fits by simulation that a decision compares.
+
+    Attributes
+    ----------
+    null : Simulated
+        The linear part alone.
+    laws : sequence of Simulated
+        With one law each.
+    beaten_by : tuple of str
+        Laws from outside the catalogue that explained more than the best one in the first stage.
+    settings : DecisionSettings
+    """
+
+    null: Simulated
+    laws: Sequence[Simulated]
+    beaten_by: tuple[str, ...]
+    settings: DecisionSettings
+
+    @property
+    def noise(self) -> float:
+        """Two standard deviations of a mean of that many squares: less than this above 1 is noise."""
+        return 2 * math.sqrt(2 / self.null.fit.n_dof)
+
+    def excess(self, one: Simulated) -> float:
+        """Kept-out cost above noise.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return max(one.kept - 1 - self.noise, 0.0)
+
+    def share(self, one: Simulated) -> float:
+        """Share of the misfit that a law explains, on what is kept out.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        left = self.excess(one)
+        if left == 0:
+            return 1.0
+        return 1 - left / (self.null.kept - 1) if self.null.kept > 1 else 0.0
+
+    def is_adequate(self, one: Simulated) -> bool:
+        """Whether a fit leaves only noise.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return self.excess(one) == 0 or one.fit.cost_per_dof <= self.settings.adequate
+
+    def rivals(self, one: Simulated) -> list[Simulated]:
+        """Fits of laws of other families.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return [other for other in self.laws if family_of(other) != family_of(one)]
+
+    def margin(self, one: Simulated) -> float:
+        """What the best rival of another family leaves, over what the law leaves.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        least = min(other.kept for other in [self.null, *self.rivals(one)])
+        return max(least - 1, 0.0) / max(one.kept - 1, self.noise / 2)
+
+    def lead(self, one: Simulated) -> float:
+        """Drop of the cost against the best rival of another family, or nothing missing.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return min(other.cost for other in [self.null, *self.rivals(one)]) - one.cost
+
+    def is_worse(self, one: Simulated, best: Simulated) -> bool:
+        """Whether a law is significantly worse than the best of its family.
+
+        Parameters
+        ----------
+        one, best : Simulated
+        """
+        scale = max(best.fit.cost_per_dof, 1.0)
+        share = 0.0 if self.is_adequate(best) else self.settings.worse_share * best.fit.n_dof
+        return (one.cost - best.cost) / scale > self.settings.worse + share
+
+    def best(self) -> Simulated:
+        """The law that leaves least, or a simpler one of its family that is not significantly worse."""
+        least = min(self.laws, key=lambda one: one.kept)
+        members = [one for one in self.laws if family_of(one) == family_of(least)]
+        top = min(members, key=lambda one: one.cost)
+        good = [one for one in members if not self.is_worse(one, top)]
+        return min(good, key=lambda one: (n_parameters(one), one.cost))
+
+    def group(self, best: Simulated) -> tuple[str, ...]:
+        """The best law and others of its family that are as simple and not significantly worse.
+
+        Parameters
+        ----------
+        best : Simulated
+        """
+        others = [
+            one.effects[0]
+            for one in self.laws
+            if one is not best
+            and family_of(one) == family_of(best)
+            and n_parameters(one) <= n_parameters(best)
+            and not self.is_worse(one, best)
+        ]
+        return (best.effects[0], *others)
+
+
+def family_of(one: Simulated) -> str:
+    """Family of a fit's law.
+
+    Parameters
+    ----------
+    one : Simulated
+    """
+    return family(find(one.effects[0]))
+
+
+def n_parameters(one: Simulated) -> int:
+    """Number of the law's parameters.
+
+    Parameters
+    ----------
+    one : Simulated
+    """
+    return len(find(one.effects[0]).parameters)
+
+
+OF_FIRST_STAGE = {"none": ADEQUATE, "named": MISSING, "nearest": NEAREST, "unknown": UNKNOWN}
+
+
+def by_first_stage(stage: FirstStage) -> Decision:
+    """The first draft.
+
+    Parameters
+    ----------
+    stage : FirstStage
+    """
+    conclusion = stage.conclusion
+    verdict = OF_FIRST_STAGE[conclusion.kind]
+    share = None if verdict == ADEQUATE else 1 - stage.ranking[0].share_kept_out
+    return Decision(verdict, conclusion.effects, conclusion.reasons, share)
+
+
+def decide(evidence: Evidence) -> Decision:
+    """Judge the best law.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        With at least one law.
+    """
+    best, settings = evidence.best(), evidence.settings
+    share, effects = evidence.share(best), evidence.group(best)
+    reasons = tuple(against(evidence, best))
+    if not reasons:
+        return Decision(MISSING, effects, (), 1 - share)
+    steady = best.scatter <= max(settings.nearest_scatter, settings.scatter_errors * best.scatter_error)
+    if share < settings.nearest_share or not steady or evidence.beaten_by or not best.converged:
+        return Decision(UNKNOWN, (), reasons, 1 - share)
+    return Decision(NEAREST, effects, reasons, 1 - share)
+
+
+def against(evidence: Evidence, best: Simulated) -> list[str]:
+    """What keeps the best law from being named, one sentence each.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    best : Simulated
+    """
+    settings, reasons = evidence.settings, []
+    share, adequate = evidence.share(best), evidence.is_adequate(best)
+    margin, lead = evidence.margin(best), evidence.lead(best)
+    if not best.converged:
+        reasons.append("Its fit by simulation has not converged.")
+    if share < settings.named_share:
+        reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
+    if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):
+        reasons.append(
+            f"The best other family leaves {margin:.2g} times as much, and its cost is {lead:.0f} higher: "
+            "too little to exclude it."
+        )
+    if best.scatter > max(settings.named_scatter, settings.scatter_errors * best.scatter_error):
+        reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")
+    unknown = [name for name in best.fit.undetermined if name.partition(".")[0] in best.effects]
+    if unknown and not adequate:
+        reasons.append(f"The data do not determine {', '.join(unknown)}.")
+    reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.beaten_by]
+    n_periods = best.fit.records[0].spectra.n_periods
+    if len(best.fit.records) == 1 and n_periods < settings.periods_least:
+        reasons.append(f"One record of {n_periods} periods shows no scatter.")
+    return reasons

@@ -1,0 +1,121 @@
+"""Diagnosis from the records alone, on trials of another simulator and on measured records."""
+
+import json
+
+import first_stage_study as study
+import numpy as np
+import pytest
+
+import gsid
+from gsid.records.files import read_record
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
+from measured import BENCH, DATA, needs_bench
+
+SEED = 161  # a development seed
+SILVERBOX = DATA / "silverbox" / "Schroeder80mV.npz"
+FS_HZ, N = 610.3515625, 1024
+
+
+def trial(folder, kind, index):
+    place = study.drawn(folder, SEED, kind, index)
+    key = json.loads((place / "key.json").read_text())
+    return spectra_of([read_record(path) for path in sorted(place.glob("fit_*.npz"))]), key
+
+
+@pytest.fixture(scope="module")
+def friction(tmp_path_factory):
+    """Records of an axis with Coulomb friction, and its diagnosis."""
+    measured, key = trial(tmp_path_factory.mktemp("friction"), "single", 10)
+    return measured, key, gsid.diagnose_records(measured)
+
+
+def test_coulomb_friction_is_named_from_the_records_alone(friction):
+    _, key, found = friction
+    print(found)
+    assert [effect["id"] for effect in key["effects"]] == ["coulomb_friction"]
+    assert found.verdict == "missing_effect"
+    assert found.effects == ("coulomb_friction",)
+    assert found.confirmed
+    level = found.model["coulomb_friction.level"].value
+    assert level == pytest.approx(key["effects"][0]["params"]["level"], rel=0.05)
+
+
+def test_the_json_has_the_keys_of_the_contract(friction):
+    found = friction[2].to_dict()
+    keys = {"verdict", "unexplained_share", "cost_per_dof", "cost_per_dof_after", "ranking", "p_value"}
+    assert keys | {"assumed", "not_tried", "seconds", "confirmed", "hold"} <= found.keys()
+    for entry in found["ranking"]:
+        assert {"effects", "share_kept_out", "margin", "scatter", "confirmed", "params"} <= entry.keys()
+    assert [entry["effects"] for entry in found["ranking"]].count([]) == 1  # none of the catalogue
+
+
+def test_nothing_is_missing_where_nothing_is_hidden(tmp_path):
+    measured, _ = trial(tmp_path, "null", 0)
+    found = gsid.diagnose_records(measured)
+    assert found.verdict == "adequate"
+    assert found.effects == ()
+
+
+def test_a_fast_diagnosis_stops_at_the_first_draft(friction):
+    found = gsid.diagnose_records(friction[0], fast=True)
+    assert not found.confirmed
+    assert "First draft" in found.sentence
+    assert "simulation" not in found.seconds
+
+
+def test_no_fit_by_simulation_starts_after_the_budget(friction):
+    found = gsid.diagnose_records(friction[0], time_s=1e-3)
+    assert not found.confirmed
+    assert any("time was over" in why for why in found.not_tried.values())
+
+
+def test_an_interrupted_diagnosis_gives_the_state_it_has_reached(friction):
+    def interrupt(step):
+        if "simulation" in step:
+            raise KeyboardInterrupt
+
+    found = gsid.diagnose_records(friction[0], on_step=interrupt)
+    assert found.interrupted
+    assert not found.confirmed
+    assert found.effects == ("coulomb_friction",)
+
+
+def test_an_interruption_before_the_first_draft_ends_the_call(friction):
+    def interrupt(step):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gsid.diagnose_records(friction[0], on_step=interrupt)
+
+
+def test_a_model_replaces_the_start(friction):
+    measured, _, first = friction
+    found = gsid.diagnose_records(measured, first.linear)
+    assert "linear structure" not in found.seconds
+    assert found.effects == ("coulomb_friction",)
+
+
+@pytest.mark.parametrize(("how", "words"), [({"time_s": -1.0}, "positive"), ({"output": "torque"}, "output")])
+def test_wrong_arguments_are_refused(friction, how, words):
+    with pytest.raises(ValueError, match=words):
+        gsid.diagnose_records(friction[0], **how)
+
+
+@pytest.mark.skipif(not SILVERBOX.exists(), reason=f"no measured record {SILVERBOX} (set GSID_DATA)")
+def test_silverbox_is_a_cubic_spring_without_a_model_and_without_a_band():
+    whole = np.load(SILVERBOX)
+    part = slice(10587, 10587 + 11 * N)
+    record = Record(whole["u"][part].astype(float), whole["y"][part].astype(float), FS_HZ, N)
+    found = gsid.diagnose_records(record)
+    print(found)
+    assert (found.verdict, found.effects) == ("missing_effect", ("cubic_spring",))
+    assert found.unexplained_share < 0.1
+    assert found.plot().axes
+
+
+@needs_bench
+def test_the_motor_bench_has_no_name():
+    """What it lacks is in no list: both sides of its coupling contradict each law."""
+    record = read_record(BENCH / "multisine_A.npz", u="iq_ref", y="theta_motor")
+    assert gsid.diagnose_records(record).verdict in ("unknown_effect", "nearest_effect")
