@@ -90,6 +90,46 @@ def test_the_story(gsid):
     assert load_model("none.json").to_dict() == load_model("null.json").to_dict()
 
 
+def test_from_the_records_alone(gsid):
+    """No model file: the verdict, the law and the picture, from one command."""
+    arguments = ["-o", "found.json", "--json", "--plot", "d.png"]
+    result = gsid("diagnose", *RECORDS, *arguments)
+    assert result.code == 0, result.err
+    found = json.loads(result.out)
+    assert found["verdict"] == "missing_effect"
+    assert found["effects"] == ["coulomb_friction"]
+    assert found["unexplained_share"] < 0.1
+    assert found["ranking"][0]["confirmed"]
+    assert load_model("found.json")["coulomb_friction.level"].value == pytest.approx(LEVEL, rel=0.05)
+    assert is_png("d.png")
+    assert "-- fitting coulomb_friction by simulation" in result.err
+
+
+def test_the_first_draft_says_that_nothing_confirms_it(gsid):
+    result = gsid("diagnose", *RECORDS, "--fast")
+    assert result.code == 0
+    assert result.out.startswith("First draft, not confirmed by simulation: ")
+    assert "by simulation, " not in result.err
+    assert "hint: gsid add coulomb_friction" in result.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--model", "null.json", "--fast"], "--fast applies only without --model"),
+        (["--model", "null.json", "--time", "5"], "--time applies only without --model"),
+        (["--model", "null.json", "--output", "rate"], "--output applies only without --model"),
+        (["--seed", "1"], "--seed applies only with --model"),
+        (["--alpha", "0.01"], "--alpha applies only with --model"),
+        (["--time", "0"], "--time"),
+    ],
+)
+def test_options_of_the_other_kind_of_diagnosis_are_refused(gsid, arguments, words):
+    result = gsid("diagnose", *RECORDS, *arguments)
+    assert result.code == 2
+    assert words in result.err
+
+
 def test_in_words(gsid):
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "--y", "y", "--band", "2:100")
     lines = result.out.splitlines()

@@ -18,7 +18,9 @@ OTHER_THINGS = {
     "--limit-travel-deg": {"gsid run": "of the integral of the rate, from the start"},
     "--param": {"gsid simulate": "values of the axis; `gsid add` takes start values and bounds"},
     "--kind": {"gsid design prbs": "of a sequence", "gsid design sweep": "of a sweep"},
-    "--output": {"gsid start": "what y is: rate, angle or acceleration; its file is -o"},
+    "--output": dict.fromkeys(
+        ("gsid start", "gsid diagnose"), "what y is: rate, angle or acceleration; its file is -o"
+    ),
     "--library": {"gsid": "for every verb; `gsid add` takes the effect to add"},
 }
 # Option: what may differ, and why.

@@ -15,9 +15,11 @@ from gsid.cli.options import (
     SEED,
     alpha_option,
     band_option,
+    found_model_option,
     is_given,
     json_option,
     options_as_arguments,
+    output_is_option,
     picture_option,
     reading_options,
     records_argument,
@@ -54,12 +56,7 @@ if TYPE_CHECKING:
     type=INPUT,
     help="Stack of effects (model file) to test. [default: the linear structure is found from the records]",
 )
-@click.option(
-    "--output",
-    "y_is",
-    type=click.Choice(["rate", "angle", "acceleration"]),
-    help="What y is. [default: inferred from the data]",
-)
+@output_is_option
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option(0.05)
 @click.option(
@@ -77,7 +74,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(0, min_open=True),
     help="Budget: no simulation starts after it. [default: 60]",
 )
-@click.option("-o", "path", metavar="M2.json", type=OUTPUT, help="Write the model with the effects found.")
+@found_model_option
 @click.option(
     "--curve",
     metavar="CURVE.csv",

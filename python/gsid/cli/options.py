@@ -266,6 +266,17 @@ reference_option = click.option(
 )
 
 
+output_is_option = click.option(
+    "--output",
+    "y_is",
+    type=click.Choice(["rate", "angle", "acceleration"]),
+    help="What y is. [default: inferred from the data]",
+)
+found_model_option = click.option(
+    "-o", "path", metavar="M.json", type=OUTPUT, help="Write the model that was found."
+)
+
+
 def band_option(text: str) -> Callable:
     """--band with the help text of a verb."""
     return click.option("--band", type=Band(), help=text)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.options import (
-    OUTPUT,
     band_option,
+    found_model_option,
     json_option,
     options_as_arguments,
+    output_is_option,
     picture_option,
     reading_options,
     records_argument,
@@ -38,15 +39,8 @@ if TYPE_CHECKING:
 @reading_options
 @reference_option
 @band_option("Lines from LO to HI [Hz] only.")
-@click.option(
-    "--output",
-    "y_is",
-    type=click.Choice(["rate", "angle", "acceleration"]),
-    help="What y is. [default: inferred from the data]",
-)
-@click.option(
-    "-o", "path", metavar="M.json", type=OUTPUT, help="Write the stack of effects, or the rational model."
-)
+@output_is_option
+@found_model_option
 @picture_option
 @json_option
 def start(
