@@ -109,3 +109,48 @@ def statement_lines(text: str, line: int) -> range:
         if line <= end:
             best = range(node.lineno, end + 1)
     return best
+
+
+def assigned(text: str, line: int) -> set[str]:
+    """Names that the assignment on a line gives a value, such as a constant or a default of a dataclass.
+
+    Parameters
+    ----------
+    text : str
+        Of the whole file.
+    line : int
+        From 1.
+
+    Returns
+    -------
+    set of str
+    """
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= line <= node.end_lineno:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)}
+    return found
+
+
+def lines_that_use(text: str, names: set[str]) -> list[int]:
+    """Lines of a file that read any of these names, alone or as an attribute.
+
+    Parameters
+    ----------
+    text : str
+        Of the whole file.
+    names : set of str
+
+    Returns
+    -------
+    list of int
+        From 1.
+    """
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Name | ast.Attribute)
+        and isinstance(node.ctx, ast.Load)
+        and (node.id if isinstance(node, ast.Name) else node.attr) in names
+    ]

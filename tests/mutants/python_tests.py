@@ -13,7 +13,7 @@ from pathlib import Path
 
 from bounded_run import run
 from mutant import Mutant
-from python_mutants import statement_lines
+from python_mutants import assigned, lines_that_use, statement_lines
 
 MOST_S = 60.0  # of the tests that cover a line, the quickest first: so many seconds of them
 LIMIT_LEAST_S, SLACK = 30, 4  # a mutant that takes so many times as long is stopped, and counts as found
@@ -96,14 +96,34 @@ class PythonTests:
     def covering(self, mutant: Mutant) -> list[str]:
         """Tests that run the statement of a mutant, the quickest first, up to `MOST_S` in all.
 
-        What runs at import, such as a constant, is covered by all tests of the file.
+        A constant runs at import: the tests that run a line with its name cover it. Other statements that
+        run at import are covered by all tests of the file.
         """
-        lines = self.contexts[mutant.file]
-        text = (self.tree / mutant.file).read_text(encoding="utf-8")
-        found = set().union(*(lines.get(line, set()) for line in statement_lines(text, mutant.line)))
-        if not found and any(line in lines for line in statement_lines(text, mutant.line)):
-            found = set().union(*lines.values())
-        return self._quickest(found)
+        text = self._text(mutant.file)
+        lines = statement_lines(text, mutant.line)
+        names = assigned(text, mutant.line)
+        found = self._running(mutant.file, lines)
+        if not found and names:
+            found = set().union(*(self._using(file, names) for file in self.contexts))
+        return self._quickest(found or self._importing(mutant.file, lines))
+
+    def _text(self, file: str) -> str:
+        return (self.tree / file).read_text(encoding="utf-8")
+
+    def _running(self, file: str, lines: range) -> set[str]:
+        """Tests that run any of these lines."""
+        return set().union(*(self.contexts[file].get(line, set()) for line in lines))
+
+    def _importing(self, file: str, lines: range) -> set[str]:
+        """All tests of a file, if these lines run at its import."""
+        known = self.contexts[file]
+        return set().union(*known.values()) if any(line in known for line in lines) else set()
+
+    def _using(self, file: str, names: set[str]) -> set[str]:
+        """Tests that run a line of a file with any of these names."""
+        text = self._text(file)
+        places = [statement_lines(text, line) for line in lines_that_use(text, names)]
+        return set().union(*(self._running(file, one) or self._importing(file, one) for one in places))
 
     def _quickest(self, names: set[str]) -> list[str]:
         """Tests in the order of their time with the longest setup of their file, which is needed once."""

@@ -188,10 +188,13 @@ def run(
 
 
 def judges_of(target: str, folder: Path, n: int, tests: list[str]) -> list:
-    """One judge for each copy of the repository; what covers a line is measured once for each version."""
+    """One judge for each copy of the repository.
+
+    What covers a line is measured once for each version of the sources and of the tests.
+    """
     in_c = target == "core"
     files = sorted({file for each in TARGETS if (each == "core") == in_c for file in sources(each)})
-    version = hashlib.sha256(b"".join((ROOT / file).read_bytes() for file in files)).hexdigest()[:8]
+    version = digest(files, ["tests/c"] if in_c else tests)
     made = []
     for i in range(n):
         tree = copied(folder / f"tree{i}")
@@ -203,6 +206,15 @@ def judges_of(target: str, folder: Path, n: int, tests: list[str]) -> list:
             judge.measure(folder / f"coverage-{version}", files, tests)
         made.append(judge)
     return made
+
+
+def digest(files: list[str], tests: list[str]) -> str:
+    """Of these files, and of these tests or all files in these folders of tests."""
+    found = {path for name in tests for path in (ROOT / name.partition("::")[0], *(ROOT / name).rglob("*"))}
+    every = [ROOT / file for file in files] + sorted(
+        path for path in found if path.suffix in (".py", ".c", ".h")
+    )
+    return hashlib.sha256(b"".join(path.read_bytes() for path in every)).hexdigest()[:8]
 
 
 def _commit() -> str:

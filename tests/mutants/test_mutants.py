@@ -30,6 +30,27 @@ def law(x: float | None) -> float | None:
 def spare(x):
     return x + 1
 """
+SETTINGS = """from dataclasses import dataclass
+
+
+@dataclass
+class Settings:
+    limit: float = 1.5
+    spare: float = 1.5
+
+
+SETTINGS = Settings()
+"""
+USE = """from settings import SETTINGS
+
+
+def is_large(x):
+    return x > SETTINGS.limit
+
+
+def is_huge(x):
+    return x > 10 * SETTINGS.spare
+"""
 TESTS = """from law import law
 
 
@@ -103,6 +124,28 @@ def test_a_mutant_is_judged_by_the_tests_of_its_line(project, monkeypatch, old, 
     assert (project.tree / "python/law.py").read_text() == LAW
 
 
+def test_a_constant_is_judged_by_the_tests_of_the_lines_that_use_it(tmp_path):
+    """A file of constants runs at import alone: none of its mutants was covered."""
+    test = "from use import is_large\n\n\ndef test_is_large():\n    assert not is_large(1)\n"
+    files = {"python/settings.py": SETTINGS, "python/use.py": USE, "tests/test_use.py": test}
+    for name, text in files.items():
+        path = tmp_path / "tree" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    tests = python_tests.PythonTests(tmp_path / "tree", PACKAGES)
+    tests.measure(tmp_path / "coverage", ["python/settings.py", "python/use.py"], ["tests"])
+
+    def judged(name, value):
+        old = f"{name}: float = 1.5"
+        line = SETTINGS[: SETTINGS.index(old)].count("\n") + 1
+        new = SETTINGS.replace(old, f"{name}: float = {value}")
+        return tests.judge(Mutant.of("python/settings.py", line, "by hand", SETTINGS, new))
+
+    assert judged("limit", 0.5) == ("killed", "tests/test_use.py::test_is_large", 1)
+    assert judged("limit", 2.5) == ("survived", "", 1)
+    assert judged("spare", 0.5) == ("uncovered", "", 0)
+
+
 def test_what_a_file_sets_up_counts_once(project, monkeypatch):
     """A quick test behind a slow fixture came first: it took as long as all others together."""
     project.durations = {"a.py::slow": 9.0, "a.py::quick": 0.1, "b.py::one": 1.0, "b.py::other": 2.0}
@@ -158,6 +201,25 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     (tmp_path / "law.py").write_text(LAW.replace("spare", "other"))
     again(4)
     assert len(judged) == 10
+
+
+def test_new_tests_are_measured(tmp_path, monkeypatch):
+    """A bug: what covers a line was not measured again; a test that has gone counted as one that failed."""
+    monkeypatch.setattr(run_mutants, "ROOT", tmp_path)
+    for name, text in (("law.py", LAW), ("tests/test_law.py", TESTS)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+
+    def of(*tests):
+        return run_mutants.digest(["law.py"], list(tests))
+
+    before = of("tests")
+    assert before == of("tests") == of("tests/test_law.py::test_law")
+    (tmp_path / "tests/test_law.py").write_text(TESTS.replace("test_law()", "test_other()"))
+    renamed = of("tests")
+    (tmp_path / "tests/helper.py").write_text("")
+    (tmp_path / "law.py").write_text(LAW + "\n")
+    assert len({before, renamed, of("tests")}) == 3
 
 
 def test_an_edit_elsewhere_leaves_the_sample_as_it_is(tmp_path, monkeypatch):
