@@ -1,0 +1,377 @@
+"""Numbers of the grey-box fit against numbers computed by hand, on problems of a few unknowns."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from plants import FS_HZ, axis_record, plant
+
+import gsid.greybox.minimise
+from gsid._lib import ffi
+from gsid.base.errors import GsidError, InputError
+from gsid.comparison import compare
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import PlantFit, _covariance, fit_plant
+from gsid.greybox.linear_start import linear_error, linear_start
+from gsid.greybox.minimise import Steps, minimise
+from gsid.greybox.problem import Point, Problem
+from gsid.greybox.weights import lines_used, pooled_variance
+from gsid.plant.periodic import PeriodicPlant
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra
+from gsid.spectrum.spectra import Spectra
+
+N, P = 600, 12
+AXIS = {
+    "rigid_body": {"gain": 900.0},
+    "viscous_friction": {"rate": 60.0},
+    "cable_spring": {"stiffness": 400.0},
+}
+MODE = AXIS | {"flexible_mode": {"f_hz": 180.0, "zeta": 0.01, "residue": 0.5}}
+BAND = (0.0, FS_HZ / 2)
+
+
+def measured(noise=0.1, **more):
+    """Spectra of an axis without spring, which has a mean rate; line 1 is the first that is excited."""
+    u = Multisine.design(FS_HZ, N, (5, 250), amplitude=0.05, phases="random", seed=1).table()
+    return spectra(axis_record(u, P, noise, 1, "axis", gain=900.0, viscous_rate=60.0, **more))
+
+
+FREE_AXIS = {effect: AXIS[effect] for effect in ("rigid_body", "viscous_friction")}
+
+
+def problem_of(several, *, band=BAND, per_record=(), stack=FREE_AXIS):
+    """Simulated without threads."""
+    return Problem(plant(stack), several, band, per_record, SimpleNamespace(map=map))
+
+
+# ---- weights -----------------------------------------------------------------------------------------------
+
+
+def test_weights_and_tolerance_of_a_record():
+    """The variance of a real line is that of its only part: the weight is sqrt(P / s^2), not sqrt(2 P / s^2).
+
+    White noise of 0.1 has a mean over the periods of 0.1 / sqrt(P), of which 1 % may be left.
+    """
+    s = measured()
+    (part,) = problem_of([s]).parts
+    ((variance, dof),) = pooled_variance([s])
+    k = (N + 1) // 2
+    assert part.line.tolist() == list(range(k))
+    parts = np.r_[1, np.full(k - 1, 2)]
+    np.testing.assert_allclose(part.weight**2, (dof - 1) / dof * parts * P / variance[:k])
+    assert part.n_rows == 2 * k - 1
+    assert part.plant.tolerance == pytest.approx(0.01 * 0.1 / np.sqrt(P), rel=0.03)
+
+
+def test_a_drift_is_a_ramp_without_mean():
+    """The sum of n w^n over a period is N / (w - 1) if w^N = 1: line k of n / N is 2 / N / (w - 1)."""
+    part = problem_of([measured()], per_record=("drift",)).parts[0]
+    assert part.drift[0, 0] == pytest.approx(0, abs=1e-12)
+    w = np.exp(-2j * np.pi * part.line[1:] / N)
+    np.testing.assert_allclose(part.drift[0, 1:], 2 / N / (w - 1), rtol=1e-9)
+
+
+def small(n_periods, level=1.0, name="short"):
+    """Lines 0, 1, 2 of four samples. With a lost period, the variance is that over the periods."""
+    Y = np.random.default_rng(n_periods).standard_normal((n_periods, 3)) + 0j
+    U = np.tile([0, level + 0j, 0], (n_periods, 1))
+    return Spectra(4.0, 4, np.arange(3), U, Y, 1, 0, np.array([False, True, False]), name=name)
+
+
+def test_a_variance_needs_more_than_two_degrees_of_freedom():
+    """Line 1 alone: as many as periods minus one. With 2 the covariance of a fit has no mean."""
+    with pytest.raises(InputError, match="too few periods") as refused:
+        pooled_variance([small(3)])
+    assert (refused.value.where, refused.value.value) == ("short", "2 degrees of freedom")
+    ((variance, dof),) = pooled_variance([small(4)])
+    assert (variance[1], dof) == (pytest.approx(small(4).var_y[1]), 3)
+
+
+@pytest.mark.parametrize(("level", "dof"), [(1.04, 11), (1 / 1.04, 11), (1.06, 5), (1 / 1.06, 5)])
+def test_records_within_five_per_cent_of_the_level_are_pooled(level, dof):
+    assert pooled_variance([small(6), small(7, level)])[0][1] == dof
+
+
+def test_the_level_of_a_group_is_that_of_its_first_record():
+    """4 % and 8 % more: neighbours agree within 5 %, but the third and the first do not."""
+    several = [small(6), small(7, 1.04), small(8, 1.08)]
+    assert [dof for _, dof in pooled_variance(several)] == [11, 11, 7]
+
+
+def test_a_record_without_noise_has_the_variance_of_the_resolution_of_a_converter():
+    """1e-7 of the largest line."""
+    s = measured(noise=0.0)
+    (part,) = problem_of([s]).parts
+    np.testing.assert_allclose(part.variance, (1e-7 * np.max(np.abs(s.y))) ** 2, rtol=1e-6)
+
+
+def test_too_few_lines_are_reported_with_the_first_record():
+    """Line 1 of two records is four numbers; each record has two unknowns, and both share one."""
+    other = measured()
+    other.name = "other"
+    own = ("viscous_friction.rate", "cable_spring.stiffness")
+    with pytest.raises(InputError, match="5 unknowns need more lines") as refused:
+        problem_of([measured(), other], band=(4.0, 6.0), per_record=own, stack=AXIS)
+    assert (refused.value.where, refused.value.value) == ("axis", "4 numbers")
+
+
+def test_the_default_band_of_a_loop_of_the_angle_begins_at_0_hz():
+    """Reference and angle have a common zero there, and nowhere else."""
+    s = measured()
+    loop = {"position_velocity_loop": {"kp": 30.0, "kv": 0.1, "limit": 1e3}}
+    for stack, output, first in ((loop | AXIS, "angle", 0), (AXIS, "angle", 1), (loop | AXIS, "rate", 1)):
+        assert np.flatnonzero(lines_used(plant(stack, output=output), s, None))[0] == first
+
+
+def test_a_parameter_is_held_if_its_size_changes_less_than_a_thousandth_of_the_noise():
+    quiet = measured()
+    x = problem_of([quiet]).start()
+    effect = np.linalg.norm(problem_of([quiet]).at(x).r[:, 0]) * abs(x[0])
+    for size, is_held in ((2e-3, False), (5e-4, True)):
+        noisy = measured()
+        noisy.Y = noisy.y + (noisy.Y - noisy.y) * effect / size
+        r = problem_of([noisy]).at(x).r
+        assert (np.linalg.norm(r[:, 0]) == 0) == is_held
+
+
+@pytest.mark.parametrize("has_gear", [False, True])
+def test_only_a_response_with_backlash_is_not_simulated_longer(monkeypatch, has_gear):
+    run, patience = PeriodicPlant.run, []
+
+    def watched(self, values, **options):
+        patience.append(options["patient"])
+        return run(self, values, **options)
+
+    monkeypatch.setattr(PeriodicPlant, "run", watched)
+    gear = {"gap_deg": 0.02, "stiffness": 1e5, "inertia_ratio": 0.1, "damping": 20.0}
+    problem = problem_of([measured()], stack=FREE_AXIS | {"gear_backlash": gear} if has_gear else FREE_AXIS)
+    problem.at(problem.start())
+    assert patience == [not has_gear]
+
+
+# ---- search ------------------------------------------------------------------------------------------------
+
+
+class OneUnknown:
+    """A search along x, whose residual always seems 10 away; the cost of each trial is given.
+
+    Parameters
+    ----------
+    gains : list of float or None
+        Decrease of the cost over the predicted decrease; None for a trial that cannot be simulated.
+    """
+
+    n, parts = 1, ()
+
+    def __init__(self, gains):
+        self.gains, self.dampings = list(gains), []
+        self.kept = self.last = Point(np.zeros(1), 1e6, [], [], [], True, np.eye(1), np.array([10.0]))
+
+    def start(self):
+        return self.kept.x
+
+    def bounds(self):
+        return np.full(1, -np.inf), np.full(1, np.inf)
+
+    def keep(self):
+        self.kept = self.last
+
+    def may_follow(self, point, trial):
+        return True
+
+    def at(self, x):
+        step = float(x[0] - self.kept.x[0])
+        if step == 0:
+            return self.kept
+        self.dampings.append(10 / step - 1)
+        gain = self.gains.pop(0)
+        if gain is None:
+            raise GsidError(-4, "the plant left the range of numbers")
+        cost = self.kept.cost - gain * (10**2 - (10 - step) ** 2)
+        self.last = Point(x, cost, [], [], [], True, np.eye(1), np.array([10.0]))
+        return self.last
+
+
+def test_the_damping_follows_nielsen():
+    """A step of 10 / (1 + d) shows d, which is multiplied by max(1/3, 1 - (2 gain - 1)^3), or by 2, 4, ..."""
+    problem = OneUnknown([0.75, None, None, 1.0, 0.1, None, 1.0])
+    minimise(problem, "lm", 4)
+    factors = [1, 0.875, 2, 4, 1 / 3, 1 + 0.8**3, 2]
+    np.testing.assert_allclose(problem.dampings, 1e-3 * np.cumprod(factors), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("cost", "is_converged"), [(2e8, True), (5e7, False)])
+def test_a_search_that_stalls_has_converged_if_little_of_the_cost_is_left(cost, is_converged):
+    """A full step promises 100: less than 1e-6 of the cost, or more. No trial lowers it."""
+    problem = OneUnknown([-1.0] * 100)
+    problem.kept.cost = cost
+    found = minimise(problem, "lm", 10)
+    assert (found.n_iterations, found.point.x[0], found.converged) == (0, 0, is_converged)
+    assert problem.dampings[-1] == pytest.approx(
+        1e-3 * 2**36, rel=1e-6
+    )  # 2 * 4 * ... 2^8; with 2^9, above 1e10
+
+
+def test_steps_within_bounds():
+    """Unit Jacobian: the full step is q. An unknown at a bound is blocked if its step leads out."""
+    q = np.array([-1.0, 0.5, 0.0, 1.0, -0.5, 0.0])
+    lower, upper = np.r_[np.zeros(3), np.full(3, -9.0)], np.r_[np.full(3, 9.0), np.zeros(3)]
+    point = Point(np.zeros(6), 0.0, [], [], [], True, np.eye(6), q)
+    steps = Steps(point, np.ones(6), (lower, upper))
+    assert steps.blocked.tolist() == [True, False, False, True, False, False]
+    assert steps.decrease == pytest.approx(0.5)
+    for damping in (0.0, 1.0):
+        x, promised = steps.step(damping)
+        np.testing.assert_allclose(x, np.array([0, 0.5, 0, 0, -0.5, 0]) / (1 + damping))
+        left = 0.5 * (damping / (1 + damping)) ** 2 + 2  # the blocked unknowns leave 1 + 1
+        assert promised == pytest.approx(q @ q - left)
+
+
+class Quadratic:
+    """Cost |b - R x|^2 of two unknowns."""
+
+    n, parts = 2, ()
+    R, b = np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([1.0, -2.0])
+
+    def __init__(self):
+        self.n_calls = 0
+
+    def start(self):
+        return np.array([3.0, 2.0])
+
+    def bounds(self):
+        return np.full(2, -50.0), np.full(2, 50.0)
+
+    def may_follow(self, point, trial):
+        return True
+
+    def at(self, x):
+        self.n_calls += 1
+        q = self.b - self.R @ x
+        return Point(x, float(q @ q), [], [], [], True, self.R, q)
+
+
+def test_nlopt_counts_its_evaluations():
+    problem = Quadratic()
+    found = minimise(problem, "nlopt", 100)
+    np.testing.assert_allclose(found.point.x, np.linalg.solve(Quadratic.R, Quadratic.b), atol=1e-6)
+    assert found.n_iterations == problem.n_calls - 1  # less the start
+
+
+def test_nlopt_gets_the_gradient_of_the_cost(monkeypatch):
+    """Central differences, exact for a quadratic cost but for rounding."""
+    slopes = []
+
+    def compared(n, callback, data, lower, upper, tolerance, max_iter, x, least):
+        z, gradient = ffi.new("double[]", [0.7, -0.4]), ffi.new("double[]", 2)
+        callback(n, z, gradient, ffi.NULL)
+        for i in range(n):
+            costs = []
+            for by in (1e-3, -2e-3):
+                z[i] += by
+                costs.append(callback(n, z, ffi.NULL, ffi.NULL))
+            z[i] += 1e-3
+            slopes.append((gradient[i], (costs[0] - costs[1]) / 2e-3))
+        return 0
+
+    monkeypatch.setattr(gsid.greybox.minimise, "lib", SimpleNamespace(gsid_minimise=compared))
+    monkeypatch.setattr(gsid.greybox.minimise, "check", lambda *_: None)
+    minimise(Quadratic(), "nlopt", 10)
+    np.testing.assert_allclose(*np.transpose(slopes), rtol=1e-6)
+
+
+@pytest.mark.parametrize("hint", ["look at the units", ""])
+def test_a_start_that_cannot_be_simulated_has_the_hint_of_its_cause(hint):
+    class Failing(Quadratic):
+        parts = (SimpleNamespace(name="axis"),)
+
+        def at(self, x):
+            raise GsidError(-4, "the plant left the range of numbers", hint)
+
+    with pytest.raises(InputError) as refused:
+        minimise(Failing(), "lm", 10)
+    assert refused.value.where == "axis"
+    assert refused.value.hint == (hint or "use starting values closer to those of a working axis")
+
+
+def test_what_fails_first_within_nlopt_is_raised():
+    class Failing(Quadratic):
+        def at(self, x):
+            found = super().at(x)
+            if self.n_calls > 2:
+                raise ArithmeticError(f"call {self.n_calls}")
+            return found
+
+    with pytest.raises(ArithmeticError, match="call 3"):
+        minimise(Failing(), "nlopt", 10)
+
+
+# ---- result ------------------------------------------------------------------------------------------------
+
+
+def test_a_direction_of_the_parameters_is_pinned_if_its_singular_value_is_below_a_millionth():
+    """The first two columns have the same direction; the sum of the parameters is known, and the third."""
+    cov, pinned = _covariance(np.array([[1.0, 1.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 2.0]]))
+    np.testing.assert_allclose(np.abs(pinned), [[np.sqrt(0.5), np.sqrt(0.5), 0]], atol=1e-8)
+    np.testing.assert_allclose(cov, [[0.25, 0.25, 0], [0.25, 0.25, 0], [0, 0, 0.25]], atol=1e-8)
+    r = np.array([[1.0, 1.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 2.0]])
+    cov, pinned = _covariance(r)
+    assert len(pinned) == 0
+    np.testing.assert_allclose(cov, np.linalg.inv(r.T @ r), rtol=1e-6)
+
+
+def test_misfit_is_what_exceeds_noise_by_three_standard_deviations():
+    """150 numbers whose variances have 4 degrees of freedom scatter by sqrt(2 150 (1 + 2 / 4)) = 21.21."""
+    for cost, excess in ((300.0, 300 - 150 - 3 * 21.2132), (200.0, 0.0)):
+        fit = SimpleNamespace(cost=cost, n_dof=150, variance_dof=4.0)
+        assert PlantFit.misfit.fget(fit) == pytest.approx(excess, abs=1e-3)
+
+
+def test_the_p_value_of_a_fit_is_that_of_the_lines_above_0_hz():
+    """An offset fails at 0 Hz alone."""
+    s = measured()
+    s.Y[:, 0] += 1.0
+    fit = fit_plant(plant(FREE_AXIS), s, band=(0.0, 250.0))
+    assert fit.records[0].line[0] == 0
+    assert fit.noise_p_value == pytest.approx(compare(fit.model, s, band=(1.0, 250.0), fitted=True).p_value)
+    assert fit.noise_p_value > 1e-3
+
+
+def test_the_file_of_a_model_has_what_each_record_has_of_its_own():
+    fit = fit_plant(plant(FREE_AXIS), measured(), per_record=["drift"])
+    drift = fit.records[0].params["drift"]
+    assert fit.model.fit["per_record"] == [{"name": "axis", "drift": [drift.value, drift.std]}]
+    drift.std = float("nan")
+    assert fit.summary()["per_record"] == [{"name": "axis", "drift": [drift.value, None]}]
+
+
+# ---- linear start ------------------------------------------------------------------------------------------
+
+
+def test_the_error_of_the_linear_part_is_weighted_by_the_noise_and_a_thousandth_of_the_response():
+    """G = 900 / (s + 60). The measured response is 1 % larger; half of the lines have a noise of 0.2 %."""
+    line, n_periods = np.arange(N // 2 + 1), 4
+    excited = (line > 0) & (line <= 20)
+    g = 1.01 * 900 / (2j * np.pi * line * FS_HZ / N + 60)
+    U = np.tile(np.where(excited, 0.5 + 0j, 0), (n_periods, 1))
+    std = np.where(line <= 10, 2e-3, 0) * np.abs(g) * 0.5  # of one period
+    scatter = np.array([1, -1, 1, -1]) * np.sqrt(3 / 4)  # mean 0, sample variance 1
+    Y = g * U + scatter[:, None] * std
+    s = Spectra(FS_HZ, N, line, U, Y, 0, 0, excited, hold="none", y_unit="deg/s")
+    # |error| / |g| is 0.01 / 1.01 at each line; the noise of the mean is 0.1 % of |g|.
+    expected = (0.01 / 1.01) ** 2 * (10 / (1e-6 + 1e-6) + 10 / 1e-6)
+    assert linear_error(plant(FREE_AXIS), [s]) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("off", "zeta"), [(0.87, 0.01), (1.14, 0.01), (1.14, 0.0)])
+def test_a_resonance_is_found_on_both_sides_of_its_start_value(off, zeta):
+    """14 % off are seven widths of the resonance: the gradient does not lead there."""
+    u = np.tile(Multisine.design(FS_HZ, N, (5, 250), amplitude=0.05, phases="random", seed=1).table(), 4)
+    record = Record(u, np.zeros(len(u)), FS_HZ, N, 0, hold="zoh", y_unit="deg/s")
+    model = plant(MODE)
+    y = np.tile(model.predict(spectra(record)).y, 4)
+    record.y = y + 1e-3 * np.std(y) * np.random.default_rng(1).standard_normal(len(y))
+    model["flexible_mode.f_hz"].value *= off
+    model["flexible_mode.zeta"].value = zeta
+    assert linear_start(model, [spectra(record)])["flexible_mode.f_hz"].value == pytest.approx(180, rel=1e-3)
