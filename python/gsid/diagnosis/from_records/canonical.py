@@ -38,10 +38,13 @@ def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSetting
     Returns
     -------
     PlantModel
-        All its parameters are free, except those of modes above the band.
+        All its parameters are free, except those that the start holds fixed: modes above the band, and the
+        rate of a sensor that is sampled and held.
     """
     modes = [effect.params for effect in model.effects if effect.id == MODE]
-    stack = {effect.id: _values(effect.params) for effect in model.effects if effect.id != MODE}
+    ours = (BODY, DAMPING, SPRING, DELAY, *LAGS)
+    stack = {effect.id: _values(effect.params) for effect in model.effects if effect.id in ours}
+    others = [effect for effect in model.effects if effect.id not in (*ours, MODE)]
     low = [mode for mode in modes if mode["f_hz"].value < settings.low_mode * f_lo_hz]
     corner = 2 * math.pi * settings.corner * f_lo_hz
     if low and SPRING not in stack:
@@ -53,6 +56,7 @@ def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSetting
         stack[LAGS[0]] = {"time_constant_s": settings.lag_share * sample_s}
     stack.setdefault(DELAY, {"delay_s": settings.lag_share * sample_s})
     effects = [Effect(label, _free(params)) for label, params in stack.items()]
+    effects += [Effect(effect.id, dict(effect.params)) for effect in others]
     effects += [Effect(MODE, dict(mode)) for mode in modes if mode not in low]
     return PlantModel(
         fs_hz=model.fs_hz,
@@ -103,6 +107,25 @@ def pruned(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> Pla
         if effect.id not in least or next(iter(effect.params.values())).value > least[effect.id]
     ]
     return replace(model, effects=stays)
+
+
+def insignificant(model: PlantModel, settings: DecisionSettings) -> list[str]:
+    """Elements that the canonical stack always has and that a fit made zero, within its standard deviation.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Fitted.
+    settings : DecisionSettings
+    """
+    sizes = {}
+    for effect in model.effects:
+        if effect.id in (DAMPING, SPRING, DELAY, *LAGS):
+            (param,) = effect.params.values()
+            if param.free:
+                is_known = param.std is not None and param.std > 0  # not NaN, which is undetermined
+                sizes[effect.id] = abs(param.value) / param.std if is_known else 0.0
+    return sorted((e for e, size in sizes.items() if size < settings.significant), key=lambda e: sizes[e])
 
 
 def without_wrong_unit(measured: Sequence[Spectra], model: PlantModel) -> list[Spectra]:

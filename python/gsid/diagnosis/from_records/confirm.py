@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
+from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
 
@@ -62,6 +63,10 @@ class Simulations:
         Of `time.perf_counter` [s].
     settings : DecisionSettings
     on_step : callable
+    known : tuple of Effect
+        Laws of a given model, which every fit contains.
+    not_tried : dict of str
+        Laws that were not fitted, with the reason.
     """
 
     measured: list[Spectra]
@@ -69,6 +74,7 @@ class Simulations:
     deadline: float
     settings: DecisionSettings
     on_step: Callable[[str], None]
+    known: tuple[Effect, ...] = ()
     not_tried: dict[str, str] = field(default_factory=dict)
 
     def fit(
@@ -91,6 +97,9 @@ class Simulations:
             self.not_tried[name] = "the time was over before its fit by simulation"
             return None
         self.on_step(f"fitting {name} by simulation, {left_s:.0f} s left")
+        present = {effect.id for effect in model.effects}
+        known = [effect for effect in self.known if effect.id not in present]
+        model = replace(model, effects=[*model.effects, *known]) if known else model
         try:
             fit = self._in_slices(model, to_beat)
         except (GsidError, InputError) as error:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, Ranked, first_stage
+from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage
 from gsid.effects.types import find
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
@@ -25,17 +25,15 @@ class Draft:
         Of this stack.
     first : FirstStage
         Of the stack before linear effects were added.
-    added : list of Ranked
-        Linear effects that were added to the stack, in this order.
-    measured : list of Spectra
-        The records with the hold that was assumed.
+    added : list of tuple of str
+        Linear effects that were added to the stack, in this order; several where the data do not distinguish
+        them.
     """
 
     model: PlantModel
     stage: FirstStage
     first: FirstStage
-    added: list[Ranked]
-    measured: list[Spectra]
+    added: list[tuple[str, ...]]
 
 
 def draft(
@@ -58,17 +56,18 @@ def draft(
         As `first_stage`.
     settings : DecisionSettings
     """
-    added: list[Ranked] = []
+    added: list[tuple[str, ...]] = []
     first = stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
     if is_open(measured) and stage.hold is not None:
         measured = read_as(measured, stage.hold)
     while len(added) < settings.linear_rounds and _adds_linear(stage, settings):
         best = stage.ranking[0]
         on_step(f"adding {best.effects[0]} to the linear part")
-        added.append(best)
+        named = stage.conclusion.effects
+        added.append(named if best.effects[0] in named else best.effects)
         model = with_stack(model, best.linear)
         stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
-    return Draft(with_stack(model, stage.linear), stage, first, added, measured)
+    return Draft(with_stack(model, stage.linear), stage, first, added)
 
 
 def _adds_linear(stage: FirstStage, settings: DecisionSettings) -> bool:

@@ -7,8 +7,19 @@ from dataclasses import replace
 
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
+from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
+
+
+def is_of_linear_part(effect: Effect) -> bool:
+    """Whether an effect of a stack is a part of the linear structure.
+
+    Parameters
+    ----------
+    effect : Effect
+    """
+    return effect.type.null_kind == "never" or is_linear(effect.id)
 
 
 def linear_only(model: PlantModel) -> PlantModel:
@@ -18,7 +29,7 @@ def linear_only(model: PlantModel) -> PlantModel:
     ----------
     model : PlantModel
     """
-    stays = [e for e in model.effects if e.type.null_kind == "never" or is_linear(e.id)]
+    stays = [effect for effect in model.effects if is_of_linear_part(effect)]
     return replace(model, effects=stays, cov=None, cov_names=None, fit=None)
 
 

@@ -7,18 +7,25 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.from_records.canonical import SPRING, canonical_stack, pruned, without_wrong_unit
+from gsid.diagnosis.from_records.canonical import (
+    SPRING,
+    canonical_stack,
+    insignificant,
+    pruned,
+    without_wrong_unit,
+)
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, draft, is_linear
-from gsid.diagnosis.from_records.law_part import without_laws
+from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.short_list import short_list
-from gsid.diagnosis.from_records.verdict import MISSING, Decision, Evidence, by_first_stage, decide
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, Decision, Evidence, by_first_stage, decide
+from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import Spectra, is_open, require_motion_of_output
+from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 from gsid.structure.start import Start, start
 
 BIAS = "torque_bias"
@@ -40,6 +47,8 @@ class Run:
         self.seconds: dict[str, float] = {}
         self.not_tried: dict[str, str] = {}
         self.measured: list[Spectra] = []
+        self.judged: list[Spectra] = []  # without the part of the laws that a given model has
+        self.known: list[Effect] = []  # these laws
         self.start: Start | None = None
         self.stack: PlantModel | None = None
         self.draft: Draft | None = None
@@ -77,8 +86,7 @@ class Run:
         require_motion_of_output(self.measured)
         self.hold_assumed = is_open(self.measured)
         if model is not None:
-            check_plant(model)
-            self.stack = model
+            self.take(model)
             return
         with self.timed("linear structure"):
             self.on_step("finding the linear structure")
@@ -86,7 +94,20 @@ class Run:
             self.start = start(source, output=output, band=self.band, reference=reference)
         if self.start.has_model:
             self.stack = canonical_stack(self.start.model(), self.f_lo_hz, self.settings)
-            self.measured = without_wrong_unit(self.measured, self.stack)
+            self.measured = self.judged = without_wrong_unit(self.measured, self.stack)
+
+    def take(self, model: PlantModel) -> None:
+        """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
+        check_plant(model)
+        self.stack, self.judged = linear_only(model), self.measured
+        laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
+        if laws:
+            self.on_step("fitting the given model by simulation")
+            fitted = fit_plant(model, self.measured, band=self.band)
+            self.measured = read_as(self.measured, fitted.hold) if fitted.hold_assumed else self.measured
+            self.stack = linear_only(fitted.model)
+            self.judged = without_laws(self.measured, fitted.model)
+            self.known = [effect for effect in fitted.model.effects if not is_of_linear_part(effect)]
 
     @property
     def f_lo_hz(self) -> float:
@@ -99,24 +120,38 @@ class Run:
         """The first draft."""
         with self.timed("first draft"):
             self.draft = draft(
-                self.measured,
+                self.judged,
                 self.stack,
                 band=self.band,
                 without=self.without,
                 settings=self.settings,
                 on_step=self.on_step,
             )
-        self.measured = self.draft.measured
+        if is_open(self.measured) and self.draft.stage.hold is not None:
+            self.measured = read_as(self.measured, self.draft.stage.hold)
         self.decision = by_first_stage(self.draft.stage)
 
     def confirm(self) -> None:
         """Fit the short list by simulation, and decide again."""
         with self.timed("simulation"):
-            fits = Simulations(self.measured, self.band, self.deadline, self.settings, self.on_step)
+            fits = self.simulations()
             self.null = fits.fit(pruned(self.draft.model, self.f_lo_hz, self.settings), ())
             if self.null is not None and self.draft.stage.conclusion.kind != "none":
                 self.fit_laws(fits)
+            if self.null is not None:
+                self.name_linear()
         self.not_tried |= fits.not_tried
+
+    def simulations(self) -> Simulations:
+        """Fits by simulation, with the time that is left."""
+        return Simulations(
+            self.measured, self.band, self.deadline, self.settings, self.on_step, known=tuple(self.known)
+        )
+
+    def name_linear(self) -> None:
+        """With a given model, a linear effect that it lacks is missing, where nothing else is."""
+        if self.start is None and self.draft.added and self.decision.verdict == ADEQUATE:
+            self.decision = Decision(MISSING, self.draft.added[0], (), 0.0)
 
     def fit_laws(self, fits: Simulations) -> None:
         """The laws of the short list, and the verdict."""
@@ -156,18 +191,37 @@ class Run:
         self.decide()
 
     def mend_structure(self) -> None:
-        """The linear structure of the records without the law's part, with the law fitted again."""
-        if self.decision.verdict != MISSING or self.start is None or is_linear(self.decision.effects[0]):
+        """The linear structure beside the law.
+
+        Where only noise is left, elements of the canonical stack that became zero are dropped. Otherwise the
+        structure is found again from the records without the law's part of the output.
+        """
+        if self.decision.verdict != MISSING or self.start is None or self.final is None:
             return
-        with self.timed("structure without the law"):
+        if is_linear(self.decision.effects[0]):
+            return
+        with self.timed("structure beside the law"):
+            if self.evidence().is_adequate(self.final):
+                self.drop_zeros()
+                return
             for _ in range(self.settings.structure_rounds):
                 if time.perf_counter() > self.deadline or not self.mended():
                     return
 
+    def drop_zeros(self) -> None:
+        """The model without optional elements that are not significant, where the cost stays."""
+        fits = self.simulations()
+        for name in insignificant(self.final.model, self.settings):
+            smaller = fits.fit(self.final.model.without_effect(name), self.final.effects)
+            if smaller is None:
+                return
+            if smaller.cost - self.final.cost < self.settings.needed:
+                self.final = smaller
+
     def mended(self) -> bool:
         """Whether the structure changed and the model with it is as good."""
         self.on_step("finding the linear structure without the law's part of the output")
-        laws = [effect for effect in self.final.model.effects if not _in_linear_part(effect)]
+        laws = [effect for effect in self.final.model.effects if not is_of_linear_part(effect)]
         try:
             rest = without_laws(self.measured, self.final.model)
             found = start(rest, output=self.start.output, band=self.band)
@@ -177,13 +231,9 @@ class Run:
             return False
         model = found.model()
         model.effects += laws
-        fits = Simulations(self.measured, self.band, self.deadline, self.settings, self.on_step)
+        fits = self.simulations()
         fitted = fits.fit(model, self.final.effects)
         if fitted is None or self.evidence().is_worse(fitted, self.final):
             return False
         self.start, self.final = found, fitted
         return True
-
-
-def _in_linear_part(effect: Effect) -> bool:
-    return effect.type.null_kind == "never" or is_linear(effect.id)

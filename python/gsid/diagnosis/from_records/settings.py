@@ -27,6 +27,10 @@ class DecisionSettings:
         than two.
     linear_fall : float
         Share of the kept-out misfit that a linear effect has to explain to be added.
+    significant : float
+        Standard deviations below which an element may be zero.
+    needed : float
+        Rise of the cost at which an element is needed all the same: about ln n for one parameter.
     structure_rounds : int
         Repetitions of the start without the law's part of the output: the second changes nothing in most
         trials.
@@ -73,6 +77,8 @@ class DecisionSettings:
     vanished: float = 0.02
     linear_rounds: int = 3
     linear_fall: float = 0.25
+    significant: float = 3.0
+    needed: float = 8.0
     structure_rounds: int = 2
     time_s: float = 60.0
     slice_steps: int = 4

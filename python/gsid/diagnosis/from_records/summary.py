@@ -81,12 +81,13 @@ def _after(run: Run, before: float) -> float:
 
 
 def _found(run: Run) -> list[tuple[str, ...]]:
-    """Effects that the first stack lacked, and the law."""
+    """Effects that the first stack lacked, a sensor that is sampled and held, and the law."""
     if run.draft is None:
         return []
-    is_given = run.start is None
-    found = [one.effects for one in run.draft.added if is_given or one.effects[0] == HOLD]
-    return found + ([run.decision.effects] if run.decision.verdict == MISSING else [])
+    in_start = [(HOLD,)] if run.start is not None and HOLD in run.start.effects else []
+    found = in_start + [one for one in run.draft.added if run.start is None or one == (HOLD,)]
+    named = [run.decision.effects] if run.decision.verdict == MISSING else []
+    return found + [effects for effects in named if effects not in found]
 
 
 def _ranking(run: Run) -> list[RankedLaw]:
@@ -137,5 +138,5 @@ def _assumed(run: Run) -> list[str]:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:
         texts.append(f"the input was {MEANING[run.draft.stage.hold or 'zoh']}; to decide, {DECLARE}")
-    added = [one.effects[0] for one in run.draft.added] if run.draft else []
+    added = [" or ".join(one) for one in run.draft.added] if run.draft else []
     return texts + ([f"added to the linear part: {', '.join(added)}"] if added else [])
