@@ -29,6 +29,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share the ma
 import click
 import numpy as np
 import trials
+from nulls import LINE_JUDGED
 from rich.console import Console
 from rich.progress import Progress
 from scipy import stats
@@ -77,7 +78,7 @@ def error_over_floor(simulate: Callable[[np.ndarray], np.ndarray], records: Iter
     adds to the scatter and little to the mean.
     """
     error = floor = 0.0
-    lines = slice(1, trials.LINE_JUDGED + 1)
+    lines = slice(1, LINE_JUDGED + 1)
     for record in records:
         spectra = trials.amplitudes(record.y.reshape(-1, trials.N))[:, lines]
         answer = trials.amplitudes(np.asarray(simulate(record.u[: trials.N])))[lines]

@@ -10,6 +10,7 @@ import score
 import trials
 import truth
 from hidden import CONTAINED
+from unexplained import unexplained_by_cogging
 
 
 def says(verdict, *found, probability=0.99, p_value=0.3):
@@ -99,7 +100,7 @@ def test_of_a_pair_that_one_effect_does_as_well_nothing_is_left():
     nulls = trials.Nulls(base, lines, commands, variance, 8)
     drop, *_ = nulls.refit([y for y, *_ in bench.answers(base | pair, truth.COARSE)])
     assert drop > 5000
-    assert trials._unexplained_by_cogging(nulls, base | pair, bench, 2) < trials.SEPARABLE / 2
+    assert unexplained_by_cogging(nulls, base | pair, bench, 2) < trials.SEPARABLE / 2
 
 
 def test_stated_probabilities_are_set_against_what_came_true():

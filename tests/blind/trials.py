@@ -49,14 +49,13 @@ from hidden import (
     Params,
     Rng,
     lugre,
-    shapes_of_the_catalogue,
 )
-from scipy.optimize import OptimizeResult, least_squares
+from nulls import Bench, N, Nulls, amplitudes
 from scipy.signal import lfilter
 from truth import TruthError
+from unexplained import drops_beside_each_other, unexplained_by_another, unexplained_by_cogging
 
-N = 6000  # samples of a period
-LINE_MAX, LINE_JUDGED = 389, 400  # 194.5 Hz and 200 Hz
+LINE_MAX = 389  # 194.5 Hz
 TRAVEL_LINES = 4  # lines below 2 Hz: they make the travel
 LEVELS = (6.0, 20.0)  # command rms
 UNLISTED = 10 ** (-50 / 20)  # of the response's rms
@@ -64,7 +63,6 @@ TARGETS = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 1024.0, 4096.0, 1e4)
 CLEAR_TARGETS = (128.0, 256.0, 1024.0, 4096.0, 1e4)
 FOREIGN_TARGETS = (1024.0, 4096.0, 1e4, 1e5)
 DIRTY_TARGET = 1e6
-COGGING_STARTS = (20.0, 60.0)  # cycles per turn: a quarter and most of one in the travel
 SEPARABLE = 64.0  # of a drop, left beside the best other effect: they can be told apart
 KINDS = {"null": 0.30, "single": 0.35, "two": 0.10, "form": 0.03, "foreign": 0.12, "dirty": 0.05, "fan": 0.05}
 
@@ -172,11 +170,6 @@ _UNLISTED = {
 # ---- the experiment ------------------------------------------------------------------------------
 
 
-def amplitudes(samples: np.ndarray) -> np.ndarray:
-    """One-sided spectra in amplitudes of sines."""
-    return np.fft.rfft(samples) * 2 / samples.shape[-1]
-
-
 def draw_base(rng: Rng, without: str | None) -> Params:
     """The axis everybody knows, less the effect that is to be hidden."""
     base = {
@@ -222,60 +215,6 @@ def draw_commands(rng: Rng, base: Params, n_each: int) -> tuple[np.ndarray, list
     return lines, commands
 
 
-class Nulls:
-    """The linear null, refitted to noise-free answers: what is left is what the hidden effect can bring."""
-
-    def __init__(
-        self, base: Params, lines: np.ndarray, commands: list[np.ndarray], s2: np.ndarray, n_periods: int
-    ):
-        self.base, self.lines = base, lines
-        self.free = [name for name in base if name != "fs_hz"]
-        self.scale = np.ones(len(self.free))  # of the last refit, where the next one begins
-        self.u = np.array([amplitudes(u) for u in commands])
-        self.weight = np.sqrt(2 * n_periods / s2)[:, 1 : LINE_JUDGED + 1]
-
-    def answer(self, scale: np.ndarray) -> np.ndarray:
-        """The whitened null with its parameters scaled."""
-        params = self.base | {name: self.base[name] * s for name, s in zip(self.free, scale, strict=True)}
-        y = np.zeros((len(self.u), LINE_JUDGED), complex)
-        y[:, self.lines - 1] = self.u[:, self.lines] * truth.linear_response(params, self.lines * FS_HZ / N)
-        return self._whitened(y)
-
-    def _whitened(self, y: np.ndarray) -> np.ndarray:
-        y = (self.weight * y).ravel()
-        return np.concatenate([y.real, y.imag])
-
-    def whitened(self, ys: list[np.ndarray]) -> np.ndarray:
-        """Answers as one row of numbers whose noise has variance 1."""
-        return self._whitened(np.array([amplitudes(y) for y in ys])[:, 1 : LINE_JUDGED + 1])
-
-    def slopes(self, scale: np.ndarray, at: np.ndarray) -> np.ndarray:
-        moved = scale + 1e-5 * np.eye(len(scale))
-        return np.array([self.answer(m) - at for m in moved]).T / 1e-5
-
-    def refit(self, ys: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
-        """(drop, whitened residual, whitened slopes) of the best null, its parameters not negative."""
-        target = self.whitened(ys)
-        # From the truth too: a refit that once lost the resonance would not find it again.
-        starts = np.maximum(self.scale, 1e-3), np.ones(len(self.free))
-        tried = [self._refitted(target, start) for start in starts]
-        best = min(tried, key=lambda one: one.cost)
-        self.scale = best.x
-        return 2 * float(best.cost), -best.fun, best.jac
-
-    def _refitted(self, target: np.ndarray, start: np.ndarray) -> OptimizeResult:
-        return least_squares(
-            lambda scale: self.answer(scale) - target,
-            start,
-            lambda scale: self.slopes(scale, self.answer(scale)),
-            bounds=(0, np.inf),
-            x_scale="jac",
-            ftol=1e-8,
-            xtol=1e-10,
-            max_nfev=60,
-        )
-
-
 # ---- a trial -------------------------------------------------------------------------------------
 
 
@@ -288,27 +227,6 @@ class Trial:
     held: list[tuple[np.ndarray, np.ndarray]]
     model: dict
     key: dict = field(repr=False)
-
-
-class Bench:
-    """The commands, and where each one's periodic answer was last found: the next is not far."""
-
-    def __init__(self, commands: list[np.ndarray], tolerance: float):
-        self.commands, self.tolerance = commands, tolerance
-        self.starts: list[truth.Start | None] = [None] * len(commands)
-
-    def answers(
-        self, params: Params, n_steps: int, which: slice = slice(None)
-    ) -> list[tuple[np.ndarray, ...]]:
-        """(y, theta, rate) of each command in steady state."""
-        found = []
-        for i in range(len(self.commands))[which]:
-            start = self.starts[i] or next(filter(None, self.starts), None)
-            *signals, self.starts[i] = truth.steady(
-                params, self.commands[i], tolerance=self.tolerance, start=start, n_steps=n_steps
-            )
-            found.append(tuple(signals))
-        return found
 
 
 def calibrate(nulls: Nulls, hidden: Hidden, bench: Bench, n_fit: int, target: float):
@@ -419,19 +337,21 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
             raise TruthError("the effect cannot be given the size that was drawn")
     unexplained = None
     if kind in ("two", "foreign"):
-        unexplained = _unexplained(nulls, sum(traces), bench, len(fit), axis)
+        unexplained = unexplained_by_another(nulls, sum(traces), bench, len(fit), axis)
         if unexplained >= SEPARABLE:
-            bound = _unexplained_by_cogging(nulls, _together(base, added), bench, len(fit))
+            bound = unexplained_by_cogging(nulls, _together(base, added), bench, len(fit))
             unexplained = min(unexplained, bound)
         if unexplained < SEPARABLE:
             raise TruthError("one effect of the catalogue does the same")
     elif kind == "single" and drop >= SEPARABLE:
         contained = effects[0] in CONTAINED
         unexplained = (
-            0.0 if contained else _unexplained(nulls, traces[0], bench, len(fit), axis, but=effects[0])
+            0.0
+            if contained
+            else unexplained_by_another(nulls, traces[0], bench, len(fit), axis, but=effects[0])
         )
     params = _together(base, added)
-    drops = _drops_beside_each_other(traces, slopes) if traces else []
+    drops = drops_beside_each_other(traces, slopes) if traces else []
     if kind == "two" and min(drops) < 64:
         raise TruthError("one of the two would hide behind the other")
 
@@ -463,92 +383,6 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
 
 def _together(base: Params, added: list[Params]) -> Params:
     return dict(ChainMap(*added[::-1], base))
-
-
-def _drops_beside_each_other(traces: list[np.ndarray], slopes: np.ndarray) -> list[float]:
-    """Of each effect, what is left of its drop when the null's parameters and the other effect are there."""
-    drops = []
-    for i, trace in enumerate(traces):
-        others = np.column_stack([slopes, *[t for j, t in enumerate(traces) if j != i]])
-        others = others / np.linalg.norm(others, axis=0)
-        left = trace - others @ np.linalg.lstsq(others, trace, rcond=None)[0] if len(traces) > 1 else trace
-        drops.append(float(left @ left))
-    return drops
-
-
-def _unexplained(
-    nulls: Nulls, trace: np.ndarray, bench: Bench, n_fit: int, axis: Axis, but: str = ""
-) -> float:
-    """What is left of a drop beside the best effect of the catalogue but one, taken as linear."""
-    nulls.scale = np.ones(len(nulls.free))
-    at = nulls.answer(nulls.scale)
-    slopes = nulls.slopes(nulls.scale, at)
-    left = []
-    for effect, span in shapes_of_the_catalogue(axis):
-        if effect == but:
-            continue
-        seen = []
-        for extra in span:
-            answers = bench.answers(nulls.base | extra, truth.COARSE, slice(n_fit))
-            seen.append(nulls.whitened([y for y, *_ in answers]) - at)
-        columns = np.column_stack([slopes, *seen])
-        columns = columns / np.linalg.norm(columns, axis=0)
-        rest = trace - columns @ np.linalg.lstsq(columns, trace, rcond=None)[0]
-        left.append(rest @ rest)
-    return float(min(left))
-
-
-def _unexplained_by_cogging(nulls: Nulls, params: Params, bench: Bench, n_fit: int) -> float:
-    """What the best cogging leaves of a drop, fitted by simulation: whatever a fit leaves is an upper bound.
-
-    At one number of cycles it passes for most laws of the angle, and as it takes the place of a part of the
-    spring, it need not be small: of a cubic spring with an unbalance, drop 8601, it left 0.5 and not the 87
-    that it leaves when taken as linear.
-    """
-    none = np.ones(len(nulls.free))
-
-    def cogged(x: np.ndarray) -> Params:
-        scaled = {name: nulls.base[name] * s for name, s in zip(nulls.free, x[:-3], strict=True)}
-        wave = zip(CATALOGUE["motor_cogging"].values(), x[-3:], strict=True)
-        return nulls.base | scaled | dict(wave)
-
-    def answer(params: Params) -> np.ndarray:
-        return nulls.whitened([y for y, *_ in bench.answers(params, truth.COARSE, slice(n_fit))])
-
-    def slopes(x: np.ndarray) -> np.ndarray:
-        here, scale = answer(cogged(x)), x[:-3]
-        steps = 1e-3 * np.array([max(x[-3], 1e-3), x[-2], 1.0])
-        waves = [
-            (answer(cogged(x + step * unit)) - here) / step
-            for step, unit in zip(steps, np.eye(len(x))[-3:], strict=True)
-        ]
-        return np.column_stack([nulls.slopes(scale, nulls.answer(scale)), *waves])
-
-    def start(cycles: float) -> np.ndarray:
-        """From cogging taken as linear."""
-        small = 0.01
-        waves = [answer(cogged([*none, small, cycles, phase])) - alone for phase in (0.0, np.pi / 2)]
-        columns = np.column_stack([nulls.slopes(none, nulls.answer(none)), *waves])
-        *moved, sine, cosine = np.linalg.lstsq(columns, target - alone, rcond=None)[0]
-        wave = small * np.hypot(sine, cosine), cycles, np.arctan2(cosine, sine)
-        return np.array([*np.maximum(none + moved, 1e-3), *wave])
-
-    target, alone = answer(params), answer(nulls.base)
-    left = [np.inf]
-    for cycles in COGGING_STARTS:
-        try:
-            fit = least_squares(
-                lambda x: answer(cogged(x)) - target,
-                start(cycles),
-                slopes,
-                bounds=([*0 * none, 0.0, 1.0, -np.inf], np.inf),
-                x_scale="jac",
-                max_nfev=12,
-            )
-        except TruthError:
-            continue  # not followed there: no bound
-        left.append(2 * float(fit.cost))
-    return min(left)
 
 
 def _locked_at_50_db(params: Params, extra: Params, bench: Bench, record: int) -> Params:
