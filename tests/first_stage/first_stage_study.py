@@ -115,10 +115,12 @@ def outcome(row: Row) -> str:
     if kind in ("none", "unknown"):
         return kind
     right = bool(set(effects) & set(row["hidden"])) and row["kind"] != "removed"
-    same = row["hidden"] and family(catalogue()[row["hidden"][0]]) == family(catalogue()[effects[0]])
     if right:
         return f"{kind} right"
-    return f"{kind} family" if row["kind"] == "single" and same else f"{kind} wrong"
+    if row["kind"] != "single":  # the law of a foreign trial is not in the catalogue
+        return f"{kind} wrong"
+    same = family(catalogue()[row["hidden"][0]]) == family(catalogue()[effects[0]])
+    return f"{kind} {'family' if same else 'wrong'}"
 
 
 COLUMNS = ("named right", "named family", "named wrong", "nearest right", "nearest family", "nearest wrong")

@@ -8,10 +8,10 @@ import pytest
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue as laws_of
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
-from gsid.diagnosis.missing_torque.law_columns import Law
+from gsid.diagnosis.missing_torque.law_columns import Law, dissipated
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, Problem, fit_null, linear_part
 from gsid.diagnosis.missing_torque.motion import motions
-from gsid.diagnosis.missing_torque.ranking import Candidate
+from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, refit, scan_laws
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
@@ -172,6 +172,71 @@ def test_a_model_with_play_is_refused():
         first_stage(records(n_records=1), model)
 
 
+def test_a_law_is_named_beside_a_model_error_and_from_a_few_periods():
+    """Cogging remains, far above noise: lines are kept out in place of periods."""
+    hidden = {
+        "coulomb_friction": {"level": 1.0},
+        "motor_cogging": {"level": 0.03, "cycles_per_rev": 300.0, "phase_rad": 0.4},
+    }
+    found = first_stage(records(hidden, n_records=1, noise=0.004, periods=3), plant(TRUE, 0.05))
+    print(found)
+    assert (found.conclusion.kind, found.conclusion.effects) == ("named", ("coulomb_friction",))
+    assert found.ranking[0].params["level"] == pytest.approx(1.0, rel=0.05)
+
+
+def test_the_weights_of_a_model_error_leave_it_a_mean_power_of_1():
+    problem = Problem(plant(TRUE), spectra_of(records({"coulomb_friction": {"level": 2.0}})), None, DEFAULTS)
+    part = linear_part(plant(TRUE))
+    error = problem.lines_of(problem.error(part, problem.commands))
+    assert problem.whiten(error) == pytest.approx(problem.error(part, problem.commands))
+    weighted = problem.with_model_error(part, error)
+    assert weighted.has_model_error
+    for i, one in enumerate(error):
+        rows = weighted.whiten([one if k == i else 0 * e for k, e in enumerate(error)])
+        assert np.mean(rows[weighted.rows_of(i)] ** 2) == pytest.approx(1, rel=0.01)
+
+
+def test_a_model_that_leaves_noise_keeps_the_weights_of_noise():
+    problem = Problem(plant(TRUE), spectra_of(records()), None, DEFAULTS)
+    fit = fit_null(problem, linear_part(plant(TRUE, 0.05)))
+    weighted = problem.with_model_error(fit.part, [0.9 * e for e in problem.lines_of(fit.error)])
+    for before, after in zip(problem.records, weighted.records, strict=True):
+        np.testing.assert_allclose(after.weight, before.weight)
+
+
+def refitted(name, extra):
+    """A law after its joint fit to records with a hidden effect."""
+    problem = Problem(plant(TRUE), spectra_of(records(extra)), None, DEFAULTS)
+    null = fit_null(problem, linear_part(plant(TRUE, 0.05)))
+    moved = motions(problem, null.part)
+    scan = Scan(problem, null, moved)
+    effect = catalogue()[name]
+    law = Law(effect, name, laws_of.family(effect))
+    (one,) = scan_laws(scan, [law], laws_of.scales(problem, moved))
+    refit(problem, null, one, moved, null.part)
+    return one
+
+
+def test_a_law_that_has_become_another_one_has_no_fit():
+    assert refitted("stribeck_friction", {"quadratic_drag": {"rate": 0.02}}).fit is None
+    hidden = {"stribeck_friction": {"level": 2.0, "extra": 1.5, "velocity": 2.0}}
+    assert refitted("stribeck_friction", hidden).fit is not None
+
+
+def test_a_loop_that_is_nearly_closed_is_no_hysteresis():
+    """Along a hardening spring the loading and unloading rates are opposite."""
+    assert refitted("bouc_wen", {"cubic_spring": {"stiffness": 2.0}}).fit is None
+    law = Law(catalogue()["bouc_wen"], "bouc_wen", "dry friction")
+    problem = Problem(plant(TRUE), spectra_of(records(n_records=1)), None, DEFAULTS)
+    (moved,) = motions(problem, linear_part(plant(TRUE)))
+    travel = np.ptp(moved.angle)
+    shapes = np.array([[1.0, -1.0], [1.0, 1.0], [100.0, 100.0]]) / travel
+    closed, dahl, coulomb = dissipated(law, shapes, moved, 1.0)
+    assert abs(closed) < 0.02
+    assert 0.1 < dahl < coulomb
+    assert coulomb > 0.9
+
+
 # ---- decisions -------------------------------------------------------------------------------------
 
 MISFIT = Misfit(cost=8000.0, cost_per_dof=4.0, kept=4.0, n_rows=2000, n_periods=0)
@@ -232,6 +297,21 @@ def test_a_single_record_of_few_periods_is_no_name():
     best, other = candidate("coulomb_friction", 1.1), candidate("cubic_spring", 3.0)
     assert concluded(best, other, misfit=few).kind == "nearest"
     assert concluded(best, other, misfit=dataclasses.replace(MISFIT, n_periods=6)).kind == "named"
+
+
+def test_with_a_model_error_in_the_weights_shares_are_of_all_that_is_left():
+    """Two laws with 5 and 40 % of the misfit left; what is left of the best is 1 by its own weights."""
+    left = dataclasses.replace(MISFIT, kept=20.0, cost=40000.0, has_model_error=True, n_periods=2)
+    best, other = candidate("coulomb_friction", 1.0), candidate("cubic_spring", 8.0)
+    assert left.share(1.0) == pytest.approx(0.95, abs=0.01)
+    assert concluded(best, other, misfit=left).kind == "named"
+    assert concluded(best, candidate("cubic_spring", 5.0), misfit=left).kind == "nearest"
+    assert concluded(candidate("coulomb_friction", 2.5), other, misfit=left).kind == "nearest"
+
+
+def test_with_a_model_error_in_the_weights_nothing_is_not_an_answer():
+    left = dataclasses.replace(MISFIT, kept=1.05, cost=2010.0, cost_per_dof=1.02, has_model_error=True)
+    assert concluded(candidate("coulomb_friction", 1.0), misfit=left).kind == "unknown"
 
 
 def test_an_exact_column_that_leaves_more_than_noise_is_no_name():

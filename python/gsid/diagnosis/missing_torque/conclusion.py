@@ -49,6 +49,8 @@ class Misfit:
         Whitened numbers.
     n_periods : int
         Of a single record; 0 with several.
+    has_model_error : bool
+        Whether the weights contain what the best law leaves: 1 is then this model error, not noise.
     """
 
     cost: float
@@ -56,6 +58,12 @@ class Misfit:
     kept: float
     n_rows: int
     n_periods: int
+    has_model_error: bool = False
+
+    @property
+    def floor(self) -> float:
+        """Kept-out cost that noise alone leaves; 0 where noise is none of it."""
+        return 0.0 if self.has_model_error else 1.0
 
     @property
     def noise(self) -> float:
@@ -69,7 +77,7 @@ class Misfit:
         ----------
         kept : float
         """
-        return max(kept - 1 - self.noise, 0.0)
+        return max(kept - self.floor - self.noise, 0.0)
 
     def share(self, kept: float) -> float:
         """Share of the misfit that is explained, on what is kept out.
@@ -81,7 +89,7 @@ class Misfit:
         left = self.excess(kept)
         if left == 0:
             return 1.0
-        return 1 - left / (self.kept - 1) if self.kept > 1 else 0.0
+        return 1 - left / (self.kept - self.floor) if self.kept > 1 else 0.0
 
 
 def choose(candidates: Sequence[Candidate], misfit: Misfit, settings: SearchSettings) -> Candidate:
@@ -115,7 +123,7 @@ def equals(
         As `choose`.
     """
     others = [one for one in candidates if one.family == best.family and one is not best]
-    if best.kept > settings.member_cost:
+    if best.kept > settings.member_cost and not misfit.has_model_error:
         return [one.name for one in others if one.kept - 1 < 2 * (best.kept - 1)]
     return [
         one.name
@@ -142,7 +150,7 @@ def margin(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> floa
     """
     others = [one.kept for one in rivals if one.family != best.family]
     least = misfit.noise / 2
-    return max(min([*others, misfit.kept]) - 1, 0.0) / max(best.kept - 1, least)
+    return max(min([*others, misfit.kept]) - misfit.floor, 0.0) / max(best.kept - misfit.floor, least)
 
 
 def lead(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> float:
@@ -179,7 +187,7 @@ def conclude(
     """
     gain = misfit.cost - min([best.cost, *(one.cost for one in enlarged)])
     needed = best.n_parameters * math.log(misfit.n_rows) + settings.null_gain
-    if gain < needed and misfit.cost_per_dof < settings.null_cost:
+    if gain < needed and misfit.cost_per_dof < settings.null_cost and not misfit.has_model_error:
         return Conclusion("none")
     share = misfit.share(best.kept)
     reasons = _against(best, rivals, enlarged, misfit, settings)
@@ -226,7 +234,7 @@ def _against(
     ]
     if best.kept > settings.verdict_cost:
         reasons.append(f"What is left has {best.kept:.3g} times the power of noise.")
-    if 0 < misfit.n_periods < settings.periods_least:
+    if 0 < misfit.n_periods < settings.periods_least and not misfit.has_model_error:
         reasons.append(f"One record of {misfit.n_periods} periods shows no scatter.")
     return reasons
 

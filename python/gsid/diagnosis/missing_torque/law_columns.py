@@ -20,6 +20,7 @@ from gsid.diagnosis.missing_torque.linear_fit import Problem
 from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.effects.types import EffectParameter, EffectType
 
+ENDLESS = 1e60  # torque of a memory that grows from period to period; its square is a number
 QUARTER = {"rad": math.pi / 2, "deg": 90.0}  # of a turn, by the unit of a phase
 
 
@@ -180,7 +181,7 @@ def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.
         ffi.from_buffer("double[]", out),
     )
     check(status, f"torque of {law.name}")
-    return out
+    return np.clip(np.nan_to_num(out), -ENDLESS, ENDLESS)
 
 
 def dissipated(law: Law, shapes: np.ndarray, motion: Motion, radians: float) -> np.ndarray:

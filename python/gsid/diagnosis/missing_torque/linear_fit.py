@@ -9,11 +9,12 @@ whitened E has a variance of 1 where only noise is left.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
 
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -126,6 +127,11 @@ class Problem:
     band : (lo, hi) or None
         Hz.
     settings : SearchSettings
+
+    Attributes
+    ----------
+    has_model_error : bool
+        Whether the weights contain what a model leaves (`with_model_error`).
     """
 
     def __init__(
@@ -136,6 +142,7 @@ class Problem:
         settings: SearchSettings,
     ) -> None:
         self.settings = settings
+        self.has_model_error = False
         self.output_angle = model.output == "angle"
         self.radians = RADIANS[model.angle_unit]
         self.closed_loop = model.has_controller
@@ -209,6 +216,43 @@ class Problem:
         parts = [error * record.weight for error, record in zip(errors, self.records, strict=True)]
         together = np.concatenate(parts, axis=-1)
         return np.concatenate([together.real, together.imag], axis=-1)
+
+    def lines_of(self, whitened: np.ndarray) -> list[np.ndarray]:
+        """The errors of each record, (K,) complex, that `whiten` put together.
+
+        Parameters
+        ----------
+        whitened : (n_rows,) ndarray
+        """
+        half = self.n_rows // 2
+        together = whitened[:half] + 1j * whitened[half:]
+        ends = np.cumsum([len(r.line) for r in self.records])[:-1]
+        return [part / r.weight for part, r in zip(np.split(together, ends), self.records, strict=True)]
+
+    def with_model_error(self, part: LinearPart, errors: Sequence[np.ndarray]) -> Problem:
+        """The same records, weighted by noise and by a white torque of the power that a model leaves.
+
+        The weights of noise put everything on the lines where the output is largest, however little of it
+        the model explains there.
+
+        Parameters
+        ----------
+        part : LinearPart
+            Gives the response to a torque.
+        errors : sequence of (K,) complex ndarray
+            What the model leaves of each record.
+        """
+        entries = self.responses(part)
+        records = []
+        for r, error in zip(self.records, errors, strict=True):
+            noise, entry = r.variance[r.line], np.abs(entries[r.group][1]) ** 2
+            power = _torque_power(np.abs(error) ** 2, noise, entry)
+            variance = np.maximum(noise + power * entry, np.finfo(float).tiny)
+            records.append(replace(r, weight=np.sqrt(2 / variance)))
+        other = copy.copy(self)
+        other.records, other.has_model_error = records, True
+        other.first = [next(r for r in records if r.group == g) for g in range(self.n_groups)]
+        return other
 
     def rows_of(self, record: int) -> np.ndarray:
         """Rows of `whiten` that belong to one record, (n_rows,) bool.
@@ -287,6 +331,19 @@ def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int) -> 
     weight = np.sqrt(2 / np.maximum(mean_variance[line], np.finfo(float).tiny))
     u, y = one.u, one.y
     return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group)
+
+
+def _torque_power(error: np.ndarray, noise: np.ndarray, entry: np.ndarray) -> float:
+    """Power of a white torque that makes the mean of error / (noise + power entry) 1; 0 if noise does."""
+    shown = entry > 0
+
+    def excess(power: float) -> float:
+        return float(np.mean(error[shown] / np.maximum(noise + power * entry, 1e-300)[shown])) - 1
+
+    most = float(np.mean(error[shown] / entry[shown]))
+    if most == 0 or excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 0.0, 1.01 * most, rtol=1e-3))
 
 
 # ---- fits ----------------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ from gsid.diagnosis.missing_torque.linear_fit import (
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.effects.types import EffectType
 
+BOUND = 1e-3  # of the largest coefficient: a smaller one is at its bound
 GOLDEN = 0.381966  # 1 - 1 / golden ratio
 
 
@@ -55,6 +56,8 @@ class Candidate:
         Values of the law's shapes.
     bracket : (d, 2) ndarray
         Between these values each of them is refined.
+    ends : (d, 2) ndarray
+        Largest range of several shapes: twice that of the grid.
     fit : LinearFit or None
         Joint fit; None if it was not refitted.
     kept : float
@@ -72,6 +75,7 @@ class Candidate:
     law: Law | None = None
     shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
     bracket: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     start: LinearPart | None = None
     points: tuple[float, ...] = ()
     fit: LinearFit | None = None
@@ -209,7 +213,9 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
             gains, _ = scan.torque_gains(law, points, error)
         best = int(np.argmax(gains))
         ends = _neighbours(points, points[best])
-        found.append(Candidate(law.name, law.family, law.effect, float(gains[best]), law, points[best], ends))
+        one = Candidate(law.name, law.family, law.effect, float(gains[best]), law, points[best], ends)
+        one.ends = np.stack([_twice(points.min(axis=0)), 2 * points.max(axis=0)], axis=1)
+        found.append(one)
     found.sort(key=lambda one: -one.gain)
     most = found[0].gain if found else 0.0
     for one in found:
@@ -221,6 +227,10 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
 def _is_dissipative(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> np.ndarray:
     """Whether a law with memory is a friction, (shapes,) bool, and not a spring."""
     return dissipated(law, shapes, moved[0], problem.radians) >= problem.settings.dissipated_least
+
+
+def _twice(least: np.ndarray) -> np.ndarray:
+    return np.where(least < 0, 2 * least, least / 2)
 
 
 def _neighbours(points: np.ndarray, best: np.ndarray) -> np.ndarray:
@@ -441,7 +451,8 @@ def refit(
 ) -> None:
     """Fit a candidate together with the linear part, and judge it on what is kept out; in place.
 
-    A law with memory that dissipates nothing is a spring, and stays without a fit.
+    A law that has become another one stays without a fit: one with memory that dissipates nothing is a
+    spring, and Stribeck's without its level or its extra is not Stribeck's.
 
     Parameters
     ----------
@@ -461,11 +472,16 @@ def refit(
         _refit_command(problem, null, one, moved)
     else:
         _refit_torque(problem, null, one, moved)
-        if (
-            one.law.effect.c.has_memory
-            and not _is_dissipative(one.law, one.shape[None, :], problem, moved)[0]
-        ):
+        if _is_other_law(problem, one, moved):
             one.fit, one.kept = None, np.inf
+
+
+def _is_other_law(problem: Problem, one: Candidate, moved: Sequence[Motion]) -> bool:
+    law, c = one.law, one.coefficients
+    at_bound = np.isfinite(law.lower) & (c - law.lower <= BOUND * np.max(np.abs(c)))
+    if len(c) > 1 and np.any(at_bound):
+        return True
+    return bool(law.effect.c.has_memory) and not _is_dissipative(law, one.shape[None, :], problem, moved)[0]
 
 
 def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
@@ -531,7 +547,7 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
         lines = [t[0] for t in torque_lines(law, one.shape[None, :], problem, moved)]
         fit = fit_linear_part(problem, part, torques=lines, first=c, lower=law.lower)
         if len(law.shapes) > 1:
-            fit = _with_shape(problem, law, replace(fit, shape=one.shape), moved)
+            fit = _with_shape(problem, one, replace(fit, shape=one.shape), moved)
             one.shape = fit.shape
         if best is None or fit.cost < best[0].cost:
             best = fit, moved, one.shape
@@ -565,10 +581,10 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
     one.kept, one.scatter, one.scatter_error = kept
 
 
-def _with_shape(problem: Problem, law: Law, fit: LinearFit, moved: Sequence[Motion]) -> LinearFit:
+def _with_shape(problem: Problem, one: Candidate, fit: LinearFit, moved: Sequence[Motion]) -> LinearFit:
     """Fit several shapes together with all else: their best values depend on each other's."""
-    lower, upper = (np.array([getattr(p, end) for p in law.shapes]) for end in ("lower", "upper"))
-    ends = np.concatenate([law.lower, lower]), np.concatenate([np.full(law.n_columns, np.inf), upper])
+    law, free = one.law, np.full(one.law.n_columns, np.inf)
+    ends = np.concatenate([law.lower, one.ends[:, 0]]), np.concatenate([free, one.ends[:, 1]])
 
     def torques_of(shape: np.ndarray) -> list[np.ndarray]:
         return [t[0] for t in torque_lines(law, shape[None, :], problem, moved)]
@@ -652,7 +668,10 @@ def keep_out(
 def _parts(
     problem: Problem, error: np.ndarray, jacobian: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Normal equations, rows and error of each realisation; of a single record those of its thirds."""
+    """Normal equations, rows and error of each realisation; of a single record those of thirds.
+
+    The thirds are those of its periods, or those of its lines where a model error is left.
+    """
     if len(problem.records) > 1:
         found = []
         for i in range(len(problem.records)):
@@ -660,6 +679,10 @@ def _parts(
             found.append(_normal(jacobian[rows], error[rows]))
         return found
     (record,) = problem.records
+    if problem.has_model_error:
+        # It is the same in all periods: the lines are what is independent.
+        of = np.tile(np.arange(len(record.line)) % 3, 2)
+        return [_normal(jacobian[of == i], error[of == i]) for i in range(3)]
     thirds = np.array_split(record.spectra.Y[:, record.line], min(3, record.spectra.n_periods))
     found = []
     for third in thirds:

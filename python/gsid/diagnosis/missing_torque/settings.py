@@ -69,6 +69,12 @@ class SearchSettings:
     stuck : float
         Rate below which an axis with dry friction may stick, in standard deviations of its measured rate; its
         sign is noise there.
+    model_error : float
+        Kept-out cost of the best law above which the weights contain what it leaves: the model's error is
+        then larger than noise.
+    renewed : float
+        Difference of the best law's cost per degree of freedom from 1 up to which these weights are not
+        renewed again: no decision depends on so little.
     dissipated_least : float
         Least share of the work of a law with memory that does not come back. A loop that is nearly closed is
         a spring: on a measured cubic spring 0.6 %, on the hysteretic benchmark 40 %.
@@ -129,6 +135,8 @@ class SearchSettings:
     named_share: float = 0.9
     named_margin: float = 6.0
     named_scatter: float = 0.06
+    model_error: float = 3.0
+    renewed: float = 0.1
     dissipated_least: float = 0.1
     named_lead: float = 100.0
     exact_share: float = 0.995

@@ -194,21 +194,26 @@ def first_stage(
     clock.take("linear part")
     found = [_fitted(*each, given, model, without, clock, on_step) for each in _possible(nulls, settings)]
     one = min(found, key=lambda each: each.best.kept)
+    if one.best.kept > settings.model_error:
+        on_step("fitting with the weights of what is left")
+        by_noise, one = one, _with_model_error(one, model, without)
+        clock.take("model error")
+    else:
+        by_noise = one
     enlarged = _enlarged(one.problem, one.null, one.moved, one.best, one.given)
     clock.take("enlarged laws")
     rest = sorted((each for each in one.refitted if each is not one.best), key=lambda each: each.kept)
     conclusion = conclude(one.best, one.refitted, enlarged, one.misfit, settings)
-    ranking = [_ranked(each, one.refitted, one.misfit) for each in [one.best, *rest]]
+    ranking = [_ranked(each, one, by_noise) for each in [one.best, *rest]]
     ranking += [_scan_only(each) for each in one.candidates if each.fit is None]
     if one.before is not None:
         conclusion = _with_hold(conclusion)
-        ranking.insert(
-            0, _ranked_hold(one.before, one.null, _misfit(one.problem, one.before), one.misfit.kept)
-        )
+        before = _misfit(by_noise.problem, one.before)
+        ranking.insert(0, _ranked_hold(one.before, by_noise.null, before, by_noise.misfit.kept))
     return FirstStage(
         conclusion,
         ranking,
-        one.null.cost_per_dof,
+        by_noise.null.cost_per_dof,
         one.null.part.stack,
         _not_tried(model, one.problem),
         clock.seconds,
@@ -278,6 +283,39 @@ def _fitted(
 def _hold(problem: Problem) -> str | None:
     holds = {r.spectra.hold for r in problem.records}
     return holds.pop() if len(holds) == 1 else None
+
+
+def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str]) -> _Fitted:
+    """The same with weights of noise and of what the model leaves, renewed with the best law."""
+    problem, null = one.problem, one.null
+    for _ in range(problem.settings.passes):
+        weighted = one.problem.with_model_error(null.part, problem.lines_of(null.error))
+        problem, null = weighted, fit_linear_part(weighted, null.part)
+    moved = motions(problem, null.part)
+    candidates = _scanned(problem, null, moved, model, without)
+    refitted = _refitted(problem, null, moved, candidates, one.given)
+    best = choose(refitted, _misfit(problem, null), problem.settings)
+    for _ in range(problem.settings.passes):
+        problem = one.problem.with_model_error(best.fit.part, problem.lines_of(best.fit.error))
+        null = fit_linear_part(problem, null.part)
+        moved = motions(problem, null.part)
+        for each in refitted:
+            refit(problem, null, each, moved, one.given)
+        refitted = [each for each in refitted if each.fit is not None]
+        misfit = _misfit(problem, null)
+        best = choose(refitted, misfit, problem.settings)
+        if abs(best.fit.cost_per_dof - 1) < problem.settings.renewed:
+            break
+    return replace(
+        one,
+        problem=problem,
+        null=null,
+        moved=moved,
+        candidates=candidates,
+        refitted=refitted,
+        misfit=misfit,
+        best=best,
+    )
 
 
 HOLD = next(effect.id for effect in effect_types().values() if effect.linear_part == "hold")
@@ -360,20 +398,23 @@ def _enlarged(
 def _misfit(problem: Problem, null: LinearFit) -> Misfit:
     kept, _, _ = keep_out(problem, null, null.jacobian, 1)
     n_periods = problem.records[0].spectra.n_periods if len(problem.records) == 1 else 0
-    return Misfit(null.cost, null.cost_per_dof, kept, problem.n_rows, n_periods)
+    return Misfit(null.cost, null.cost_per_dof, kept, problem.n_rows, n_periods, problem.has_model_error)
 
 
-def _ranked(one: Candidate, fitted: list[Candidate], misfit: Misfit) -> Ranked:
-    linear = one.fit.part.stack
+def _ranked(one: Candidate, among: _Fitted, by_noise: _Fitted) -> Ranked:
+    """A law of the ranking; its costs are those with the weights of noise."""
+    fit = one.fit
+    if among is not by_noise:
+        fit = replace(fit, error=by_noise.problem.whiten(among.problem.lines_of(fit.error)))
     return Ranked(
         (one.name,),
         one.params,
-        linear,
-        one.fit.cost_per_dof,
-        misfit.share(one.kept),
-        margin(one, fitted, misfit),
+        fit.part.stack,
+        fit.cost_per_dof,
+        among.misfit.share(one.kept),
+        margin(one, among.refitted, among.misfit),
         one.scatter,
-        misfit.cost - one.cost,
+        by_noise.null.cost - fit.cost,
         one.gain,
     )
 
