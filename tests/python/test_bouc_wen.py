@@ -10,9 +10,9 @@ from gsid.effects.types import catalogue
 from gsid.greybox.fit import fit_plant
 
 FS_HZ, N, SETTLE = 500.0, 250, 10
-GAIN, RATE, STIFFNESS = 500.0, 25.0, 9000.0
+GAIN, RATE, STIFFNESS = 500.0, 25.0, 13000.0
 # z' = ALPHA w - BETA (GAMMA |w| z + DELTA w |z|)
-ALPHA, BETA, GAMMA, DELTA = 6000.0, 1.5, 0.8, -1.1
+ALPHA, BETA, GAMMA, DELTA = 2000.0, 1.5, 0.8, -1.1
 LAW = {"stiffness": ALPHA, "unloading": BETA * (GAMMA - DELTA), "loading": BETA * (GAMMA + DELTA)}
 
 
@@ -53,12 +53,11 @@ def settled():
     return [(u, *integrated(u)) for u in (command(seed) for seed in range(2))]
 
 
-@pytest.fixture(scope="module")
-def records(settled):
-    """The integrated axis with white noise."""
+def records(settled, noise):
+    """The integrated axis with white noise, a share of the output's rms."""
     found, rng = [], np.random.default_rng(3)
     for u, y, _ in settled:
-        noisy = np.tile(y, 8) + 1e-2 * np.std(y) * rng.standard_normal(8 * N)
+        noisy = np.tile(y, 8) + noise * np.std(y) * rng.standard_normal(8 * N)
         found.append(gsid.Record(np.tile(u, 8), noisy, FS_HZ, N, 0, hold="zoh", y_unit="deg/s"))
     return found
 
@@ -77,9 +76,9 @@ def test_equal_rates_are_dahls_law():
     np.testing.assert_allclose(model(bouc_wen=same).simulate(u).y, y, atol=1e-9 * np.max(np.abs(y)))
 
 
-def test_a_fit_finds_its_values(records):
+def test_a_fit_finds_its_values(settled):
     off = {name: value * factor for (name, value), factor in zip(LAW.items(), (1.1, 0.9, 1.2), strict=True)}
-    found = fit_plant(model(bouc_wen=off), records)
+    found = fit_plant(model(bouc_wen=off), records(settled, 0.01))
     assert found.cost_per_dof == pytest.approx(1, abs=0.15)
     for name, value in LAW.items():
         fitted = found.model[f"bouc_wen.{name}"]
@@ -87,14 +86,13 @@ def test_a_fit_finds_its_values(records):
         assert fitted.std < 0.2 * abs(value), name
 
 
-def test_the_first_stage_ranks_it_first(records):
-    found = first_stage(records, model())
-    print(found)
-    assert found.ranking[0].effects == ("bouc_wen",)
-    assert found.ranking[0].share_kept_out > 0.99
+def test_the_first_stage_names_it(settled):
+    found = first_stage(records(settled, 0.05), model())
+    print(found, found.ranking[0].params)
+    assert (found.conclusion.kind, found.conclusion.effects) == ("named", ("bouc_wen",))
     params = found.ranking[0].params
-    assert params["unloading"] == pytest.approx(LAW["unloading"], rel=0.2)
-    assert params["loading"] == pytest.approx(LAW["loading"], rel=0.2)
+    # Stiffness and rates trade against the linear spring: for values see the hysteretic benchmark.
+    assert params["loading"] < 0 < params["unloading"]
 
 
 def test_it_is_in_the_catalogue_with_its_units():

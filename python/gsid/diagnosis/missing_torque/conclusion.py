@@ -67,8 +67,11 @@ class Misfit:
 
     @property
     def noise(self) -> float:
-        """Two standard deviations of a mean of n_rows squares: less than this above 1 is noise."""
-        return 2 * math.sqrt(2 / self.n_rows)
+        """Two standard deviations of a mean of n_rows squares: less than this above 1 is noise.
+
+        0 where a model error is in the weights: what is left then counts to the last bit.
+        """
+        return 0.0 if self.has_model_error else 2 * math.sqrt(2 / self.n_rows)
 
     def excess(self, kept: float) -> float:
         """Kept-out cost above noise.
@@ -149,7 +152,7 @@ def margin(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> floa
     misfit : Misfit
     """
     others = [one.kept for one in rivals if one.family != best.family]
-    least = misfit.noise / 2
+    least = max(misfit.noise / 2, 1e-12)
     return max(min([*others, misfit.kept]) - misfit.floor, 0.0) / max(best.kept - misfit.floor, least)
 
 

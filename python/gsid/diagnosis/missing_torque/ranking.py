@@ -542,6 +542,9 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
     error = scan.freed(null.error)
     _, found = scan.torque_gains(law, one.shape[None, :], error)
     part, c = null.part, found[0]
+    if one.fit is not None:  # with other weights
+        part, c = one.fit.part, one.fit.coefficients
+        moved = motions(problem, part)
     best: tuple[LinearFit, Sequence[Motion], float] | None = None
     for attempt in range(problem.settings.passes + 1):
         lines = [t[0] for t in torque_lines(law, one.shape[None, :], problem, moved)]

@@ -194,16 +194,15 @@ def first_stage(
     clock.take("linear part")
     found = [_fitted(*each, given, model, without, clock, on_step) for each in _possible(nulls, settings)]
     one = min(found, key=lambda each: each.best.kept)
-    if one.best.kept > settings.model_error:
-        on_step("fitting with the weights of what is left")
-        by_noise, one = one, _with_model_error(one, model, without)
-        clock.take("model error")
-    else:
-        by_noise = one
-    enlarged = _enlarged(one.problem, one.null, one.moved, one.best, one.given)
+    conclusion = _concluded(one)
     clock.take("enlarged laws")
+    by_noise = one
+    if conclusion.kind != "named" and one.best.kept > settings.model_error:
+        on_step("fitting with the weights of what is left")
+        one = _with_model_error(one, model, without)
+        conclusion = _concluded(one)
+        clock.take("model error")
     rest = sorted((each for each in one.refitted if each is not one.best), key=lambda each: each.kept)
-    conclusion = conclude(one.best, one.refitted, enlarged, one.misfit, settings)
     ranking = [_ranked(each, one, by_noise) for each in [one.best, *rest]]
     ranking += [_scan_only(each) for each in one.candidates if each.fit is None]
     if one.before is not None:
@@ -280,31 +279,36 @@ def _fitted(
     return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best)
 
 
+def _concluded(one: _Fitted) -> Conclusion:
+    enlarged = _enlarged(one.problem, one.null, one.moved, one.best, one.given)
+    return conclude(one.best, one.refitted, enlarged, one.misfit, one.problem.settings)
+
+
 def _hold(problem: Problem) -> str | None:
     holds = {r.spectra.hold for r in problem.records}
     return holds.pop() if len(holds) == 1 else None
 
 
 def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str]) -> _Fitted:
-    """The same with weights of noise and of what the model leaves, renewed with the best law."""
-    problem, null = one.problem, one.null
-    for _ in range(problem.settings.passes):
-        weighted = one.problem.with_model_error(null.part, problem.lines_of(null.error))
-        problem, null = weighted, fit_linear_part(weighted, null.part)
-    moved = motions(problem, null.part)
-    candidates = _scanned(problem, null, moved, model, without)
-    refitted = _refitted(problem, null, moved, candidates, one.given)
-    best = choose(refitted, _misfit(problem, null), problem.settings)
-    for _ in range(problem.settings.passes):
+    """The same with weights of noise and of what the best law leaves, renewed with it."""
+    settings, null, best = one.problem.settings, one.null, one.best
+    problem, refitted, candidates = one.problem, [], one.candidates
+    for _ in range(1 + settings.passes):
         problem = one.problem.with_model_error(best.fit.part, problem.lines_of(best.fit.error))
         null = fit_linear_part(problem, null.part)
         moved = motions(problem, null.part)
-        for each in refitted:
-            refit(problem, null, each, moved, one.given)
-        refitted = [each for each in refitted if each.fit is not None]
+        if not refitted:
+            known = {each.name: each for each in one.refitted}
+            scanned = _scanned(problem, null, moved, model, without)
+            candidates = [known.get(each.name, each) for each in scanned]
+            refitted = _refitted(problem, null, moved, candidates, one.given)
+        else:
+            for each in refitted:
+                refit(problem, null, each, moved, one.given)
+            refitted = [each for each in refitted if each.fit is not None]
         misfit = _misfit(problem, null)
-        best = choose(refitted, misfit, problem.settings)
-        if abs(best.fit.cost_per_dof - 1) < problem.settings.renewed:
+        best = choose(refitted, misfit, settings)
+        if abs(best.fit.cost_per_dof - 1) < settings.renewed:
             break
     return replace(
         one,
