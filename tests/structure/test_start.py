@@ -72,6 +72,26 @@ def test_coulomb_friction_adds_no_elements(seed):
     assert std["viscous_friction.rate"] > 2 * noise["viscous_friction.rate"]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_bug_friction_of_a_fifth_of_the_drive_hid_a_spring(seed):
+    """The variance at the first lines, which show the spring, was four times too large."""
+    print("seed", SEED, 15, seed)
+    rng = np.random.default_rng([SEED, 15, seed])
+    axis = axes.Axis(10.0, 10.6, (2 * np.pi * 2.6) ** 2, [(190.0, 0.025, 0.31)], 0.0, 4e-3, coulomb=0.2)
+    found = gsid.start(record(axis, rng))
+    assert set(flat(found.effects)) == set(expected(axis)), found
+
+
+def test_bug_every_structure_was_refused_after_fits_of_high_weight():
+    """The rational fits with a small allowed error ended far away; only structures that are refused remained."""
+    rng = np.random.default_rng([9002, 20, 54])
+    axis = axes.drawn(rng, 0.2)
+    found = gsid.start(record(axis, rng))
+    assert found.represented
+    assert found.output == "rate"
+    assert found.effects["flexible_mode"]["f_hz"] == pytest.approx(axis.modes[0][0], rel=5e-3)
+
+
 def test_bug_the_holds_were_compared_with_default_settings():
     """With other odds against a slow lag the scores of the two holds ignored them."""
     rng = np.random.default_rng([SEED, 60])

@@ -6,7 +6,7 @@ import pytest
 from gsid.base.errors import InputError
 from gsid.excitation.multisine import Multisine
 from gsid.records.record import Record
-from gsid.response.total_variance import total_variance
+from gsid.response.total_variance import local_variance, total_variance
 
 SEED = 20261122
 N, P, FS_HZ = 2000, 4, 1000.0
@@ -77,6 +77,17 @@ def test_distortion_is_in_the_total_variance_and_not_in_the_noise(rng):
         one = total_variance(realisations[0]).sources[source]
         assert 0.4 < np.median(one / true) < 2.5, source
     assert np.median(total_variance(realisations[0]).var_noise / true) < 1e-2
+
+
+def test_bug_the_variance_at_the_first_lines_of_a_slope_was_that_of_larger_responses(rng):
+    """Behind a spring the response rises from the first line on, and so does the distortion."""
+    line = np.arange(1, 200, 2)
+    true = 1 / (1j * line + 12.0 + 150.0 / (1j * line))
+    share = 0.2 * (rng.standard_normal((200, len(line))) + 1j * rng.standard_normal((200, len(line))))
+    found = np.array([local_variance(line, true * (1 + one / np.sqrt(2))) for one in share])
+    ratio = np.median(found, axis=0) / (0.2 * np.abs(true)) ** 2
+    assert ratio[:8].max() < 1.6
+    assert ratio.min() > 0.6
 
 
 def test_smooth_phases_are_recognised(rng):

@@ -17,6 +17,7 @@ from gsid.plots.style import (
     db_label,
     draw_points,
     frequency_axis,
+    legend_below,
     limits_db,
     new_figure,
     per_unit,
@@ -55,7 +56,6 @@ def start(found: Start) -> Figure:
     gain_ax.plot(f, noise, color=NOISE, linewidth=0.8, linestyle=":", label="of the noise alone")
     limits_db(gain_ax, db(g), noise)
     gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(measured.y_unit, measured.u_unit))))
-    gain_ax.legend(loc="best")
     phase = unwrapped_phase_deg(f, model)
     draw_points(
         phase_ax, f, phase + np.degrees(np.angle(g / model)), MEASURED, None, markersize=3.6, alpha=0.55
@@ -64,4 +64,5 @@ def start(found: Start) -> Figure:
     frequency_axis(gain_ax, f, label=False)
     frequency_axis(phase_ax, f)
     phase_axis(phase_ax)
+    legend_below(figure, [gain_ax])  # inside, it would cover the line of the noise
     return figure

@@ -394,7 +394,7 @@ def local_variance(line: np.ndarray, g: np.ndarray) -> np.ndarray:
         return np.zeros(len(line))
     first = np.clip(np.arange(len(line)) - LOCAL_LINES // 2, 0, len(line) - LOCAL_LINES)
     beside = first[:, None] + np.arange(LOCAL_LINES)
-    x = (line[beside] - line[:, None]).astype(float)
+    x = (line[beside] - line[beside[:, LOCAL_LINES // 2], None]).astype(float)
     x /= np.abs(x).max(axis=1, keepdims=True)
     level = response_level(g)
     weight = 1 / np.sqrt(level[beside])

@@ -22,7 +22,7 @@ PER_STRUCTURE = 2
 """Readings of one structure that are refined."""
 DEFAULTS = StructureSettings()
 KEEP = 60.0
-"""Scores above the best by more are not refined again at the next allowed error."""
+"""Scores above the best that is not refused by more are not refined again at the next allowed error."""
 LAGS_OF_CORRELATION = 20
 """Lines over which the residual's correlation is summed."""
 
@@ -187,7 +187,8 @@ class _Search:
         self.data = Data(self.lines, self.measured.g, 1 / np.sqrt(variance))
         before, self.found = self.found, {}
         if before:
-            least = min(one.score for one in before.values())
+            scores = [one.score for one in before.values() if not one.refused]
+            least = min(scores or [one.score for one in before.values()])
             for one in sorted(before.values(), key=lambda c: c.score):
                 if one.score < least + KEEP:
                     self._try(one.fitted.values)
@@ -195,11 +196,13 @@ class _Search:
     def _read_poles(self) -> None:
         """Rational fits, and the best readings of their poles."""
         self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings)
+        looser = max(self.relative_error, self.settings.second_error)
+        models = self.rational + rational_starts(self.measured.frf(looser), self.settings)
         band = self.lines.w[0], self.lines.w[-1]
         early_s = 0.5 / self.measured.fs_hz if self.lines.held else 0.0
         fast = replace(self.data, lines=replace(self.lines, images=False))
         read: list[tuple[float, Fitted]] = []
-        for model in self.rational:
+        for model in models:
             poles = poles_of(model, *band, early_s, self.settings)
             for values in readings(poles, self.outputs, *band, self.settings):
                 one = linear_fit(values, fast)

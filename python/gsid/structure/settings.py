@@ -16,6 +16,9 @@ class StructureSettings:
     first_error, error_max, smooth_error : float
         Error that a linear model is allowed, over the response: at the start, at most, and at least where one
         realisation with smooth phases hides its distortion. A larger one than `error_max` describes nothing.
+    second_error : float
+        Error at which the rational fits are repeated: with a small one, lines of little distortion alone
+        decide, and a fit may end far from all others.
     scale_min : float
         Least factor on the total variance.
     n_rounds : int
@@ -76,6 +79,7 @@ class StructureSettings:
     """
 
     first_error: float = 0.03
+    second_error: float = 0.1
     error_max: float = 0.25
     smooth_error: float = 0.2
     scale_min: float = 0.5
