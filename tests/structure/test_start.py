@@ -83,7 +83,7 @@ def test_bug_friction_of_a_fifth_of_the_drive_hid_a_spring(seed):
 
 
 def test_bug_every_structure_was_refused_after_fits_of_high_weight():
-    """The rational fits with a small allowed error ended far away; only structures that are refused remained."""
+    """The rational fits with a small allowed error ended far away: all structures were refused."""
     rng = np.random.default_rng([9002, 20, 54])
     axis = axes.drawn(rng, 0.2)
     found = gsid.start(record(axis, rng))
