@@ -16,6 +16,9 @@ that fails with it has found it. `make mutants` draws {n} mutants of each part o
 judges each by the tests that execute its line, and writes this page. Changes that do not compile, or that
 compile to the same program, are not counted. [Decisions](decisions.md) has the reasons for the tools.
 A run that was stopped early has judged fewer than {n}. This run was made at commit {commit}.
+
+Tests were added where this sample showed a gap. The share found is therefore too large for the source as a
+whole: of mutants drawn from another seed, the tests find fewer.
 """
 
 
