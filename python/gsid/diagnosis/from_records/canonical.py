@@ -24,7 +24,22 @@ LAGS = ("sensor_lag", "motor_lag")
 Stack = dict[str, dict[str, float]]
 
 
-def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> PlantModel:
+def has_low_mode(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> bool:
+    """Whether the canonical stack leaves out a mode, or merges it with the body.
+
+    Parameters
+    ----------
+    model : PlantModel
+    f_lo_hz, settings
+        As `canonical_stack`.
+    """
+    modes = [effect for effect in model.effects if effect.id == MODE]
+    return any(mode.params["f_hz"].value < settings.low_mode * f_lo_hz for mode in modes)
+
+
+def canonical_stack(
+    model: PlantModel, f_lo_hz: float, settings: DecisionSettings, *, merged: bool = True
+) -> PlantModel:
     """The canonical stack of a linear model.
 
     Parameters
@@ -34,6 +49,8 @@ def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSetting
     f_lo_hz : float
         Lowest line [Hz].
     settings : DecisionSettings
+    merged : bool
+        Whether low modes are merged with the body or left out.
 
     Returns
     -------
@@ -45,7 +62,7 @@ def canonical_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSetting
     ours = (BODY, DAMPING, SPRING, DELAY, *LAGS)
     stack = {effect.id: _values(effect.params) for effect in model.effects if effect.id in ours}
     others = [effect for effect in model.effects if effect.id not in (*ours, MODE)]
-    low = [mode for mode in modes if mode["f_hz"].value < settings.low_mode * f_lo_hz]
+    low = [mode for mode in modes if merged and mode["f_hz"].value < settings.low_mode * f_lo_hz]
     corner = 2 * math.pi * settings.corner * f_lo_hz
     if low and SPRING not in stack:
         _merge(stack, _values(low[0]))

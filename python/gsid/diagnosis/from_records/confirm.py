@@ -101,11 +101,19 @@ class Simulations:
         known = [effect for effect in self.known if effect.id not in present]
         model = replace(model, effects=[*model.effects, *known]) if known else model
         try:
+            if not self._settles(model):
+                self.not_tried[name] = "its simulation reaches no steady state"
+                return None
             fit = self._in_slices(model, to_beat)
         except (GsidError, InputError) as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
         return judged(fit, tuple(effects))
+
+    def _settles(self, model: PlantModel) -> bool:
+        """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
+        answer = model.predict(self.measured[0])
+        return answer.settled or answer.residual < self.settings.unsettled * float(np.std(answer.y))
 
     def _in_slices(self, model: PlantModel, to_beat: float | None) -> PlantFit:
         steps, before = 1, np.inf
@@ -114,13 +122,15 @@ class Simulations:
             began = time.perf_counter()
             fit = fit_plant(model, self.measured, band=self.band, max_iter=steps)
             now = time.perf_counter()
-            if has_converged(fit) or now > self.deadline:
+            if has_converged(fit) or fit.unsettled or now > self.deadline:
+                break
+            if before - fit.cost < max(self.settings.stalled, 1e-4 * fit.cost):
                 break
             behind = 0.0 if to_beat is None else before - to_beat
             if behind > 0 and before - fit.cost < self.settings.hopeless * behind:
                 break
             each_s = (now - began) / (steps + 1)
-            steps = int(np.clip((self.deadline - now) / each_s - 1, 1, self.settings.slice_steps))
+            steps = int(np.clip(0.5 * (self.deadline - now) / each_s, 1, self.settings.slice_steps))
             model, before = fit.model, fit.cost
         return fit
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
+from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.linear_fit import Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage
 from gsid.effects.types import find
 from gsid.plant.effect import Effect, Param
@@ -68,6 +71,21 @@ def draft(
         model = with_stack(model, best.linear)
         stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
     return Draft(with_stack(model, stage.linear), stage, first, added)
+
+
+def null_cost(measured: list[Spectra], model: PlantModel, band: tuple[float, float] | None) -> float:
+    """Cost per degree of freedom of a linear stack alone, under the likelier hold.
+
+    Parameters
+    ----------
+    measured : list of Spectra
+    model : PlantModel
+    band : (lo, hi) or None
+        Hz.
+    """
+    readings = READINGS if is_open(measured) else READINGS[:1]
+    problems = [Problem(model, read_as(measured, reading), band, DEFAULTS) for reading in readings]
+    return min(fit_null(problem, linear_part(model)).cost_per_dof for problem in problems)
 
 
 def _adds_linear(stage: FirstStage, settings: DecisionSettings) -> bool:

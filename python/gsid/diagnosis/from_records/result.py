@@ -62,7 +62,8 @@ class RecordsDiagnosis(Plottable):
     effects : tuple of str
         The law that is missing, or the nearest; several where the data do not distinguish them.
     unexplained_share : float or None
-        Share of the misfit that the law leaves, where it was not fitted. None without a law.
+        Share of the misfit that the law leaves, where it was not fitted. None without a law, and where the
+        misfit is so small that its size is not known.
     confirmed : bool
         Whether the verdict was confirmed by simulation; False for a first draft.
     reasons : tuple of str
@@ -140,14 +141,16 @@ class RecordsDiagnosis(Plottable):
     @property
     def sentence(self) -> str:
         """The verdict as a sentence."""
+        if self.model is None:
+            return "No law was judged: no stack of effects represents the data."
         names = " or ".join(self.effects)
         draft = "" if self.confirmed else "First draft, not confirmed by simulation: "
         if self.adequate:
             text = "these data show no missing effect."
         elif self.named:
-            text = f"missing is {names} ({self._cost}, {self._unexplained})."
+            text = f"missing is {names} ({self._cost}{self._unexplained})."
         elif self.verdict == NEAREST:
-            text = f"an effect is missing; the nearest is {names} ({self._unexplained})."
+            text = f"an effect is missing; the nearest is {names} ({self._cost}{self._unexplained})."
         else:
             text = "an effect is missing that no law of the catalogue explains."
         return draft + text if draft else text[0].upper() + text[1:]
@@ -158,7 +161,9 @@ class RecordsDiagnosis(Plottable):
 
     @property
     def _unexplained(self) -> str:
-        return f"not explained: {_percent(self.unexplained_share)} of the misfit"
+        if self.unexplained_share is None:
+            return ""
+        return f", not explained: {_percent(self.unexplained_share)} of the misfit"
 
     def torque_residual(self) -> TorqueResidual:
         """Torque missing from the linear part, against rate, angle, command and time.

@@ -10,16 +10,26 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
     canonical_stack,
+    has_low_mode,
     insignificant,
     pruned,
     without_wrong_unit,
 )
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
-from gsid.diagnosis.from_records.draft import Draft, draft, is_linear
+from gsid.diagnosis.from_records.draft import Draft, draft, is_linear, null_cost
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.short_list import short_list
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, Decision, Evidence, by_first_stage, decide
+from gsid.diagnosis.from_records.verdict import (
+    ADEQUATE,
+    MISSING,
+    NEAREST,
+    UNKNOWN,
+    Decision,
+    Evidence,
+    by_first_stage,
+    decide,
+)
 from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel, check_plant
@@ -54,9 +64,9 @@ class Run:
         self.draft: Draft | None = None
         self.null: Simulated | None = None
         self.laws: list[Simulated] = []
-        self.decision = Decision("unknown_effect", (), ("No stack of effects represents the data.",))
+        self.decision = Decision(UNKNOWN)
         self.final: Simulated | None = None
-        self.interrupted, self.hold_assumed = False, False
+        self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
 
     @property
     def is_confirmed(self) -> bool:
@@ -90,11 +100,25 @@ class Run:
             return
         with self.timed("linear structure"):
             self.on_step("finding the linear structure")
-            source = self.measured if reference is None else records
+            self.in_closed_loop = reference is not None
+            source = records if self.in_closed_loop else self.measured
             self.start = start(source, output=output, band=self.band, reference=reference)
-        if self.start.has_model:
+        if not self.start.has_model:
+            self.decision = Decision(UNKNOWN, (), (_why_no_stack(self.start),))
+        else:
             self.stack = canonical_stack(self.start.model(), self.f_lo_hz, self.settings)
             self.measured = self.judged = without_wrong_unit(self.measured, self.stack)
+            self.keep_resonances()
+
+    def keep_resonances(self) -> None:
+        """The low modes as well, where the stack without them is far worse."""
+        found = self.start.model()
+        if not has_low_mode(found, self.f_lo_hz, self.settings):
+            return
+        with_modes = canonical_stack(found, self.f_lo_hz, self.settings, merged=False)
+        costs = [null_cost(self.measured, each, self.band) for each in (self.stack, with_modes)]
+        if costs[0] > self.settings.merged_cost * costs[1]:
+            self.stack = with_modes
 
     def take(self, model: PlantModel) -> None:
         """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
@@ -133,14 +157,25 @@ class Run:
 
     def confirm(self) -> None:
         """Fit the short list by simulation, and decide again."""
+        if self.in_closed_loop:
+            self.leave_unconfirmed()
+            return
         with self.timed("simulation"):
             fits = self.simulations()
             self.null = fits.fit(pruned(self.draft.model, self.f_lo_hz, self.settings), ())
             if self.null is not None and self.draft.stage.conclusion.kind != "none":
                 self.fit_laws(fits)
-            if self.null is not None:
-                self.name_linear()
+            if self.null is not None and self.decision.verdict == ADEQUATE:
+                self.check_adequate()
         self.not_tried |= fits.not_tried
+
+    def leave_unconfirmed(self) -> None:
+        """Without its controller, the simulated axis drifts away from the measured motion."""
+        reason = "It was measured in a closed loop: only a model with the controller can confirm it."
+        if self.decision.verdict == MISSING:
+            effects, share = self.decision.effects, self.decision.unexplained_share
+            self.decision = Decision(NEAREST, effects, (reason,), share)
+        self.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
 
     def simulations(self) -> Simulations:
         """Fits by simulation, with the time that is left."""
@@ -148,10 +183,14 @@ class Run:
             self.measured, self.band, self.deadline, self.settings, self.on_step, known=tuple(self.known)
         )
 
-    def name_linear(self) -> None:
-        """With a given model, a linear effect that it lacks is missing, where nothing else is."""
-        if self.start is None and self.draft.added and self.decision.verdict == ADEQUATE:
-            self.decision = Decision(MISSING, self.draft.added[0], (), 0.0)
+    def check_adequate(self) -> None:
+        """Whether nothing is missing: with a given model, a linear effect that it lacks is."""
+        p_value = self.null.fit.noise_p_value
+        if p_value < self.settings.p_least:
+            reason = f"What is left is larger than noise (p = {p_value:.2g}), and no law explains it."
+            self.decision = Decision(UNKNOWN, (), (reason,))
+        elif self.start is None and self.draft.added:
+            self.decision = Decision(MISSING, self.draft.added[0])
 
     def fit_laws(self, fits: Simulations) -> None:
         """The laws of the short list, and the verdict."""
@@ -169,6 +208,12 @@ class Run:
         """The verdict from the fits so far."""
         evidence = self.evidence()
         self.decision, self.final = decide(evidence), evidence.best()
+        effects = self.decision.effects
+        if effects and self.start is not None and is_linear(effects[0]):
+            reason = (
+                f"The linear structure is not certain: {' or '.join(effects)} explains most of the misfit."
+            )
+            self.decision = Decision(UNKNOWN, (), (reason,), self.decision.unexplained_share)
 
     def evidence(self, laws: Sequence[Simulated] | None = None) -> Evidence:
         """What the verdict is made from."""
@@ -237,3 +282,9 @@ class Run:
             return False
         self.start, self.final = found, fitted
         return True
+
+
+def _why_no_stack(found: Start) -> str:
+    if found.represented:
+        return f"y is the {found.output}, which no stack of effects has as output: integrate y."
+    return f"No stack of effects represents the data; a rational model of order {found.order} does best."

@@ -14,6 +14,9 @@ class DecisionSettings:
     low_mode : float
         Modes below this many lowest lines are merged into a free or viscous body, or left out: a low mode of
         a fit that lacks a law is a spring, or the law itself.
+    merged_cost : float
+        Largest ratio of the costs with and without merging: a mode that is a resonance of the axis lowers the
+        cost of the linear part by far more than one that stands for a law.
     corner : float
         Corner frequency of a spring or a damping that the start did not find, in lowest lines: far below them
         it does not show.
@@ -48,8 +51,14 @@ class DecisionSettings:
         Laws of other families that are fitted by simulation.
     members : int
         Further laws of the winner's family that are fitted by simulation.
+    stalled : float
+        A fit is given up if a slice lowers its cost by less [noise units], or by less than 1e-4 of it.
+    unsettled : float
+        Largest change of a simulated output from period to period, over its rms.
     hopeless : float
         A rival is given up if a slice lowers its cost by less than this share of what it has to catch up.
+    p_least : float
+        Probability of noise alone below which something is missing though no law explains it.
     adequate : float
         Cost per degree of freedom up to which only noise is left.
     named_share, named_margin : float
@@ -72,6 +81,7 @@ class DecisionSettings:
     """
 
     low_mode: float = 4.0
+    merged_cost: float = 10.0
     corner: float = 0.5
     lag_share: float = 0.5
     vanished: float = 0.02
@@ -87,7 +97,10 @@ class DecisionSettings:
     rival_share: float = 0.25
     rivals: int = 1
     members: int = 2
+    stalled: float = 0.5
+    unsettled: float = 1e-3
     hopeless: float = 0.25
+    p_least: float = 1e-4
     adequate: float = 1.15
     named_share: float = 0.9
     named_margin: float = 6.0

@@ -75,7 +75,7 @@ def _model(run: Run) -> PlantModel | None:
 
 
 def _after(run: Run, before: float) -> float:
-    if run.decision.verdict == MISSING:
+    if run.decision.effects:
         return run.final.fit.cost_per_dof if run.final else run.draft.stage.ranking[0].cost_per_dof
     return before
 
@@ -138,5 +138,9 @@ def _assumed(run: Run) -> list[str]:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:
         texts.append(f"the input was {MEANING[run.draft.stage.hold or 'zoh']}; to decide, {DECLARE}")
+    if run.in_closed_loop:
+        texts.append(
+            "the input is known without noise, though the loop feeds the output's noise back into it"
+        )
     added = [" or ".join(one) for one in run.draft.added] if run.draft else []
     return texts + ([f"added to the linear part: {', '.join(added)}"] if added else [])

@@ -32,7 +32,8 @@ class Decision:
     reasons : tuple of str
         What kept a law from being named, one sentence each.
     unexplained_share : float or None
-        Share of the misfit that the law leaves, where it was not fitted. None without a law.
+        Share of the misfit that the law leaves, where it was not fitted. None without a law, and where the
+        misfit is so small that its size is not known.
     """
 
     verdict: str
@@ -207,13 +208,14 @@ def decide(evidence: Evidence) -> Decision:
     """
     best, settings = evidence.best(), evidence.settings
     share, effects = evidence.share(best), evidence.group(best)
+    left = 1 - share if evidence.excess(evidence.null) > 0 else None
     reasons = tuple(against(evidence, best))
     if not reasons:
-        return Decision(MISSING, effects, (), 1 - share)
+        return Decision(MISSING, effects, (), left)
     steady = best.scatter <= max(settings.nearest_scatter, settings.scatter_errors * best.scatter_error)
     if share < settings.nearest_share or not steady or evidence.beaten_by or not best.converged:
-        return Decision(UNKNOWN, (), reasons, 1 - share)
-    return Decision(NEAREST, effects, reasons, 1 - share)
+        return Decision(UNKNOWN, (), reasons, left)
+    return Decision(NEAREST, effects, reasons, left)
 
 
 def against(evidence: Evidence, best: Simulated) -> list[str]:
