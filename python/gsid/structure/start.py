@@ -49,8 +49,8 @@ class Start(Plottable):
         those of the catalogue with degrees replaced by the unit of y; a second effect of an id is "id#2".
     std, std_noise_only : dict
         Standard deviations as {effect: {parameter: value}}: from the errors that the fit left, and from the
-        noise alone. Parameters that were not estimated are left out. How often an interval of two standard
-        deviations holds the true value is not established yet (docs/explanation/linear_structure.md).
+        noise alone. Parameters that were not estimated are left out. They refer to the parameters of the best
+        linear approximation, which friction changes; docs/explanation/linear_structure.md has the coverage.
     ambiguous : list of dict
         What the data do not decide: "what", "chosen", "other", and the difference of the scores [nats]. A
         difference of 0 means the same function.
