@@ -237,6 +237,48 @@ def test_a_loop_that_is_nearly_closed_is_no_hysteresis():
     assert coulomb > 0.9
 
 
+FREE = {name: params for name, params in TRUE.items() if name != "cable_spring"}
+
+
+def free_axis(effect, params_of):
+    """Records of an axis without a spring, whose law has values of its own in each record."""
+    found, rng = [], np.random.default_rng(6)
+    for i, u in enumerate(commands()):
+        model = plant(FREE | {effect: params_of(i)})
+        y = np.tile(model.simulate(u).y, PERIODS) + NOISE * rng.standard_normal(PERIODS * N)
+        found.append(Record(np.tile(u, PERIODS), y, FS_HZ, N, 0, hold="zoh"))
+    return found
+
+
+def test_cogging_of_a_free_axis_is_named_whatever_the_mean_angles():
+    """Another mean angle is another phase; the level is common."""
+    cogging = {"level": 1.5, "cycles_per_rev": 120.0}
+    measured = free_axis("motor_cogging", lambda i: cogging | {"phase_rad": 1.3 * i})
+    found = first_stage(measured, plant(FREE, 0.05))
+    print(found)
+    assert (found.conclusion.kind, found.conclusion.effects) == ("named", ("motor_cogging",))
+    assert found.ranking[0].params["level"] == pytest.approx(1.5, rel=0.05)
+    assert found.ranking[0].params["cycles_per_rev"] == pytest.approx(120.0, rel=0.01)
+
+
+def test_levels_that_differ_between_records_are_no_cogging():
+    measured = free_axis(
+        "motor_cogging",
+        lambda i: {"level": 1.5 * (1 + 0.4 * (-1) ** i), "cycles_per_rev": 120.0, "phase_rad": 1.3 * i},
+    )
+    found = first_stage(measured, plant(FREE, 0.05))
+    assert found.conclusion.kind != "named"
+
+
+def test_a_spring_in_the_band_or_an_angle_sensor_gives_the_mean_angle():
+    problem = Problem(plant(TRUE), spectra_of(records(n_records=1)), None, DEFAULTS)
+    assert problem.has_mean_angle(linear_part(plant(TRUE)))
+    assert not problem.has_mean_angle(linear_part(plant(FREE)))
+    assert not problem.has_mean_angle(linear_part(plant(FREE | {"cable_spring": {"stiffness": 0.01}})))
+    problem.output_angle = True
+    assert problem.has_mean_angle(linear_part(plant(FREE)))
+
+
 # ---- decisions -------------------------------------------------------------------------------------
 
 MISFIT = Misfit(cost=8000.0, cost_per_dof=4.0, kept=4.0, n_rows=2000, n_periods=0)

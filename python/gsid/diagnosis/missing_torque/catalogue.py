@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def family(effect: EffectType) -> str:
     return {"spring": "spring", "damping": "damping", "mode": "mode"}.get(effect.linear_part, "lag")
 
 
-def laws(without: Collection[str], is_angle: bool, is_open_loop: bool) -> list[Law]:
+def laws(without: Collection[str], is_angle: bool, is_open_loop: bool, own_phases: int = 0) -> list[Law]:
     """Torque laws and maps of the command that are searched for.
 
     Parameters
@@ -43,12 +44,15 @@ def laws(without: Collection[str], is_angle: bool, is_open_loop: bool) -> list[L
         Whether the axis turns.
     is_open_loop : bool
         Whether the record's input is the command: else it cannot be mapped.
+    own_phases : int
+        Number of records whose mean angle is not known; 0 if it is.
     """
     found = []
     for effect in _searched(without, is_angle):
         is_law = effect.c.torque != ffi.NULL and effect.c.n_states == 0
         if is_law or (effect.c.command != ffi.NULL and is_open_loop):
-            found.append(Law(effect, effect.id, family(effect)))
+            law = Law(effect, effect.id, family(effect))
+            found.append(replace(law, own_phases=own_phases) if law.phase else law)
     return found
 
 

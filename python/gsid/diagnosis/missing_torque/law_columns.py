@@ -38,12 +38,16 @@ class Law:
         "spring", "damping", "mode" or "lag".
     enlarges : str
         Id of the law whose rival from outside the catalogue this is; "" for one of the catalogue.
+    own_phases : int
+        Number of records that have a phase of their own each, where the mean angle is not known; 0: one
+        phase.
     """
 
     effect: EffectType
     name: str
     family: str
     enlarges: str = ""
+    own_phases: int = 0
 
     @property
     def is_command(self) -> bool:
@@ -71,12 +75,12 @@ class Law:
     @property
     def n_columns(self) -> int:
         """Columns of one shape."""
-        return len(self.coefficients) * (2 if self.phase else 1)
+        return len(self.coefficients) * (2 * max(self.own_phases, 1) if self.phase else 1)
 
     @property
     def n_parameters(self) -> int:
         """Numbers that a fit adjusts."""
-        return len(self.effect.parameters)
+        return len(self.effect.parameters) + max(self.own_phases - 1, 0)
 
     @property
     def lower(self) -> np.ndarray:
@@ -86,7 +90,7 @@ class Law:
         return np.array([p.lower if p.lower == 0 else -np.inf for p in self.coefficients])
 
     def unit_values(self, shape: np.ndarray) -> np.ndarray:
-        """(n_columns, parameters of the C library) values of each column for a shape.
+        """(n_columns, parameters of the C library) values of each column of a record for a shape.
 
         Parameters
         ----------
@@ -118,7 +122,7 @@ class Law:
         """
         values = {p.name: float(value) for p, value in zip(self.shapes, shape, strict=True)}
         if self.phase:
-            in_phase, quadrature = coefficients
+            in_phase, quadrature = coefficients[:2]  # of the first record
             turned = math.atan2(quadrature, in_phase) / (math.pi / 2)
             values[self.coefficients[0].name] = math.hypot(in_phase, quadrature)
             values[self.phase.name] = turned * quarter_turn(self.phase)
@@ -212,9 +216,14 @@ def torque_lines(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence
     """
     values = np.concatenate([law.unit_values(shape) for shape in shapes])
     found = []
-    for r, motion in zip(problem.records, moved, strict=True):
+    for i, (r, motion) in enumerate(zip(problem.records, moved, strict=True)):
         lines = motion.lines(torques(law, values, motion, problem.radians), r.line)
-        found.append(lines.reshape(len(shapes), law.n_columns, -1))
+        lines = lines.reshape(len(shapes), -1, len(r.line))
+        if law.own_phases:
+            own = np.zeros((len(shapes), law.n_columns, len(r.line)), complex)
+            own[:, 2 * i : 2 * i + 2] = lines
+            lines = own
+        found.append(lines)
     return found
 
 

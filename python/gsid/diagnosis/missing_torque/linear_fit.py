@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 
 from gsid.diagnosis.missing_torque.settings import SearchSettings
+from gsid.effects.types import EffectType, catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
@@ -94,6 +95,11 @@ class LinearPart:
             label, parameter = split(name)
             stack[label][parameter] = float(value)
         return replace(self, stack=stack)
+
+
+def linear_part_of(label: str) -> EffectType:
+    """Effect of a label in a stack of the linear part."""
+    return catalogue()[label.partition("#")[0]]
 
 
 def split(name: str) -> tuple[str, str]:
@@ -216,6 +222,21 @@ class Problem:
         parts = [error * record.weight for error, record in zip(errors, self.records, strict=True)]
         together = np.concatenate(parts, axis=-1)
         return np.concatenate([together.real, together.imag], axis=-1)
+
+    def has_mean_angle(self, part: LinearPart) -> bool:
+        """Whether the mean angle is known: measured, or held by a spring with a resonance in the band.
+
+        Parameters
+        ----------
+        part : LinearPart
+        """
+        springs = [
+            params[linear_part_of(label).names[0]]
+            for label, params in part.stack.items()
+            if linear_part_of(label).linear_part == "spring"
+        ]
+        lowest = 2 * np.pi * min(float(r.f_hz[0]) for r in self.records)
+        return self.output_angle or sum(springs) > lowest**2
 
     def lines_of(self, whitened: np.ndarray) -> list[np.ndarray]:
         """The errors of each record, (K,) complex, that `whiten` put together.

@@ -98,7 +98,7 @@ class Candidate:
     @property
     def n_parameters(self) -> int:
         """Numbers that it adds to the linear part."""
-        return len(self.effect.parameters)
+        return self.law.n_parameters if self.law is not None else len(self.effect.parameters)
 
     @property
     def params(self) -> dict[str, float]:
@@ -570,6 +570,11 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
             one.gain = float(scan.torque_gains(law, one.shape[None, :], rest)[0][0])
             refine_shape(scan, one, rest)
     one.fit, moved, one.shape = best
+    n = len(null.part.names)
+    judged = one.fit.coefficients
+    if law.own_phases:
+        one.fit, level = _with_one_level(one.fit, n)
+        judged = np.array([level])
     one.coefficients = one.fit.coefficients
     jacobian = one.fit.jacobian
     if len(law.shapes) == 1:
@@ -579,9 +584,33 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
             return torque_columns(problem, one.fit.part, [t[None, :] for t in lines])[:, 0]
 
         jacobian = np.hstack([jacobian, _shape_slopes(one, error_at)])
-    n = len(null.part.names)
-    kept = keep_out(problem, one.fit, jacobian, len(one.coefficients), one.coefficients, n)
+    kept = keep_out(problem, one.fit, jacobian, len(judged), judged, n)
     one.kept, one.scatter, one.scatter_error = kept
+
+
+def _with_one_level(fit: LinearFit, first: int) -> tuple[LinearFit, float]:
+    """A fit with a phase of each record's own, with one level for all, and this level.
+
+    The derivatives by sine and cosine become those by the level and by the phases: what is kept out of a
+    record is its level.
+    """
+    pairs = fit.coefficients.reshape(-1, 2)
+    columns = fit.jacobian[:, first : first + pairs.size].reshape(len(fit.error), -1, 2)
+    levels = np.hypot(*pairs.T)
+    direction = pairs / np.where(levels > 0, levels, 1.0)[:, None]
+    by_level = np.einsum("nrk,rk->nr", columns, direction)
+    by_phase = columns[:, :, 1] * direction[:, 0] - columns[:, :, 0] * direction[:, 1]
+    power = np.sum(by_level**2, axis=0)
+    level = float(power @ levels / np.sum(power)) if np.any(power > 0) else 0.0
+    equal = level * direction
+    error = fit.error + columns.reshape(len(fit.error), -1) @ (equal - pairs).ravel()
+    parts = [
+        fit.jacobian[:, :first],
+        by_level.sum(axis=1, keepdims=True),
+        level * by_phase,
+        fit.jacobian[:, first + pairs.size :],
+    ]
+    return replace(fit, coefficients=equal.ravel(), error=error, jacobian=np.hstack(parts)), level
 
 
 def _with_shape(problem: Problem, one: Candidate, fit: LinearFit, moved: Sequence[Motion]) -> LinearFit:

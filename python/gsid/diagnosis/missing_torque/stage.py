@@ -363,7 +363,9 @@ def _scanned(
     left_out = {effect.id for effect in model.effects} | set(without)
     is_angle = model.angle_unit != "m"
     scan, scales = Scan(problem, null, moved), catalogue.scales(problem, moved)
-    laws = catalogue.laws(left_out, is_angle, not problem.closed_loop)
+    several = len(problem.records) if len(problem.records) > 1 else 0
+    own_phases = 0 if problem.has_mean_angle(null.part) else several
+    laws = catalogue.laws(left_out, is_angle, not problem.closed_loop, own_phases)
     found = scan_laws(scan, laws, scales)
     present = {effect.id for effect in model.effects}
     linear = [e for e in catalogue.linear_effects(present, is_angle) if e.id not in without]
