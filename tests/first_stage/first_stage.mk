@@ -1,7 +1,13 @@
-# Study of the first stage of the diagnosis. Needs the variables of the Makefile that includes it.
+# Studies of the first stage of the diagnosis, and of the diagnosis from records. Needs the variables of the Makefile that includes it.
 
 .PHONY: first-stage-study
 first-stage-study: all $(TRUTH) ## how often the first stage ranks and names the right law, into docs/explanation/missing_torque.md (an hour; resumes; SEED=... SINGLES=... NULLS=... FOREIGN=...)
 	PYTHONPATH=tests/blind $(PY) tests/first_stage/first_stage_study.py --folder $(BUILD)/first_stage \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(SINGLES:%=--singles %) $(NULLS:%=--nulls %) \
 	    $(FOREIGN:%=--foreign %) --page docs/explanation/missing_torque.md
+
+.PHONY: from-records-study
+from-records-study: all $(TRUTH) ## how often the diagnosis from the records alone is right, into docs/explanation/from_records.md (an hour; resumes; SEED=... SINGLES=... NULLS=... FOREIGN=...)
+	PYTHONPATH=tests/blind:tests/first_stage $(PY) tests/first_stage/from_records_study.py --folder $(BUILD)/first_stage \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(SINGLES:%=--singles %) $(NULLS:%=--nulls %) \
+	    $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md

@@ -61,6 +61,7 @@ def test_a_fast_diagnosis_stops_at_the_first_draft(friction):
     found = gsid.diagnose_records(friction[0], fast=True)
     assert not found.confirmed
     assert "First draft" in found.sentence
+    assert (found.verdict, found.effects) == ("nearest_effect", ("coulomb_friction",))
     assert "simulation" not in found.seconds
 
 

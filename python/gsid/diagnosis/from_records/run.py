@@ -23,7 +23,6 @@ from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import (
     ADEQUATE,
     MISSING,
-    NEAREST,
     UNKNOWN,
     Decision,
     Evidence,
@@ -171,10 +170,6 @@ class Run:
 
     def leave_unconfirmed(self) -> None:
         """Without its controller, the simulated axis drifts away from the measured motion."""
-        reason = "It was measured in a closed loop: only a model with the controller can confirm it."
-        if self.decision.verdict == MISSING:
-            effects, share = self.decision.effects, self.decision.unexplained_share
-            self.decision = Decision(NEAREST, effects, (reason,), share)
         self.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
 
     def simulations(self) -> Simulations:

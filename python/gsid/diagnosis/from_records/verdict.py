@@ -182,11 +182,11 @@ def n_parameters(one: Simulated) -> int:
     return len(find(one.effects[0]).parameters)
 
 
-OF_FIRST_STAGE = {"none": ADEQUATE, "named": MISSING, "nearest": NEAREST, "unknown": UNKNOWN}
+OF_FIRST_STAGE = {"none": ADEQUATE, "named": NEAREST, "nearest": NEAREST, "unknown": UNKNOWN}
 
 
 def by_first_stage(stage: FirstStage) -> Decision:
-    """The first draft.
+    """The first draft, which names nothing: a name needs a fit by simulation.
 
     Parameters
     ----------
@@ -195,7 +195,10 @@ def by_first_stage(stage: FirstStage) -> Decision:
     conclusion = stage.conclusion
     verdict = OF_FIRST_STAGE[conclusion.kind]
     share = None if verdict == ADEQUATE else 1 - stage.ranking[0].share_kept_out
-    return Decision(verdict, conclusion.effects, conclusion.reasons, share)
+    reasons = conclusion.reasons
+    if conclusion.kind == "named":
+        reasons = ("No fit by simulation has confirmed it.",)
+    return Decision(verdict, conclusion.effects, reasons, share)
 
 
 def decide(evidence: Evidence) -> Decision:
