@@ -50,7 +50,7 @@ def test_bug_a_fit_far_above_the_noise_was_printed_as_converged_without_a_word(g
     assert result.err.count("times the squared errors that noise explains") == 1
     for words in ("the order is too low", "a local minimum", "try a higher order", "--delay SECONDS"):
         assert words in " ".join(result.err.split())
-    assert "intervals include noise only: cost" in result.out
+    assert "intervals include the errors left, beside those of noise only: cost" in result.out
     (warning,) = json.loads(gsid("fit", noisy_csv, "--order", "1/0", "--json").out)["warnings"]
     assert warning["what"] == "excess_cost"
     assert warning["bias_over_std"] is None

@@ -11,7 +11,7 @@ import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS, response
 from scipy.io import loadmat
 
-from gsid.fitting import order
+from gsid.fitting import roots
 from gsid.records.files import write_record
 from gsid.records.record import Record
 from measured import BENCH, needs_bench
@@ -305,11 +305,11 @@ def test_fit_of_an_order_found(gsid, rec_csv):
 
 def test_fit_reports_what_is_ill_determined(gsid, rec_csv, monkeypatch):
     assert "cannot be distinguished" not in gsid("fit", rec_csv, "--order", "2/0").err
-    monkeypatch.setattr(order, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
+    monkeypatch.setattr(roots, "near_cancelled", lambda model: [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "2/0").err
     assert "near 31.83 Hz cannot be distinguished; the delay may trade against them: try --order auto" in err
     # A bug: of a complex pair it was said twice, and --order auto advised --order auto.
-    monkeypatch.setattr(order, "near_cancelled", lambda model: 2 * [(-200 + 0j, -201 + 0j)])
+    monkeypatch.setattr(roots, "near_cancelled", lambda model: 2 * [(-200 + 0j, -201 + 0j)])
     err = gsid("fit", rec_csv, "--order", "auto", "--band", "5:100").err
     assert err.count("cannot be distinguished") == 1
     assert "try --order auto" not in err

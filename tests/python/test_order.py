@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gsid.fitting.order import far_out, near_cancelled, select_order
+from gsid.fitting.order import select_order
 from gsid.fitting.rational import fit
+from gsid.fitting.roots import far_out, near_cancelled
 from gsid.fitting.validation import whiteness
 from gsid.models.rational import RationalModel
 from gsid.response.frf import Frf

@@ -21,11 +21,12 @@ def fit_by_all_methods(records: Sequence[Record], request: FitRequest) -> None:
     from gsid.fitting.estimators import fit_all
 
     measured, held_out = measure(records, request)
-    name, order = describe(records), request.order
+    name, order, allowed = describe(records), request.order, None
     if order == "auto":
-        order = choose_order(measured, name, held_out=held_out, **request.model_options).chosen.order
+        choice = choose_order(measured, name, held_out=held_out, **request.model_options)
+        order, allowed = choice.chosen.order, choice.relative_error
     with working(f"fitting {order} to {name} by every estimator"), options_as_arguments():
-        found = fit_all(measured, order, held_out=held_out, **request.model_options)
+        found = fit_all(measured, order, held_out=held_out, relative_error=allowed, **request.model_options)
         if request.output:
             best = found.best()
             save_model(best.model, request.output)
@@ -51,6 +52,7 @@ def _print(found: Estimators) -> None:
     delay = f"delay by the slope of the phase {1e3 * found.initial_delay_s:.4g} ms"
     print(f"order {found.order}, {found.n_lines} lines, {delay}")
     if found.cost_expected is not None:
-        print(f"cost expected of noise alone {found.cost_expected:.5g}")
+        cause = "noise alone" if found["ml"].model.weights == "noise" else "noise and distortion"
+        print(f"cost expected of {cause} {found.cost_expected:.5g}")
     print()
     print_table(found.table())

@@ -23,13 +23,13 @@ JSON_KEYS = ("breaks_hz", "cost", "cost_expected", "stable", "converged", "n_lin
 def fit_pieces(records: Sequence[Record], request: FitRequest) -> None:
     """Fit the pieces, and write and print them."""
     from gsid.fitting.piecewise import fit_piecewise
-    from gsid.response.estimate import frf
+    from gsid.response.with_distortion import frf_with_distortion
 
     if request.order == "auto" or request.method != "ml" or request.held_out:
         raise click.UsageError(
             "--piecewise needs a given order and method ml, and no --held-out", click.get_current_context()
         )
-    measured = frf(records, reference=request.reference)
+    measured = frf_with_distortion(records, reference=request.reference)
     n_pieces = None if request.piecewise == "auto" else request.piecewise
     with working(f"fitting pieces of {request.order} to {describe(records)}"), options_as_arguments():
         found = fit_piecewise(measured, request.order, n_pieces, **request.model_options)
@@ -53,15 +53,17 @@ def _as_json(found: PiecewiseModel) -> dict:
 
 
 def _print(found: PiecewiseModel, request: FitRequest) -> None:
+    total = found.pieces[0].weights == "total"
+    cause = "noise and distortion" if total else "noise alone"
     if request.piecewise == "auto":
         rows = [
             [f"{c.n_pieces}", f"{c.cost:.5g}", f"{c.cost_expected:.5g}", f"{c.mdl:.5g}"] for c in found.tried
         ]
-        print_table(Table(["pieces", "cost", "noise alone", "MDL"], rows))
+        print_table(Table(["pieces", "cost", "expected" if total else cause, "MDL"], rows))
         print()
     state = "converged" if found.converged else "not converged"
     n = len(found.pieces)
     print(f"{n} piece{'s' * (n != 1)} of {request.order}, {found.n_parameters} parameters, {state}")
-    print(f"cost {found.cost:.5g}, expected of noise alone {found.cost_expected:.5g}")
+    print(f"cost {found.cost:.5g}, expected of {cause} {found.cost_expected:.5g}")
     print()
     print_table(found.table())

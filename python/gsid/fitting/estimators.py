@@ -167,13 +167,14 @@ def fit_all(
     ValueError
         An argument is invalid.
     """
+    frf, options = _one_variance(frf, order, {**options, "band": band})
     use = in_band(frf.f_hz, band)
     measured = frf.g[use] if reference is None else np.asarray(reference, complex)
     if measured.shape != (np.count_nonzero(use),):
         raise ValueError(
             f"reference has shape {measured.shape}; the band contains {np.count_nonzero(use)} lines"
         )
-    rows = tuple(_estimate(frf, order, method, band, frf.f_hz[use], measured, options) for method in methods)
+    rows = tuple(_estimate(frf, order, method, frf.f_hz[use], measured, options) for method in methods)
     if held_out is not None:
         rows = tuple(
             row if row.model is None else replace(row, held_out=validate(row.model, held_out)) for row in rows
@@ -188,17 +189,30 @@ def fit_all(
     )
 
 
-def _estimate(frf: Frf, order, method: str, band, f_hz, reference, options: dict) -> Estimate:
+def _one_variance(frf: Frf, order, options: dict) -> tuple[Frf, dict]:
+    """The same variance for every method, so that their costs compare: that of maximum likelihood."""
+    if frf.var_total is None or options.get("relative_error") is not None:
+        return frf, options
+    try:
+        weights = fit(frf, order, quiet=True, **options).weights
+    except GsidError:
+        weights = "noise"
+    if weights == "noise":
+        return replace(frf, var_total=None), options
+    return frf, options | {"relative_error": 0.0}
+
+
+def _estimate(frf: Frf, order, method: str, f_hz, reference, options: dict) -> Estimate:
     began = time.perf_counter()
     model, note = None, ""
     try:
-        model = fit(frf, order, method=method, band=band, quiet=True, **options)
+        model = fit(frf, order, method=method, quiet=True, **options)
         note = "" if model.converged else "not converged"
     except GsidError as error:
         note = str(error)
         try:  # show the unstable model
             unstable = {**options, "allow_unstable": True, "quiet": True}
-            model = fit(frf, order, method=method, band=band, **unstable)
+            model = fit(frf, order, method=method, **unstable)
             note = "UNSTABLE"
         except GsidError:
             pass

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gsid.fitting.intervals import OF_NOISE_ONLY
 from gsid.models.fit_warning import FitWarning
 from gsid.models.misfit import Errors, Misfit, misfit
 from gsid.response.frf import error_variance
@@ -29,6 +30,7 @@ FREELY = 1e3
 """Factor on the covariance's square root that makes a change of the parameters free of cost."""
 LEAST_PRINTED = 1e-12
 WHAT_TO_TRY = "another order, start or delay"
+WITH_DISTORTION = "gsid distortion"
 
 
 def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
@@ -54,7 +56,7 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
     return float(ratio), found.p_value_of_fit(model.n_parameters * _taken(float(frf.n_dof)))
 
 
-def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
+def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = None) -> FitWarning | None:
     """Return a warning if the errors of a fit exceed the noise, None if noise explains them.
 
     Parameters
@@ -62,6 +64,8 @@ def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
     model : RationalModel
     frf : Frf
         Response at the fitted lines.
+    beside : FitWarning, optional
+        The same warning for noise and distortion together.
 
     Returns
     -------
@@ -75,9 +79,20 @@ def excess_cost(model: RationalModel, frf: Frf) -> FitWarning | None:
     if p_value >= ALPHA:
         return None
     probability = f"p = {p_value:.1g}" if p_value > LEAST_PRINTED else f"p < {LEAST_PRINTED:g}"
+    left = f"this {model.method} fit leaves {ratio:.3g} times the squared errors that noise explains"
+    if model.weights == "total" and beside is None:
+        text = (
+            f"{left} ({probability}); distortion explains the rest: the axis is not linear, and the model is "
+            "its best linear approximation at this excitation; gsid distortion measures the nonlinearity and "
+            "gsid diagnose finds its cause"
+        )
+        return FitWarning("excess_cost", None, WITH_DISTORTION, text, ratio, p_value)
+    intervals = "its intervals include " + (
+        "the noise only" if model.method in OF_NOISE_ONLY else "these errors as if they were random"
+    )
+    also = "" if beside is None else f" and {beside.cost_per_dof:.3g} times those of noise and distortion"
     text = (
-        f"this {model.method} fit leaves {ratio:.3g} times the squared errors that noise explains "
-        f"({probability}), and its intervals include the noise only: the order is too low, the axis is not "
+        f"{left}{also} ({probability}), and {intervals}: the order is too low, the axis is not "
         "linear or changed during the record, or the fit ended in a local minimum; try a higher order, other "
         "starting values (--method ga, start= in Python) or a known delay (--delay SECONDS), and use "
         "gsid distortion to measure the nonlinearity of the axis"

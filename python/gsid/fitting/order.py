@@ -8,6 +8,8 @@ parameters.
     F-test of q more parameters: (V_small - V) / q over V / (2 F - p) is F(q, 2 F - p) if none is needed
     Whiteness over lags 1 .. L: 2 F sum |r_l|^2 is chi-square with 2 L degrees of freedom  (ORD-2)
 
+Where distortion exceeds the noise, V is weighted with the total variance, and MDL is the score of EST-16.
+
 For a matrix of responses, F counts the lines of all responses. Their errors are correlated, which increases
 the standard deviation of the cost. The whiteness p-value of n responses is n times the least (Bonferroni).
 """
@@ -26,7 +28,9 @@ from gsid._lib import lib
 from gsid.base.errors import GsidError
 from gsid.base.tables import Table
 from gsid.fitting.mimo import fit_mimo
+from gsid.fitting.order_total import Scored, Search
 from gsid.fitting.rational import fit
+from gsid.fitting.roots import near_cancelled
 from gsid.fitting.validation import (
     HELD_OUT,
     Validation,
@@ -36,9 +40,10 @@ from gsid.fitting.validation import (
     white,
     whiteness,
 )
-from gsid.models.confidence import LEVEL, NORMAL_95
+from gsid.models.confidence import NORMAL_95
 from gsid.models.mimo import MimoModel
 from gsid.response.mimo import MimoFrf
+from gsid.response.with_distortion import weighted_by_total
 
 if TYPE_CHECKING:
     from gsid.models.rational import RationalModel
@@ -47,8 +52,8 @@ if TYPE_CHECKING:
 POLES_MAX = 9  # highest order in the thesis
 MATRIX_POLES_MAX = lib.GSID_MIMO_POLES_MAX
 PATIENCE = 2  # number of orders without a lower MDL that ends the upward search
+AVOIDED_SHOWN = 3  # orders of lower MDL with doubtful roots that are named
 MATRIX_PATIENCE = 4  # for a matrix: its modes are pole pairs, so that one more pole may raise the MDL
-NEAR = 0.5  # largest distance of a pole and a zero of a cancelling pair, over the magnitude of the pole
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class Candidate:
     interval : (float, float)
         95 % interval of V if only noise remains.
     aic, mdl : float
-        Information criteria.
+        Information criteria; `mdl` is the score of EST-16 with the total variance.
     p_value : float
         p-value of the F-test against the next lower order tried. A small value shows that the additional
         parameters are needed. NaN for the first order.
@@ -95,16 +100,21 @@ class OrderChoice:
     tried : tuple of Candidate
     chosen : Candidate
     removed : tuple of str
-        Poles and zeros that were removed from the first choice, as sentences.
+        Poles and zeros that were removed from the first choice, and orders that were avoided, as sentences.
+    relative_error : float or None
+        Error of the response that the linear model was allowed, for `gsid.fit`. None if the weights are those
+        of the noise.
     """
 
     tried: tuple[Candidate, ...]
     chosen: Candidate
     removed: tuple[str, ...]
+    relative_error: float | None = None
 
     def table(self) -> Table:
         """Return a row for each order."""
-        head = ["order", "cost", "noise alone", "AIC", "MDL", "F-test p", "whiteness p", *HELD_OUT, ""]
+        expected = "noise alone" if self.relative_error is None else "expected"
+        head = ["order", "cost", expected, "AIC", "MDL", "F-test p", "whiteness p", *HELD_OUT, ""]
         rows = [
             [
                 c.order,
@@ -141,7 +151,8 @@ def select_order(
     Parameters
     ----------
     frf : Frf or MimoFrf
-        A response, or a matrix of responses.
+        A response, or a matrix of responses. With the total variance of
+        `gsid.response.with_distortion.frf_with_distortion`, orders that follow distortion are avoided.
     orders : sequence of "POLES/ZEROS", optional
         Orders to try, ascending. By default 1/0, 2/1, ... are tried until MDL stops falling, then orders with
         fewer zeros and without nearly cancelling pairs. For a matrix with inputs that are not held, orders
@@ -166,6 +177,12 @@ def select_order(
     is_matrix = isinstance(frf, MimoFrf)
     if is_matrix and held_out is not None:
         raise ValueError("held_out is supported for one input and one output only")
+    if orders is None and not is_matrix and frf.var_total is not None:
+        search = Search(frf, band, options, POLES_MAX)
+        best = search.run()
+        if not search.is_linear(best):
+            return _by_total(search, best, held_out)
+        frf = replace(frf, var_total=None)
     tried: list[Candidate] = []
     highest = MATRIX_POLES_MAX if is_matrix else POLES_MAX
     upwards = [f"{n}/{n - 1}" for n in range(1, highest + 1)]
@@ -185,10 +202,30 @@ def select_order(
             why = f", whose pair at {abs(pairs[0][0]) / (2 * np.pi):.4g} Hz nearly cancels" if pairs else ""
             removed.append(f"{best.order} fits as well as {chosen.order}{why}")
         chosen = best
-    if held_out is not None:
-        judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in tried}
-        tried, chosen = [judged[id(c)] for c in tried], judged[id(chosen)]
-    return OrderChoice(tuple(tried), chosen, tuple(removed))
+    return _judged(OrderChoice(tuple(tried), chosen, tuple(removed)), held_out)
+
+
+def _judged(choice: OrderChoice, held_out: Frf | None) -> OrderChoice:
+    """The choice with each order validated on a held-out response, if given."""
+    if held_out is None:
+        return choice
+    judged = {id(c): replace(c, held_out=validate(c.model, held_out)) for c in choice.tried}
+    return replace(choice, tried=tuple(judged[id(c)] for c in choice.tried), chosen=judged[id(choice.chosen)])
+
+
+def _by_total(search: Search, best: Scored, held_out: Frf | None) -> OrderChoice:
+    """The choice of a search with the total variance.  Eq: EST-16"""
+    weighted = weighted_by_total(search.frf, search.relative_error)
+    tried: list[Candidate] = []
+    for one in search.found:
+        tried.append(replace(_judge(weighted, one.order, one.model, tried), mdl=one.score))
+    chosen = tried[search.found.index(best)]
+    removed = [
+        f"{one.order} has a lower MDL, but {one.doubts[0].text}"
+        for one in sorted(search.found, key=lambda one: one.score)
+        if one.score < best.score and one.doubts and not best.doubts
+    ][:AVOIDED_SHOWN]
+    return _judged(OrderChoice(tuple(tried), chosen, tuple(removed), search.relative_error), held_out)
 
 
 def _neighbours(chosen: Candidate) -> list[tuple[int, int]]:
@@ -270,72 +307,3 @@ def _matrix_whiteness(model: MimoModel, frf: MimoFrf) -> float:
     frf = frf.in_band(model.band_hz)
     e = ((frf.g - model.response(frf.f_hz)) / np.sqrt(frf.var_g)).reshape(len(frf.f_hz), -1)
     return min(1.0, e.shape[1] * min(white(one) for one in e.T))
-
-
-def near_cancelled(model: RationalModel) -> list[tuple[complex, complex]]:
-    """Pole-zero pairs that the data cannot distinguish.
-
-    Parameters
-    ----------
-    model : RationalModel
-        With covariance.
-
-    Returns
-    -------
-    list of (pole, zero)
-        In rad/s, or in z; one of each conjugate pair. Zero lies in the 95 % region of their difference.
-    """
-    if model.cov is None:
-        return []
-    pairs = []
-    zeros = [z for z in model.zeros if z.imag >= 0]
-    for pole in (p for p in model.poles if p.imag >= 0):
-        near = [z for z in zeros if abs(z - pole) < NEAR * abs(pole) and (z.imag > 0) == (pole.imag > 0)]
-        if not near:
-            continue
-        zero = min(near, key=lambda z: abs(z - pole))
-        by = _root_slope(model, pole, True) - _root_slope(model, zero, False)
-        parts, d = np.array([by.real, by.imag]), np.array([(pole - zero).real, (pole - zero).imag])
-        size = 2 if pole.imag > 0 else 1
-        cov = (parts @ model.cov @ parts.T)[:size, :size]
-        if d[:size] @ np.linalg.solve(cov, d[:size]) < special.chdtri(size, 1 - LEVEL):
-            pairs.append((complex(pole), complex(zero)))
-            zeros.remove(zero)
-    return pairs
-
-
-def far_out(model: RationalModel) -> list[tuple[str, float]]:
-    """Real roots above the band whose position the data do not determine.
-
-    Parameters
-    ----------
-    model : RationalModel
-        Model in s with covariance and band.
-
-    Returns
-    -------
-    list of ("pole" or "zero", Hz)
-        The 95 % interval of such a root includes 0: without it, a model with free delay fits equally well.
-    """
-    if model.cov is None or model.band_hz is None or model.domain != "s":
-        return []
-    roots = [("pole", *root) for root in zip(model.poles, model.pole_cov, strict=True)]
-    roots += [("zero", *root) for root in zip(model.zeros, model.zero_cov, strict=True)]
-    return [
-        (kind, abs(root) / (2 * np.pi))
-        for kind, root, cov in roots
-        if root.imag == 0 and NORMAL_95 * np.sqrt(np.trace(cov)) > abs(root) > 2 * np.pi * model.band_hz[1]
-    ]
-
-
-def _root_slope(model: RationalModel, root: complex, is_pole: bool) -> np.ndarray:
-    """Derivative of a root with respect to (den[1:], num, delay if free)."""
-    coef = model.den if is_pole else model.num
-    powers = np.arange(len(coef) - 1, -1, -1)
-    by = -(root**powers) / np.polyval(np.polyder(coef), root)
-    out = np.zeros(model.n_parameters, complex)
-    if is_pole:
-        out[: model.n_poles] = by[1:]
-    else:
-        out[model.n_poles : model.n_poles + len(model.num)] = by
-    return out

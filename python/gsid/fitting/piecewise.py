@@ -65,6 +65,8 @@ def fit_piecewise(
     if frf.hold is None and options.get("hold") is None and options.get("domain", "s") == "s":
         return _likelier(frf, order, n_pieces, band, {**options, "method": "ml"})
     n_poles, n_zeros = parse_order(order)
+    if frf.var_total is not None:  # one variance for all bands, so that their costs compare
+        options = {"relative_error": 0.0} | options
     bands = _Bands(frf, (n_poles, n_zeros), band, options)
     limit = PIECES_MAX if n_pieces is None else n_pieces
     cuts = {n: bands.refined(edges) for n, edges in bands.best_cuts(limit).items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,15 @@ from gsid._lib import check, ffi, lib
 from gsid.base.bands import in_band
 from gsid.base.errors import GsidError
 from gsid.fitting.excess import excess_cost
+from gsid.fitting.intervals import mark_undetermined, set_intervals
 from gsid.fitting.warnings import chosen_lines, equation_error, noisy_input
 from gsid.models.confidence import unwrapped_phase_deg
 from gsid.models.fit_warning import FitWarning
 from gsid.models.hold import fit_both
 from gsid.models.rational import RationalModel
 from gsid.records.record import Record
-from gsid.response.estimate import as_response
 from gsid.response.frf import Frf, error_variance
+from gsid.response.with_distortion import as_response_with_distortion, weighted_by_total
 from gsid.spectrum.pooling import averaged, neighbours
 from gsid.spectrum.spectra import Spectra
 
@@ -60,15 +62,20 @@ def fit(
     solver: str = "gauss-newton",
     start: RationalModel | None = None,
     seed: int = 0,
+    relative_error: float | None = None,
     quiet: bool = False,
 ) -> RationalModel:
     """Fit a rational transfer function with delay to a measured frequency response.
+
+    Where records show that distortion exceeds the noise, the lines are weighted with the total variance of
+    the best linear approximation (EST-15), and the intervals are those of the errors left (STR-5).
 
     Parameters
     ----------
     frf : Frf, Record or Spectra, or a sequence of records or spectra
         Measured response with variance, from at least two periods. Records are converted to a response with
-        the defaults of `gsid.frf`.
+        the defaults of `gsid.frf`, and their distortion is measured
+        (`gsid.response.with_distortion.frf_with_distortion`).
     order : "POLES/ZEROS" or (poles, zeros)
         Degrees of denominator and numerator.
     delay : "free", "none" or float
@@ -101,14 +108,19 @@ def fit(
         Starting values of the nonlinear methods; default: the best model of a scan of delays.
     seed : int
         Random seed of the evolutionary search.
+    relative_error : float, optional
+        Error that a linear model is allowed over the response, beside the total variance. By default the
+        total variance is used only if the noise does not explain the errors.
     quiet : bool
         Do not log the warnings of the model.
 
     Returns
     -------
     RationalModel
-        Fitted model. Its covariance includes the uncertainty of the weights (EST-5). Its `warnings` report a
-        bias by noise, with the method to use instead, and errors larger than the noise, with a remedy to try.
+        Fitted model. Its covariance includes the uncertainty of the weights (EST-5), and the distortion where
+        the errors exceed the noise (EST-15); `cov_noise` is then that of the noise alone. Its `warnings`
+        report a bias by noise, with the method to use instead, and errors larger than the noise, with a
+        remedy to try.
 
     Raises
     ------
@@ -122,19 +134,54 @@ def fit(
     GsidError
         There is no stable model, or the equations are singular.
     """
-    frf = as_response(frf)
+    frf = as_response_with_distortion(frf)
+    if relative_error is not None and (frf.var_total is None or not relative_error >= 0):
+        raise ValueError(f"relative_error needs a total variance and is not negative, got {relative_error}")
+    options = {
+        "delay": delay, "method": method, "band": band, "domain": domain, "hold": hold,
+        "allow_unstable": allow_unstable, "min_delay_s": min_delay_s, "exponent": exponent, "solver": solver,
+        "start": start, "seed": seed,
+    }  # fmt: skip
+    noise = replace(frf, var_total=None)
+    if relative_error is None:
+        model = _fit_weighted(noise, order, **options)
+        if frf.var_total is None or not any(warning.what == "excess_cost" for warning in model.warnings):
+            return _report(_with_intervals(model, noise, noise, band), quiet)
+    weighted = weighted_by_total(frf, relative_error or 0.0)
+    model = _fit_weighted(weighted, order, **options)
+    model.weights = "total"
+    return _report(_with_intervals(model, noise, weighted, band), quiet)
+
+
+def _fit_weighted(
+    frf: Frf,
+    order: str | tuple[int, int],
+    *,
+    delay: str | float,
+    method: str,
+    band: tuple[float, float] | None,
+    domain: str,
+    hold: str | None,
+    allow_unstable: bool,
+    min_delay_s: float | None,
+    exponent: float,
+    solver: str,
+    start: RationalModel | None,
+    seed: int,
+) -> RationalModel:
+    """Fit with the variance of `frf`, under both holds if it is not stated."""
     n_poles, n_zeros = parse_order(order)
     _check_choices(method, domain, solver)
     if hold is None and domain == "s" and frf.hold is None:
 
         def under(reading: str) -> RationalModel:
-            return fit(
+            return _fit_weighted(
                 frf, order, delay=delay, method=method, band=band, domain=domain, hold=reading,
                 allow_unstable=allow_unstable, min_delay_s=min_delay_s, exponent=exponent, solver=solver,
-                start=start, seed=seed, quiet=True,
+                start=start, seed=seed,
             )  # fmt: skip
 
-        return _report(fit_both(under, weights(frf, in_band(frf.f_hz, band))[1]), quiet)
+        return fit_both(under, weights(frf, in_band(frf.f_hz, band))[1])
     hold = (frf.hold if domain == "s" else "none") if hold is None else hold
     if hold not in ("zoh", "none"):
         raise ValueError(f"hold must be 'zoh' or 'none', got {hold!r}")
@@ -170,7 +217,23 @@ def fit(
     facts = {"method": method, "domain": domain, "hold": hold, "free_delay": delay == "free"}
     model, bias = _answer(result, frf, use, dof, **facts)
     model.warnings = _warnings(model, bias, frf, use, sigma)
-    return _report(model, quiet)
+    return model
+
+
+def _with_intervals(
+    model: RationalModel, noise: Frf, weighted: Frf, band: tuple[float, float] | None
+) -> RationalModel:
+    """Set the intervals by the errors left if they exceed the noise, and note what is not determined."""
+    use = in_band(noise.f_hz, band)
+    lines, sigma = weighted.at(use), weights(weighted, use)[0]
+    if model.weights == "total":
+        biases = tuple(warning for warning in model.warnings if warning.what != "excess_cost")
+        excess = excess_cost(model, noise.at(use), beside=excess_cost(model, lines))
+        model.warnings = biases or (() if excess is None else (excess,))
+    if model.weights == "total" or any(warning.what == "excess_cost" for warning in model.warnings):
+        set_intervals(model, lines, sigma, sigma if weighted is noise else weights(noise, use)[0])
+    mark_undetermined(model, lines, sigma)
+    return model
 
 
 def _run(data: Any, cfg: Any, result: Any, doing: str, method: str) -> None:

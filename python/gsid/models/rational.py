@@ -47,11 +47,18 @@ class RationalModel(Plottable):
         Delay [s] of the same fit with the other hold. None if the hold is stated or that fit failed.
     cov : (p, p) array_like or None
         Covariance of (den[1:], num, delay if free), in the units of those numbers.
+        Where the errors of the fit exceed the noise it is that of the errors left (STR-5).
+    cov_noise : (p, p) array_like or None
+        Covariance from the noise alone where `cov` is that of the errors left, else None.
+    undetermined : tuple of int
+        Indices in `cov` of parameters that the data do not determine: their standard deviation is infinite.
     free_delay : bool
         Whether the delay was estimated. If so, `cov` includes it.
     method, cost, cost_expected, n_lines, converged, band_hz
         Properties of the fit; None for a model that was not fitted. `cost` is V of eq. 7.28, and
-        `cost_expected` is its mean if only noise remains.
+        `cost_expected` is its mean if only what the weights contain remains.
+    weights : "noise" or "total"
+        Variance that weighted the lines: of the noise, or of noise and distortion.
     warnings : tuple of FitWarning
         Reasons why the confidence intervals of the fit are not valid, and what to use instead.
     u_unit, y_unit : str
@@ -67,6 +74,8 @@ class RationalModel(Plottable):
     hold_assumed: bool = False
     other_delay_s: float | None = None
     cov: np.ndarray | None = None
+    cov_noise: np.ndarray | None = None
+    undetermined: tuple[int, ...] = ()
     free_delay: bool = False
     method: str | None = None
     cost: float | None = None
@@ -74,6 +83,7 @@ class RationalModel(Plottable):
     n_lines: int | None = None
     converged: bool | None = None
     band_hz: tuple[float, float] | None = None
+    weights: str = "noise"
     warnings: tuple[FitWarning, ...] = ()
     u_unit: str = ""
     y_unit: str = ""
@@ -103,11 +113,18 @@ class RationalModel(Plottable):
         self.delay_s = float(self.delay_s)
         if not np.isfinite(self.delay_s):
             raise ValueError(f"delay_s must be a finite number of seconds, got {self.delay_s}")
-        if self.cov is not None:
-            self.cov = np.asarray(self.cov, dtype=float)
-            p = len(self.den) - 1 + len(self.num) + self.free_delay
-            if self.cov.shape != (p, p):
-                raise ValueError(f"cov must have shape {(p, p)}, got {self.cov.shape}")
+        p = self.n_parameters
+        for name in ("cov", "cov_noise"):
+            cov = getattr(self, name)
+            if cov is not None:
+                setattr(self, name, np.asarray(cov, dtype=float))
+                if getattr(self, name).shape != (p, p):
+                    raise ValueError(f"{name} must have shape {(p, p)}, got {getattr(self, name).shape}")
+        self.undetermined = tuple(self.undetermined)
+        if not all(type(i) is int and 0 <= i < p for i in self.undetermined):
+            raise ValueError(f"undetermined must be indices of parameters, got {self.undetermined!r}")
+        if self.weights not in ("noise", "total"):
+            raise ValueError(f"weights must be 'noise' or 'total', got {self.weights!r}")
 
     # ---- properties --------------------------------------------------------------------------------------
 
@@ -278,6 +295,27 @@ class RationalModel(Plottable):
             moved.append((plus - minus) / (2 * step))
         return np.array(moved).reshape(-1, len(f)).T
 
+    def derivatives(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Derivatives of the response, with its hold, by (den[1:], num, delay if free).
+
+        Parameters
+        ----------
+        f_hz : (k,) array_like
+            Hz; below fs/2 with a hold. Changes of aliases from above fs/2 are neglected.
+
+        Returns
+        -------
+        (k, p) complex ndarray
+
+        Raises
+        ------
+        GsidError
+            A frequency lies on a pole.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        by = self.gradient(f)
+        return by * hold_factor(f, self.fs_hz)[:, None] if self.hold == "zoh" else by
+
     def _small_step(self, by: np.ndarray, f_hz: np.ndarray) -> float:
         """Factor that makes a change of the parameters small enough for a finite difference.
 
@@ -300,26 +338,35 @@ class RationalModel(Plottable):
         )
 
     def _std(self) -> np.ndarray:
-        if self.cov is None:
+        return self._std_by(self.cov)
+
+    def _std_by(self, cov: np.ndarray | None) -> np.ndarray:
+        if cov is None:
             return np.full(self.n_parameters, np.nan)
-        return np.sqrt(np.maximum(np.diag(self.cov), 0))
+        std = np.sqrt(np.maximum(np.diag(cov), 0))
+        std[list(self.undetermined)] = np.inf
+        return std
 
     @property
     def std_den(self) -> np.ndarray:
-        """(n + 1,) standard deviation of den; 0 for den[0], nan without covariance."""
+        """(n + 1,) standard deviation of den; 0 for den[0], inf if not determined, nan without covariance."""
         return np.concatenate([[0.0], self._std()[: self.n_poles]])
 
     @property
     def std_num(self) -> np.ndarray:
-        """(m + 1,) standard deviation of num; nan without covariance."""
+        """(m + 1,) standard deviation of num; inf if not determined, nan without covariance."""
         return self._std()[self.n_poles : self.n_poles + len(self.num)]
 
     @property
     def std_delay_s(self) -> float:
-        """Standard deviation of the delay [s]; 0 if the delay was given, nan without covariance."""
+        """Standard deviation of the delay [s]; 0 if given, inf if not determined, nan without `cov`."""
         if not self.free_delay:
             return 0.0
         return float(self._std()[-1])
+
+    def noise_only(self) -> RationalModel:
+        """The model with the covariance of the noise alone, for intervals beside those of all errors."""
+        return replace(self, cov=self.cov if self.cov_noise is None else self.cov_noise, cov_noise=None)
 
     @property
     def pole_cov(self) -> np.ndarray:
@@ -355,6 +402,8 @@ class RationalModel(Plottable):
             "other_delay_s": self.other_delay_s,
             "free_delay": self.free_delay,
             "covariance": None if self.cov is None else self.cov.tolist(),
+            "covariance_noise_only": None if self.cov_noise is None else self.cov_noise.tolist(),
+            "undetermined": list(self.undetermined),
         }
         fit = {
             "method": self.method,
@@ -363,6 +412,7 @@ class RationalModel(Plottable):
             "n_lines": self.n_lines,
             "converged": self.converged,
             "band_hz": None if self.band_hz is None else list(self.band_hz),
+            "weights": self.weights,
             "warnings": [warning.to_dict() for warning in self.warnings],
         }
         return {
@@ -413,6 +463,11 @@ class RationalModel(Plottable):
                 hold_assumed=flag(rational, "hold_assumed"),
                 other_delay_s=number(rational, "other_delay_s"),
                 cov=moderate(rational.get("covariance"), "covariance", LARGEST**2),
+                cov_noise=moderate(
+                    rational.get("covariance_noise_only"), "covariance_noise_only", LARGEST**2
+                ),
+                undetermined=tuple(listed(rational, "undetermined")),
+                weights=text(data.get("fit") or {}, "weights", "noise"),
                 free_delay=flag(rational, "free_delay"),
                 u_unit=text(data, "u_unit"),
                 y_unit=text(data, "y_unit"),
@@ -543,10 +598,11 @@ class RationalModel(Plottable):
             f"  {'stable' if self.stable else 'UNSTABLE'}",
         ]
         if self.cost is not None:
+            left = "noise" if self.weights == "noise" else "noise and distortion"
             expected = (
                 ""
                 if self.cost_expected is None
-                else f", {self.cost_expected:.1f} expected when only noise is left"
+                else f", {self.cost_expected:.1f} expected when only {left} is left"
             )
             lines.append(f"  {self.method}: cost {self.cost:.1f} over {self.n_lines} lines{expected}")
         return lines + [f"  warning: {warning.text}" for warning in self.warnings]

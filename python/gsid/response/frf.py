@@ -67,6 +67,10 @@ class Frf(Plottable):
     method : {"periods", "lpm", "windows"}
         Method that estimated the variances: scatter over periods, local polynomial method, or windows over a
         record that is not periodic.
+    var_total : (F,) ndarray or None
+        Variance of g by noise and distortion (`gsid.response.with_distortion`); None if it is not measured.
+    smooth_phases : bool
+        The excitation hides its distortion: one realisation with smooth phases (Schroeder).
     """
 
     line: np.ndarray
@@ -92,6 +96,8 @@ class Frf(Plottable):
     n_dof: float | None = None
     rejected_hz: np.ndarray = field(default_factory=lambda: np.empty(0))
     method: str = "periods"
+    var_total: np.ndarray | None = None
+    smooth_phases: bool = False
 
     def __post_init__(self) -> None:
         if self.n_dof is None:

@@ -1,9 +1,4 @@
-"""Values at the minimum with the exact hold, and their covariance (STR-5).
-
-Where the errors exceed the noise, the inverse curvature is not the covariance. The sandwich form uses the
-errors that the fit left (White 1982), with their correlation over neighbouring lines (Newey and West 1987);
-the covariance from the noise alone stands beside it.
-"""
+"""Values at the minimum with the exact hold, and their covariance (STR-5)."""
 
 from __future__ import annotations
 
@@ -11,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.fitting.sandwich import sandwich
 from gsid.structure.elements import Values, columns
 from gsid.structure.projection import Data, Fitted
 
@@ -60,21 +56,8 @@ def estimate(fitted: Fitted, data: Data, var_noise: np.ndarray, correlation: flo
             break
         fitted = better
     slope = exact_slopes(fitted, data) * data.weight[:, None]
-    size = np.linalg.norm(slope, axis=0)
-    slope = slope / size
-    bread = np.linalg.pinv((slope.conj().T @ slope).real, rcond=1e-12)
-    score = (slope.conj() * fitted.error(data)[:, None]).real
-    n, p = slope.shape
-    meat = score.T @ score
-    for lag in range(1, min(int(np.ceil(2 * (correlation - 1))), n - 1) + 1):
-        share = 1 - lag / (np.ceil(2 * (correlation - 1)) + 1)
-        product = score[lag:].T @ score[:-lag]
-        meat += share * (product + product.T)
-    meat *= n / max(n - p / 2, 1)
-    weighted = slope * (data.weight * np.sqrt(var_noise / 2))[:, None]
-    noise = (weighted.conj().T @ weighted).real
-    scale = np.outer(size, size)
-    return Estimate(fitted, bread @ meat @ bread / scale, bread @ noise @ bread / scale)
+    noise = data.weight * np.sqrt(var_noise)
+    return Estimate(fitted, *sandwich(slope, fitted.error(data), noise, correlation))
 
 
 def exact_slopes(fitted: Fitted, data: Data) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from gsid.fitting.sandwich import correlation_of
 from gsid.models.rational import RationalModel
 from gsid.response.sample_hold import lag_fractions
 from gsid.response.total_variance import TotalVariance, response_level
@@ -23,8 +24,6 @@ PER_STRUCTURE = 2
 DEFAULTS = StructureSettings()
 KEEP = 60.0
 """Scores above the best that is not refused by more are not refined again at the next allowed error."""
-LAGS_OF_CORRELATION = 20
-"""Lines over which the residual's correlation is summed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,18 +332,3 @@ def has_slow_lag(values: Values, lines: Lines) -> bool:
     """
     body = max(values.rate, np.sqrt(values.stiffness)) or np.sqrt(lines.w[0] * lines.w[-1])
     return bool(max(values.lags, default=0.0) * body > 1)
-
-
-def correlation_of(error: np.ndarray) -> float:
-    """L = 1 + 2 sum |rho_k|^2 of a residual over lines, less what white noise has.
-
-    Parameters
-    ----------
-    error : (F,) complex
-    """
-    n, power = len(error), float(np.sum(np.abs(error) ** 2))
-    if power == 0 or n < 3:
-        return 1.0
-    lags = range(1, min(LAGS_OF_CORRELATION, n - 1))
-    rho2 = [abs(np.vdot(error[:-k], error[k:]) / power) ** 2 - 1 / n for k in lags]
-    return max(1.0, 1 + 2 * float(np.sum(np.maximum(rho2, 0.0))))
