@@ -199,7 +199,8 @@ def far_out(model: RationalModel) -> list[tuple[str, float]]:
     return [
         (kind, abs(root) / (2 * np.pi))
         for kind, root, cov in roots
-        if root.imag == 0 and NORMAL_95 * np.sqrt(np.trace(cov)) > abs(root) > 2 * np.pi * model.band_hz[1]
+        if root.imag == 0
+        and NORMAL_95 * np.sqrt(max(np.trace(cov), 0.0)) > abs(root) > 2 * np.pi * model.band_hz[1]
     ]
 
 
