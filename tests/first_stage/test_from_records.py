@@ -17,8 +17,8 @@ SILVERBOX = DATA / "silverbox" / "Schroeder80mV.npz"
 FS_HZ, N = 610.3515625, 1024
 
 
-def trial(folder, kind, index):
-    place = study.drawn(folder, SEED, kind, index)
+def trial(folder, kind, index, seed=SEED):
+    place = study.drawn(folder, seed, kind, index)
     key = json.loads((place / "key.json").read_text())
     return spectra_of([read_record(path) for path in sorted(place.glob("fit_*.npz"))]), key
 
@@ -101,6 +101,16 @@ def test_a_model_replaces_the_start(friction):
 def test_wrong_arguments_are_refused(friction, how, words):
     with pytest.raises(ValueError, match=words):
         gsid.diagnose_records(friction[0], **how)
+
+
+def test_a_fit_along_parameters_that_the_data_do_not_distinguish_is_one(tmp_path):
+    """A bug: level and angle of an unbalance at small angles; the fit stalled at the cost of noise."""
+    measured, key = trial(tmp_path, "single", 4, 21610)
+    assert [effect["id"] for effect in key["effects"]] == ["mass_unbalance"]
+    found = gsid.diagnose_records(measured, time_s=300.0)
+    print(found)
+    assert found.verdict != "unknown_effect"
+    assert "mass_unbalance" in found.effects
 
 
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"no measured record {SILVERBOX} (set GSID_DATA)")

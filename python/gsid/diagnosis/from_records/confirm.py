@@ -31,6 +31,9 @@ class Simulated:
         Kept-out cost per whitened number; 1 is noise.
     scatter, scatter_error : float
         Of the law's coefficient over what was left out, relative to it, and what noise makes of it.
+    stalled : bool
+        Whether the last iterations lowered the cost by less than noise: parameters that the data do not
+        distinguish, such as the level and the angle of an unbalance at small angles.
     """
 
     effects: tuple[str, ...]
@@ -39,6 +42,7 @@ class Simulated:
     kept: float
     scatter: float
     scatter_error: float
+    stalled: bool = False
 
     @property
     def cost(self) -> float:
@@ -104,18 +108,18 @@ class Simulations:
             if not self._settles(model):
                 self.not_tried[name] = "its simulation reaches no steady state"
                 return None
-            fit = self._in_slices(model, to_beat)
+            fit, stalled = self._in_slices(model, to_beat)
         except (GsidError, InputError) as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
-        return judged(fit, tuple(effects))
+        return replace(judged(fit, tuple(effects)), stalled=stalled)
 
     def _settles(self, model: PlantModel) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
         answer = model.predict(self.measured[0])
         return answer.settled or answer.residual < self.settings.unsettled * float(np.std(answer.y))
 
-    def _in_slices(self, model: PlantModel, to_beat: float | None) -> PlantFit:
+    def _in_slices(self, model: PlantModel, to_beat: float | None) -> tuple[PlantFit, bool]:
         steps, before = 1, np.inf
         slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
         for _ in range(slices):
@@ -125,14 +129,14 @@ class Simulations:
             if has_converged(fit) or fit.unsettled or now > self.deadline:
                 break
             if before - fit.cost < max(self.settings.stalled, 1e-4 * fit.cost):
-                break
+                return fit, True
             behind = 0.0 if to_beat is None else before - to_beat
             if behind > 0 and before - fit.cost < self.settings.hopeless * behind:
                 break
             each_s = (now - began) / (steps + 1)
             steps = int(np.clip(0.5 * (self.deadline - now) / each_s, 1, self.settings.slice_steps))
             model, before = fit.model, fit.cost
-        return fit
+        return fit, False
 
 
 def has_converged(fit: PlantFit) -> bool:

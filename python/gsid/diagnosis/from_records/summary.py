@@ -118,8 +118,9 @@ def _simulated(one: Simulated, evidence: Evidence) -> RankedLaw:
     stack = one.model.stack()
     label = next(label for label in reversed(stack) if label.partition("#")[0] == one.effects[0])
     numbers = (one.fit.cost_per_dof, evidence.share(one), evidence.margin(one), one.scatter)
-    by = "simulation" if one.converged else "simulation, not converged"
-    return RankedLaw(one.effects, dict(stack[label]), *numbers, one.converged, by)
+    confirmed = one.converged or (one.stalled and evidence.is_adequate(one))
+    by = "simulation" if confirmed else "simulation, not converged"
+    return RankedLaw(one.effects, dict(stack[label]), *numbers, confirmed, by)
 
 
 def _drafted(one: Ranked) -> RankedLaw:

@@ -215,10 +215,28 @@ def decide(evidence: Evidence) -> Decision:
     reasons = tuple(against(evidence, best))
     if not reasons:
         return Decision(MISSING, effects, (), left)
-    steady = best.scatter <= max(settings.nearest_scatter, settings.scatter_errors * best.scatter_error)
-    if share < settings.nearest_share or not steady or evidence.beaten_by or not best.converged:
+    steady = evidence.is_adequate(best) or is_steady(best, settings.nearest_scatter, settings)
+    if (
+        share < settings.nearest_share
+        or not steady
+        or evidence.beaten_by
+        or not (best.converged or best.stalled)
+    ):
         return Decision(UNKNOWN, (), reasons, left)
     return Decision(NEAREST, effects, reasons, left)
+
+
+def is_steady(one: Simulated, most: float, settings: DecisionSettings) -> bool:
+    """Whether the coefficient is the same in all realisations, within a scatter or within noise.
+
+    Parameters
+    ----------
+    one : Simulated
+    most : float
+        Largest scatter, relative to the coefficient.
+    settings : DecisionSettings
+    """
+    return one.scatter <= max(most, settings.scatter_errors * one.scatter_error)
 
 
 def against(evidence: Evidence, best: Simulated) -> list[str]:
@@ -232,7 +250,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     settings, reasons = evidence.settings, []
     share, adequate = evidence.share(best), evidence.is_adequate(best)
     margin, lead = evidence.margin(best), evidence.lead(best)
-    if not best.converged:
+    if not (best.converged or (adequate and best.stalled)):
         reasons.append("Its fit by simulation has not converged.")
     if share < settings.named_share:
         reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
@@ -241,7 +259,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
             f"The best other family leaves {margin:.2g} times as much, and its cost is {lead:.0f} higher: "
             "too little to exclude it."
         )
-    if best.scatter > max(settings.named_scatter, settings.scatter_errors * best.scatter_error):
+    # Where only noise is left, what is kept out has shown already that the coefficient is the same.
+    if not adequate and not is_steady(best, settings.named_scatter, settings):
         reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] in best.effects]
     if unknown and not adequate:
