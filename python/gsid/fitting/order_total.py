@@ -20,7 +20,6 @@ from gsid.fitting.roots import Doubtful, doubtful
 from gsid.fitting.sandwich import CORRELATION_MAX, correlation_of
 from gsid.models.rational import RationalModel
 from gsid.response.frf import Frf
-from gsid.response.total_variance import response_level
 from gsid.response.with_distortion import weighted_by_total
 
 FIRST_ERROR, ERROR_MAX, SMOOTH_ERROR = 0.03, 0.25, 0.2
@@ -161,6 +160,8 @@ class Search:
 
     def _allowed(self, chosen: Scored) -> float:
         """Error of the linear model at which it leaves what is expected."""
+        from gsid.response.total_variance import response_level
+
         assert self.lines.var_total is not None
         rest2 = np.abs(self.lines.g - chosen.model.response(self.lines.f_hz)) ** 2
         level, expected = response_level(self.lines.g), len(rest2) - chosen.model.n_parameters / 2

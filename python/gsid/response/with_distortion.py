@@ -15,7 +15,6 @@ from gsid.base.errors import InputError
 from gsid.records.record import Record
 from gsid.response.estimate import as_response, frf
 from gsid.response.frf import Frf, error_variance
-from gsid.response.total_variance import response_level, total_variance
 from gsid.spectrum.spectra import Spectra
 
 MEASURABLE = 1.5
@@ -46,6 +45,8 @@ def frf_with_distortion(
     InputError, NotPeriodicError, ValueError, TypeError
         As `gsid.frf`.
     """
+    from gsid.response.total_variance import total_variance
+
     response = frf(records, reference=reference)
     if response.method != "periods":
         return response
@@ -97,6 +98,8 @@ def weighted_by_total(response: Frf, relative_error: float = 0.0) -> Frf:
     Frf
         Distortion is an error of the output; the (co)variances of the input remain.
     """
+    from gsid.response.total_variance import response_level
+
     assert response.var_total is not None
     variance = response.var_total + relative_error**2 * response_level(response.g)
     noise = error_variance(response.var_u, response.var_y, response.cov_yu, response.g)
