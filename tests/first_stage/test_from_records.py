@@ -97,6 +97,19 @@ def test_a_model_replaces_the_start(friction):
     assert found.effects == ("coulomb_friction",)
 
 
+def test_a_structure_that_cannot_be_found_is_unknown(friction, monkeypatch):
+    """A bug: a record of an axis with play ended in a numerical error."""
+
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr("gsid.diagnosis.from_records.run.start", fail)
+    found = gsid.diagnose_records(friction[0])
+    assert (found.verdict, found.model) == ("unknown_effect", None)
+    assert "numerically" in found.reasons[0]
+    assert found.to_dict()["ranking"] == []
+
+
 @pytest.mark.parametrize(("how", "words"), [({"time_s": -1.0}, "positive"), ({"output": "torque"}, "output")])
 def test_wrong_arguments_are_refused(friction, how, words):
     with pytest.raises(ValueError, match=words):

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 
+import numpy as np
+
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
@@ -101,7 +103,12 @@ class Run:
             self.on_step("finding the linear structure")
             self.in_closed_loop = reference is not None
             source = records if self.in_closed_loop else self.measured
-            self.start = start(source, output=output, band=self.band, reference=reference)
+            try:
+                self.start = start(source, output=output, band=self.band, reference=reference)
+            except np.linalg.LinAlgError:  # of a structure far outside the band: play between motor and load
+                reason = "No linear structure represents the data: the search for one failed numerically."
+                self.decision = Decision(UNKNOWN, (), (reason,))
+                return
         if not self.start.has_model:
             self.decision = Decision(UNKNOWN, (), (_why_no_stack(self.start),))
         else:
