@@ -118,7 +118,8 @@ def _fit_table(m: RationalModel) -> Table:
     if m.cost is not None:
         expected = f", {_number(m.cost_expected, 5)} expected of noise alone" if m.cost_expected else ""
         rows.append(("Cost", f"{_number(m.cost, 5)}{expected}"))
-    note = "Intervals are 95 % and include noise only. They are valid if the model is adequate."
+    errors = "noise only" if m.cov_noise is None else "the errors that the fit left"
+    note = f"Intervals are 95 % and include {errors}. They are valid if the model is adequate."
     return Table((), rows, title="Fitted model", note=note)
 
 
