@@ -81,6 +81,24 @@ def test_no_held_sensor_is_detected_without_one(coulomb):
         assert held_rate(mean_outputs(record(axis, rng))) is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_bug_harmonics_of_a_hysteresis_were_taken_for_images(seed):
+    """They are as large as those of a sensor at 888 to 940 Hz, but of other phases."""
+    law = {"stiffness": 2000.0, "unloading": 2.85, "loading": -0.45}
+    axis = {
+        "rigid_body": {"gain": 500.0},
+        "viscous_friction": {"rate": 25.0},
+        "cable_spring": {"stiffness": 13000.0},
+    }
+    stack = [{"effect": name, "params": params} for name, params in (axis | {"bouc_wen": law}).items()]
+    model = gsid.PlantModel.from_dict({"gsid_model": 1, "fs_hz": 1000.0, "effects": stack})
+    design = gsid.Multisine.design(1000.0, 500, (2, 60), grid="odd", phases="random", seed=seed)
+    u = design.table() * 30
+    y = np.tile(model.simulate(u).y, 8)
+    y += 1e-3 * np.std(y) * np.random.default_rng(seed).standard_normal(len(y))
+    assert held_rate(mean_outputs(gsid.Record(np.tile(u, 8), y, 1000.0, 500, 0, hold="zoh"))) is None
+
+
 def test_the_model_and_the_response_have_the_held_sensor():
     axis, rng = drawn(60)
     axis.refresh_samples = 5

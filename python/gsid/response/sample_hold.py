@@ -23,6 +23,13 @@ LEAST_POWER = 100.0
 31 000 and more with such a sensor, and below 30 without one or play."""
 LARGEST_SIZE = 1.5
 """Largest ratio of the images' size to that of a sensor of that rate: play has other sizes."""
+LEAST_SHARE = 0.5
+"""Least share of the power above the excitation that the images explain. It is 0.99 and more with such a
+sensor, with and without friction, and at most 0.15 with hysteresis, whose harmonics are above the excitation
+as well."""
+IMAGE_PASSES, IMAGE_STEP = 5, 0.7
+"""Passes that separate the excited lines from the images on them, and their relaxation: full steps diverge
+at a rate near the highest line. The share is the same with 20 passes."""
 HARMONICS = 4
 """Highest harmonic of a sawtooth that may be its strongest line: around the first, few images are above the
 excitation."""
@@ -164,7 +171,34 @@ def held_rate(
         Ratio of the images' size to that of a sensor of that rate.
     """
     images = find_images(outputs, least_power=least_power, largest_size=largest_size)
-    return images.rate_hz if images and _is_sawtooth(images, least_power, largest_size) else None
+    if images is None or not _is_sawtooth(images, least_power, largest_size):
+        return None
+    return images.rate_hz if _share_of_images(outputs, images.rate_hz) >= LEAST_SHARE else None
+
+
+def _share_of_images(outputs: Sequence[MeanOutput], rate_hz: float) -> float:
+    """Share of the output's power above the excitation, less noise, that images of the excited lines are."""
+    power = left = 0.0
+    for one in outputs:
+        line = np.arange(len(one.y))
+        above = line > one.top
+        predicted = _with_images(one, (line > 0) & ~above, rate_hz)
+        variance = np.maximum(one.variance, np.finfo(float).tiny)[above]
+        power += float(np.sum(np.abs(one.y[above]) ** 2 / variance - 1))
+        left += float(np.sum(np.abs((one.y - predicted)[above]) ** 2 / variance - 1))
+    return 1 - left / power if power > 0 else 0.0
+
+
+def _with_images(one: MeanOutput, excited: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Output of the held sensor whose excited lines, images on them included, are those measured."""
+    n, fs_hz = one.period_samples, one.fs_hz
+    direct = held_response(np.arange(len(one.y)) * (fs_hz / n), rate_hz, fs_hz, n)
+    inverse = np.where(excited, np.conj(direct) / np.maximum(np.abs(direct) ** 2, 0.05), 0.0)
+    before_sensor = inverse * one.y
+    for _ in range(IMAGE_PASSES):
+        held = held_output(before_sensor, rate_hz, fs_hz, n)
+        before_sensor = before_sensor + IMAGE_STEP * inverse * (one.y - held)
+    return held_output(before_sensor, rate_hz, fs_hz, n)
 
 
 def held_response(f_hz: np.ndarray, rate_hz: float, fs_hz: float, n_period: int) -> np.ndarray:
