@@ -8,10 +8,13 @@ import pytest
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue as laws_of
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
+from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.law_columns import Law, dissipated
-from gsid.diagnosis.missing_torque.linear_fit import LinearFit, Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_null
 from gsid.diagnosis.missing_torque.motion import motions
-from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, refit, scan_laws
+from gsid.diagnosis.missing_torque.problem import Problem, linear_part
+from gsid.diagnosis.missing_torque.ranking import Candidate, Scan, scan_laws
+from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
@@ -400,3 +403,12 @@ def test_noise_and_friction_have_no_images():
         problem = Problem(plant(TRUE), spectra_of(records(extra)), None, DEFAULTS)
         assert find_images(problem.mean_outputs).statistic < DEFAULTS.images_least
         assert held_rate(problem.mean_outputs) is None
+
+
+def test_bug_a_coefficient_without_effect_was_divided_by_zero():
+    problem = Problem(plant(TRUE), spectra_of(records()), None, DEFAULTS)
+    null = fit_null(problem, linear_part(plant(TRUE)))
+    columns = np.hstack([null.jacobian, np.zeros((len(null.error), 1))])
+    kept, scatter, _ = keep_out(problem, null, columns, 1, np.array([2.0]))
+    assert kept == pytest.approx(keep_out(problem, null, null.jacobian, 1)[0])
+    assert scatter == np.inf

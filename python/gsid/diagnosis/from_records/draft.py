@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.missing_torque.linear_fit import Problem, fit_null, linear_part
+from gsid.diagnosis.missing_torque.linear_fit import fit_null
+from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage
 from gsid.effects.types import find

@@ -9,8 +9,8 @@ import numpy as np
 
 from gsid._lib import ffi
 from gsid.diagnosis.missing_torque.law_columns import Law
-from gsid.diagnosis.missing_torque.linear_fit import Problem
 from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.diagnosis.missing_torque.problem import Problem
 from gsid.effects.custom import expression
 from gsid.effects.types import EffectType, catalogue
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.fft import rfft
 
 from gsid._lib import check, ffi, lib
-from gsid.diagnosis.missing_torque.linear_fit import Problem
 from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.diagnosis.missing_torque.problem import Problem
 from gsid.effects.types import EffectParameter, EffectType
 
 ENDLESS = 1e60  # torque of a memory that grows from period to period; its square is a number

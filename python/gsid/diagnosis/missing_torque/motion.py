@@ -14,7 +14,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from gsid._lib import check, ffi, lib
-from gsid.diagnosis.missing_torque.linear_fit import LinearPart, Lines, Problem
+from gsid.diagnosis.missing_torque.problem import LinearPart, Lines, Problem
 from gsid.plant.linear_response import LinearView, linear_view
 
 

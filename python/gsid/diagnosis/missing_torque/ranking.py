@@ -1,19 +1,17 @@
-"""Scan of all laws beside the linear part, and joint refit of the best.
+"""Scan of all laws beside the linear part.
 
 The whitened error of the null is freed of the linear part's tangent. A law's gain is what its columns, freed
-of it too, explain of the rest. The best laws are fitted together with the linear part. What is kept out is
-one realisation after the other: fitted to the others, linearised, and judged on the one.
+of it too, explain of the rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import minimize, nnls
 
-from gsid._lib import ffi
 from gsid.diagnosis.missing_torque.catalogue import family as effect_family
 from gsid.diagnosis.missing_torque.law_columns import (
     Law,
@@ -21,22 +19,16 @@ from gsid.diagnosis.missing_torque.law_columns import (
     dissipated,
     mapped,
     torque_lines,
-    torques,
 )
 from gsid.diagnosis.missing_torque.linear_fit import (
     LinearFit,
-    LinearPart,
-    Problem,
     basis,
-    fit_linear_part,
-    fit_with_shape,
     mode_columns,
-    torque_columns,
 )
-from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.diagnosis.missing_torque.problem import LinearPart, Problem
 from gsid.effects.types import EffectType
 
-BOUND = 1e-3  # of the largest coefficient: a smaller one is at its bound
 GOLDEN = 0.381966  # 1 - 1 / golden ratio
 
 
@@ -204,7 +196,7 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
     for law in laws:
         points = law.points(scales)
         if law.effect.c.has_memory:
-            points = points[_is_dissipative(law, points, scan.problem, scan.moved)]
+            points = points[is_dissipative(law, points, scan.problem, scan.moved)]
         if law.is_command:
             if law.shapes[0].grid.spacing == "rounding":
                 points = _likely_steps(scan, law, points, error)
@@ -224,8 +216,20 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
     return sorted(found, key=lambda one: -one.gain)
 
 
-def _is_dissipative(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> np.ndarray:
-    """Whether a law with memory is a friction, (shapes,) bool, and not a spring."""
+def is_dissipative(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> np.ndarray:
+    """Whether a law with memory is a friction, and not a spring.
+
+    Parameters
+    ----------
+    law : Law
+    shapes : (n, d) ndarray
+    problem : Problem
+    moved : sequence of Motion
+
+    Returns
+    -------
+    (n,) bool ndarray
+    """
     return dissipated(law, shapes, moved[0], problem.radians) >= problem.settings.dissipated_least
 
 
@@ -399,11 +403,11 @@ def _linear_candidate(
     """
     (parameter,) = effect.parameters
     small = 1e-4 * parameter.typical
-    column = _change(scan, _with_linear(scan.fit.part, effect, small)) / small
+    column = _change(scan, with_linear(scan.fit.part, effect, small)) / small
     most, c = _solved(column[None, :], -error, np.array([parameter.lower]))
-    starts = [(most, _with_linear(scan.fit.part, effect, float(c[0])))] if effect.linear_part != "lag" else []
+    starts = [(most, with_linear(scan.fit.part, effect, float(c[0])))] if effect.linear_part != "lag" else []
     for point in _linear_points(scan, effect, scales):
-        larger = _with_linear(scan.fit.part, effect, float(point))
+        larger = with_linear(scan.fit.part, effect, float(point))
         left = error + _change(scan, larger)
         starts.append((float(error @ error - left @ left), larger))
     gain, start = max(starts, key=lambda each: each[0])
@@ -423,8 +427,16 @@ def _linear_points(scan: Scan, effect: EffectType, scales: dict[str, float]) -> 
     return np.zeros(0)
 
 
-def _with_linear(part: LinearPart, effect: EffectType, value: float) -> LinearPart:
-    """The part with a linear effect of one value; the delay is reduced by what a lag delays."""
+def with_linear(part: LinearPart, effect: EffectType, value: float) -> LinearPart:
+    """The part with a linear effect of one value; the delay is reduced by what a lag delays.
+
+    Parameters
+    ----------
+    part : LinearPart
+    effect : EffectType
+    value : float
+        Of its first parameter.
+    """
     larger = _enlarged(part, effect, {effect.parameters[0].name: value})
     name = "transport_delay.delay_s"
     if effect.linear_part != "lag" or name not in part.names:
@@ -441,292 +453,3 @@ def _change(scan: Scan, larger: LinearPart) -> np.ndarray:
     there = p.responses(larger)
     changes = [-(there[r.group][0] - scan.entries[r.group][0]) * r.U for r in p.records]
     return scan.freed(p.whiten(changes))
-
-
-# ---- joint refit ---------------------------------------------------------------------------------------
-
-
-def refit(
-    problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion], given: LinearPart
-) -> None:
-    """Fit a candidate together with the linear part, and judge it on what is kept out; in place.
-
-    A law that has become another one stays without a fit: one with memory that dissipates nothing is a
-    spring, and Stribeck's without its level or its extra is not Stribeck's.
-
-    Parameters
-    ----------
-    problem : Problem
-    null : LinearFit
-        The linear part alone.
-    one : Candidate
-    moved : sequence of Motion
-        Motions of the null.
-    given : LinearPart
-        With the values of the model: a fit without a linear effect that is missing may have left them far
-        behind.
-    """
-    if one.law is None:
-        _refit_linear(problem, null, one, given)
-    elif one.law.is_command:
-        _refit_command(problem, null, one, moved)
-    else:
-        _refit_torque(problem, null, one, moved)
-        if _is_other_law(problem, one, moved):
-            one.fit, one.kept = None, np.inf
-
-
-def _is_other_law(problem: Problem, one: Candidate, moved: Sequence[Motion]) -> bool:
-    law, c = one.law, one.coefficients
-    at_bound = np.isfinite(law.lower) & (c - law.lower <= BOUND * np.max(np.abs(c)))
-    if len(c) > 1 and np.any(at_bound):
-        return True
-    return bool(law.effect.c.has_memory) and not _is_dissipative(law, one.shape[None, :], problem, moved)[0]
-
-
-def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
-    good = problem.settings.good_cost
-    one.fit = fit_linear_part(problem, one.start)
-    if null.cost_per_dof > good:
-        for point in one.points:
-            if one.fit.cost_per_dof <= good:
-                break
-            again = fit_linear_part(problem, _with_linear(given, one.effect, point))
-            one.fit = min(one.fit, again, key=lambda fit: fit.cost)
-    one.coefficients = one.fit.part.values[len(null.part.names) :]
-    one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, one.fit.jacobian, 1)
-
-
-def _refit_command(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
-    law, part = one.law, null.part
-    for _ in range(problem.settings.passes):
-        commands = [u[0] for u in command_lines(law, one.shape[None, :], problem)]
-        one.fit = fit_linear_part(problem, part, commands)
-        part = one.fit.part
-        # The error without the law, on the tangent of the fit with it.
-        scan = Scan(problem, one.fit, moved)
-        one.bracket = _around(one)
-        error = scan.freed(problem.error(part, problem.commands))
-        one.gain = float(scan.command_gains(law, one.shape[None, :], error)[0])
-        refine_shape(scan, one, error)
-    commands = [u[0] for u in command_lines(law, one.shape[None, :], problem)]
-    one.fit = fit_linear_part(problem, part, commands)
-    slopes = _shape_slopes(one, lambda shape: _command_error(problem, one, shape))
-    jacobian = np.hstack([one.fit.jacobian, slopes])
-    one.coefficients = one.shape
-    one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, jacobian, 1, one.coefficients)
-
-
-def _command_error(problem: Problem, one: Candidate, shape: np.ndarray) -> np.ndarray:
-    commands = [u[0] for u in command_lines(one.law, shape[None, :], problem)]
-    return problem.error(one.fit.part, commands)
-
-
-def _around(one: Candidate) -> np.ndarray:
-    """The bracket of a shape for the next pass, half as wide."""
-    half = 0.25 * np.ptp(one.bracket, axis=1)
-    lower, upper = (np.array([getattr(p, end) for p in one.law.shapes]) for end in ("lower", "upper"))
-    return np.stack([np.maximum(one.shape - half, lower), np.minimum(one.shape + half, upper)], axis=1)
-
-
-def _shape_slopes(one: Candidate, error: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Derivative of the error by the shape, (n_rows, d), over a thousandth of its largest value."""
-    step = 1e-3 * np.max(np.abs(one.shape))
-    changes = step * np.eye(len(one.shape))
-    return np.stack([error(one.shape + d) - error(one.shape - d) for d in changes], axis=1) / (2 * step)
-
-
-def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:
-    law = one.law
-    scan = Scan(problem, null, moved)
-    error = scan.freed(null.error)
-    _, found = scan.torque_gains(law, one.shape[None, :], error)
-    part, c = null.part, found[0]
-    if one.fit is not None:  # with other weights
-        part, c = one.fit.part, one.fit.coefficients
-        moved = motions(problem, part)
-    best: tuple[LinearFit, Sequence[Motion], float] | None = None
-    for attempt in range(problem.settings.passes + 1):
-        lines = [t[0] for t in torque_lines(law, one.shape[None, :], problem, moved)]
-        fit = fit_linear_part(problem, part, torques=lines, first=c, lower=law.lower)
-        if len(law.shapes) > 1:
-            fit = _with_shape(problem, one, replace(fit, shape=one.shape), moved)
-            one.shape = fit.shape
-        if best is None or fit.cost < best[0].cost:
-            best = fit, moved, one.shape
-        if attempt == problem.settings.passes:
-            break
-        part, c = fit.part, fit.coefficients
-        moved = motions(problem, part)
-        # In a closed loop the motor's torque is not in the record.
-        if law.effect.c.holding != ffi.NULL and np.any(c != 0) and not problem.closed_loop:
-            moved = [stuck(problem, law, one.shape, c, motion) for motion in moved]
-        if len(law.shapes) == 1:
-            scan = Scan(problem, fit, moved)
-            totals = [c @ t for t in lines]
-            without = torque_columns(problem, part, [t[None, :] for t in totals])[:, 0]
-            rest = scan.freed(fit.error - without)
-            one.bracket = _around(one)
-            one.gain = float(scan.torque_gains(law, one.shape[None, :], rest)[0][0])
-            refine_shape(scan, one, rest)
-    one.fit, moved, one.shape = best
-    n = len(null.part.names)
-    judged = one.fit.coefficients
-    if law.own_phases:
-        one.fit, level = _with_one_level(one.fit, n)
-        judged = np.array([level])
-    one.coefficients = one.fit.coefficients
-    jacobian = one.fit.jacobian
-    if len(law.shapes) == 1:
-
-        def error_at(shape: np.ndarray) -> np.ndarray:
-            lines = [one.coefficients @ t[0] for t in torque_lines(law, shape[None, :], problem, moved)]
-            return torque_columns(problem, one.fit.part, [t[None, :] for t in lines])[:, 0]
-
-        jacobian = np.hstack([jacobian, _shape_slopes(one, error_at)])
-    kept = keep_out(problem, one.fit, jacobian, len(judged), judged, n)
-    one.kept, one.scatter, one.scatter_error = kept
-
-
-def _with_one_level(fit: LinearFit, first: int) -> tuple[LinearFit, float]:
-    """A fit with a phase of each record's own, with one level for all, and this level.
-
-    The derivatives by sine and cosine become those by the level and by the phases: what is kept out of a
-    record is its level.
-    """
-    pairs = fit.coefficients.reshape(-1, 2)
-    columns = fit.jacobian[:, first : first + pairs.size].reshape(len(fit.error), -1, 2)
-    levels = np.hypot(*pairs.T)
-    direction = pairs / np.where(levels > 0, levels, 1.0)[:, None]
-    by_level = np.einsum("nrk,rk->nr", columns, direction)
-    by_phase = columns[:, :, 1] * direction[:, 0] - columns[:, :, 0] * direction[:, 1]
-    power = np.sum(by_level**2, axis=0)
-    level = float(power @ levels / np.sum(power)) if np.any(power > 0) else 0.0
-    equal = level * direction
-    error = fit.error + columns.reshape(len(fit.error), -1) @ (equal - pairs).ravel()
-    parts = [
-        fit.jacobian[:, :first],
-        by_level.sum(axis=1, keepdims=True),
-        level * by_phase,
-        fit.jacobian[:, first + pairs.size :],
-    ]
-    return replace(fit, coefficients=equal.ravel(), error=error, jacobian=np.hstack(parts)), level
-
-
-def _with_shape(problem: Problem, one: Candidate, fit: LinearFit, moved: Sequence[Motion]) -> LinearFit:
-    """Fit several shapes together with all else: their best values depend on each other's."""
-    law, free = one.law, np.full(one.law.n_columns, np.inf)
-    ends = np.concatenate([law.lower, one.ends[:, 0]]), np.concatenate([free, one.ends[:, 1]])
-
-    def torques_of(shape: np.ndarray) -> list[np.ndarray]:
-        return [t[0] for t in torque_lines(law, shape[None, :], problem, moved)]
-
-    return fit_with_shape(problem, fit, torques_of, ends)
-
-
-def stuck(problem: Problem, law: Law, shape: np.ndarray, c: np.ndarray, motion: Motion) -> Motion:
-    """The motion with the direction of dry friction where the axis may stand still.
-
-    The sign of the measured rate is noise there. The friction is what holds the axis: the torque of the motor
-    less those of damping and springs, as far as its level reaches (Karnopp 1985).
-
-    Parameters
-    ----------
-    problem : Problem
-    law : Law
-    shape : (d,) ndarray
-    c : (c,) ndarray
-        Coefficients.
-    motion : Motion
-    """
-    still = np.abs(motion.rate) < problem.settings.stuck * motion.rate_std
-    forward = replace(motion, side=np.ones(len(motion.rate)))
-    level = np.abs(c @ torques(law, law.unit_values(shape), forward, problem.radians))
-    held = np.clip(motion.drive / np.where(level > 0, level, np.inf), -1, 1)
-    return replace(motion, side=np.where(still, held, motion.side))
-
-
-# ---- kept out ------------------------------------------------------------------------------------------
-
-
-def keep_out(
-    problem: Problem,
-    fit: LinearFit,
-    jacobian: np.ndarray,
-    n_coefficients: int,
-    coefficients: np.ndarray | None = None,
-    first: int | None = None,
-) -> tuple[float, float, float]:
-    """Kept-out cost, scatter of the coefficient over realisations, and its standard error.
-
-    One realisation after the other is left out of the fit, linearised at the fit to all. Of a single record
-    thirds of its periods are left out.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : LinearFit
-    jacobian : (n_rows, m) ndarray
-        With the derivative by the shape.
-    n_coefficients : int
-    coefficients : (n_coefficients,) ndarray, optional
-        Their values; default the last of the linear part.
-    first : int, optional
-        Their first column; default the last ones.
-    """
-    n = jacobian.shape[1]
-    first = n - n_coefficients if first is None else first
-    chosen = np.arange(first, first + n_coefficients)
-    values = fit.part.values[-n_coefficients:] if coefficients is None else coefficients
-    size = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(size > 0, size, 1.0)
-    parts = _parts(problem, fit.error, scaled)
-    total = sum(gram for gram, _, _, _ in parts)
-    right = sum(slope for _, slope, _, _ in parts)
-    squares, alone, errors = 0.0, [], []
-    for gram, slope, rows, error in parts:
-        moved = -_solve(total - gram, right - slope)
-        squares += float(np.sum((error + rows @ moved) ** 2))
-        alone.append(values - _solve(gram, slope)[chosen] / size[chosen])
-        variances = np.maximum(np.diag(np.linalg.pinv(gram)), 0.0)  # rounding may leave them below 0
-        errors.append(np.sqrt(variances)[chosen] / size[chosen])
-    n_rows = sum(len(error) for *_, error in parts)
-    norm = float(np.linalg.norm(values)) or np.inf
-    spread = np.linalg.norm(np.std(alone, axis=0)) / norm
-    noise = np.linalg.norm(np.sqrt(np.mean(np.square(errors), axis=0))) / norm
-    return squares / n_rows, float(spread), float(noise)
-
-
-def _parts(
-    problem: Problem, error: np.ndarray, jacobian: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Normal equations, rows and error of each realisation; of a single record those of thirds.
-
-    The thirds are those of its periods, or those of its lines where a model error is left.
-    """
-    if len(problem.records) > 1:
-        found = []
-        for i in range(len(problem.records)):
-            rows = problem.rows_of(i)
-            found.append(_normal(jacobian[rows], error[rows]))
-        return found
-    (record,) = problem.records
-    if problem.has_model_error:
-        # It is the same in all periods: the lines are what is independent.
-        of = np.tile(np.arange(len(record.line)) % 3, 2)
-        return [_normal(jacobian[of == i], error[of == i]) for i in range(3)]
-    thirds = np.array_split(record.spectra.Y[:, record.line], min(3, record.spectra.n_periods))
-    found = []
-    for third in thirds:
-        weight = np.sqrt(len(third) / record.spectra.n_periods)  # of noise that is larger
-        change = problem.whiten([third.mean(axis=0) - record.Y])
-        found.append(_normal(weight * jacobian, weight * (error + change)))
-    return found
-
-
-def _normal(rows: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return rows.T @ rows, rows.T @ error, rows, error
-
-
-def _solve(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return np.linalg.lstsq(gram, right, rcond=1e-12)[0]

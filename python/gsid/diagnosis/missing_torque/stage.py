@@ -11,23 +11,17 @@ from typing import Any
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
-from gsid.diagnosis.missing_torque.linear_fit import (
-    LinearFit,
-    LinearPart,
-    Problem,
-    fit_linear_part,
-    fit_null,
-    linear_part,
-)
+from gsid.diagnosis.missing_torque.kept_out import keep_out
+from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
 from gsid.diagnosis.missing_torque.ranking import (
     Candidate,
     Scan,
-    keep_out,
     linear_candidates,
-    refit,
     scan_laws,
 )
+from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
 from gsid.effects.types import catalogue as effect_types
 from gsid.plant.linear_response import BACKLASH
