@@ -103,6 +103,19 @@ def test_covariance_is_that_of_repeated_fits(rng):
     assert noise_only == pytest.approx(spread, rel=0.2)
 
 
+def test_bug_a_rate_far_above_the_band_ended_the_search(rng):
+    """A body of 1e15 1/s and a lag of 1e-20 s have no slope left: 0 / 0, and no decomposition of it."""
+    lines = Lines(np.arange(0.5, 250, 1.0), axes.FS_HZ, False)
+    true = Values.of("rate", (12.0,), [], [], 2e-3, False)
+    g = columns(true, lines) @ np.array([8.0])
+    g = g + 1e-2 * np.abs(g) * rng.standard_normal(len(g))
+    far = Values.of("rate", (1e15,), [], [1e-20], 2e-3, False)
+    data = Data(lines, g, 1 / (1e-2 * np.abs(g)))
+    found = estimate(linear_fit(far, data), data, 1e-4 * np.abs(g) ** 2, 1.0)
+    assert np.all(np.isfinite(found.fitted.values.theta))
+    assert np.isfinite(found.fitted.cost)
+
+
 @pytest.mark.parametrize("output", ["rate", "angle", "acceleration"])
 @pytest.mark.parametrize("body", [(), (20.0,), (20.0, 900.0)])
 @pytest.mark.parametrize("residual", [False, True])

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsid.fitting.sandwich import sandwich
 from gsid.structure.elements import Values, columns
-from gsid.structure.projection import Data, Fitted
+from gsid.structure.projection import STEP_MAX, Data, Fitted
 
 POLISHED = 3
 """Gauss-Newton steps with exact slopes: the refinement takes the images of the hold as constant."""
@@ -52,7 +52,7 @@ def estimate(fitted: Fitted, data: Data, var_noise: np.ndarray, correlation: flo
     """
     for _ in range(POLISHED):
         better = _step(fitted, data)
-        if better.cost >= fitted.cost:
+        if not better.cost < fitted.cost:  # also where it is not a number
             break
         fitted = better
     slope = exact_slopes(fitted, data) * data.weight[:, None]
@@ -79,9 +79,11 @@ def _step(fitted: Fitted, data: Data) -> Fitted:
     slope = exact_slopes(fitted, data) * data.weight[:, None]
     error = fitted.error(data)
     size = np.linalg.norm(slope, axis=0)
+    size = np.where(size > 0, size, 1.0)
     stacked = np.concatenate([slope.real, slope.imag]) / size
     move = np.linalg.lstsq(stacked, np.concatenate([error.real, error.imag]), rcond=1e-10)[0] / size
     n = len(fitted.values.theta)
+    move[: n - 1] = np.clip(move[: n - 1], -STEP_MAX, STEP_MAX)  # logarithms
     values = Values(fitted.structure, fitted.values.theta + move[:n])
     better = Fitted(values, fitted.gains + move[n:], 0.0)
     return Fitted(values, better.gains, float(np.sum(np.abs(better.error(data)) ** 2)))
