@@ -218,6 +218,7 @@ def decide(evidence: Evidence) -> Decision:
     steady = evidence.is_adequate(best) or is_steady(best, settings.nearest_scatter, settings)
     if (
         share < settings.nearest_share
+        or best.cost >= evidence.null.cost
         or not steady
         or evidence.beaten_by
         or not (best.converged or best.stalled)
@@ -252,6 +253,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     margin, lead = evidence.margin(best), evidence.lead(best)
     if not (best.converged or (adequate and best.stalled)):
         reasons.append("Its fit by simulation has not converged.")
+    if best.cost >= evidence.null.cost:
+        reasons.append("The linear part alone fits as well.")
     if share < settings.named_share:
         reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
     if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):

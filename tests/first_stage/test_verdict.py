@@ -1,0 +1,119 @@
+"""Each rule of the decision on fits by simulation, with numbers on both sides of its limit."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import Evidence, decide
+
+N_DOF = 2000  # two standard deviations of the mean cost are 0.063
+LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
+
+
+def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
+    """A fit by simulation with this cost per degree of freedom."""
+    spectra = SimpleNamespace(spectra=SimpleNamespace(n_periods=periods))
+    undetermined = changes.pop("undetermined", [])
+    of_plant = SimpleNamespace(
+        cost=per_dof * N_DOF,
+        cost_per_dof=per_dof,
+        n_dof=N_DOF,
+        undetermined=undetermined,
+        records=[spectra] * records,
+    )
+    facts = {"converged": True, "scatter": 0.01, "scatter_error": 0.001} | changes
+    return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
+
+
+def decision(best, *others, null=100.0, beaten_by=()):
+    return decide(Evidence(fit("", null), [best, *others], beaten_by, DEFAULTS))
+
+
+RIVAL = fit(OTHER_FAMILY, 60.0)
+
+
+def test_a_law_that_leaves_little_is_named():
+    found = decision(fit(LAW, 2.0), RIVAL)
+    assert (found.verdict, found.effects, found.reasons) == ("missing_effect", (LAW,), ())
+    assert found.unexplained_share == pytest.approx(0.0095, abs=5e-4)
+
+
+# What is changed, the verdict just beyond the limit, and the one just before it.
+LIMITS = {
+    "share of a name, 0.9": ({"per_dof": 11.2}, "nearest_effect", {"per_dof": 10.4}, "missing_effect"),
+    "share of a nearest, 0.5": ({"per_dof": 51.0}, "unknown_effect", {"per_dof": 49.0}, "nearest_effect"),
+    "scatter of a name, 6 %": ({"scatter": 0.07}, "nearest_effect", {"scatter": 0.05}, "missing_effect"),
+    "scatter of a nearest, 30 %": ({"scatter": 0.31}, "unknown_effect", {"scatter": 0.29}, "nearest_effect"),
+    "scatter within 2.5 errors": (
+        {"scatter": 0.26, "scatter_error": 0.1},
+        "nearest_effect",
+        {"scatter": 0.24, "scatter_error": 0.1},
+        "missing_effect",
+    ),
+    "convergence": ({"converged": False}, "unknown_effect", {"converged": True}, "missing_effect"),
+    "a stalled fit that leaves more than noise": (
+        {"converged": False, "stalled": True},
+        "nearest_effect",
+        {"converged": False, "stalled": True, "per_dof": 1.02},
+        "missing_effect",
+    ),
+    "periods of one record, 6": (
+        {"records": 1, "periods": 5},
+        "nearest_effect",
+        {"records": 1, "periods": 6},
+        "missing_effect",
+    ),
+    "determined": (
+        {"undetermined": [f"{LAW}.level"]},
+        "nearest_effect",
+        {"undetermined": [f"{OTHER_FAMILY}.stiffness"]},
+        "missing_effect",
+    ),
+    "a cost below that of the linear part": (
+        {"per_dof": 100.0, "kept": 20.0},
+        "unknown_effect",
+        {"per_dof": 99.0, "kept": 20.0},
+        "nearest_effect",
+    ),
+}
+
+
+@pytest.mark.parametrize("rule", LIMITS)
+def test_each_limit_from_both_sides(rule):
+    beyond, verdict_beyond, before, verdict_before = LIMITS[rule]
+    found = decision(fit(LAW, **{"per_dof": 2.0} | beyond), RIVAL)
+    assert found.verdict == verdict_beyond, found.reasons
+    assert found.reasons
+    found = decision(fit(LAW, **{"per_dof": 2.0} | before), RIVAL)
+    assert found.verdict == verdict_before, found.reasons
+
+
+@pytest.mark.parametrize(("rival", "verdict"), [(6.5, "nearest_effect"), (7.5, "missing_effect")])
+def test_the_best_other_family_has_to_leave_six_times_as_much(rival, verdict):
+    assert decision(fit(LAW, 2.0), fit(OTHER_FAMILY, rival)).verdict == verdict
+
+
+@pytest.mark.parametrize(("rival", "verdict"), [(1.06, "nearest_effect"), (1.08, "missing_effect")])
+def test_where_only_noise_is_left_the_cost_has_to_be_a_hundred_lower(rival, verdict):
+    assert decision(fit(LAW, 1.02), fit(OTHER_FAMILY, rival), null=1.5).verdict == verdict
+
+
+def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
+    found = decision(fit(LAW, 2.0), RIVAL, beaten_by=("c*w^3",))
+    assert (found.verdict, found.effects) == ("unknown_effect", ())
+    assert found.reasons == ("c*w^3 explains more, and is not in the catalogue.",)
+
+
+@pytest.mark.parametrize(("simpler", "named"), [(1.004, SIMPLER), (1.008, LAW)])
+def test_the_simpler_law_is_named_unless_it_is_significantly_worse(simpler, named):
+    """12 units of the cost are 0.006 per degree of freedom."""
+    assert decision(fit(LAW, 1.0), fit(SIMPLER, simpler), RIVAL).effects == (named,)
+
+
+@pytest.mark.parametrize(("other", "group"), [(1.004, True), (1.008, False)])
+def test_laws_of_one_family_that_are_as_good_form_a_group(other, group):
+    found = decision(fit("cubic_spring", 1.0), fit("quadratic_spring", other), fit(LAW, 60.0))
+    assert found.verdict == "missing_effect"
+    assert found.effects == ("cubic_spring", *["quadratic_spring"] * group)
