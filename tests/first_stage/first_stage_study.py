@@ -30,7 +30,7 @@ from gsid.records.files import read_record
 from gsid.spectrum.realisation import spectra_of
 
 SEED = 16161
-BEGIN, END = "<!-- made by `make first-stage-study` -->", "<!-- end -->"
+BEGIN, END = "<!-- made by `make {}` -->", "<!-- end -->"
 CLEAR = 64.0  # predicted drop from which an effect has to be found
 Row = dict
 
@@ -191,11 +191,13 @@ def told(row: Row) -> str:
     )
 
 
-def put_into(page: Path, text: str) -> None:
-    """Replace the part of a page between the marks."""
-    before, _, rest = page.read_text().partition(BEGIN)
+def put_into(page: Path, text: str, target: str) -> None:
+    """Replace the part of a page between the marks of a target."""
+    begin = BEGIN.format(target)
+    before, found, rest = page.read_text().partition(begin)
     _, _, after = rest.partition(END)
-    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+    assert found, f"{page} has no marks of {target}"
+    page.write_text(f"{before}{begin}\n\n{text}\n\n{END}{after}")
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
@@ -216,7 +218,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     text = table(rows, command)
     print(text)
     if args.page:
-        put_into(args.page, text)
+        put_into(args.page, text, "first-stage-study")
 
 
 if __name__ == "__main__":

@@ -182,7 +182,7 @@ def main(arguments: Iterable[str] | None = None) -> None:
     text = table(rows, command)
     print(text)
     if args.page:
-        put_into(args.page, text)
+        put_into(args.page, text, "from-records-study")
 
 
 if __name__ == "__main__":
