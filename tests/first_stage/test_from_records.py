@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gsid
+from gsid.diagnosis.from_records import run as steps
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -103,7 +104,7 @@ def test_a_structure_that_cannot_be_found_is_unknown(friction, monkeypatch):
     def fail(*_, **__):
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr("gsid.diagnosis.from_records.run.start", fail)
+    monkeypatch.setattr(steps, "start", fail)
     found = gsid.diagnose_records(friction[0])
     assert (found.verdict, found.model) == ("unknown_effect", None)
     assert "numerically" in found.reasons[0]

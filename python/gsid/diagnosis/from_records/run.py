@@ -105,7 +105,7 @@ class Run:
             source = records if self.in_closed_loop else self.measured
             try:
                 self.start = start(source, output=output, band=self.band, reference=reference)
-            except np.linalg.LinAlgError:  # of a structure far outside the band: play between motor and load
+            except np.linalg.LinAlgError:
                 reason = "No linear structure represents the data: the search for one failed numerically."
                 self.decision = Decision(UNKNOWN, (), (reason,))
                 return
