@@ -16,7 +16,8 @@ def test_coulomb_friction_is_named_and_nothing_in_its_place(tmp_path):
 
 def test_the_study_goes_on_where_it_stopped_and_writes_its_table(tmp_path):
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{study.BEGIN}\n{study.END}\nafter\n")
+    begin = study.BEGIN.format("first-stage-study")
+    page.write_text(f"before\n{begin}\n{study.END}\nafter\n")
     common = ["--seed", str(SEED), "--foreign", "0", "--folder", str(tmp_path), "--page", str(page)]
     study.main(["--singles", "0", "--nulls", "1", *common])
     written = (tmp_path / "results.jsonl").stat().st_mtime_ns
