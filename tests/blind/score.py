@@ -426,6 +426,18 @@ def _table(head: list[str], lines: Iterable[Iterable[object]]) -> str:
     return "\n".join("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)
 
 
+def _power(row: dict) -> list:
+    low, high = row["drop"]
+    drop = f"{low:g} to {high:g}" if high else f"from {low:g}"
+    columns = ("detected", "in_first_group", "alone_in_it", "confidently_wrong")
+    return [drop, row["n"], *(_short(row[column]) for column in columns)]
+
+
+def _calibration(row: dict) -> list[str]:
+    stated = "-" if row["stated"] is None else f"{row['stated']:.3f}"
+    return [f"{row['from']:g} to {row['to']:g}", stated, _percent(row["right"])]
+
+
 def page(figures: dict, command: str) -> str:
     """The results as Markdown. Brackets are 95 % intervals."""
     words = {True: "met", False: "**missed**", None: "not tested"}
@@ -452,19 +464,7 @@ def page(figures: dict, command: str) -> str:
         "### Power: one hidden effect by the predicted drop of the cost",
         _table(
             ["drop", "n", "model rejected", "in the first group", "alone in it", "confidently wrong"],
-            (
-                [
-                    f"{row['drop'][0]:g} to {row['drop'][1]:g}"
-                    if row["drop"][1]
-                    else f"from {row['drop'][0]:g}",
-                    row["n"],
-                    *(
-                        _short(row[c])
-                        for c in ("detected", "in_first_group", "alone_in_it", "confidently_wrong")
-                    ),
-                ]
-                for row in figures["power"]
-            ),
+            (_power(row) for row in figures["power"]),
         ),
         f"### Confusion: effect named first, drop >= {CLEAR_DROP:g}",
         _table(
@@ -475,17 +475,7 @@ def page(figures: dict, command: str) -> str:
             ),
         ),
         "### Calibration of the stated probability of the first group",
-        _table(
-            ["stated", "mean stated", "right"],
-            (
-                [
-                    f"{row['from']:g} to {row['to']:g}",
-                    "-" if row["stated"] is None else f"{row['stated']:.3f}",
-                    _percent(row["right"]),
-                ]
-                for row in figures["reliability"]
-            ),
-        ),
+        _table(["stated", "mean stated", "right"], (_calibration(row) for row in figures["reliability"])),
     ]
     for name, text in (
         ("error_over_floor", "Held-out error over noise floor"),

@@ -322,35 +322,9 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         base["gain"], max(np.abs(u).max() for u in fit), max(np.abs(angle).max() for _, angle, *_ in clean)
     )
 
-    targets = {"single": TARGETS, "two": CLEAR_TARGETS, "form": CLEAR_TARGETS, "foreign": FOREIGN_TARGETS}
-    added: list[Params] = []
-    traces = []
-    for effect in effects:
-        draw = lugre if kind == "form" else (FOREIGN if kind == "foreign" else SINGLE)[effect]
-        hidden = draw(rng, axis)
-        target = DIRTY_TARGET if kind == "dirty" else float(rng.choice(targets[kind]))
-        size, residual, slopes = calibrate(nulls, hidden, bench, len(fit), target)
-        added.append(hidden.params(size))
-        traces.append(residual)
-        drop = residual @ residual
-        if drop < 2.0 or (kind in ("foreign", "dirty") and not target / 4 < drop < 4 * target):
-            raise TruthError("the effect cannot be given the size that was drawn")
-    unexplained = None
-    if kind in ("two", "foreign"):
-        unexplained = unexplained_by_another(nulls, sum(traces), bench, len(fit), axis)
-        if unexplained >= SEPARABLE:
-            bound = unexplained_by_cogging(nulls, _together(base, added), bench, len(fit))
-            unexplained = min(unexplained, bound)
-        if unexplained < SEPARABLE:
-            raise TruthError("one effect of the catalogue does the same")
-    elif kind == "single" and drop >= SEPARABLE:
-        contained = effects[0] in CONTAINED
-        unexplained = (
-            0.0
-            if contained
-            else unexplained_by_another(nulls, traces[0], bench, len(fit), axis, but=effects[0])
-        )
+    added, traces, slopes = _hidden(rng, kind, effects, nulls, bench, axis)
     params = _together(base, added)
+    unexplained = _unexplained(kind, effects, traces, nulls, params, bench, axis)
     drops = drops_beside_each_other(traces, slopes) if traces else []
     if kind == "two" and min(drops) < 64:
         raise TruthError("one of the two would hide behind the other")
@@ -379,6 +353,50 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
         "locked": locked,
     }
     return Trial(name, records[: len(fit)], records[len(fit) :], null_model(rng, base), key)
+
+
+def _hidden(
+    rng: Rng, kind: str, effects: list[str], nulls: Nulls, bench: Bench, axis: Axis
+) -> tuple[list[Params], list[np.ndarray], np.ndarray | None]:
+    """Parameters of the hidden effects, what each leaves of the null, and the null's slopes."""
+    targets = {"single": TARGETS, "two": CLEAR_TARGETS, "form": CLEAR_TARGETS, "foreign": FOREIGN_TARGETS}
+    added, traces, slopes = [], [], None
+    for effect in effects:
+        draw = lugre if kind == "form" else (FOREIGN if kind == "foreign" else SINGLE)[effect]
+        hidden = draw(rng, axis)
+        target = DIRTY_TARGET if kind == "dirty" else float(rng.choice(targets[kind]))
+        size, residual, slopes = calibrate(nulls, hidden, bench, len(nulls.u), target)
+        added.append(hidden.params(size))
+        traces.append(residual)
+        drop = residual @ residual
+        if drop < 2.0 or (kind in ("foreign", "dirty") and not target / 4 < drop < 4 * target):
+            raise TruthError("the effect cannot be given the size that was drawn")
+    return added, traces, slopes
+
+
+def _unexplained(
+    kind: str,
+    effects: list[str],
+    traces: list[np.ndarray],
+    nulls: Nulls,
+    params: Params,
+    bench: Bench,
+    axis: Axis,
+) -> float | None:
+    """What the best other effect of the catalogue leaves of the drop; None where it is not asked."""
+    n_fit = len(nulls.u)
+    if kind in ("two", "foreign"):
+        found = unexplained_by_another(nulls, sum(traces), bench, n_fit, axis)
+        if found >= SEPARABLE:
+            found = min(found, unexplained_by_cogging(nulls, params, bench, n_fit))
+        if found < SEPARABLE:
+            raise TruthError("one effect of the catalogue does the same")
+        return found
+    if kind == "single" and traces[0] @ traces[0] >= SEPARABLE:
+        if effects[0] in CONTAINED:
+            return 0.0
+        return unexplained_by_another(nulls, traces[0], bench, n_fit, axis, but=effects[0])
+    return None
 
 
 def _together(base: Params, added: list[Params]) -> Params:

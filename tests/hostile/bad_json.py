@@ -172,6 +172,42 @@ def large_models():
     yield entry("6000 pieces", data, RATIONAL_VERBS)
 
 
+WRONG_LAWS = [
+    "",
+    "c*",
+    "c*tanh(w/0)",
+    "w^w^w^w",
+    "exp(exp(w))",
+    "1/0",
+    "0/0*w",
+    "log(-1)*c",
+    "__import__('os')",
+    "c.real",
+    "w" * 600,
+    "(" * 240 + "w" + ")" * 240,
+    "-" * 400 + "w",
+    "w+" * 249 + "w",
+    "c*1e400",
+    "c*" + "9" * 400,
+    ESCAPE,
+    "lambda: w",
+    "c if w else 1",
+    "sign(w)",
+    "t",
+    "c*w^99",
+    "1e308*w*1e308",
+    "sqrt(w)",
+    "w^0.5",
+    "abs(w)^-1",
+    "c*1j",
+    "c*True",
+    "'c'",
+    "f'{c}'",
+    "w\0",
+    "c*w # x",
+]
+
+
 def law_entries():
     """Values that the catalogue allows, or that look so, and torque laws."""
 
@@ -180,45 +216,7 @@ def law_entries():
         data["effects"] = data["effects"] + effects
         return Entry("law", name, {"law.json": json.dumps(data).encode()}, read_by(PLANT_VERBS, "law.json"))
 
-    laws = [
-        "",
-        "c*",
-        "c*tanh(w/0)",
-        "w^w^w^w",
-        "exp(exp(w))",
-        "1/0",
-        "0/0*w",
-        "log(-1)*c",
-        "__import__('os')",
-        "c.real",
-        "w" * 600,
-    ]
-    laws += [
-        "(" * 240 + "w" + ")" * 240,
-        "-" * 400 + "w",
-        "w+" * 249 + "w",
-        "c*1e400",
-        "c*" + "9" * 400,
-        ESCAPE,
-        "lambda: w",
-        "c if w else 1",
-    ]
-    laws += [
-        "sign(w)",
-        "t",
-        "c*w^99",
-        "1e308*w*1e308",
-        "sqrt(w)",
-        "w^0.5",
-        "abs(w)^-1",
-        "c*1j",
-        "c*True",
-        "'c'",
-        "f'{c}'",
-        "w\0",
-        "c*w # x",
-    ]
-    for text in laws:
+    for text in WRONG_LAWS:
         yield entry(text[:40], [{"effect": "expression", "torque": text, "params": {"c": 1.0}}])
     for effect, params in (
         ("hard_stop", {"angle_deg": 1e-9, "stiffness": 1e9}),

@@ -266,6 +266,12 @@ def wrong_containers(rng):
         yield f"{suffix} with a tail", suffix, content + rng.bytes(1000), *more
         yield f"{suffix} with a head", suffix, rng.bytes(600) + content, *more
     yield "ulg of other names", ".ulg", made(write_ulog, "x.ulg"), "--u", f"{ESCAPE}.a", "--y", f"{ESCAPE}.b"
+    yield from wrong_npz(good)
+    yield from wrong_h5()
+
+
+def wrong_npz(good):
+    """Archives of numpy that say more than they hold."""
     yield "npz of objects", ".npz", as_npz(good | {"y": np.array([{1: 2}] * len(U), dtype=object)})
     yield "npz of records", ".npz", as_npz(good | {"y": np.zeros(len(U), [("a", float), ("b", int)])})
     yield "npz of dates", ".npz", as_npz(good | {"y": np.zeros(len(U), "datetime64[s]")})
@@ -306,7 +312,6 @@ def wrong_containers(rng):
             }
         ),
     )
-    yield from wrong_h5()
 
 
 def wrong_h5():

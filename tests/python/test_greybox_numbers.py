@@ -263,7 +263,7 @@ def test_nlopt_gets_the_gradient_of_the_cost(monkeypatch):
     """Central differences, exact for a quadratic cost but for rounding."""
     slopes = []
 
-    def compared(n, callback, data, lower, upper, tolerance, max_iter, x, least):
+    def compared(n, callback, *_):
         z, gradient = ffi.new("double[]", [0.7, -0.4]), ffi.new("double[]", 2)
         callback(n, z, gradient, ffi.NULL)
         for i in range(n):

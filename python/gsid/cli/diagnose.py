@@ -119,7 +119,9 @@ def diagnose(
         how = {"output": y_is, "reference": reference, "band": band, "fast": fast, "time_s": time_s}
         files = {"path": path, "curve": curve, "picture": picture}
         return diagnose_without_model(records, read, how, **files, as_json=as_json)
-    _diagnose_model(records, read, model_path, band, alpha, seed, path, curve, picture, as_json)
+    how = {"band": band, "alpha": alpha, "seed": seed}
+    files = {"output": path, "curve": curve, "picture": picture}
+    _diagnose_model(records, read, model_path, **how, **files, as_json=as_json)
     return None
 
 
@@ -138,6 +140,7 @@ def _diagnose_model(
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
     model_path: str,
+    *,
     band: tuple[float, float] | None,
     alpha: float,
     seed: int,
