@@ -219,6 +219,7 @@ def write_table(page: Path, name: str, text: str) -> None:
 @click.option("--times", "n_times", default=12, show_default=True, help="Realisations of each.")
 @click.option("--processes", default=1, show_default=True)
 def main(
+    *,
     n: int,
     seed: int,
     levels: tuple[int, ...],
