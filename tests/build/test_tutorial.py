@@ -47,9 +47,13 @@ class SecondTerminal:
 
 
 @pytest.fixture(scope="module")
-def printed(root, tmp_path_factory):
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("first_hour")
+
+
+@pytest.fixture(scope="module")
+def printed(root, folder):
     """What each command of the page prints, run in its order."""
-    folder = tmp_path_factory.mktemp("first_hour")
     terminal, printed = SecondTerminal(folder), {}
     try:
         for language, text in blocks_in_order((root / PAGE).read_text()):
@@ -80,6 +84,20 @@ def test_the_loop_of_the_readme(printed, root):
     assert len(loop) == 6
     for command, text in loop:
         assert_same_text(printed[command], text)
+
+
+def test_the_diagnosis_of_the_readme(printed, root, folder):
+    """With the two records of the page, and without a model; the parts between the dots one by one."""
+    ((command, shown),) = commands(pages.blocks(root / "README.md", "shell-session")[0])
+    result = subprocess.run([*GSID, *shlex.split(command)[1:]], cwd=folder, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    parts = [part.strip().splitlines() for part in shown.split("...\n") if part.strip()]
+    assert len(parts) == 2
+    for part in parts:
+        first = next(i for i, line in enumerate(lines) if line.split()[:2] == part[0].split()[:2])
+        assert_same_text("\n".join(lines[first : first + len(part)]), "\n".join(part))
+    assert (folder / "missing.png").stat().st_size > 0
 
 
 def test_the_model_of_the_tutorial_is_a_file(root):

@@ -17,7 +17,7 @@ import json
 import statistics
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import trials
@@ -200,25 +200,51 @@ def put_into(page: Path, text: str, target: str) -> None:
     page.write_text(f"{before}{begin}\n\n{text}\n\n{END}{after}")
 
 
-def main(arguments: Iterable[str] | None = None) -> None:
-    """Run the study and write its table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--seed", type=int, default=SEED, help="1 to 999 while developing")
-    parser.add_argument("--singles", type=int, default=60)
-    parser.add_argument("--nulls", type=int, default=20)
-    parser.add_argument("--foreign", type=int, default=20)
+def study(
+    target: str,
+    make_rows: Callable,
+    make_table: Callable,
+    arguments: Iterable[str] | None,
+    seed: int,
+    **sizes: int,
+) -> None:
+    """Run a study from its command line and write its table.
+
+    Parameters
+    ----------
+    target : str
+        Of make.
+    make_rows : callable
+        Rows of a folder, a seed and the number of trials of each kind.
+    make_table : callable
+        Text of the rows and the command.
+    arguments : iterable of str or None
+    seed : int
+        Default.
+    sizes : int
+        Default number of trials: singles, nulls, foreign.
+    """
+    parser = argparse.ArgumentParser(description="Run the study and write its table.")
+    parser.add_argument("--seed", type=int, default=seed, help="1 to 999 while developing")
+    for name, size in sizes.items():
+        parser.add_argument(f"--{name}", type=int, default=size)
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="page to put the table into")
     args = parser.parse_args(arguments)
-    counts = {"single": args.singles, "null": args.nulls, "foreign": args.foreign}
-    rows = run(args.folder, args.seed, counts)
-    command = f"make first-stage-study SEED={args.seed} " + " ".join(
-        f"{name}={n}" for name, n in zip(("SINGLES", "NULLS", "FOREIGN"), counts.values(), strict=True)
+    drawn = {name: getattr(args, name) for name in sizes}
+    kinds = {name.removesuffix("s"): n for name, n in drawn.items()}
+    command = f"make {target} SEED={args.seed} " + " ".join(
+        f"{name.upper()}={n}" for name, n in drawn.items()
     )
-    text = table(rows, command)
+    text = make_table(make_rows(args.folder, args.seed, kinds), command)
     print(text)
     if args.page:
-        put_into(args.page, text, "first-stage-study")
+        put_into(args.page, text, target)
+
+
+def main(arguments: Iterable[str] | None = None) -> None:
+    """Run the study of the first stage."""
+    study("first-stage-study", run, table, arguments, SEED, singles=60, nulls=20, foreign=20)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import os
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # times are those of one core
 
-import argparse
 import json
 import statistics
 import time
@@ -20,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from first_stage_study import drawn, put_into
+from first_stage_study import drawn, study
 
 import gsid
 from gsid.diagnosis.from_records.draft import is_linear
@@ -165,24 +164,8 @@ def table(rows: list[Row], command: str) -> str:
 
 
 def main(arguments: Iterable[str] | None = None) -> None:
-    """Run the study and write its table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--seed", type=int, default=SEED, help="1 to 999 while developing")
-    parser.add_argument("--singles", type=int, default=30)
-    parser.add_argument("--nulls", type=int, default=10)
-    parser.add_argument("--foreign", type=int, default=10)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--page", type=Path, help="page to put the table into")
-    args = parser.parse_args(arguments)
-    counts = {"single": args.singles, "null": args.nulls, "foreign": args.foreign}
-    rows = run(args.folder, args.seed, counts)
-    command = f"make from-records-study SEED={args.seed} " + " ".join(
-        f"{name}={n}" for name, n in zip(("SINGLES", "NULLS", "FOREIGN"), counts.values(), strict=True)
-    )
-    text = table(rows, command)
-    print(text)
-    if args.page:
-        put_into(args.page, text, "from-records-study")
+    """Run the study of the diagnosis from records."""
+    study("from-records-study", run, table, arguments, SEED, singles=30, nulls=10, foreign=10)
 
 
 if __name__ == "__main__":

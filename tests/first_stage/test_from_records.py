@@ -69,6 +69,8 @@ def test_a_fast_diagnosis_stops_at_the_first_draft(friction):
 def test_no_fit_by_simulation_starts_after_the_budget(friction):
     found = gsid.diagnose_records(friction[0], time_s=1e-3)
     assert not found.confirmed
+    assert (found.verdict, found.effects) == ("unknown_effect", ())
+    assert "coulomb_friction is a first draft" in found.reasons[-1]
     assert any("time was over" in why for why in found.not_tried.values())
 
 

@@ -152,7 +152,7 @@ class RecordsDiagnosis(Plottable):
         elif self.verdict == NEAREST:
             text = f"an effect is missing; the nearest is {names} ({self._cost}{self._unexplained})."
         else:
-            text = "an effect is missing that no law of the catalogue explains."
+            text = "an effect is missing; these data confirm no law of the catalogue."
         return draft + text if draft else text[0].upper() + text[1:]
 
     @property
@@ -163,6 +163,8 @@ class RecordsDiagnosis(Plottable):
     def _unexplained(self) -> str:
         if self.unexplained_share is None:
             return ""
+        if self.unexplained_share == 0:
+            return ", only noise is left"
         return f", not explained: {_percent(self.unexplained_share)} of the misfit"
 
     def torque_residual(self) -> TorqueResidual:

@@ -25,6 +25,7 @@ from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import (
     ADEQUATE,
     MISSING,
+    NEAREST,
     UNKNOWN,
     Decision,
     Evidence,
@@ -173,6 +174,11 @@ class Run:
                 self.fit_laws(fits)
             if self.null is not None and self.decision.verdict == ADEQUATE:
                 self.check_adequate()
+            if not self.laws and self.decision.verdict == NEAREST:
+                reason = (
+                    f"No law was fitted by simulation; {' or '.join(self.decision.effects)} is a first draft."
+                )
+                self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
         self.not_tried |= fits.not_tried
 
     def leave_unconfirmed(self) -> None:

@@ -111,7 +111,7 @@ class FirstStage:
         if kind == "nearest":
             share = self.ranking[0].share_kept_out
             return f"First draft: nearest is {effects}; not explained: {1 - share:.0%}."
-        return "First draft: an effect is missing that no law of the catalogue explains."
+        return "First draft: an effect is missing; these data confirm no law of the catalogue."
 
     def __repr__(self) -> str:
         lines = [self.sentence, *(f"  {reason}" for reason in self.conclusion.reasons)]
