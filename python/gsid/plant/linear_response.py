@@ -19,6 +19,8 @@ from gsid.effects.types import catalogue, linear_part
 
 BACKLASH = next(e.id for e in catalogue().values() if e.linear_part == "backlash")  # between motor and load
 
+TINY = 1e-9  # small beside any divisor off the resonance, and large enough that the response stays finite
+
 Parts = Mapping[str, list[tuple[float, ...]]]  # values of the parameters of each effect, by its linear part
 Stack = Mapping[str, Mapping[str, float]]
 
@@ -85,7 +87,7 @@ def linear_view(
     pendulum = sum(level * np.cos(np.radians(angle_deg)) for level, angle_deg in parts["pendulum"])
     transmitted, reaction = _gear(parts, s)
     springs = (spring + pendulum * radians_per_unit) / s
-    body = 1 / (s + _sum(parts["damping"]) + springs + reaction)
+    body = 1 / _nonzero(s + _sum(parts["damping"]) + springs + reaction)
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
     actuator = actuator * np.exp(-s * _sum(parts["delay"]))
     actuator = actuator * (hold_factor(f, fs_hz) if held else 1.0)
@@ -141,8 +143,13 @@ def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:
     answer = 0.0
     for f_hz, zeta, residue in parts["mode"]:
         w0 = 2 * np.pi * f_hz
-        answer = answer + residue * s / (s**2 + 2 * zeta * w0 * s + w0**2)
+        answer = answer + residue * s / _nonzero(s**2 + 2 * zeta * w0 * s + w0**2)
     return answer
+
+
+def _nonzero(divisor: np.ndarray) -> np.ndarray:
+    """A divisor that is exactly zero, on the frequency of an undamped resonance, replaced by a tiny one."""
+    return np.where(divisor == 0, TINY, divisor)
 
 
 def _feedback(parts: Parts, f_hz: np.ndarray, fs_hz: float) -> np.ndarray | float:
