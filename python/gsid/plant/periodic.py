@@ -83,7 +83,7 @@ def _check(status: int) -> None:
         hint = "look for friction or springs of the wrong sign, unstable gains of a loop, unbounded laws"
         raise SimulationError(status, what, hint)
     if status == lib.GSID_E_CONFIG:
-        what = "the plant cannot be simulated: a delay is too long, or a lag, spring or law too fast for the rate"
+        what = "the plant cannot be simulated: a delay is too long, or a spring, lag or law too fast"
         delay = f"a delay is shorter than {lib.GSID_PLANT_DELAY_MAX} samples"
         hint = f"{delay}; look at the signs and units of springs, time constants and levels"
         raise SimulationError(status, what, hint)
