@@ -1,6 +1,7 @@
 """What the command says about itself, and how fast."""
 
 import importlib
+import os
 import subprocess
 import sys
 
@@ -56,9 +57,21 @@ def test_help_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
 
 
-@pytest.mark.parametrize(
-    "module", ["response.estimate", "comparison", "models.load", "fitting.rational", "fitting.order"]
-)
+FREQUENT = ("response.estimate", "comparison", "models.load", "fitting.rational", "fitting.order")
+OF_DIAGNOSIS = ("structure.start", "diagnosis.from_records.diagnose")
+
+
+@pytest.mark.parametrize("module", [*FREQUENT, *OF_DIAGNOSIS])
 def test_frequent_commands_start_without_scipy_stats(module):
     code = f"import sys, gsid.{module}; print('scipy.stats' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
+def test_the_command_calculates_with_one_thread_of_openblas(given, used):
+    """A bug: threads that waited for each other more than doubled the processor time of `gsid diagnose`."""
+    environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    environment |= {"OPENBLAS_NUM_THREADS": given} if given else {}
+    code = "import os, gsid.cli.main as c; c.main(['--version']); print(os.environ['OPENBLAS_NUM_THREADS'])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert run.stdout.splitlines()[-1] == used

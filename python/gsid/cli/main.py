@@ -94,6 +94,7 @@ def main(argv: list[str] | None = None) -> int:
         Exit code: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal.
     """
     _log_to_stderr()
+    _use_one_thread_for_algebra()
     try:
         return _run(argv)
     except click.UsageError as error:
@@ -142,6 +143,14 @@ def _run(argv: list[str] | None) -> int:
         if os.environ.get("GSID_DEBUG") == "1":
             traceback.print_exc()
         raise
+
+
+def _use_one_thread_for_algebra() -> None:
+    """Keep OpenBLAS to one thread unless the user set a number; it reads it when NumPy is imported.
+
+    The matrices of a fit are small: threads that wait for each other cost more than they calculate.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class _Visible(logging.Formatter):

@@ -172,9 +172,10 @@ def _relative_shift(share: float, n_periods: float) -> float:
     1/sqrt(2). The threshold is a multiple of the sample standard deviation; it scatters by half of its value
     over sqrt(n_periods - 1).
     """
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     limit = np.sqrt(ABOVE_NOISE)
     spread = np.sqrt(0.5 + ABOVE_NOISE / (4 * (n_periods - 1)))
-    below = norm.ppf(1 - share)
-    return float(0.5 / spread * norm.pdf(below) / share / (limit - below * spread))
+    below = ndtri(1 - share)
+    density = np.exp(-(below**2) / 2) / np.sqrt(2 * np.pi)
+    return float(0.5 / spread * density / share / (limit - below * spread))

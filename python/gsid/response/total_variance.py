@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
 from gsid.base.bands import within
 from gsid.base.errors import InputError
@@ -355,7 +355,7 @@ def unbiased_median(variance: np.ndarray, dof: float) -> np.ndarray:
     dof : float
         Complex numbers that each variance was estimated from.
     """
-    bias = 1.0 if np.isinf(dof) else stats.chi2.median(2 * dof) / (2 * dof)
+    bias = 1.0 if np.isinf(dof) else special.gammaincinv(dof, 0.5) / dof
     return _running_median(variance) / bias
 
 
