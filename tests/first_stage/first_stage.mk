@@ -6,8 +6,10 @@ first-stage-study: all $(TRUTH) ## how often the first stage ranks and names the
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(SINGLES:%=--singles %) $(NULLS:%=--nulls %) \
 	    $(FOREIGN:%=--foreign %) --page docs/explanation/missing_torque.md
 
+STARTS ?= 5 30 records
 .PHONY: from-records-study
-from-records-study: all $(TRUTH) ## how often the diagnosis from the records alone is right, into docs/explanation/from_records.md (an hour; resumes; SEED=... SINGLES=... NULLS=... FOREIGN=...)
-	PYTHONPATH=tests/blind:tests/first_stage $(PY) tests/first_stage/from_records_study.py --folder $(BUILD)/first_stage \
-	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(SINGLES:%=--singles %) $(NULLS:%=--nulls %) \
-	    $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md
+from-records-study: all $(TRUTH) ## how often the diagnosis from records is right from three starts, into docs/explanation/from_records.md (hours; resumes; SEED="1 2" N=20 NULLS=... FOREIGN=0 STARTS="5 30 records")
+	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/from_records_study.py \
+	    --results $(BUILD)/from_records_study.jsonl --starts $(STARTS) \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--n $(N)) \
+	    $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md

@@ -1,44 +1,57 @@
-"""How often the diagnosis from the records alone is right, on trials of the blind study's simulator.
+"""How often the diagnosis is right from three starts, on hard trials of the blind study's simulator.
 
-Each single effect is diagnosed as it is, and once more with its whole family taken out of the catalogue:
-whatever is named then is wrong. A linear effect (spring, lag, mode, a held sensor) is a part of the structure
-that is found from the records: nothing is missing then. Records and results stay in the folder; a study that
-was broken off goes on where it stopped. Delete the results (not the records) after a change of the diagnosis.
+The starts: a model without the effect whose values are 5 % or 30 % off, and the records alone. Each single
+effect is diagnosed as it is, and once more with its whole family taken out of the catalogue: whatever is
+named then is wrong. From the records alone a linear effect (spring, lag, mode, a held sensor) is a part of
+the structure: nothing is missing then. A null is diagnosed from one of the starts in turn.
+
+Results stay in a file; a study that was broken off goes on where it stopped. Delete the file after a change
+of the diagnosis.
 """
 
 from __future__ import annotations
 
 import os
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # times are those of one core
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process has one core
 
-import json
-import statistics
+import argparse
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from first_stage_study import drawn, study
+import hard
+import numpy as np
+import study_pool
+from first_stage_study import put_into
+from hidden import FS_HZ
+from nulls import N
+from score import share
+from study_pool import Row
 
 import gsid
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.missing_torque.catalogue import family
-from gsid.effects.types import catalogue
-from gsid.records.files import read_record
-from gsid.spectrum.realisation import spectra_of
+from gsid.effects.types import catalogue, find
+from gsid.plant.model import PlantModel
 
-SEED = 21610
-CLEAR = 64.0  # predicted drop from which an effect has to be found
+TARGET = "from-records-study"
+SEEDS = (21610,)
+STARTS = {"5": "model 5 % off", "30": "model 30 % off", "records": "records alone"}
+CLEAR = 64.0  # predicted drop from which an effect has to be found, and which an equal law may leave
 COLUMNS = (
     "named right",
     "nearest right",
     "in the structure",
+    "equal law",
     "none",
     "unknown",
     "nearest wrong",
     "WRONG NAME",
+    "no result",
 )
+RIGHT = COLUMNS[:3]
 WORD = {
     "missing_effect": "named",
     "nearest_effect": "nearest",
@@ -46,126 +59,366 @@ WORD = {
     "adequate": "none",
 }
 BUDGET_S = 600.0  # the answer shall not depend on what else runs; the processor time is in the table
-BACKLASH = "gear_backlash"
-Row = dict
+BOUND_S = 900.0  # of one diagnosis, with its trial
+ALPHA = 0.05
+LAGS = {"motor_lag", "sensor_lag"}  # a linear axis does not show the order of its lags
 
 
-def judged(place: Path, kind: str, index: int, seed: int) -> list[Row]:
-    """Rows of one trial: as it is, and with the family of its effect taken out."""
-    key = json.loads((place / "key.json").read_text())
-    measured = spectra_of([read_record(path) for path in sorted(place.glob("fit_*.npz"))])
-    hidden = [effect["id"] for effect in key["effects"]]
-    row = {"seed": seed, "index": index, "kind": kind, "hidden": hidden}
-    row["drop"] = sum(key["predicted_drop"] or [0])
-    rows = [row | answer(measured, ())]
-    if kind == "single" and row["drop"] >= CLEAR and not is_linear(hidden[0]) and hidden[0] != BACKLASH:
-        out = {e.id for e in catalogue().values() if family(e) == family(catalogue()[hidden[0]])}
-        rows.append(row | {"kind": "removed"} | answer(measured, out))
-    return rows
+# ---- running ---------------------------------------------------------------------------------------
 
 
-def answer(measured, without) -> Row:
-    """The verdict and its time."""
+def work(task: study_pool.Task, n_done: int) -> Iterator[tuple[str, Row]]:
+    """Rows of one trial: of each start as it is, and with the family of its effect taken out.
+
+    Parameters
+    ----------
+    task : tuple
+        Seed, kind, index, and the starts in one text.
+    n_done : int
+        Rows that are known.
+    """
+    seed, kind, index, starts = task
+    trial = hard.make_hard(seed, index, kind)
+    records = [_record(u, y) for u, y in trial.records]
+    hidden = [effect["id"] for effect in trial.key["effects"]]
+    for start, is_removed in _parts(kind, hidden, starts.split())[n_done:]:
+        row = {"seed": seed, "index": index, "kind": "removed" if is_removed else kind, "start": start}
+        row |= {"hidden": hidden, "drop": sum(trial.key["predicted_drop"])}
+        yield "begin", row
+        out = _family_of(hidden[0]) if is_removed else ()
+        yield "row", row | _answer(trial, records, start, out)
+
+
+def _record(u: np.ndarray, y: np.ndarray) -> gsid.Record:
+    return gsid.Record(u, y, FS_HZ, N, 0, u_unit="command", y_unit="deg/s", hold="zoh")
+
+
+def _parts(kind: str, hidden: Sequence[str], starts: Sequence[str]) -> list[tuple[str, bool]]:
+    """(start, whether the family is taken out); from the records, the structure cannot be taken out."""
+    parts = [(start, False) for start in starts]
+    if kind == "single":
+        parts += [(start, True) for start in starts if start != "records" or not is_linear(hidden[0])]
+    return parts
+
+
+def _family_of(effect: str) -> set[str]:
+    return {one.id for one in catalogue().values() if family(one) == family(find(effect))}
+
+
+def _answer(trial: hard.HardTrial, records: list[gsid.Record], start: str, without: Collection[str]) -> Row:
+    """The verdict with its numbers, and its time."""
+    model = None if start == "records" else PlantModel.from_dict(trial.models[int(start) / 100], "null")
     begin = time.perf_counter(), time.process_time()
-    found = gsid.diagnose_records(measured, without=without, time_s=BUDGET_S)
-    return {
+    try:
+        found = gsid.diagnose_records(records, model, without=without, time_s=BUDGET_S)
+    except Exception as error:  # a fault of the diagnosis is a result of the study
+        return {"verdict": "error", "reasons": [f"{type(error).__name__}: {error}"], "wall_s": 0.0}
+    row = {
         "verdict": found.verdict,
         "effects": list(found.effects),
         "structure": [label for label, _ in found.model.labels()] if found.model else [],
         "found": [list(effects) for effects in found.found],
-        "ranking": [
-            [" or ".join(one.effects), one.cost_per_dof_after, one.share_kept_out, one.margin, one.by]
-            for one in found.ranking[:6]
-        ],
+        "ranking": [_ranked(one) for one in found.ranking[:6]],
         "reasons": list(found.reasons),
         "cost": [found.cost_per_dof, found.cost_per_dof_after],
+        "n_numbers": int(sum(2 * np.count_nonzero(one.excited) for one in found.measured)),
         "p_value": found.p_value,
         "seconds": found.seconds,
         "wall_s": time.perf_counter() - begin[0],
         "processor_s": time.process_time() - begin[1],
     }
+    hidden = [effect["id"] for effect in trial.key["effects"]]
+    if found.verdict in ("missing_effect", "nearest_effect") and hidden and not _is_among(row, hidden):
+        row["left"] = _left(trial, found)
+    return row
 
 
-def run(folder: Path, seed: int, counts: dict[str, int]) -> list[Row]:
-    """All rows; those that are there already are not made again."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "from_records.jsonl"
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    done = {(row["seed"], row["kind"], row["index"]) for row in rows}
-    for kind, n in counts.items():
-        for index in range(n):
-            if (seed, kind, index) in done:
-                continue
-            new = judged(drawn(folder, seed, kind, index), kind, index, seed)
-            with path.open("a") as out:
-                out.writelines(json.dumps(row) + "\n" for row in reversed(new))  # the trial itself last
-            rows += new
-            print(*(described(row) for row in new), sep="\n", flush=True)
-    return [row for row in rows if row["seed"] == seed and row["kind"] in (*counts, "removed")]
+def _ranked(one: gsid.diagnosis.from_records.result.RankedLaw) -> list:
+    numbers = (one.cost_per_dof_after, one.share_kept_out, one.margin, one.scatter)
+    return [" or ".join(one.effects), *(None if np.isnan(x) else round(float(x), 5) for x in numbers), one.by]
+
+
+def _left(trial: hard.HardTrial, found: gsid.RecordsDiagnosis) -> float | None:
+    """What the law that was named leaves of the drop, by the simulator of the trial."""
+    effect = found.effects[0]
+    params = next((one.params for one in found.ranking if one.effects[:1] == (effect,)), None)
+    own = set(hard.CATALOGUE.get(effect, {}).values())
+    if params is None or not own or own & trial.nulls.base.keys():  # the simulator has one of each
+        return None
+    left = hard.left_by(trial, effect, params)
+    return left if np.isfinite(left) else None
+
+
+def tasks(
+    seeds: Sequence[int], n: int, n_nulls: int, n_foreign: int, starts: Sequence[str]
+) -> list[study_pool.Task]:
+    """Trials in an order in which a part of the study is like the whole.
+
+    Parameters
+    ----------
+    seeds : sequence of int
+    n, n_nulls, n_foreign : int
+        Trials of each seed.
+    starts : sequence of str
+    """
+    all_starts = " ".join(starts)
+    made = []
+    for seed in seeds:
+        made += [((i + 0.5) / n, (seed, "single", i, all_starts)) for i in range(n)]
+        made += [((i + 0.5) / n_nulls, (seed, "null", i, starts[i % len(starts)])) for i in range(n_nulls)]
+        made += [((i + 0.5) / n_foreign, (seed, "foreign", i, all_starts)) for i in range(n_foreign)]
+    return [task for _, task in sorted(made, key=lambda one: one[0])]
+
+
+# ---- what came out ---------------------------------------------------------------------------------
+
+
+def _is_among(row: Row, hidden: Sequence[str]) -> bool:
+    known = set(hidden) | (LAGS if LAGS & set(hidden) else set())
+    return bool(known & set(row["effects"]))
 
 
 def outcome(row: Row) -> str:
-    """One of `COLUMNS`."""
+    """One of `COLUMNS`.
+
+    Parameters
+    ----------
+    row : dict
+    """
+    if row["verdict"] not in WORD:
+        return "no result"
     word, hidden = WORD[row["verdict"]], row["hidden"]
     if word in ("named", "nearest"):
-        right = bool(set(row["effects"]) & set(hidden)) and row["kind"] != "removed"
-        return f"{word} right" if right else "nearest wrong" if word == "nearest" else "WRONG NAME"
-    linear = hidden and all(is_linear(effect) for effect in hidden)
-    return "in the structure" if word == "none" and linear and row["kind"] != "removed" else word
+        if row["kind"] != "removed" and _is_among(row, hidden):
+            return f"{word} right"
+        left = row.get("left")
+        if left is not None and left < CLEAR <= row["drop"]:
+            return "equal law"
+        return "nearest wrong" if word == "nearest" else "WRONG NAME"
+    if word == "none" and row["start"] == "records" and hidden and _in_structure(hidden[0], row):
+        return "in the structure"
+    return word
+
+
+def _in_structure(effect: str, row: Row) -> bool:
+    if not (effect in catalogue() and is_linear(effect)):
+        return False
+    kind = find(effect).linear_part
+    present = [label.partition("#")[0] for label in row["structure"]]
+    present += [one for effects in row["found"] for one in effects]
+    return kind in {find(one).linear_part for one in present}
 
 
 def described(row: Row) -> str:
-    """One row in words."""
+    """One row in words.
+
+    Parameters
+    ----------
+    row : dict
+    """
     hidden = ", ".join(row["hidden"]) or "nothing"
-    said = f"{WORD[row['verdict']]} {' or '.join(row['effects'])}".strip()
-    return (
-        f"{row['seed']} {row['kind']} {row['index']}: {hidden}, drop {row['drop']:.0f}; {said}; "
-        f"cost {row['cost'][0]:.3g} -> {row['cost'][1]:.3g}; {row['wall_s']:.1f} s; {outcome(row)}"
+    text = f"{row['seed']} {row['kind']} {row['index']}, {STARTS[row['start']]}: {hidden}, "
+    text += f"drop {row['drop']:.0f}; "
+    if row["verdict"] not in WORD:
+        return text + row["verdict"] + " ".join(row.get("reasons", []))
+    verdict = f"{WORD[row['verdict']]} {' or '.join(row['effects'])}".strip()
+    left = f"; leaves {row['left']:.0f} of the drop" if row.get("left") is not None else ""
+    costs = f"cost {row['cost'][0]:.3g} -> {row['cost'][1]:.3g}"
+    return f"{text}{verdict}{left}; {costs}; {row['wall_s']:.1f} s; {outcome(row)}"
+
+
+# ---- the table -------------------------------------------------------------------------------------
+
+
+def _markdown(head: Sequence[str], lines: Iterable[Sequence[object]]) -> list[str]:
+    return [
+        "| " + " | ".join(head) + " |",
+        "|---" * len(head) + "|",
+        *("| " + " | ".join(map(str, line)) + " |" for line in lines),
+        "",
+    ]
+
+
+def _counts(title: str, start: str, rows: Sequence[Row]) -> list[object]:
+    counts = Counter(map(outcome, rows))
+    return [title, start, len(rows), *(counts[column] or "" for column in COLUMNS)]
+
+
+GROUPS = {
+    f"one effect, drop >= {CLEAR:g}": lambda row: row["kind"] == "single" and row["drop"] >= CLEAR,
+    f"one effect, drop < {CLEAR:g}": lambda row: row["kind"] == "single" and row["drop"] < CLEAR,
+    "true family taken out": lambda row: row["kind"] == "removed",
+    "nothing hidden": lambda row: row["kind"] == "null",
+    "a law outside the catalogue": lambda row: row["kind"] == "foreign",
+}
+
+
+def _verdicts(rows: Sequence[Row]) -> list[str]:
+    """Counts of each group of trials and start, with their sums."""
+    lines = []
+    for title, belongs in GROUPS.items():
+        some = [row for row in rows if belongs(row)]
+        of_start = {start: [row for row in some if row["start"] == start] for start in STARTS}
+        used = {start: part for start, part in of_start.items() if part}
+        lines += [_counts(title, STARTS[start], part) for start, part in used.items()]
+        if len(used) > 1:
+            lines.append(_counts(title, "all", some))
+    return _markdown(["trials", "start", "n", *COLUMNS], lines)
+
+
+def _figure(text: str, hits: Iterable[bool], limit: str) -> list[str]:
+    found = share(hits)
+    if not found["n"]:
+        return [text, "none", "", "", limit]
+    interval = f"{found['low']:.2%} to {found['high']:.2%}"
+    return [text, f"{found['hits']} of {found['n']}", f"{found['share']:.2%}", interval, limit]
+
+
+def _figures(rows: Sequence[Row]) -> list[str]:
+    """The figures that have a limit, with their 95 % (Clopper-Pearson) intervals."""
+    single, removed, null = (
+        [row for row in rows if row["kind"] == kind] for kind in ("single", "removed", "null")
     )
+    clear = [row for row in single if row["drop"] >= CLEAR]
 
+    def wrong(some: Sequence[Row]) -> list[bool]:
+        return [outcome(row) == "WRONG NAME" for row in some]
 
-def line(title: str, rows: list[Row]) -> str:
-    counts = Counter(outcome(row) for row in rows)
-    return " | ".join([f"| {title}", str(len(rows)), *(str(counts[c] or "") for c in COLUMNS)]) + " |"
-
-
-def table(rows: list[Row], command: str) -> str:
-    """The results as Markdown."""
-    by = {kind: [r for r in rows if r["kind"] == kind] for kind in ("single", "removed", "null", "foreign")}
-    clear = [r for r in by["single"] if r["drop"] >= CLEAR]
-    weak = [r for r in by["single"] if r["drop"] < CLEAR]
     lines = [
-        f"Made by `{command}`.",
-        "",
-        "| trials | n | " + " | ".join(COLUMNS) + " |",
-        "|---" * (len(COLUMNS) + 2) + "|",
-        line(f"one effect, drop >= {CLEAR:g}", clear),
-        line(f"one effect, drop < {CLEAR:g}", weak),
-        line("laws >= 64, true family taken out", by["removed"]),
-        line("nothing hidden", by["null"]),
-        line("a law outside the catalogue", by["foreign"]),
-        "",
-        "| step | median s | worst s |",
-        "|---|---|---|",
+        _figure(f"singles whose effect costs >= {CLEAR:g}", (row in clear for row in single), ""),
+        _figure("of these, in the first group", (outcome(row) in RIGHT for row in clear), ">= 99 %"),
+        _figure("singles confidently wrong", wrong(single), "<= 5 of 600"),
+        _figure("true family taken out, confidently wrong", wrong(removed), "<= 5 of 600"),
+        _figure("nulls named", (row["verdict"] == "missing_effect" for row in null), "<= 10 of 1000"),
+        _figure(
+            f"nulls rejected (p < {ALPHA:g})",
+            (row["p_value"] < ALPHA for row in null if row.get("p_value") is not None),
+            "5 % in the interval",
+        ),
     ]
-    for step in dict.fromkeys(step for row in rows for step in row["seconds"]):
-        times = [row["seconds"][step] for row in rows if step in row["seconds"]]
-        lines.append(f"| {step} | {statistics.median(times):.2f} | {max(times):.1f} |")
-    for name, key in (("all, clock", "wall_s"), ("all, processor", "processor_s")):
-        times = [row[key] for row in rows]
-        lines.append(f"| {name} | {statistics.median(times):.2f} | {max(times):.1f} |")
-    lines += [
-        "",
-        "Effects with a drop >= 64 without a right answer, and names that are not the hidden law:",
-        "",
-    ]
-    bad = [r for r in rows if outcome(r) == "WRONG NAME" or (r in clear and outcome(r) in COLUMNS[3:])]
-    return "\n".join([*lines, *([f"- {described(r)}" for r in bad] or ["- none"])])
+    return _markdown(["figure", "count", "share", "95 % interval", "limit"], lines)
 
 
-def main(arguments: Iterable[str] | None = None) -> None:
+def _by_seed(rows: Sequence[Row]) -> list[str]:
+    """The wrong and the right of each seed, and their sums."""
+
+    def line(title: object, some: Sequence[Row]) -> list[object]:
+        clear = [row for row in some if row["kind"] == "single" and row["drop"] >= CLEAR]
+        kinds = [[row for row in some if row["kind"] == kind] for kind in ("single", "removed", "null")]
+        wrong = [sum(outcome(row) == "WRONG NAME" for row in part) for part in kinds]
+        counts = [f"{bad} of {len(part)}" for bad, part in zip(wrong, kinds, strict=True)]
+        return [title, f"{sum(outcome(row) in RIGHT for row in clear)} of {len(clear)}", *counts]
+
+    seeds = sorted({row["seed"] for row in rows})
+    lines = [line(seed, [row for row in rows if row["seed"] == seed]) for seed in seeds]
+    head = ["seed", f"right, drop >= {CLEAR:g}", "singles wrong", "taken out wrong", "nulls named"]
+    return _markdown(head, [*lines, line("all", rows)])
+
+
+def _by_effect(rows: Sequence[Row]) -> list[str]:
+    clear = [row for row in rows if row["kind"] == "single" and row["drop"] >= CLEAR]
+    effects = sorted({row["hidden"][0] for row in clear})
+    lines = [
+        _counts(f"`{effect}`", "all", [r for r in clear if r["hidden"][0] == effect]) for effect in effects
+    ]
+    return _markdown(["effect", "n", *COLUMNS], [[line[0], *line[2:]] for line in lines])
+
+
+def _times(rows: Sequence[Row]) -> list[str]:
+    """Median, 95 % and worst of each step."""
+    steps: dict[str, list[float]] = {}
+    for row in rows:
+        for step, seconds in row.get("seconds", {}).items():
+            steps.setdefault(step, []).append(seconds)
+    steps["all, clock"] = [row["wall_s"] for row in rows if row["verdict"] != "error"]
+    steps["all, processor"] = [row["processor_s"] for row in rows if "processor_s" in row]
+    lines = [
+        [step, len(times), f"{np.median(times):.2f}", f"{np.quantile(times, 0.95):.1f}", f"{max(times):.1f}"]
+        for step, times in steps.items()
+        if times
+    ]
+    return _markdown(["step", "n", "median s", "95 % s", "worst s"], lines)
+
+
+def table(rows: Sequence[Row], command: str) -> str:
+    """The results as Markdown.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+    command : str
+        That made them.
+    """
+    clear = [row for row in rows if row["kind"] == "single" and row["drop"] >= CLEAR]
+    bad = [row for row in rows if outcome(row) in ("WRONG NAME", "no result")]
+    bad += [row for row in clear if outcome(row) in COLUMNS[3:] and row not in bad]
+    parts = [
+        [f"Made by `{command}`.", ""],
+        _verdicts(rows),
+        _figures(rows),
+        _by_seed(rows),
+        _by_effect(rows),
+        _times(rows),
+        [f"Wrong names, and effects with a drop >= {CLEAR:g} without a right answer:", ""],
+        [f"- {described(row)}" for row in bad] or ["- none"],
+    ]
+    return "\n".join(line for part in parts for line in part)
+
+
+# ---- the command -----------------------------------------------------------------------------------
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Run the study and write its table.")
+    parser.add_argument("--seed", type=int, nargs="+", default=list(SEEDS))
+    parser.add_argument("--n", type=int, default=20, help="single effects of each seed")
+    parser.add_argument(
+        "--nulls", type=int, help="of each seed; default: 5 for each 3 single effects and start"
+    )
+    parser.add_argument("--foreign", type=int, default=0, help="laws outside the catalogue of each seed")
+    parser.add_argument("--starts", nargs="+", choices=list(STARTS), default=list(STARTS))
+    parser.add_argument("--trial", nargs=3, metavar=("SEED", "KIND", "INDEX"), help="only one trial, printed")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--page", type=Path, help="page to put the table into")
+    options = parser.parse_args(arguments)
+    if options.nulls is None:
+        options.nulls = 5 * options.n * len(options.starts) // 3
+    return options
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study of the diagnosis from records."""
-    study("from-records-study", run, table, arguments, SEED, singles=30, nulls=10, foreign=10)
+    args = _options(arguments)
+    if args.trial:
+        seed, kind, index = args.trial
+        for what, row in work((int(seed), kind, int(index), " ".join(args.starts)), 0):
+            if what == "row":
+                print(described(row), row, sep="\n", flush=True)
+        return
+    wanted = tasks(args.seed, args.n, args.nulls, args.foreign, args.starts)
+
+    def on_done(task: study_pool.Task, rows: list[Row], left_s: float) -> None:
+        print(*map(described, rows), f"  {left_s / 60:.0f} min left", sep="\n", flush=True)
+
+    try:
+        study_pool.run(
+            work, wanted, args.results, bound_s=BOUND_S, n_processes=args.processes, on_done=on_done
+        )
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on here")
+        raise SystemExit(130) from None
+    known = {tuple(entry["task"]): entry["rows"] for entry in study_pool.read_lines(args.results)}
+    rows = [row for task in wanted for row in known[task]]
+    seeds = " ".join(map(str, args.seed))
+    starts = " ".join(args.starts)
+    command = (
+        f'make {TARGET} SEED="{seeds}" N={args.n} NULLS={args.nulls} FOREIGN={args.foreign} STARTS="{starts}"'
+    )
+    text = table(rows, command)
+    print(text)
+    if args.page:
+        put_into(args.page, text, TARGET)
 
 
 if __name__ == "__main__":
