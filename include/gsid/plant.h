@@ -32,6 +32,7 @@ typedef struct {
     const gsid_plant_free *free_parameter; /* [n_free] */
     int output_angle;             /* 0: y is the rate, 1: y is the angle */
     gsid_real unit_rad;           /* radians in a unit of angle, for laws with an angle inside a sine; 0: a degree */
+    const volatile int *stop;     /* once it is not 0, a search for the steady state ends at its next sample; NULL: never */
 } gsid_plant_cfg;
 
 typedef struct gsid_plant_layout gsid_plant_layout;
@@ -83,7 +84,7 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
  *  behind a delay the start is near that orbit, not on it: the delayed commands are those of a period begun at rest.
  *  @param[in]  u         [n_period] one period
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period is 0; GSID_E_NONFINITE u is not finite: nothing changed;
- *          or the plant left the range of numbers: it is at rest now.
+ *          or the plant left the range of numbers, or GSID_E_STOPPED: it is at rest now.
  *  Cost: one period, with a column for each state.  Context: background. */
 gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u);
 
@@ -101,7 +102,7 @@ gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const 
  *  @param[out] residual  bound on how much y changes in one more period (to first order), in units of y; or NULL
  *  @return GSID_OK; GSID_MAX_ITER the residual is above rounding: judge it; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period
  *          is 0; GSID_E_NONFINITE u is not finite, or the plant left the range of numbers, or GSID_E_STEEP a law is too
- *          steep to follow: it is at rest now, the outputs hold what was found until then.
+ *          steep to follow, or GSID_E_STOPPED: it is at rest now, the outputs hold what was found until then.
  *  Cost: n_settle_periods with one column; with dy, where a law is not constant between events and no loop is closed, n_newton
  *  + 2 periods at most, mostly 1 to 3, with columns for each state; then n_newton + 2 at most, mostly 2, with columns for the
  *  free parameters too. A drift that no start removes is given up after two of each.  Context: background. */

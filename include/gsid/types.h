@@ -52,7 +52,8 @@ typedef struct {
     X(GSID_E_STEEP, -11, "a torque law jumps, runs away or is too steep to follow",                                    \
       "widen its transition, as in tanh(w/width); for friction that sticks take coulomb_friction")                     \
     X(GSID_E_BUILD, -12, "the compiler options prevent the detection of numbers that are not finite",                  \
-      "compile without -ffast-math, -ffinite-math-only and -fno-honor-nans")
+      "compile without -ffast-math, -ffinite-math-only and -fno-honor-nans")                                            \
+    X(GSID_E_STOPPED, -13, "stopped by the caller before the answer was found", "")
 
 #define GSID_STATUS_ENUM(name, code, meaning, hint) name = code,
 typedef enum { GSID_STATUS_LIST(GSID_STATUS_ENUM) GSID_STATUS_END_ = 127 } gsid_status;

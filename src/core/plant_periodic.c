@@ -53,12 +53,20 @@ static void keep_largest(gsid_plant_layout *l) {
     }
 }
 
+static int is_stopped(const shooting *s) {
+    return s->plant->cfg.stop != NULL && *s->plant->cfg.stop != 0;
+}
+
+static gsid_status health(const shooting *s) {
+    return is_stopped(s) ? GSID_E_STOPPED : gsid_plant_health(s->l);
+}
+
 static void run_period(shooting *s) {
     gsid_plant_layout *l = s->l;
     memset(l->shooting.largest_dy, 0, l->shape.n_active * sizeof *l->shooting.largest_dy);
     fill_delay(s);
     gsid_plant_start_refresh(l);
-    for (uint32_t n = 0; n < s->n_period && !l->steep.is_given_up; n++) {
+    for (uint32_t n = 0; n < s->n_period && !l->steep.is_given_up && !is_stopped(s); n++) {
         gsid_plant_output(l, l->sensor.y);
         keep_largest(l);
         if (s->y != NULL) {
@@ -226,7 +234,7 @@ static gsid_status pass(shooting *s, gsid_real *change) {
     enter_start(s);
     run_period(s);
     *change = change_of(s, VALUE);
-    return gsid_plant_health(s->l);
+    return health(s);
 }
 
 /* Newton's method can fail: an orbit with sticking can be one of many, one with impacts can be unstable. The search then goes on
@@ -292,7 +300,7 @@ static gsid_status find_linear_orbit(shooting *s) {
     memset(l->shooting.start, 0, (size_t)l->shooting.n * l->shape.n_columns * sizeof *l->shooting.start);
     enter_start(s);
     run_period(s);
-    gsid_status status = gsid_plant_health(l);
+    gsid_status status = health(s);
     if (status == GSID_OK) {
         status = correct_start(s);
     }
@@ -353,7 +361,7 @@ static gsid_status settle(shooting *s, uint32_t n_periods) {
     gsid_plant_choose_regime(l);
     for (uint32_t p = 0; p < n_periods; p++) {
         run_period(s);
-        const gsid_status status = gsid_plant_health(l);
+        const gsid_status status = health(s);
         if (status != GSID_OK) {
             return status;
         }

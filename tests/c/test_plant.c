@@ -447,6 +447,27 @@ static void a_refused_sample_or_update_changes_nothing(void **state) {
     assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 1, 1, y, NULL, NULL, NULL, NULL), GSID_E_NONFINITE);
 }
 
+/* The flag may be set at any time by another thread; here it is set before. */
+static void a_search_is_stopped_by_the_callers_flag(void **state) {
+    (void)state;
+    volatile int stop = 1;
+    start_rich_stack();
+    b.cfg.stop = &stop;
+    bench_init(&b);
+    fill_command(50);
+    assert_int_equal(gsid_plant_start_linear(&b.plant, N, u), GSID_E_STOPPED);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 1, 3, y, NULL, NULL, NULL, NULL), GSID_E_STOPPED);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 0, 3, y, NULL, NULL, NULL, NULL), GSID_E_STOPPED);
+    stop = 0;
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, NULL), GSID_OK);
+    b.cfg.stop = NULL;
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, again, NULL, NULL, NULL, NULL), GSID_OK);
+    for (int n = 0; n < N; n++) {
+        assert_true(y[n] == again[n]);
+    }
+}
+
 /* Without laws the linear orbit is the periodic one; laws do not move where it begins. The axis was held by the friction in
  * which it rested. */
 static void the_linear_start_is_the_orbit_without_laws(void **state) {
@@ -623,6 +644,7 @@ int main(void) {
 #ifndef GSID_SINGLE
         cmocka_unit_test(in_closed_loop_periodic_sensitivities_are_those_by_differences),
 #endif
+        cmocka_unit_test(a_search_is_stopped_by_the_callers_flag),
         cmocka_unit_test(a_refused_linear_start_changes_nothing),
         cmocka_unit_test(a_linear_start_that_overflows_ends_at_rest),
         cmocka_unit_test(overflow_is_an_answer),

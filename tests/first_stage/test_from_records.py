@@ -1,13 +1,16 @@
 """Diagnosis from the records alone, on trials of another simulator and on measured records."""
 
 import json
+import time
 
 import first_stage_study as study
 import numpy as np
 import pytest
 
 import gsid
+from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import run as steps
+from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -66,11 +69,39 @@ def test_a_fast_diagnosis_stops_at_the_first_draft(friction):
     assert "simulation" not in found.seconds
 
 
-def test_no_fit_by_simulation_starts_after_the_budget(friction):
+def test_without_time_nothing_is_judged(friction):
     found = gsid.diagnose_records(friction[0], time_s=1e-3)
-    assert not found.confirmed
     assert (found.verdict, found.effects) == ("unknown_effect", ())
-    assert "coulomb_friction is a first draft" in found.reasons[-1]
+    assert found.sentence == "No law was judged."
+    assert "time was over" in found.reasons[-1]
+    assert "time was over" in found.not_tried["laws of the catalogue"]
+
+
+def test_a_draft_that_no_simulation_confirmed_in_time_is_unknown(friction):
+    """The time ends between the draft and the first fit by simulation."""
+    run = steps.Run(Deadline(), DecisionSettings(), None, (), lambda text: None)
+    run.find_structure(friction[0], None, None, None)
+    run.draw_up()
+    assert run.decision.effects == ("coulomb_friction",)
+    run.deadline.stop()
+    run.confirm()
+    assert (run.decision.verdict, run.decision.effects) == ("unknown_effect", ())
+    assert "coulomb_friction is a first draft" in run.decision.reasons[-1]
+    assert "time was over" in run.not_tried["the linear part"]
+
+
+@pytest.mark.parametrize("time_s", [0.3, 1.0, 3.0, 5.0])
+def test_the_budget_is_kept_with_a_stiff_model(time_s):
+    """A bug: one fit by simulation of the Bouc-Wen record ran for 90 s after the budget."""
+    path = DATA / "bouc_wen_synthetic" / "bw.npz"
+    if not path.exists():
+        pytest.skip(f"no record {path} (set GSID_DATA)")
+    whole = np.load(path)
+    record = Record(whole["u_train"].astype(float), whole["y_train"].astype(float), 750.0, 8192, 0)
+    begin = time.perf_counter()
+    found = gsid.diagnose_records(record, time_s=time_s)
+    assert time.perf_counter() - begin < time_s + 2
+    assert found.verdict == "unknown_effect"
     assert any("time was over" in why for why in found.not_tried.values())
 
 

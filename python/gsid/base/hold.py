@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError
 
 Fit = TypeVar("Fit")
@@ -47,7 +48,7 @@ def fit_readings(under: Callable[[str], Fit]) -> dict[str, Fit]:
 
     Raises
     ------
-    ValueError, GsidError
+    ValueError, GsidError, OutOfTime
         Both fits failed; the error of the first is raised.
     """
     found: dict[str, Fit] = {}
@@ -55,7 +56,8 @@ def fit_readings(under: Callable[[str], Fit]) -> dict[str, Fit]:
     for reading in READINGS:
         try:
             found[reading] = under(reading)
-        except (GsidError, ValueError) as error:  # more zeros than a held input allows, no stable model
+        # More zeros than a held input allows, no stable model, or no time.
+        except (GsidError, ValueError, OutOfTime) as error:
             failures.append(error)
     if not found:
         raise failures[0]

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     "time_s",
     metavar="SECONDS",
     type=click.FloatRange(0, min_open=True),
-    help="Budget: no simulation starts after it. [default: 60]",
+    help="Budget: the result is the best so far. [default: 60]",
 )
 @found_model_option
 @click.option(

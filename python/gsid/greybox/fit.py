@@ -12,13 +12,15 @@ from __future__ import annotations
 import copy
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
@@ -308,6 +310,7 @@ def fit_plant(
     solver: str = "lm",
     method: str = "ml",
     max_iter: int = SETTINGS.max_iter,
+    deadline: Deadline | None = None,
 ) -> PlantFit:
     """Fit the free parameters of a plant to records (GBX-1, GBX-2, GBX-4).
 
@@ -336,6 +339,9 @@ def fit_plant(
         minimises the rms error.
     max_iter : int
         Maximum number of iterations.
+    deadline : Deadline, optional
+        Time at which the search ends with the best values so far, not converged. A running simulation is
+        stopped.
 
     Returns
     -------
@@ -351,6 +357,8 @@ def fit_plant(
         estimate a variance.
     GsidError
         The library was built without NLopt.
+    OutOfTime
+        The deadline was reached before the starting values were simulated.
     """
     if solver not in SOLVERS:
         raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
@@ -366,15 +374,16 @@ def fit_plant(
         def under(reading: str) -> PlantFit:
             return fit_plant(
                 model, read_as(measured, reading), band=band, fixed=fixed, per_record=per_record,
-                solver=solver, method=method, max_iter=max_iter,
+                solver=solver, method=method, max_iter=max_iter, deadline=deadline,
             )  # fmt: skip
 
         return likelier_fit(fit_readings(under))
     start = copy.deepcopy(model)
     for name in fixed:
         start[name].free = False
-    with ThreadPoolExecutor(_n_threads(len(measured))) as pool:
-        problem = Problem(start, measured, band, tuple(per_record), pool)
+    deadline = deadline or Deadline()
+    with ThreadPoolExecutor(_n_threads(len(measured))) as pool, _stopped_by_ctrl_c(deadline):
+        problem = Problem(start, measured, band, tuple(per_record), pool, deadline)
         if method == "nls-output":
             return _least_error(problem, solver, max_iter)
         minimum = minimise(problem, solver, max_iter)
@@ -384,6 +393,16 @@ def fit_plant(
         # (docs/explanation/decisions.md).
         cov *= (dof - 1) / (dof - 2)
         return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
+
+
+@contextmanager
+def _stopped_by_ctrl_c(deadline: Deadline) -> Iterator[None]:
+    """Stop the running simulations where the search is interrupted (Ctrl-C): the pool waits for them."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        deadline.stop()
+        raise
 
 
 def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.deadline import OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.greybox.problem import Point, Problem
 from gsid.greybox.settings import SETTINGS
@@ -36,6 +37,8 @@ def minimise(problem: Problem, solver: str, max_iter: int) -> Minimum:
         The model cannot be simulated with its starting values.
     GsidError
         The library was built without NLopt.
+    OutOfTime
+        The deadline was reached before the starting values were simulated; later, the best point is returned.
     """
     try:
         start = problem.at(problem.start())
@@ -93,7 +96,10 @@ def _levenberg_marquardt(problem: Problem, point: Point, max_iter: int) -> Minim
             return Minimum(point, True, i)
         while True:
             x, promised = steps.step(damping)
-            trial = _try(problem, point, x) if promised > 0 else None
+            try:
+                trial = _try(problem, point, x) if promised > 0 else None
+            except OutOfTime:
+                return Minimum(point, False, i)
             if trial is not None and trial.cost < point.cost:
                 break
             damping, growth = damping * growth, growth * 2
@@ -147,8 +153,10 @@ def _nlopt(problem: Problem, start: Point, max_iter: int) -> Minimum:
     status = lib.gsid_minimise(
         problem.n, callback, ffi.NULL, *pointers[:2], SETTINGS.decrease, max_iter, pointers[2], least
     )
-    if failure:
+    if failure and not isinstance(failure[0], OutOfTime):
         raise failure[0]
+    if failure:
+        return Minimum(best, False, n_calls)
     check(status, "minimising by NLopt")
     left = Steps(best, lengths(best.r), (lower, upper)).decrease
     return Minimum(best, left < SETTINGS.decrease, n_calls)

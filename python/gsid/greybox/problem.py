@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError, InputError
 from gsid.effects.types import EffectParameter
 from gsid.greybox.settings import SETTINGS
@@ -36,10 +37,11 @@ class Part:
         variance: tuple[np.ndarray, float],
         band: tuple[float, float] | None,
         has_drift: bool,
+        deadline: Deadline | None = None,
     ) -> None:
         self.spectra = s = measured
         self.name = s.name
-        self.plant = PeriodicPlant.of(model, s)
+        self.plant = PeriodicPlant.of(model, s, deadline)
         self.line = np.flatnonzero(lines_used(model, s, band))
         self.y = s.y[self.line]
         self.dof = variance[1]
@@ -89,6 +91,7 @@ class Problem:
         band: tuple[float, float] | None,
         per_record: tuple[str, ...],
         pool: ThreadPoolExecutor,
+        deadline: Deadline | None = None,
     ) -> None:
         self.model, self.pool = model, pool
         holds = {"zoh"} if model.has_controller else {one.hold for one in measured}
@@ -107,7 +110,9 @@ class Problem:
         has_drift = DRIFT in per_record
         self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
         variances = pooled_variance(measured, drift=has_drift)
-        self.parts = [Part(model, s, v, band, has_drift) for s, v in zip(measured, variances, strict=True)]
+        self.parts = [
+            Part(model, s, v, band, has_drift, deadline) for s, v in zip(measured, variances, strict=True)
+        ]
         # With backlash, a response that does not settle soon usually never does: do not wait longer.
         self.has_backlash = any(effect.id == BACKLASH for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
@@ -181,6 +186,8 @@ class Problem:
         ------
         GsidError
             The values cannot be simulated.
+        OutOfTime
+            The deadline was reached.
         """
         simulated = list(self.pool.map(lambda i: self._record(x, i), range(self.n_records)))
         residuals, jacobians, predictions, rows = (list(column) for column in zip(*simulated, strict=True))

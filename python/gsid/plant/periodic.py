@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError, SimulationError
 from gsid.base.zero_order_hold import hold_factor
 from gsid.plant.effect import Stack
@@ -87,6 +88,8 @@ def _check(status: int) -> None:
         delay = f"a delay is shorter than {lib.GSID_PLANT_DELAY_MAX} samples"
         hint = f"{delay}; look at the signs and units of springs, time constants and levels"
         raise SimulationError(status, what, hint)
+    if status == lib.GSID_E_STOPPED:
+        raise OutOfTime("the time was over before the steady state was found")
     if status == lib.GSID_E_NO_MEMORY:
         check(status, "simulating the plant")
     if status < 0:
@@ -109,6 +112,8 @@ class PeriodicPlant:
         Output samples per second [Hz].
     oversampling : int
         Steps of the input in one sample of the output.
+    deadline : Deadline, optional
+        Time at which a running simulation ends.
 
     Attributes
     ----------
@@ -116,7 +121,14 @@ class PeriodicPlant:
         Largest change of y in a period for it to count as settled, if that is more than 1e-7 of its rms.
     """
 
-    def __init__(self, model: Stack, u: np.ndarray, fs_hz: float, oversampling: int = 1) -> None:
+    def __init__(
+        self,
+        model: Stack,
+        u: np.ndarray,
+        fs_hz: float,
+        oversampling: int = 1,
+        deadline: Deadline | None = None,
+    ) -> None:
         self._u = np.ascontiguousarray(u, dtype=np.float64)
         self._m = oversampling
         self.tolerance = 0.0
@@ -136,11 +148,21 @@ class PeriodicPlant:
         self._cfg.n_items, self._cfg.item = len(model.effects), self._items
         self._cfg.n_free, self._cfg.free_parameter = len(self._free), self._free_c
         self._cfg.unit_rad = RADIANS[model.angle_unit]
+        if deadline is not None:
+            self._stop = ffi.from_buffer("int[]", deadline.flag)
+            self._cfg.stop = self._stop
         self._kept: np.ndarray | None = None
 
     @classmethod
-    def of(cls, model: Stack, measured: Spectra) -> PeriodicPlant:
+    def of(cls, model: Stack, measured: Spectra, deadline: Deadline | None = None) -> PeriodicPlant:
         """Bind a model to a record's mean input.
+
+        Parameters
+        ----------
+        model : Stack
+        measured : Spectra
+        deadline : Deadline, optional
+            Time at which a running simulation ends.
 
         Raises
         ------
@@ -156,7 +178,7 @@ class PeriodicPlant:
             )
         check_plant_units(model, measured)
         oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
-        return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling)
+        return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
 
     def run(
         self, values: Sequence[float] | None = None, *, sensitivities: bool = False, patient: bool = True
@@ -179,6 +201,8 @@ class PeriodicPlant:
         ------
         GsidError
             The values are refused, or the response overflows.
+        OutOfTime
+            The deadline was reached before the steady state.
         """
         for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
             self._items[i].value[j] = value

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
@@ -46,7 +47,7 @@ class Poles:
     delay_s: float
 
 
-def rational_starts(response: Frf, settings: StructureSettings) -> list[RationalModel]:
+def rational_starts(response: Frf, settings: StructureSettings, deadline: Deadline) -> list[RationalModel]:
     """Rational fits of rising order, 2/1 to `poles_max`; fits that fail are left out.
 
     Parameters
@@ -54,6 +55,8 @@ def rational_starts(response: Frf, settings: StructureSettings) -> list[Rational
     response : Frf
         With the variance that weights the lines.
     settings : StructureSettings
+    deadline : Deadline
+        Time at which no further fit starts; OutOfTime is raised if there is none.
 
     Returns
     -------
@@ -66,6 +69,9 @@ def rational_starts(response: Frf, settings: StructureSettings) -> list[Rational
     for n in range(2, settings.poles_max + 1):
         if 2 * len(response.f_hz) < 3 * (2 * n + 1) or (mdl and len(mdl) - int(np.argmin(mdl)) > PATIENCE):
             break
+        if deadline.is_over and found:
+            break
+        deadline.check()
         try:
             model = fit(response, (n, n - 1), hold="none", quiet=True)
         except (GsidError, ValueError):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from gsid.base.deadline import Deadline
 from gsid.fitting.sandwich import correlation_of
 from gsid.models.rational import RationalModel
 from gsid.response.sample_hold import lag_fractions
@@ -64,6 +65,8 @@ class Selection:
         Constants of the search.
     rational : list of RationalModel
         The rational fits that the search started from.
+    complete : bool
+        Whether the search ended before its deadline.
     """
 
     chosen: Candidate
@@ -75,6 +78,7 @@ class Selection:
     represents: bool
     settings: StructureSettings
     rational: list[RationalModel] = field(default_factory=list)
+    complete: bool = True
 
 
 def select(
@@ -84,6 +88,7 @@ def select(
     settings: StructureSettings = DEFAULTS,
     *,
     expected_output: str | None = None,
+    deadline: Deadline | None = None,
 ) -> Selection:
     """Choose the structure of an axis.
 
@@ -96,12 +101,19 @@ def select(
     settings : StructureSettings
     expected_output : str, optional
         What y is by its unit: the others have the odds against them.
+    deadline : Deadline, optional
+        Time at which the search ends with the best structure so far.
 
     Returns
     -------
     Selection
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached before any structure was fitted.
     """
-    return _Search(measured, hold, outputs, settings, expected_output).run()
+    return _Search(measured, hold, outputs, settings, expected_output, deadline).run()
 
 
 def rescored(
@@ -135,7 +147,9 @@ class _Search:
         outputs: tuple[str, ...],
         settings: StructureSettings,
         expected_output: str | None,
+        deadline: Deadline | None = None,
     ) -> None:
+        self.deadline = deadline or Deadline()
         self.measured, self.hold, self.outputs, self.settings = measured, hold, outputs, settings
         self.expected_output = expected_output
         self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh", fractions=_fractions(measured))
@@ -159,6 +173,8 @@ class _Search:
             chosen = self._choose()[0]
             if not self.smooth or n_round == 0:
                 self._allow(chosen)
+            if self.deadline.is_over:
+                break
             stays = abs(self.relative_error / max(before, 1e-12) - 1) < 0.1 or self.relative_error == before
             if seen and seen[-1] == chosen.structure and stays:
                 break
@@ -178,6 +194,7 @@ class _Search:
             represents,
             self.settings,
             self.rational,
+            not self.deadline.is_over,
         )
 
     def weigh(self) -> None:
@@ -189,14 +206,14 @@ class _Search:
             scores = [one.score for one in before.values() if not one.refused]
             least = min(scores or [one.score for one in before.values()])
             for one in sorted(before.values(), key=lambda c: c.score):
-                if one.score < least + KEEP:
+                if one.score < least + KEEP and not (self.found and self.deadline.is_over):
                     self._try(one.fitted.values)
 
     def _read_poles(self) -> None:
         """Rational fits, and the best readings of their poles."""
-        self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings)
+        self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings, self.deadline)
         looser = max(self.relative_error, self.settings.second_error)
-        models = self.rational + rational_starts(self.measured.frf(looser), self.settings)
+        models = self.rational + rational_starts(self.measured.frf(looser), self.settings, self.deadline)
         band = self.lines.w[0], self.lines.w[-1]
         early_s = 0.5 / self.measured.fs_hz if self.lines.held else 0.0
         fast = replace(self.data, lines=replace(self.lines, images=False))
@@ -214,7 +231,7 @@ class _Search:
                 n_of[one.structure] = n_of.get(one.structure, 0) + 1
                 self._try(one.values)
                 n_refined += 1
-                if n_refined == self.settings.n_refined:
+                if n_refined == self.settings.n_refined or self.deadline.is_over:
                     break
 
     def _move(self) -> None:
@@ -224,7 +241,7 @@ class _Search:
             self._prune(done)
             ordered = self._ordered()[: self.settings.n_moved]
             todo = [one for one in ordered if not any(one is other for other in done)]
-            if not todo:
+            if not todo or self.deadline.is_over:
                 return
             least = ordered[0].score
             for one in todo:
@@ -237,7 +254,7 @@ class _Search:
             least = self._ordered()[0].score
             refused = [c for c in self.found.values() if c.refused and c.score < least + self.settings.odds]
             todo = [one for one in refused if not any(one is other for other in done)]
-            if not todo:
+            if not todo or self.deadline.is_over:
                 return
             one = min(todo, key=lambda c: c.score)
             done.append(one)
@@ -246,6 +263,8 @@ class _Search:
     def _try_new(self, several: Iterator[Values], least: float) -> None:
         """Refine values of structures that are not among the best already."""
         for values in several:
+            if self.deadline.is_over:
+                return
             known = self.found.get(values.structure)
             if known is None or known.refused or known.score > least + self.settings.odds:
                 self._try(values)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import ALIKE, DECLARE, MEANING, READINGS, likelier, other_reading
 from gsid.base.plottable import Plottable
@@ -215,6 +216,7 @@ def start(
     band: tuple[float, float] | None = None,
     reference: str | None = None,
     settings: StructureSettings | None = None,
+    deadline: Deadline | None = None,
 ) -> Start:
     """Find the linear structure of an axis: rigid body, damping, spring, modes, lags and delay.
 
@@ -232,6 +234,8 @@ def start(
         Of records measured in a closed loop: the column of its reference.
     settings : StructureSettings, optional
         Constants of the search.
+    deadline : Deadline, optional
+        Time at which the search ends with the best structure so far.
 
     Returns
     -------
@@ -244,6 +248,8 @@ def start(
         As `gsid.frf`, or fewer lines than a structure has parameters.
     ValueError
         No record, or an unknown output.
+    OutOfTime
+        The deadline was reached before any structure was fitted.
     """
     if output is not None and output not in OUTPUTS:
         raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}")
@@ -256,20 +262,23 @@ def start(
     outputs = OUTPUTS if output is None else (output,)
     rate_hz = source.sensor_rate_hz()
     axis = before_sensor(measured, rate_hz)
-    best, found = _likeliest(axis, outputs, settings)
+    best, found = _likeliest(axis, outputs, settings, deadline)
     if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
         model = best.selection.chosen.fitted
         measured = source.without_images(model, rate_hz, best.hold) or measured
         axis = before_sensor(measured, rate_hz)
-        best, found = _likeliest(axis, outputs, settings)
+        best, found = _likeliest(axis, outputs, settings, deadline)
     return _described(best, found, measured, axis, rate_hz, output)
 
 
 def _likeliest(
-    axis: TotalVariance, outputs: tuple[str, ...], settings: StructureSettings
+    axis: TotalVariance,
+    outputs: tuple[str, ...],
+    settings: StructureSettings,
+    deadline: Deadline | None,
 ) -> tuple[_Found, dict[str, _Found]]:
     """The structure under the likelier hold of the input, and under each."""
-    found = _under_each_hold(axis, outputs, settings)
+    found = _under_each_hold(axis, outputs, settings, deadline)
     return found[_likelier_hold(found, axis)], found
 
 
@@ -284,14 +293,22 @@ class _Found:
 
 
 def _under_each_hold(
-    measured: TotalVariance, outputs: tuple[str, ...], settings: StructureSettings
+    measured: TotalVariance,
+    outputs: tuple[str, ...],
+    settings: StructureSettings,
+    deadline: Deadline | None,
 ) -> dict[str, _Found]:
-    """The structure under the stated hold, or under both."""
+    """The structure under the stated hold, or under both, as far as the time allows."""
     holds = READINGS if measured.hold is None else (measured.hold,)
     by_unit = kind_of_unit(measured.y_unit)
     found = {}
     for hold in holds:
-        selection = select(measured, hold, outputs, settings, expected_output=by_unit)
+        try:
+            selection = select(measured, hold, outputs, settings, expected_output=by_unit, deadline=deadline)
+        except OutOfTime:
+            if not found:
+                raise
+            break
         exact = estimate(selection.chosen.fitted, selection.data, measured.var_noise, selection.correlation)
         found[hold] = _Found(hold, selection, exact, as_stack(exact, float(measured.f_hz[-1])))
     return found
@@ -448,6 +465,8 @@ def _assumed(
         texts.append(
             f"the sensor is sampled and held {rate_hz:g} times a second, by the images of the excitation"
         )
+    if not best.selection.complete:
+        texts.append("the structure is the best one so far: the time was over before the search ended")
     if represented and output is None:
         kind = best.estimate.fitted.structure.output
         texts.append(f"y is the {kind}, inferred from the data; --output states it")

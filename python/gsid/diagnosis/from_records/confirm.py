@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
 
@@ -63,8 +64,7 @@ class Simulations:
     ----------
     measured : list of Spectra
     band : (lo, hi) or None
-    deadline : float
-        Of `time.perf_counter` [s].
+    deadline : Deadline
     settings : DecisionSettings
     on_step : callable
     known : tuple of Effect
@@ -75,7 +75,7 @@ class Simulations:
 
     measured: list[Spectra]
     band: tuple[float, float] | None
-    deadline: float
+    deadline: Deadline
     settings: DecisionSettings
     on_step: Callable[[str], None]
     known: tuple[Effect, ...] = ()
@@ -96,11 +96,10 @@ class Simulations:
             Cost of the winner: a fit that cannot reach it is given up.
         """
         name = " and ".join(effects) or "the linear part"
-        left_s = self.deadline - time.perf_counter()
-        if left_s <= 0:
+        if self.deadline.is_over:
             self.not_tried[name] = "the time was over before its fit by simulation"
             return None
-        self.on_step(f"fitting {name} by simulation, {left_s:.0f} s left")
+        self.on_step(f"fitting {name} by simulation, {self.deadline.left_s:.0f} s left")
         present = {effect.id for effect in model.effects}
         known = [effect for effect in self.known if effect.id not in present]
         model = replace(model, effects=[*model.effects, *known]) if known else model
@@ -109,6 +108,9 @@ class Simulations:
                 self.not_tried[name] = "its simulation reaches no steady state"
                 return None
             fit, stalled = self._in_slices(model, to_beat)
+        except OutOfTime:
+            self.not_tried[name] = "the time was over before its first simulation had ended"
+            return None
         except (GsidError, InputError) as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
@@ -116,26 +118,27 @@ class Simulations:
 
     def _settles(self, model: PlantModel) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
-        answer = model.predict(self.measured[0])
+        answer = PeriodicPlant.of(model, self.measured[0], self.deadline).run()
         return answer.settled or answer.residual < self.settings.unsettled * float(np.std(answer.y))
 
     def _in_slices(self, model: PlantModel, to_beat: float | None) -> tuple[PlantFit, bool]:
-        steps, before = 1, np.inf
+        steps, before, fit = 1, np.inf, None
         slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
         for _ in range(slices):
-            began = time.perf_counter()
-            fit = fit_plant(model, self.measured, band=self.band, max_iter=steps)
-            now = time.perf_counter()
-            if has_converged(fit) or fit.unsettled or now > self.deadline:
+            try:
+                fit = fit_plant(model, self.measured, band=self.band, max_iter=steps, deadline=self.deadline)
+            except OutOfTime:
+                if fit is None:
+                    raise
+                break
+            if has_converged(fit) or fit.unsettled or self.deadline.is_over:
                 break
             if before - fit.cost < max(self.settings.stalled, 1e-4 * fit.cost):
                 return fit, True
             behind = 0.0 if to_beat is None else before - to_beat
             if behind > 0 and before - fit.cost < self.settings.hopeless * behind:
                 break
-            each_s = (now - began) / (steps + 1)
-            steps = int(np.clip(0.5 * (self.deadline - now) / each_s, 1, self.settings.slice_steps))
-            model, before = fit.model, fit.cost
+            steps, model, before = self.settings.slice_steps, fit.model, fit.cost
         return fit, False
 
 

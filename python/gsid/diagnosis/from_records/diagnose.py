@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records.result import RecordsDiagnosis
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
@@ -53,7 +54,7 @@ def diagnose_records(
     fast : bool
         Stop at the first draft, which is not confirmed by simulation.
     time_s : float, optional
-        Budget [s]; no fit by simulation starts after it. Default 60.
+        Budget [s]: then the running step is stopped, and the result is the best so far. Default 60.
     settings : DecisionSettings
     on_step : callable
         Called with a short description of each step before it starts.
@@ -73,16 +74,19 @@ def diagnose_records(
     if time_s is not None and not time_s > 0:
         raise ValueError(f"time_s must be positive, got {time_s}")
     budget_s = settings.time_s if time_s is None else time_s
-    run = Run(budget_s, settings, band, without, on_step)
-    try:
-        run.find_structure(records, model, output, reference)
-        if run.stack is not None:
-            run.draw_up()
-            if not fast:
-                run.confirm()
-                run.mend_structure()
-    except KeyboardInterrupt:
-        if run.draft is None:
-            raise
-        run.interrupted = True
+    with Deadline(budget_s) as deadline:
+        run = Run(deadline, settings, band, without, on_step)
+        try:
+            run.find_structure(records, model, output, reference)
+            if run.stack is not None:
+                run.draw_up()
+                if not fast:
+                    run.confirm()
+                    run.mend_structure()
+        except KeyboardInterrupt:
+            if run.draft is None:
+                raise
+            run.interrupted = True
+        except OutOfTime:
+            run.give_up()
     return summarised(run)

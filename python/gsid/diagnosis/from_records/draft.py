@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.linear_fit import fit_null
@@ -48,6 +49,7 @@ def draft(
     without: Collection[str] = (),
     settings: DecisionSettings,
     on_step: Callable[[str], None],
+    deadline: Deadline,
 ) -> Draft:
     """Rank the laws on a stack to which missing linear effects are added first.
 
@@ -59,22 +61,31 @@ def draft(
     band, without, on_step
         As `first_stage`.
     settings : DecisionSettings
+    deadline : Deadline
+        Time at which no further linear effect is added.
     """
     added: list[tuple[str, ...]] = []
-    first = stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
+    how = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
+    first = stage = first_stage(measured, model, **how)
     if is_open(measured) and stage.hold is not None:
         measured = read_as(measured, stage.hold)
     while len(added) < settings.linear_rounds and _adds_linear(stage, settings):
         best = stage.ranking[0]
         on_step(f"adding {best.effects[0]} to the linear part")
         named = stage.conclusion.effects
+        larger = with_stack(model, best.linear)
+        try:
+            stage = first_stage(measured, larger, **how)
+        except OutOfTime:
+            break
         added.append(named if best.effects[0] in named else best.effects)
-        model = with_stack(model, best.linear)
-        stage = first_stage(measured, model, band=band, without=without, on_step=on_step)
+        model = larger
     return Draft(with_stack(model, stage.linear), stage, first, added)
 
 
-def null_cost(measured: list[Spectra], model: PlantModel, band: tuple[float, float] | None) -> float:
+def null_cost(
+    measured: list[Spectra], model: PlantModel, band: tuple[float, float] | None, deadline: Deadline
+) -> float:
     """Cost per degree of freedom of a linear stack alone, under the likelier hold.
 
     Parameters
@@ -83,9 +94,10 @@ def null_cost(measured: list[Spectra], model: PlantModel, band: tuple[float, flo
     model : PlantModel
     band : (lo, hi) or None
         Hz.
+    deadline : Deadline
     """
     readings = READINGS if is_open(measured) else READINGS[:1]
-    problems = [Problem(model, read_as(measured, reading), band, DEFAULTS) for reading in readings]
+    problems = [Problem(model, read_as(measured, reading), band, DEFAULTS, deadline) for reading in readings]
     return min(fit_null(problem, linear_part(model)).cost_per_dof for problem in problems)
 
 

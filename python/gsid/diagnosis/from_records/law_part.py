@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
 
 
@@ -57,7 +61,7 @@ def missing_torque(
     return both[0], both[1]
 
 
-def without_laws(measured: Sequence[Spectra], model: PlantModel) -> list[Spectra]:
+def without_laws(measured: Sequence[Spectra], model: PlantModel, deadline: Deadline) -> list[Spectra]:
     """Records as if the axis had the linear part of a model only.
 
     Parameters
@@ -65,11 +69,22 @@ def without_laws(measured: Sequence[Spectra], model: PlantModel) -> list[Spectra
     measured : sequence of Spectra
     model : PlantModel
         Fitted to them.
+    deadline : Deadline
 
     Returns
     -------
     list of Spectra
         Each period is reduced by the difference of both simulations.
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached.
     """
     linear = linear_only(model)
-    return [replace(one, Y=one.Y - (model.predict(one).Y - linear.predict(one).Y)) for one in measured]
+
+    def by_laws(one: Spectra) -> np.ndarray:
+        both = [PeriodicPlant.of(each, one, deadline).run().Y for each in (model, linear)]
+        return both[0] - both[1]
+
+    return [replace(one, Y=one.Y - by_laws(one)) for one in measured]

@@ -141,8 +141,8 @@ class RecordsDiagnosis(Plottable):
     @property
     def sentence(self) -> str:
         """The verdict as a sentence."""
-        if self.model is None:
-            return "No law was judged: no stack of effects represents the data."
+        if not self.ranking:
+            return "No law was judged."
         names = " or ".join(self.effects)
         draft = "" if self.confirmed else "First draft, not confirmed by simulation: "
         if self.adequate:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
@@ -48,13 +49,13 @@ class Run:
 
     def __init__(
         self,
-        budget_s: float,
+        deadline: Deadline,
         settings: DecisionSettings,
         band: tuple[float, float] | None,
         without: Collection[str],
         on_step: Callable[[str], None],
     ) -> None:
-        self.deadline = time.perf_counter() + budget_s
+        self.deadline = deadline
         self.settings, self.band, self.without, self.on_step = settings, band, without, on_step
         self.seconds: dict[str, float] = {}
         self.not_tried: dict[str, str] = {}
@@ -105,7 +106,9 @@ class Run:
             self.in_closed_loop = reference is not None
             source = records if self.in_closed_loop else self.measured
             try:
-                self.start = start(source, output=output, band=self.band, reference=reference)
+                self.start = start(
+                    source, output=output, band=self.band, reference=reference, deadline=self.deadline
+                )
             except np.linalg.LinAlgError:
                 reason = "No linear structure represents the data: the search for one failed numerically."
                 self.decision = Decision(UNKNOWN, (), (reason,))
@@ -123,7 +126,9 @@ class Run:
         if not has_low_mode(found, self.f_lo_hz, self.settings):
             return
         with_modes = canonical_stack(found, self.f_lo_hz, self.settings, merged=False)
-        costs = [null_cost(self.measured, each, self.band) for each in (self.stack, with_modes)]
+        costs = [
+            null_cost(self.measured, each, self.band, self.deadline) for each in (self.stack, with_modes)
+        ]
         if costs[0] > self.settings.merged_cost * costs[1]:
             self.stack = with_modes
 
@@ -134,10 +139,10 @@ class Run:
         laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
         if laws:
             self.on_step("fitting the given model by simulation")
-            fitted = fit_plant(model, self.measured, band=self.band)
+            fitted = fit_plant(model, self.measured, band=self.band, deadline=self.deadline)
             self.measured = read_as(self.measured, fitted.hold) if fitted.hold_assumed else self.measured
             self.stack = linear_only(fitted.model)
-            self.judged = without_laws(self.measured, fitted.model)
+            self.judged = without_laws(self.measured, fitted.model, self.deadline)
             self.known = [effect for effect in fitted.model.effects if not is_of_linear_part(effect)]
 
     @property
@@ -157,10 +162,17 @@ class Run:
                 without=self.without,
                 settings=self.settings,
                 on_step=self.on_step,
+                deadline=self.deadline,
             )
         if is_open(self.measured) and self.draft.stage.hold is not None:
             self.measured = read_as(self.measured, self.draft.stage.hold)
         self.decision = by_first_stage(self.draft.stage)
+
+    def give_up(self) -> None:
+        """The time was over before the first draft."""
+        what = "a linear structure was found" if self.stack is None else "the first draft"
+        self.not_tried["laws of the catalogue"] = "the time was over before the first draft"
+        self.decision = Decision(UNKNOWN, (), (f"The time was over before {what}.",))
 
     def confirm(self) -> None:
         """Fit the short list by simulation, and decide again."""
@@ -258,7 +270,7 @@ class Run:
                 self.drop_zeros()
                 return
             for _ in range(self.settings.structure_rounds):
-                if time.perf_counter() > self.deadline or not self.mended():
+                if self.deadline.is_over or not self.mended():
                     return
 
     def drop_zeros(self) -> None:
@@ -276,9 +288,9 @@ class Run:
         self.on_step("finding the linear structure without the law's part of the output")
         laws = [effect for effect in self.final.model.effects if not is_of_linear_part(effect)]
         try:
-            rest = without_laws(self.measured, self.final.model)
-            found = start(rest, output=self.start.output, band=self.band)
-        except (GsidError, InputError):
+            rest = without_laws(self.measured, self.final.model, self.deadline)
+            found = start(rest, output=self.start.output, band=self.band, deadline=self.deadline)
+        except (GsidError, InputError, OutOfTime):
             return False
         if not found.has_model or found.effects.keys() == self.start.effects.keys():
             return False

@@ -217,6 +217,7 @@ def torque_lines(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence
     values = np.concatenate([law.unit_values(shape) for shape in shapes])
     found = []
     for i, (r, motion) in enumerate(zip(problem.records, moved, strict=True)):
+        problem.deadline.check()
         lines = motion.lines(torques(law, values, motion, problem.radians), r.line)
         lines = lines.reshape(len(shapes), -1, len(r.line))
         if law.own_phases:

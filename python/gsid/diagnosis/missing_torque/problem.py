@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from gsid.base.deadline import Deadline
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.effects.types import EffectType, catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -132,6 +133,8 @@ class Problem:
     band : (lo, hi) or None
         Hz.
     settings : SearchSettings
+    deadline : Deadline, optional
+        Time at which the next evaluation raises OutOfTime.
 
     Attributes
     ----------
@@ -145,8 +148,9 @@ class Problem:
         measured: Sequence[Spectra],
         band: tuple[float, float] | None,
         settings: SearchSettings,
+        deadline: Deadline | None = None,
     ) -> None:
-        self.settings = settings
+        self.settings, self.deadline = settings, deadline or Deadline()
         self.has_model_error = False
         self.output_angle = model.output == "angle"
         self.radians = RADIANS[model.angle_unit]
@@ -201,7 +205,13 @@ class Problem:
         part : LinearPart
         images : int
             Of the held command, on each side.
+
+        Raises
+        ------
+        OutOfTime
+            The deadline was reached.
         """
+        self.deadline.check()
         found = []
         for group, lines in enumerate(self.first):
             is_held = lines.spectra.hold != "none"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
@@ -123,6 +125,24 @@ class FirstStage:
         return "\n".join(lines)
 
 
+UNDECIDED = Conclusion("unknown", (), ("The time was over before the decision.",), "")
+
+
+@contextmanager
+def in_time(is_optional: bool = True) -> Iterator[None]:
+    """Leave a step without a result at the deadline, if there is a result without it.
+
+    Parameters
+    ----------
+    is_optional : bool
+    """
+    try:
+        yield
+    except OutOfTime:
+        if not is_optional:
+            raise
+
+
 class _Clock:
     """Time of each step."""
 
@@ -144,6 +164,7 @@ def first_stage(
     without: Collection[str] = (),
     settings: SearchSettings = DEFAULTS,
     on_step: Callable[[str], None] = lambda text: None,
+    deadline: Deadline | None = None,
 ) -> FirstStage:
     """Rank the laws of the catalogue by the missing torque that they explain, without simulation.
 
@@ -160,6 +181,8 @@ def first_stage(
     settings : SearchSettings
     on_step : callable
         Called with a short description of each step before it starts.
+    deadline : Deadline, optional
+        Time at which the laws that were fitted until then are ranked; `not_tried` has the others.
 
     Returns
     -------
@@ -171,6 +194,8 @@ def first_stage(
         The model has a joint between motor and load; a record that `gsid.spectra` refuses.
     ValueError
         The band contains no line.
+    OutOfTime
+        The deadline was reached before any law was fitted.
     """
     check_plant(model)
     if any(effect.id == BACKLASH for effect in model.effects):
@@ -183,19 +208,24 @@ def first_stage(
     on_step("fitting the linear part")
     given = linear_part(model)
     readings = ["zoh", "none"] if is_open(measured) and not model.has_controller else ["zoh"]
-    problems = [Problem(model, read_as(measured, reading), band, settings) for reading in readings]
+    problems = [Problem(model, read_as(measured, reading), band, settings, deadline) for reading in readings]
     nulls = [(problem, fit_null(problem, given)) for problem in problems]
     clock.take("linear part")
-    found = [_fitted(*each, given, model, without, clock, on_step) for each in _possible(nulls, settings)]
-    one = min(found, key=lambda each: each.best.kept)
-    conclusion = _concluded(one)
-    clock.take("enlarged laws")
-    by_noise = one
-    if conclusion.kind != "named" and one.best.kept > settings.model_error:
-        on_step("fitting with the weights of what is left")
-        one = _with_model_error(one, model, without)
+    found = []
+    for each in _possible(nulls, settings):
+        with in_time(bool(found)):
+            found.append(_fitted(*each, given, model, without, clock, on_step))
+    by_noise = one = min(found, key=lambda each: each.best.kept)
+    conclusion = UNDECIDED
+    with in_time():
         conclusion = _concluded(one)
-        clock.take("model error")
+        clock.take("enlarged laws")
+        if conclusion.kind != "named" and one.best.kept > settings.model_error:
+            on_step("fitting with the weights of what is left")
+            weighted = _with_model_error(one, model, without)
+            conclusion = _concluded(weighted)
+            one = weighted
+            clock.take("model error")
     rest = sorted((each for each in one.refitted if each is not one.best), key=lambda each: each.kept)
     ranking = [_ranked(each, one, by_noise) for each in [one.best, *rest]]
     ranking += [_scan_only(each) for each in one.candidates if each.fit is None]
@@ -208,7 +238,7 @@ def first_stage(
         ranking,
         by_noise.null.cost_per_dof,
         one.null.part.stack,
-        _not_tried(model, one.problem),
+        _not_tried(model, one),
         clock.seconds,
         _hold(one.problem),
         one.problem.n_rows,
@@ -220,6 +250,7 @@ class _Fitted:
     """The laws with one reading of the hold.
 
     `before` is the linear part without the sensor that is sampled and held, None without such a sensor.
+    `too_late` are the candidates for whose joint fit there was no time.
     """
 
     problem: Problem
@@ -231,6 +262,7 @@ class _Fitted:
     refitted: list[Candidate]
     misfit: Misfit
     best: Candidate
+    too_late: list[Candidate]
 
 
 def _possible(
@@ -266,11 +298,13 @@ def _fitted(
     candidates = _scanned(problem, null, moved, model, without)
     clock.take("scan")
     on_step("fitting the best laws")
-    refitted = _refitted(problem, null, moved, candidates, given)
+    chosen = _chosen(problem, null, candidates)
+    refitted = _refitted(problem, null, moved, chosen, given)
     misfit = _misfit(problem, null)
     best = choose(refitted, misfit, problem.settings)
     clock.take("joint fits")
-    return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best)
+    too_late = [one for one in chosen if one.fit is None] if problem.deadline.is_over else []
+    return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best, too_late)
 
 
 def _concluded(one: _Fitted) -> Conclusion:
@@ -295,7 +329,7 @@ def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str])
             known = {each.name: each for each in one.refitted}
             scanned = _scanned(problem, null, moved, model, without)
             candidates = [known.get(each.name, each) for each in scanned]
-            refitted = _refitted(problem, null, moved, candidates, one.given)
+            refitted = _refitted(problem, null, moved, _chosen(problem, null, candidates), one.given)
         else:
             for each in refitted:
                 refit(problem, null, each, moved, one.given)
@@ -367,19 +401,28 @@ def _scanned(
     return sorted(found, key=lambda one: -one.gain)
 
 
-def _refitted(
-    problem: Problem, null: LinearFit, moved: list[Motion], candidates: list[Candidate], given: LinearPart
-) -> list[Candidate]:
-    """Refit the best candidates, and the best of each family that explains enough."""
+def _chosen(problem: Problem, null: LinearFit, candidates: list[Candidate]) -> list[Candidate]:
+    """The best candidates, and the best of each family that explains enough."""
     settings = problem.settings
     chosen = candidates[: settings.n_refitted]
     for one in candidates[settings.n_refitted :]:
         first = all(one.family != other.family for other in chosen)
         if first and one.gain > settings.family_share * null.cost:
             chosen.append(one)
+    return chosen
+
+
+def _refitted(
+    problem: Problem, null: LinearFit, moved: list[Motion], chosen: list[Candidate], given: LinearPart
+) -> list[Candidate]:
+    """The candidates that were refitted before the deadline, and are the law that they are called."""
+    refitted: list[Candidate] = []
     for one in chosen:
-        refit(problem, null, one, moved, given)
-    return [one for one in chosen if one.fit is not None]
+        with in_time(bool(refitted)):
+            refit(problem, null, one, moved, given)
+            if one.fit is not None:
+                refitted.append(one)
+    return refitted
 
 
 def _enlarged(
@@ -424,9 +467,10 @@ def _scan_only(one: Candidate) -> Ranked:
     return Ranked((one.name,), {}, {}, nan, nan, nan, nan, nan, one.gain)
 
 
-def _not_tried(model: PlantModel, problem: Problem) -> dict[str, Any]:
+def _not_tried(model: PlantModel, one: _Fitted) -> dict[str, Any]:
     found = {BACKLASH: "the position of the motor is hidden; it needs a simulation"}
-    if problem.closed_loop:
+    found |= {each.name: "the time was over before its fit" for each in one.too_late}
+    if one.problem.closed_loop:
         found |= {
             law.name: "the command inside the loop is not in the record"
             for law in catalogue.laws((), True, True)

@@ -1,0 +1,63 @@
+"""The time at which a calculation ends, whatever it has reached."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+
+
+class OutOfTime(Exception):
+    """The time was over before there was a result."""
+
+
+class Deadline:
+    """A budget of time that begins now.
+
+    As a context manager it also stops a running simulation, in C, when the time is over.
+
+    Parameters
+    ----------
+    seconds : float
+        Default: without end.
+
+    Attributes
+    ----------
+    flag : bytearray
+        An int of C that becomes 1 at the deadline.
+    """
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self._end = time.perf_counter() + seconds
+        self.flag = bytearray(4)
+        self._timer: threading.Timer | None = None
+
+    @property
+    def left_s(self) -> float:
+        """Time that is left [s]; 0 when it is over."""
+        return 0.0 if self.flag[0] else max(self._end - time.perf_counter(), 0.0)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is over."""
+        return self.left_s == 0
+
+    def check(self) -> None:
+        """Raise OutOfTime when the time is over."""
+        if self.is_over:
+            raise OutOfTime("the time is over")
+
+    def stop(self) -> None:
+        """End the time now."""
+        self.flag[0] = 1
+
+    def __enter__(self) -> Deadline:
+        if self.left_s < threading.TIMEOUT_MAX:
+            self._timer = threading.Timer(self.left_s, self.stop)
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._timer is not None:
+            self._timer.cancel()

@@ -1,0 +1,77 @@
+"""Deadlines: a fit by simulation ends when its time is over, with the best values so far."""
+
+import time
+
+import numpy as np
+import pytest
+from plants import axis_record, plant
+
+from gsid.base.deadline import Deadline, OutOfTime
+from gsid.greybox.fit import fit_plant
+from gsid.plant.periodic import PeriodicPlant
+
+SEED = 20261122
+LATE_S = 1.0  # a sample of a stiff model, and a busy computer
+
+
+@pytest.fixture(scope="module")
+def record():
+    print("seed", SEED)
+    u = 30 * np.random.default_rng(SEED).standard_normal(3000)
+    return axis_record(u, 4, 0.01, SEED, gain=7.4, viscous_rate=11.0)
+
+
+def stiff():
+    """Steep cogging: one simulation takes some ten seconds."""
+    cogging = {"level": 2e5, "cycles_per_rev": 2000.0, "phase_rad": 0.3}
+    return plant({"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11.0}, "motor_cogging": cogging})
+
+
+def good():
+    return plant({"rigid_body": {"gain": 6.0}, "viscous_friction": {"rate": 9.0}})
+
+
+def test_a_simulation_within_a_fit_is_stopped_at_the_deadline(record):
+    """A bug: a fit of a stiff model went on for minutes after the budget of its search."""
+    begin = time.perf_counter()
+    with Deadline(0.5) as deadline, pytest.raises(OutOfTime):
+        fit_plant(stiff(), record, deadline=deadline)
+    assert time.perf_counter() - begin < 0.5 + LATE_S
+
+
+def test_a_fit_out_of_time_has_the_best_values_so_far(record, monkeypatch):
+    deadline, n_runs, run = Deadline(), [], PeriodicPlant.run
+
+    def stop_at_the_third(self, *arguments, **how):
+        n_runs.append(1)
+        if len(n_runs) == 3:
+            deadline.stop()
+        return run(self, *arguments, **how)
+
+    monkeypatch.setattr(PeriodicPlant, "run", stop_at_the_third)
+    cut = fit_plant(good(), record, deadline=deadline)
+    monkeypatch.undo()
+    whole, one = fit_plant(good(), record), fit_plant(good(), record, max_iter=1)
+    assert not cut.converged
+    assert cut.cost == one.cost > whole.cost
+
+
+def test_a_deadline_in_time_changes_nothing(record):
+    with Deadline(60) as deadline:
+        fit = fit_plant(good(), record, deadline=deadline)
+    assert fit.cost == fit_plant(good(), record).cost
+    assert fit.converged
+
+
+def test_time_that_is_over():
+    deadline = Deadline(0)
+    assert deadline.is_over
+    assert deadline.left_s == 0
+    with pytest.raises(OutOfTime):
+        deadline.check()
+
+
+def test_no_time_is_too_long():
+    with Deadline(1e300) as deadline, Deadline() as endless:
+        assert not deadline.is_over
+        assert not endless.is_over
