@@ -239,13 +239,21 @@ class Problem:
         ----------
         part : LinearPart
         """
-        springs = [
+        lowest = 2 * np.pi * min(float(r.f_hz[0]) for r in self.records)
+        return self.output_angle or self.stiffness(part) > lowest**2
+
+    def stiffness(self, part: LinearPart) -> float:
+        """Of all springs, over the inertia [1/s^2].
+
+        Parameters
+        ----------
+        part : LinearPart
+        """
+        return sum(
             params[linear_part_of(label).names[0]]
             for label, params in part.stack.items()
             if linear_part_of(label).linear_part == "spring"
-        ]
-        lowest = 2 * np.pi * min(float(r.f_hz[0]) for r in self.records)
-        return self.output_angle or sum(springs) > lowest**2
+        )
 
     def lines_of(self, whitened: np.ndarray) -> list[np.ndarray]:
         """The errors of each record, (K,) complex, that `whiten` put together.
@@ -276,7 +284,7 @@ class Problem:
         records = []
         for r, error in zip(self.records, errors, strict=True):
             noise, entry = r.variance[r.line], np.abs(entries[r.group][1]) ** 2
-            power = _torque_power(np.abs(error) ** 2, noise, entry)
+            power = torque_power(np.abs(error) ** 2, noise, entry)
             variance = np.maximum(noise + power * entry, np.finfo(float).tiny)
             records.append(replace(r, weight=np.sqrt(2 / variance)))
         other = copy.copy(self)
@@ -363,8 +371,14 @@ def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int) -> 
     return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group)
 
 
-def _torque_power(error: np.ndarray, noise: np.ndarray, entry: np.ndarray) -> float:
-    """Power of a white torque that makes the mean of error / (noise + power entry) 1; 0 if noise does."""
+def torque_power(error: np.ndarray, noise: np.ndarray, entry: np.ndarray) -> float:
+    """Power of a white torque that makes the mean of error / (noise + power entry) 1; 0 if noise does.
+
+    Parameters
+    ----------
+    error, noise, entry : (K,) ndarray
+        Squared: error of the output, variance of the noise, response to a torque.
+    """
     shown = entry > 0
 
     def excess(power: float) -> float:

@@ -40,7 +40,8 @@ def refit(
     """Fit a candidate together with the linear part, and judge it on what is kept out; in place.
 
     A law that has become another one stays without a fit: one with memory that dissipates nothing is a
-    spring, and Stribeck's without its level or its extra is not Stribeck's.
+    spring, and Stribeck's without its level or its extra is not Stribeck's. A law that cancels the spring of
+    the linear part is none either.
 
     Parameters
     ----------
@@ -69,7 +70,29 @@ def _is_other_law(problem: Problem, one: Candidate, moved: Sequence[Motion]) -> 
     at_bound = np.isfinite(law.lower) & (c - law.lower <= BOUND * np.max(np.abs(c)))
     if len(c) > 1 and np.any(at_bound):
         return True
+    if _cancels_spring(problem, one, moved):
+        return True
     return bool(law.effect.c.has_memory) and not is_dissipative(law, one.shape[None, :], problem, moved)[0]
+
+
+def _cancels_spring(problem: Problem, one: Candidate, moved: Sequence[Motion]) -> bool:
+    """Whether the law's own spring nearly cancels that of the linear part.
+
+    The torque then holds the measured motion, whatever moves the axis: the output explains itself, with a
+    coefficient as large as the fit lets it become.
+    """
+    stiffness = problem.stiffness(one.fit.part)
+    law, c = one.law, one.coefficients
+    if stiffness == 0 or not law.effect.c.looks_at_angle:
+        return False
+    values = law.unit_values(one.shape)
+    shares = c.reshape(-1, len(values))  # of each record where its phase is its own
+    against, power = 0.0, 0.0
+    for i, motion in enumerate(moved):
+        angle = motion.angle - np.mean(motion.angle)
+        torque = shares[i % len(shares)] @ torques(law, values, motion, problem.radians)
+        against, power = against + torque @ angle, power + angle @ angle
+    return bool(abs(against / power + stiffness) < problem.settings.cancelled * stiffness)
 
 
 def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
