@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 
 import first_stage_study as study
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import gsid
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import run as steps
-from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.records.files import read_record
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
@@ -18,6 +19,8 @@ from measured import BENCH, DATA, needs_bench
 
 SEED = 161  # a development seed
 SILVERBOX = DATA / "silverbox" / "Schroeder80mV.npz"
+EMPS = DATA / "emps" / "estimation.npz"
+HYSTERESIS = DATA / "bouc_wen_synthetic" / "bw.npz"
 FS_HZ, N = 610.3515625, 1024
 
 
@@ -170,6 +173,43 @@ def test_silverbox_is_a_cubic_spring_without_a_model_and_without_a_band():
     assert (found.verdict, found.effects) == ("missing_effect", ("cubic_spring",))
     assert found.unexplained_share < 0.1
     assert found.plot().axes
+
+
+@pytest.mark.skipif(not HYSTERESIS.exists(), reason=f"no record {HYSTERESIS} (set GSID_DATA)")
+def test_the_hysteretic_benchmark_is_bouc_wen_from_the_record_alone():
+    """A fault: beside a slow body, with the resonance as a mode, the first draft was cogging."""
+    whole = np.load(HYSTERESIS)
+    record = Record(whole["u_train"].astype(float), whole["y_train"].astype(float), 750.0, 8192, 0)
+    found = gsid.diagnose_records(record, time_s=300.0)
+    print(found)
+    assert (found.verdict, found.effects) == ("missing_effect", ("bouc_wen",))
+    true = {"stiffness": 25000.0, "unloading": 1.90, "loading": -0.30}
+    assert found.ranking[0].params == pytest.approx(true, rel=0.01)
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason=f"no measured record {EMPS} (set GSID_DATA)")
+def test_emps_is_coulomb_friction_in_its_closed_loop_with_the_ripple_of_its_screw():
+    """The controller comes from reference, output and command; published gains 160.18 and 243.45."""
+    found = gsid.diagnose_records(read_record(EMPS, u="v", y="q"), reference="q_ref")
+    print(found)
+    assert (found.verdict, found.effects, found.confirmed) == ("missing_effect", ("coulomb_friction",), True)
+    model = found.model
+    assert model["position_velocity_loop.kp"].value == pytest.approx(160.18, rel=1e-3)
+    assert model["position_velocity_loop.kv"].value == pytest.approx(243.45, rel=1e-3)
+    level = model["coulomb_friction.level"].value / model["rigid_body.gain"].value
+    assert level == pytest.approx(0.580, rel=0.03)
+    assert found.ripple.period == pytest.approx(2.5e-3, rel=0.01)
+    assert "every 0.0025" in str(found)
+    assert found.to_dict()["ripple"]["unit"] == "m"
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason=f"no measured record {EMPS} (set GSID_DATA)")
+def test_a_closed_loop_whose_controller_is_of_another_kind_is_not_confirmed():
+    record, strict = read_record(EMPS, u="v", y="q"), replace(DEFAULTS, loop_error=1e-3)
+    found = gsid.diagnose_records(record, reference="q_ref", settings=strict)
+    print(found)
+    assert (found.verdict, found.effects, found.confirmed) == ("nearest_effect", ("coulomb_friction",), False)
+    assert "controller" in found.not_tried["fits by simulation"]
 
 
 @needs_bench

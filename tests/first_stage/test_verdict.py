@@ -59,12 +59,6 @@ LIMITS = {
         {"converged": False, "stalled": True, "per_dof": 1.02},
         "missing_effect",
     ),
-    "periods of one record, 6": (
-        {"records": 1, "periods": 5},
-        "nearest_effect",
-        {"records": 1, "periods": 6},
-        "missing_effect",
-    ),
     "determined": (
         {"undetermined": [f"{LAW}.level"]},
         "nearest_effect",
@@ -88,6 +82,14 @@ def test_each_limit_from_both_sides(rule):
     assert found.reasons
     found = decision(fit(LAW, **{"per_dof": 2.0} | before), RIVAL)
     assert found.verdict == verdict_before, found.reasons
+
+
+@pytest.mark.parametrize(
+    ("periods", "misfit", "verdict"),
+    [(5, 9.0, "nearest_effect"), (5, 11.0, "missing_effect"), (6, 9.0, "missing_effect")],
+)
+def test_a_single_record_of_few_periods_needs_a_misfit_far_above_noise(periods, misfit, verdict):
+    assert decision(fit(LAW, 1.5, records=1, periods=periods), RIVAL, null=misfit).verdict == verdict
 
 
 @pytest.mark.parametrize(("rival", "verdict"), [(6.5, "nearest_effect"), (7.5, "missing_effect")])

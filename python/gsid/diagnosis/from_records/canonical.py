@@ -84,6 +84,43 @@ def canonical_stack(
     )
 
 
+def resonant_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> PlantModel | None:
+    """The canonical stack with the lowest mode as the sprung body; None if the body resonates itself.
+
+    A hysteresis turns the response below the resonance by a constant angle. A linear structure needs a slow
+    body for that, beside which the resonance of the axis is a mode.
+
+    Parameters
+    ----------
+    model : PlantModel
+        Of `gsid.start`.
+    f_lo_hz, settings
+        As `canonical_stack`.
+    """
+    stack = {effect.id: _values(effect.params) for effect in model.effects if effect.id != MODE}
+    in_band = [e for e in model.effects if e.id == MODE and e.params["f_hz"].free]
+    if not in_band or _resonates(stack):
+        return None
+    lowest = min(in_band, key=lambda mode: mode.params["f_hz"].value)
+    values = {name: p.value for name, p in lowest.params.items()}
+    w0 = 2 * math.pi * values["f_hz"]
+    of_body = {
+        BODY: {"gain": stack[BODY]["gain"] * values["residue"]},
+        DAMPING: {"rate": 2 * values["zeta"] * w0},
+        SPRING: {"stiffness": w0**2},
+    }
+    effects = [Effect(label, _free(params)) for label, params in of_body.items()]
+    stays = [e for e in model.effects if e.id not in of_body and (e.id != MODE or e in in_band)]
+    smaller = replace(model, effects=effects + [e for e in stays if e is not lowest])
+    return canonical_stack(smaller, f_lo_hz, settings, merged=False)
+
+
+def _resonates(stack: Stack) -> bool:
+    """Whether the body with its spring is damped less than critically."""
+    stiffness = stack.get(SPRING, {"stiffness": 0.0})["stiffness"]
+    return stack.get(DAMPING, {"rate": 0.0})["rate"] ** 2 < 4 * stiffness
+
+
 def _angle_unit(model: PlantModel) -> str:
     """A travel in another unit, such as mm, is one of an axis that does not turn."""
     unit = model.y_unit.partition("/")[0]

@@ -35,6 +35,8 @@ class Simulated:
     stalled : bool
         Whether the last iterations lowered the cost by less than noise: parameters that the data do not
         distinguish, such as the level and the angle of an unbalance at small angles.
+    weighed : float or None
+        Cost with the weights of a model error; None with those of noise.
     """
 
     effects: tuple[str, ...]
@@ -44,11 +46,12 @@ class Simulated:
     scatter: float
     scatter_error: float
     stalled: bool = False
+    weighed: float | None = None
 
     @property
     def cost(self) -> float:
-        """-2 log likelihood."""
-        return self.fit.cost
+        """-2 log likelihood; with the weights of a model error, if it was judged with them."""
+        return self.fit.cost if self.weighed is None else self.weighed
 
     @property
     def model(self) -> PlantModel:
@@ -68,7 +71,9 @@ class Simulations:
     settings : DecisionSettings
     on_step : callable
     known : tuple of Effect
-        Laws of a given model, which every fit contains.
+        Laws of a given model and a controller, which every fit contains.
+    left_out : tuple of str
+        Effects that no fit contains.
     not_tried : dict of str
         Laws that were not fitted, with the reason.
     """
@@ -79,6 +84,7 @@ class Simulations:
     settings: DecisionSettings
     on_step: Callable[[str], None]
     known: tuple[Effect, ...] = ()
+    left_out: tuple[str, ...] = ()
     not_tried: dict[str, str] = field(default_factory=dict)
 
     def fit(
@@ -100,9 +106,7 @@ class Simulations:
             self.not_tried[name] = "the time was over before its fit by simulation"
             return None
         self.on_step(f"fitting {name} by simulation, {self.deadline.left_s:.0f} s left")
-        present = {effect.id for effect in model.effects}
-        known = [effect for effect in self.known if effect.id not in present]
-        model = replace(model, effects=[*model.effects, *known]) if known else model
+        model = self._completed(model)
         try:
             if not self._settles(model):
                 self.not_tried[name] = "its simulation reaches no steady state"
@@ -114,7 +118,14 @@ class Simulations:
         except (GsidError, InputError) as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
-        return replace(judged(fit, tuple(effects)), stalled=stalled)
+        return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
+
+    def _completed(self, model: PlantModel) -> PlantModel:
+        """The model with what every fit contains, and without what none does."""
+        present = {effect.id for effect in model.effects}
+        known = [effect for effect in self.known if effect.id not in present]
+        stays = [effect for effect in model.effects if effect.id not in self.left_out]
+        return replace(model, effects=[*stays, *known])
 
     def _settles(self, model: PlantModel) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
@@ -158,23 +169,32 @@ def has_converged(fit: PlantFit) -> bool:
     return float(change @ change) < max(1e-3 * fit.cost, 1.0)
 
 
-def judged(fit: PlantFit, effects: tuple[str, ...]) -> Simulated:
+def judged(
+    fit: PlantFit,
+    effects: tuple[str, ...],
+    settings: DecisionSettings,
+    factors: Sequence[np.ndarray] | None = None,
+) -> Simulated:
     """A fit with what it explains where it was not fitted.
 
     One realisation after the other is left out and predicted, linearised at the fit to all. Of a single
-    record thirds of its periods are left out.
+    record thirds of its periods are left out, or, of few periods and with a model error, which is the same
+    in all of them, thirds of its lines.
 
     Parameters
     ----------
     fit : PlantFit
     effects : tuple of str
+    settings : DecisionSettings
+    factors : sequence of (2 k,) ndarray, optional
+        Of each record's weights, where a model error is in them.
     """
     names = fit.model.free_names
     chosen = [i for i, name in enumerate(names) if name.partition(".")[0] in effects]
     values = np.array([fit.model[names[i]].value for i in chosen])
     size = np.linalg.norm(fit.jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)
-    parts = [(j / size, r) for j, r in _parts(fit)]
+    parts = [(j / size, r) for j, r in _parts(fit, settings, factors)]
     grams = [rows.T @ rows for rows, _ in parts]
     slopes = [rows.T @ error for rows, error in parts]
     squares, alone, errors = 0.0, [], []
@@ -186,7 +206,14 @@ def judged(fit: PlantFit, effects: tuple[str, ...]) -> Simulated:
         errors.append(np.sqrt(np.maximum(variance, 0.0))[chosen])
     n_rows = sum(len(error) for _, error in parts)
     scatter, noise = _scatter(np.array(alone), np.array(errors), values)
-    return Simulated(effects, fit, has_converged(fit), squares / n_rows, scatter, noise)
+    weighed = None if factors is None else _linearised_cost(parts)
+    return Simulated(effects, fit, has_converged(fit), squares / n_rows, scatter, noise, weighed=weighed)
+
+
+def _linearised_cost(parts: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Cost at the minimum for these rows: the fit was made with other weights."""
+    rows, error = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return float(np.sum((error - rows @ np.linalg.lstsq(rows, error, rcond=1e-10)[0]) ** 2))
 
 
 def _scatter(alone: np.ndarray, errors: np.ndarray, values: np.ndarray) -> tuple[float, float]:
@@ -199,11 +226,21 @@ def _scatter(alone: np.ndarray, errors: np.ndarray, values: np.ndarray) -> tuple
     return float(spread[best]), float(noise[best])
 
 
-def _parts(fit: PlantFit) -> list[tuple[np.ndarray, np.ndarray]]:
+def _parts(
+    fit: PlantFit, settings: DecisionSettings, factors: Sequence[np.ndarray] | None
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Jacobian and residual of each realisation; of a single record those of its thirds."""
-    if len(fit.records) > 1:
-        return [(one.jacobian, one.residual) for one in fit.records]
-    (one,) = fit.records
+    scales = [1.0] * len(fit.records) if factors is None else [factor[:, None] for factor in factors]
+    rows = [
+        (one.jacobian * scale, one.residual * np.ravel(scale))
+        for one, scale in zip(fit.records, scales, strict=True)
+    ]
+    if len(rows) > 1:
+        return rows
+    (one,), ((jacobian, residual),) = fit.records, rows
+    if factors is not None or one.spectra.n_periods < settings.periods_least:
+        third_of = np.tile(np.arange(len(one.line)) % 3, 2)
+        return [(jacobian[third_of == i], residual[third_of == i]) for i in range(3)]
     thirds = np.array_split(one.spectra.Y, min(3, one.spectra.n_periods))
     return [_part(one, third) for third in thirds]
 

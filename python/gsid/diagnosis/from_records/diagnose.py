@@ -83,6 +83,7 @@ def diagnose_records(
                 if not fast:
                     run.confirm()
                     run.mend_structure()
+                    run.weigh_model_error()
         except KeyboardInterrupt:
             if run.draft is None:
                 raise

@@ -8,6 +8,7 @@ from typing import Any
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
 from gsid.diagnosis.from_records.law_part import missing_torque
+from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
 from gsid.plant.model import PlantModel
@@ -103,6 +104,8 @@ class RecordsDiagnosis(Plottable):
         The stack with the law that is named or nearest.
     interrupted : bool
         Whether the diagnosis was interrupted: this is the state that it had reached.
+    ripple : Ripple or None
+        Dominant period over the position of what the law leaves; None if none exceeds the others.
     """
 
     verdict: str
@@ -127,6 +130,7 @@ class RecordsDiagnosis(Plottable):
     linear: PlantModel | None = None
     law_model: PlantModel | None = None
     interrupted: bool = False
+    ripple: Ripple | None = None
 
     @property
     def adequate(self) -> bool:
@@ -195,6 +199,8 @@ class RecordsDiagnosis(Plottable):
     def notes(self) -> list[str]:
         """Reasons, what was assumed and what was not tried, as sentences."""
         notes = list(self.reasons)
+        if self.ripple is not None:
+            notes.append(self.ripple.sentence)
         if self.interrupted:
             notes.append("The diagnosis was interrupted: this is the state it had reached.")
         notes += [f"assumed: {text}" for text in self.assumed]
@@ -230,6 +236,7 @@ class RecordsDiagnosis(Plottable):
             "effects": list(self.effects),
             "explained": share,
             "ranking": [one.to_dict() for one in self.ranking],
+            "ripple": None if self.ripple is None else vars(self.ripple),
             "found": [{"effects": list(effects)} for effects in self.found],
             "model": None if self.model is None else self.model.to_dict(),
         }

@@ -5,22 +5,27 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.canonical import (
+    LAGS,
     SPRING,
     canonical_stack,
     has_low_mode,
     insignificant,
     pruned,
+    resonant_stack,
     without_wrong_unit,
 )
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, draft, is_linear, null_cost
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
+from gsid.diagnosis.from_records.loop import identified_loop, referenced
+from gsid.diagnosis.from_records.ripple import Ripple, remaining_ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.short_list import short_list
 from gsid.diagnosis.from_records.verdict import (
@@ -37,7 +42,7 @@ from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
-from gsid.spectrum.realisation import spectra_of
+from gsid.spectrum.realisation import listed, spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 from gsid.structure.start import Start, start
 
@@ -62,6 +67,8 @@ class Run:
         self.measured: list[Spectra] = []
         self.judged: list[Spectra] = []  # without the part of the laws that a given model has
         self.known: list[Effect] = []  # these laws
+        self.loop: Effect | None = None  # the controller of a closed loop
+        self.by_reference: list[Spectra] = []  # its records, with the reference as the input
         self.start: Start | None = None
         self.stack: PlantModel | None = None
         self.draft: Draft | None = None
@@ -69,6 +76,7 @@ class Run:
         self.laws: list[Simulated] = []
         self.decision = Decision(UNKNOWN)
         self.final: Simulated | None = None
+        self.ripple: Ripple | None = None
         self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
 
     @property
@@ -105,6 +113,8 @@ class Run:
             self.on_step("finding the linear structure")
             self.in_closed_loop = reference is not None
             source = records if self.in_closed_loop else self.measured
+            if self.in_closed_loop:
+                self.find_loop(listed(records), reference)
             try:
                 self.start = start(
                     source, output=output, band=self.band, reference=reference, deadline=self.deadline
@@ -119,6 +129,12 @@ class Run:
             self.stack = canonical_stack(self.start.model(), self.f_lo_hz, self.settings)
             self.measured = self.judged = without_wrong_unit(self.measured, self.stack)
             self.keep_resonances()
+
+    def find_loop(self, records: list[Record], reference: str) -> None:
+        """The controller, from the reference, the output and the command."""
+        self.loop = identified_loop(records, self.measured, reference, self.settings)
+        if self.loop is not None:
+            self.by_reference = referenced(records, self.measured, reference)
 
     def keep_resonances(self) -> None:
         """The low modes as well, where the stack without them is far worse."""
@@ -155,15 +171,8 @@ class Run:
     def draw_up(self) -> None:
         """The first draft."""
         with self.timed("first draft"):
-            self.draft = draft(
-                self.judged,
-                self.stack,
-                band=self.band,
-                without=self.without,
-                settings=self.settings,
-                on_step=self.on_step,
-                deadline=self.deadline,
-            )
+            self.draft = self.drafted(self.stack)
+            self.try_resonant_stack()
         if is_open(self.measured) and self.draft.stage.hold is not None:
             self.measured = read_as(self.measured, self.draft.stage.hold)
         self.decision = by_first_stage(self.draft.stage)
@@ -174,10 +183,41 @@ class Run:
         self.not_tried["laws of the catalogue"] = "the time was over before the first draft"
         self.decision = Decision(UNKNOWN, (), (f"The time was over before {what}.",))
 
+    def drafted(self, stack: PlantModel) -> Draft:
+        """The first draft on a stack."""
+        return draft(
+            self.judged,
+            stack,
+            band=self.band,
+            without=self.without,
+            settings=self.settings,
+            on_step=self.on_step,
+            deadline=self.deadline,
+        )
+
+    def try_resonant_stack(self) -> None:
+        """The lowest mode as the sprung body, where the best law leaves much, and leaves less beside that.
+
+        The linear cost cannot decide it: a law is missing from both.
+        """
+        left = self.draft.stage.ranking[0].cost_per_dof
+        if self.start is None or self.draft.stage.conclusion.kind == "none" or left < self.settings.much_left:
+            return
+        other = resonant_stack(self.start.model(), self.f_lo_hz, self.settings)
+        if other is None:
+            return
+        self.on_step("the same with the lowest mode as the sprung body")
+        try:
+            found = self.drafted(other)
+        except OutOfTime:
+            return
+        better = found.stage.ranking[0].cost_per_dof < self.settings.less_left * left
+        if better and found.stage.conclusion.kind == "named":
+            self.stack, self.draft = other, found
+
     def confirm(self) -> None:
         """Fit the short list by simulation, and decide again."""
-        if self.in_closed_loop:
-            self.leave_unconfirmed()
+        if self.in_closed_loop and not self.close_loop():
             return
         with self.timed("simulation"):
             fits = self.simulations()
@@ -193,15 +233,41 @@ class Run:
                 self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
         self.not_tried |= fits.not_tried
 
-    def leave_unconfirmed(self) -> None:
-        """Without its controller, the simulated axis drifts away from the measured motion."""
-        self.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
+    def close_loop(self) -> bool:
+        """Simulate with the reference as the input, and the controller around the axis, if it is known.
+
+        The measured command would let the simulated axis drift away from the measured motion. The lines are
+        those of the command: a reference of slow moves excites few of them distinctly, the friction all.
+        """
+        if self.loop is None or self.stack.output != "angle":
+            self.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
+            return False
+        if self.band is None:
+            f_hz = np.concatenate([one.f_hz[one.excited] for one in self.measured])
+            self.band = float(f_hz.min()), float(f_hz.max())
+        self.measured, self.known = self.by_reference, [*self.known, self.loop]
+        return True
 
     def simulations(self) -> Simulations:
         """Fits by simulation, with the time that is left."""
         return Simulations(
-            self.measured, self.band, self.deadline, self.settings, self.on_step, known=tuple(self.known)
+            self.measured,
+            self.band,
+            self.deadline,
+            self.settings,
+            self.on_step,
+            known=tuple(self.known),
+            left_out=self.left_out(),
         )
+
+    def left_out(self) -> tuple[str, ...]:
+        """In a closed loop: elements of the canonical stack that the linear structure does not have.
+
+        The controller sees its own lag there, which the simulation already has, and its gain holds the axis.
+        """
+        if self.loop is None or self.start is None:
+            return ()
+        return tuple(effect for effect in (SPRING, *LAGS) if effect not in self.start.effects)
 
     def check_adequate(self) -> None:
         """Whether nothing is missing: with a given model, a linear effect that it lacks is."""
@@ -224,10 +290,31 @@ class Run:
         if self.laws:
             self.add_bias(fits)
 
+    def weigh_model_error(self) -> None:
+        """The values of the law with equal weights, and a ripple, where it leaves more than noise.
+
+        The weights of noise then put the model's error on the lines where the output is largest.
+        """
+        if self.final is None or self.evidence().is_adequate(self.final):
+            return
+        with self.timed("fit with equal weights"):
+            self.on_step("fitting with equal weights")
+            how = {"band": self.band, "method": "nls-output", "deadline": self.deadline}
+            try:
+                self.deadline.check()
+                fit = fit_plant(self.final.model, self.measured, **how)
+            except OutOfTime:
+                return
+            other = replace(self.final, fit=fit)
+            self.laws = [other if one is self.final else one for one in self.laws]
+            self.final = other
+            if self.decision.effects:
+                self.ripple = remaining_ripple(other.model, self.measured, self.band)
+
     def decide(self) -> None:
         """The verdict from the fits so far."""
-        evidence = self.evidence()
-        self.decision, self.final = decide(evidence), evidence.best()
+        evidence = self.evidence().weighed()
+        self.decision, self.final = decide(evidence), self.laws[evidence.laws.index(evidence.best())]
         effects = self.decision.effects
         if effects and self.start is not None and is_linear(effects[0]):
             reason = (
@@ -261,7 +348,7 @@ class Run:
         Where only noise is left, elements of the canonical stack that became zero are dropped. Otherwise the
         structure is found again from the records without the law's part of the output.
         """
-        if self.decision.verdict != MISSING or self.start is None or self.final is None:
+        if self.decision.verdict != MISSING or self.start is None or self.final is None or self.loop:
             return
         if is_linear(self.decision.effects[0]):
             return

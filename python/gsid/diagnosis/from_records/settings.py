@@ -17,6 +17,14 @@ class DecisionSettings:
     merged_cost : float
         Largest ratio of the costs with and without merging: a mode that is a resonance of the axis lowers the
         cost of the linear part by far more than one that stands for a law.
+    much_left : float
+        Cost per degree of freedom of the best law above which its error is larger than noise: another linear
+        stack is tried, and the fits by simulation are judged with the weights of what the best one leaves.
+    less_left : float
+        Largest share of this cost that the best law leaves beside the other stack.
+    loop_error : float
+        Largest rms of the command that a controller found from reference and output leaves, over its rms:
+        more is another controller.
     corner : float
         Corner frequency of a spring or a damping that the start did not find, in lowest lines: far below them
         it does not show.
@@ -71,6 +79,9 @@ class DecisionSettings:
         Least share, and largest scatter of the coefficient, of a nearest law.
     periods_least : int
         Fewest periods of a single record for a name: its thirds have two periods each.
+    clear_misfit : float
+        Cost per degree of freedom of the linear part above which fewer periods are enough. Thirds of the
+        lines are left out then; the periods only show how large the noise is, and the misfit is far above it.
     named_scatter, scatter_errors : float
         Largest scatter of the law's coefficient over realisations, or in standard errors.
     worse : float
@@ -82,6 +93,9 @@ class DecisionSettings:
 
     low_mode: float = 4.0
     merged_cost: float = 10.0
+    much_left: float = 3.0
+    less_left: float = 0.5
+    loop_error: float = 0.02
     corner: float = 0.5
     lag_share: float = 0.5
     vanished: float = 0.02
@@ -108,6 +122,7 @@ class DecisionSettings:
     nearest_share: float = 0.5
     nearest_scatter: float = 0.3
     periods_least: int = 6
+    clear_misfit: float = 10.0
     named_scatter: float = 0.06
     scatter_errors: float = 2.5
     worse: float = 12.0

@@ -52,6 +52,7 @@ def summarised(run: Run) -> RecordsDiagnosis:
         linear=run.null.model if run.null else draft.model if draft else None,
         law_model=_law_model(run),
         interrupted=run.interrupted,
+        ripple=run.ripple,
     )
 
 
@@ -95,7 +96,8 @@ def _ranking(run: Run) -> list[RankedLaw]:
     if run.draft is None:
         return []
     evidence = run.evidence() if run.laws else None
-    simulated = [_simulated(one, evidence) for one in run.laws]
+    weighed = evidence.weighed() if evidence else None
+    simulated = [_simulated(one, weighed) for one in weighed.laws] if weighed else []
     known = {one.effects for one in simulated}
     drafted = [_drafted(one) for one in run.draft.stage.ranking if one.effects not in known]
     null = run.null.fit.cost_per_dof if run.null else run.draft.stage.cost_per_dof
@@ -139,6 +141,9 @@ def _assumed(run: Run) -> list[str]:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:
         texts.append(f"the input was {MEANING[run.draft.stage.hold or 'zoh']}; to decide, {DECLARE}")
+    if run.in_closed_loop and run.loop is not None:
+        gains = ", ".join(f"{name} {param.value:.4g}" for name, param in run.loop.params.items())
+        texts.append(f"the controller, found from reference, output and command: {run.loop.id} ({gains})")
     if run.in_closed_loop:
         texts.append(
             "the input is known without noise, though the loop feeds the output's noise back into it"

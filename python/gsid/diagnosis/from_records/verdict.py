@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.diagnosis.missing_torque.stage import FirstStage
@@ -63,9 +64,27 @@ class Evidence:
     settings: DecisionSettings
 
     @property
+    def has_model_error(self) -> bool:
+        """Whether the weights contain what the best law leaves: 1 is then this model error, not noise."""
+        return self.null.weighed is not None
+
+    @property
+    def floor(self) -> float:
+        """Kept-out cost that noise alone leaves; 0 where noise is none of it."""
+        return 0.0 if self.has_model_error else 1.0
+
+    @property
     def noise(self) -> float:
         """Two standard deviations of a mean of that many squares: less than this above 1 is noise."""
-        return 2 * math.sqrt(2 / self.null.fit.n_dof)
+        return 0.0 if self.has_model_error else 2 * math.sqrt(2 / self.null.fit.n_dof)
+
+    def weighed(self) -> Evidence:
+        """The same with the weights of what the best law leaves, where that is more than noise."""
+        best = self.best()
+        if best.fit.cost_per_dof < self.settings.much_left:
+            return self
+        null, laws = weighed(self.null, self.laws, best, self.settings)
+        return replace(self, null=null, laws=laws)
 
     def excess(self, one: Simulated) -> float:
         """Kept-out cost above noise.
@@ -74,7 +93,7 @@ class Evidence:
         ----------
         one : Simulated
         """
-        return max(one.kept - 1 - self.noise, 0.0)
+        return max(one.kept - self.floor - self.noise, 0.0)
 
     def share(self, one: Simulated) -> float:
         """Share of the misfit that a law explains, on what is kept out.
@@ -86,7 +105,7 @@ class Evidence:
         left = self.excess(one)
         if left == 0:
             return 1.0
-        return 1 - left / (self.null.kept - 1) if self.null.kept > 1 else 0.0
+        return 1 - left / (self.null.kept - self.floor) if self.null.kept > 1 else 0.0
 
     def is_adequate(self, one: Simulated) -> bool:
         """Whether a fit leaves only noise.
@@ -95,7 +114,8 @@ class Evidence:
         ----------
         one : Simulated
         """
-        return self.excess(one) == 0 or one.fit.cost_per_dof <= self.settings.adequate
+        small = one.fit.cost_per_dof <= self.settings.adequate
+        return not self.has_model_error and (self.excess(one) == 0 or small)
 
     def rivals(self, one: Simulated) -> list[Simulated]:
         """Fits of laws of other families.
@@ -114,7 +134,7 @@ class Evidence:
         one : Simulated
         """
         least = min(other.kept for other in [self.null, *self.rivals(one)])
-        return max(least - 1, 0.0) / max(one.kept - 1, self.noise / 2)
+        return max(least - self.floor, 0.0) / max(one.kept - self.floor, self.noise / 2)
 
     def lead(self, one: Simulated) -> float:
         """Drop of the cost against the best rival of another family, or nothing missing.
@@ -132,7 +152,7 @@ class Evidence:
         ----------
         one, best : Simulated
         """
-        scale = max(best.fit.cost_per_dof, 1.0)
+        scale = max(best.cost / best.fit.n_dof, 1.0)
         share = 0.0 if self.is_adequate(best) else self.settings.worse_share * best.fit.n_dof
         return (one.cost - best.cost) / scale > self.settings.worse + share
 
@@ -270,6 +290,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
     reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.beaten_by]
     n_periods = best.fit.records[0].spectra.n_periods
-    if len(best.fit.records) == 1 and n_periods < settings.periods_least:
+    clear = evidence.null.fit.cost_per_dof >= settings.clear_misfit
+    if len(best.fit.records) == 1 and n_periods < settings.periods_least and not clear:
         reasons.append(f"One record of {n_periods} periods shows no scatter.")
     return reasons
