@@ -8,9 +8,12 @@ import pytest
 from plants import plant
 
 from gsid.diagnosis.diagnose import diagnose
+from gsid.diagnosis.effect_starts import effect_starts
 from gsid.diagnosis.probes import GRIDS
 from gsid.diagnosis.scan import trajectory
+from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
 from gsid.records.record import Record
 from gsid.spectrum.lines import lines_of
 from gsid.spectrum.realisation import spectra
@@ -94,13 +97,20 @@ def test_a_probe_of_the_drive_points_where_the_drive_leads():
     assert np.linalg.norm(moved - column) < 0.1 * np.linalg.norm(moved)
 
 
-@pytest.mark.parametrize(
-    ("effect", "parameter", "size"),
-    [
-        ("drive_dead_zone", "half_width", 5e-4),
-        ("drive_saturation", "limit", 0.2),
-    ],
-)
+LAWS = [("drive_dead_zone", "half_width", 5e-4), ("drive_saturation", "limit", 0.2)]
+
+
+@pytest.mark.parametrize(("effect", "parameter", "size"), LAWS)
+def test_the_start_of_a_law_of_the_drive_is_of_its_size(effect, parameter, size):
+    """Not of the size of the reference: the command inside the loop is not in the record."""
+    fit = fit_plant(model(scale=1.05), record(simulate(drive=lambda u: DRIVES[effect](u, size))[1]))
+    start = effect_starts(fit, find(effect))[0]
+    assert size / 3 < start[f"{effect}.{parameter}"].value < 3 * size
+    found = fit_plant(start, fit.records[0].spectra).model[f"{effect}.{parameter}"]
+    assert abs(found.value - size) < 4 * found.std
+
+
+@pytest.mark.parametrize(("effect", "parameter", "size"), LAWS)
 def test_a_law_of_the_drive_is_named_in_closed_loop(effect, parameter, size):
     """A bug: scored on the reference, it began at a size of the reference and ended far off."""
     angles = simulate(drive=lambda u: DRIVES[effect](u, size))[1]

@@ -21,10 +21,9 @@ import numpy as np
 from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import other_reading
 from gsid.comparison import Comparison, compare
+from gsid.diagnosis.effect_starts import effect_starts, fixed_parameters
 from gsid.diagnosis.error_fall import fall_p_value
 from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
-from gsid.diagnosis.probes import Probe
-from gsid.diagnosis.scan import SAMPLER, scan, scan_rates, with_probe
 from gsid.effects.types import EffectType, find
 from gsid.greybox.fit import PlantFit, as_assumed, fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
@@ -44,10 +43,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-STARTS = 3  # points of an effect's grid that are fitted
-STEPS_TRIED = 15  # iterations of each of these fits: a start that needs more is too far from the minimum
+STEPS_TRIED = 15  # iterations of a fit from each start: a start that needs more is too far from the minimum
 WORTH = 10.0  # drop of the cost (-2 log likelihood) above which an unfinished fit is continued
-SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the typical size, for effects without a grid
 HELD_OUT_SHARE = 3  # one realisation in three
 PERIODS_LEAST = 2  # least number of periods on either side, needed for a variance
 
@@ -119,8 +116,8 @@ def add(
         Realisations. If they do not state their hold, all steps use the assumption that is more likely for
         the given model.
     params : dict of float, optional
-        Starting values; parameters not given start at typical values. Default: the best of several sizes and
-        shapes along the simulated trajectory of the model. A custom effect starts at its typical values.
+        Starting values; parameters not given start at typical values. Default: those of the first stage of
+        the diagnosis, along the measured motion. A custom effect starts at its typical values.
     held_out : Record or Spectra, or a sequence of them, optional
         Validation data. They are not fitted and should not have been used to choose the effect. Default: the
         last third of the realisations of each level. With less than three records, or one of each level, the
@@ -160,7 +157,7 @@ def add(
     if before.hold_assumed:
         split = split._replace(fitted=read_as(fitted, before.hold), kept=read_as(split.kept, before.hold))
         fitted = split.fitted
-    after = _best_fit(before, known, _starts(before, known, params), fitted, band, on_step)
+    after = _best_fit(before, known, _starts(before, known, params, band), fitted, band, on_step)
     _note_places_outside(after)
     on_step(f"judging on {split.words}")
     rung = _rung(-1, before, after, split, band)
@@ -371,22 +368,15 @@ def _title(model: PlantModel, at: int) -> str:
     return f"{label} {law}" if isinstance(law, str) else label
 
 
-def _starts(fit: PlantFit, effect: EffectType, params: Mapping[str, float] | None) -> list[PlantModel]:
-    """The model with the effect at each starting point: the best grid points, or typical values."""
+def _starts(
+    fit: PlantFit, effect: EffectType, params: Mapping[str, float] | None, band: tuple[float, float] | None
+) -> list[PlantModel]:
+    """The model with the effect at each starting point: given, found from the data, or typical values."""
     if effect.definition:
         return [fit.model.with_effect(effect, dict(params or {}))]
-    tries = _likeliest(fit, effect.id)
-    fixed = tries[0][0].fixed if tries else ()
     if params is not None:
-        return [fit.model.with_effect(effect, dict(params), fixed=fixed)]
-    if tries:
-        return [with_probe(fit.model, probe, size) for probe, size in tries]
-    strengths = {p.name: p.typical for p in effect.parameters if p.null_value is not None}
-    sizes = [
-        fit.model.with_effect(effect, {name: size * value for name, value in strengths.items()})
-        for size in SIZES
-    ]
-    return [min(sizes, key=lambda model: _cost(model, fit))]
+        return [fit.model.with_effect(effect, dict(params), fixed=fixed_parameters(effect))]
+    return effect_starts(fit, effect, band)
 
 
 def _note_places_outside(fit: PlantFit) -> None:
@@ -403,21 +393,6 @@ def _note_places_outside(fit: PlantFit) -> None:
         _log.warning(
             "%.1f %% of the time the motion is outside the table, which is extrapolated there", 100 * share
         )
-
-
-def _cost(model: PlantModel, fit: PlantFit) -> float:
-    """Cost of a model with the weights of a given fit; infinite if the model cannot be simulated."""
-    try:
-        return fit.cost_of(model)
-    except GsidError:
-        return np.inf
-
-
-def _likeliest(fit: PlantFit, effect: str) -> list[tuple[Probe, np.ndarray]]:
-    """Points of the effect's grid with the largest predicted drops of the cost, and their coefficients."""
-    scored = scan_rates(fit)[0] if effect == SAMPLER else scan(fit, [effect])
-    scored.sort(key=lambda pair: -pair[1].drop)
-    return [(probe, item.size) for probe, item in scored[:STARTS]]
 
 
 def _best_fit(

@@ -15,6 +15,8 @@ from gsid.effects.custom import expression
 from gsid.effects.types import EffectType, catalogue
 
 COEFFICIENT = "c"  # of an enlarged law
+LINEAR_KINDS = frozenset({"damping", "spring", "delay", "lag", "mode"})
+"""Kinds of linear parts that are searched for in the frequency domain."""
 
 
 def family(effect: EffectType) -> str:
@@ -51,9 +53,21 @@ def laws(without: Collection[str], is_angle: bool, is_open_loop: bool, own_phase
     for effect in _searched(without, is_angle):
         is_law = effect.c.torque != ffi.NULL and effect.c.n_states == 0
         if is_law or (effect.c.command != ffi.NULL and is_open_loop):
-            law = Law(effect, effect.id, family(effect))
-            found.append(replace(law, own_phases=own_phases) if law.phase else law)
+            found.append(law(effect, own_phases))
     return found
+
+
+def law(effect: EffectType, own_phases: int = 0) -> Law:
+    """A torque law or a map of the command.
+
+    Parameters
+    ----------
+    effect : EffectType
+    own_phases : int
+        As `laws`.
+    """
+    found = Law(effect, effect.id, family(effect))
+    return replace(found, own_phases=own_phases) if found.phase else found
 
 
 def enlarged_laws(of_family: str) -> list[Law]:
@@ -79,8 +93,7 @@ def linear_effects(without: Collection[str], is_angle: bool) -> list[EffectType]
     without, is_angle
         As `laws`.
     """
-    kinds = {"damping", "spring", "delay", "lag", "mode"}
-    found = [e for e in _searched(without, is_angle) if e.linear_part in kinds]
+    found = [e for e in _searched(without, is_angle) if e.linear_part in LINEAR_KINDS]
     modes = [e for e in catalogue().values() if e.linear_part == "mode" and e.id in without]
     return found + modes
 

@@ -197,6 +197,8 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
         points = law.points(scales)
         if law.effect.c.has_memory:
             points = points[is_dissipative(law, points, scan.problem, scan.moved)]
+            if not len(points):
+                continue
         if law.is_command:
             if law.shapes[0].grid.spacing == "rounding":
                 points = _likely_steps(scan, law, points, error)
