@@ -96,6 +96,7 @@ class _Running:
 def _serve(work: Work, pipe: Connection, core: int | None) -> None:
     """Work on trials until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if core is not None:
         os.sched_setaffinity(0, {core})
     while True:
@@ -129,7 +130,7 @@ def run(
     bound_s : float
         Longest time of one part [s].
     n_processes : int
-        Each has a processor core of its own, if there are as many.
+        Each has a core of its own, if there are as many cores as processes.
     on_done : callable
         Called with each task done, its rows, and the time that the others will take [s].
 
@@ -161,7 +162,7 @@ def run(
 
 def _cores(n: int) -> list[int | None]:
     usable = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    return usable[:n] if len(usable) >= n else [None] * n
+    return usable if len(usable) == n else [None] * n
 
 
 def _finished(processes: list[_Running], bound_s: float) -> Iterator[_Running]:

@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 
 import first_stage_study as study
+import hard
 import numpy as np
 import pytest
 
@@ -161,6 +162,21 @@ def test_a_fit_along_parameters_that_the_data_do_not_distinguish_is_one(tmp_path
     print(found)
     assert found.verdict != "unknown_effect"
     assert "mass_unbalance" in found.effects
+
+
+def test_bug_a_spring_far_below_the_lowest_line_did_not_grow():
+    """The start had no spring. The linear part cost 3600 times noise, which an unbalance explained: named."""
+    trial = hard.make_hard(21710, 8, "single")
+    assert [effect["id"] for effect in trial.key["effects"]] == ["presliding_friction"]
+    records = [
+        Record(u, y, hard.FS_HZ, study.trials.N, 0, hold="zoh", y_unit="deg/s") for u, y in trial.records
+    ]
+    found = gsid.diagnose_records(records, fast=True)
+    print(found)
+    assert found.cost_per_dof < 1.1
+    assert found.linear["cable_spring.stiffness"].value == pytest.approx(
+        trial.key["truth"]["spring_stiffness"], rel=0.01
+    )
 
 
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"no measured record {SILVERBOX} (set GSID_DATA)")

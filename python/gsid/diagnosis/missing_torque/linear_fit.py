@@ -204,8 +204,9 @@ def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndar
 def fit_null(problem: Problem, start: LinearPart) -> LinearFit:
     """Fit the linear part alone; where the given values lead to a bad fit, from other starts as well.
 
-    The fit without its modes begins at several delays; then each mode is scanned over its frequency and
-    damping, and all are fitted together.
+    The fit without its modes begins at several delays, and from the best of them at several springs: a spring
+    far below the lowest line does not grow. Then each mode is scanned over its frequency and damping, and all
+    are fitted together.
 
     Parameters
     ----------
@@ -223,7 +224,8 @@ def fit_null(problem: Problem, start: LinearPart) -> LinearFit:
     bare = _without(start, modes)
     fits = [fit_linear_part(problem, each) for each in _delayed(bare, problem.settings.delays)]
     best = min(fits, key=lambda fit: fit.cost)
-    part = best.part
+    fits = [fit_linear_part(problem, each) for each in _sprung(best.part, problem)]
+    part = min([best, *fits], key=lambda fit: fit.cost).part
     for label in modes:
         part = _scanned(problem, part, start, label)
     again = fit_linear_part(problem, start.at([part.stack[a][b] for a, b in map(split, start.names)]))
@@ -242,6 +244,16 @@ def _delayed(part: LinearPart, shares: Sequence[float]) -> list[LinearPart]:
         return [part]
     i, values = part.names.index(name), part.values
     return [part.at(np.where(np.arange(len(values)) == i, values * share, values)) for share in shares]
+
+
+def _sprung(part: LinearPart, problem: Problem) -> list[LinearPart]:
+    """The part with other springs."""
+    name = "cable_spring.stiffness"
+    if name not in part.names:
+        return []
+    i, values = part.names.index(name), part.values
+    corners = 2 * np.pi * problem.first[0].f_hz[0] * np.array(problem.settings.corners)
+    return [part.at(np.where(np.arange(len(values)) == i, w**2, values)) for w in corners]
 
 
 def _scanned(problem: Problem, part: LinearPart, start: LinearPart, label: str) -> LinearPart:
