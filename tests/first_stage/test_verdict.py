@@ -102,6 +102,19 @@ def test_where_only_noise_is_left_the_cost_has_to_be_a_hundred_lower(rival, verd
     assert decision(fit(LAW, 1.02), fit(OTHER_FAMILY, rival), null=1.5).verdict == verdict
 
 
+@pytest.mark.parametrize(("gain", "verdict"), [(17.0, "adequate"), (19.0, "nearest_effect")])
+def test_a_law_needs_more_than_the_drop_that_chance_gives_the_best_of_many(gain, verdict):
+    """A bug: a null became a nearest unbalance. 17.6 for one parameter: 10 and the logarithm of 2000."""
+    found = decision(fit(SIMPLER, 1.0 - gain / N_DOF), fit(OTHER_FAMILY, 1.0), null=1.0)
+    assert found.verdict == verdict
+    assert bool(found.effects) == (verdict != "adequate")
+
+
+@pytest.mark.parametrize(("null", "verdict"), [(1.09, "adequate"), (1.11, "nearest_effect")])
+def test_nothing_is_missing_only_where_the_linear_part_leaves_noise(null, verdict):
+    assert decision(fit(SIMPLER, null - 0.004), fit(OTHER_FAMILY, null), null=null).verdict == verdict
+
+
 def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
     found = decision(fit(LAW, 2.0), RIVAL, beaten_by=("c*w^3",))
     assert (found.verdict, found.effects) == ("unknown_effect", ())

@@ -126,13 +126,15 @@ def with_stack(model: PlantModel, stack: dict[str, dict[str, float]]) -> PlantMo
     ----------
     model : PlantModel
     stack : dict of dict of float
-        {effect: {parameter: value}}. Parameters that the model holds fixed stay fixed.
+        {effect: {parameter: value}}. Parameters that the model holds fixed stay fixed; the rate of a held
+        sensor, which comes from its images, is fixed as well.
     """
     given = dict(model.labels())
 
     def param(label: str, name: str, value: float) -> Param:
         known = given[label].params[name] if label in given else None
-        return Param(value, known is None or known.free, limits=known.limits if known else None)
+        is_free = known.free if known else label != HOLD  # a fit would move the rate off its images
+        return Param(value, is_free, limits=known.limits if known else None)
 
     effects = [
         Effect(label.partition("#")[0], {name: param(label, name, v) for name, v in params.items()})

@@ -69,6 +69,9 @@ class DecisionSettings:
         Probability of noise alone below which something is missing though no law explains it.
     adequate : float
         Cost per degree of freedom up to which only noise is left.
+    null_gain, null_cost : float
+        Drop of the cost that any law needs beside ln n per parameter, and cost per degree of freedom of the
+        linear part up to which nothing may be missing: those of the first stage.
     named_share, named_margin : float
         Least share of the misfit explained, kept out, and least ratio of what the best rival leaves, both by
         simulation, for a name where more than noise is left.
@@ -116,6 +119,8 @@ class DecisionSettings:
     hopeless: float = 0.25
     p_least: float = 1e-4
     adequate: float = 1.15
+    null_gain: float = 10.0
+    null_cost: float = 1.1
     named_share: float = 0.9
     named_margin: float = 6.0
     named_lead: float = 100.0

@@ -117,6 +117,17 @@ class Evidence:
         small = one.fit.cost_per_dof <= self.settings.adequate
         return not self.has_model_error and (self.excess(one) == 0 or small)
 
+    def is_nothing_missing(self) -> bool:
+        """Whether the linear part alone leaves only noise, and no law lowers its cost by more than chance.
+
+        The first stage takes a law along the measured motion, whose errors it may follow.
+        """
+        if self.null.fit.cost_per_dof >= self.settings.null_cost:
+            return False
+        unit = math.log(self.null.fit.n_dof)
+        gains = [self.null.cost - one.cost - n_parameters(one) * unit for one in self.laws]
+        return max(gains) < self.settings.null_gain
+
     def rivals(self, one: Simulated) -> list[Simulated]:
         """Fits of laws of other families.
 
@@ -230,6 +241,8 @@ def decide(evidence: Evidence) -> Decision:
         With at least one law.
     """
     best, settings = evidence.best(), evidence.settings
+    if evidence.is_nothing_missing():
+        return Decision(ADEQUATE)
     share, effects = evidence.share(best), evidence.group(best)
     left = 1 - share if evidence.excess(evidence.null) > 0 else None
     reasons = tuple(against(evidence, best))
