@@ -20,6 +20,7 @@ from gsid.cli.options import (
     picture_option,
     plant_option,
     reading_options,
+    reference_option,
 )
 from gsid.cli.output import (
     command_line,
@@ -63,6 +64,7 @@ class Start(Value):
 @click.argument("effect", metavar="EFFECT", required=False)
 @click.argument("records", metavar="REC...", nargs=-1, type=RECORD)
 @reading_options
+@reference_option
 @plant_option("Stack of effects (model file) to extend.")
 @click.option(
     "--torque",
@@ -100,6 +102,7 @@ def add(
     effect: str | None,
     records: Sequence[str],
     read: Callable[[Sequence[str]], list[Record]],
+    reference: str | None,
     model_path: str,
     torque: str | None,
     table: str | None,
@@ -119,6 +122,9 @@ def add(
     s^2]. An expression may use numbers, + - * / ^, abs, sqrt, exp, log, sin, cos, tanh, min, max, pi and rad
     (radians in a unit of angle).
 
+    With --r the model is simulated with the reference as its input. If it has no controller, the one that
+    reference, output and command show is put around it and stays in the model.
+
     The model file keeps every added effect in its history. The printed ladder shows the error after each
     step.
     """
@@ -126,7 +132,7 @@ def add(
 
     own = [choice for choice in (torque, table, library) if choice is not None]
     if undo:
-        if effect or held_out or params or own or picture:
+        if effect or held_out or params or own or picture or reference:
             raise click.UsageError(
                 "--undo removes the last added effect: leave out effect, records and options", ctx
             )
@@ -153,6 +159,7 @@ def add(
             read(records),
             params=start or None,
             held_out=read(held_out) if held_out else None,
+            reference=reference,
             band=band,
             on_step=lambda text: print_message(f"-- {text}"),
         )
@@ -169,7 +176,7 @@ def add(
                 "note: if these records were used to choose this effect, judge it on a new record: "
                 "--held-out NEW.csv"
             )
-        if is_stdout(output):
+        if is_stdout(output) or reference is not None:  # `diagnose --model` has no --r
             return
         suggest(
             f"{command_line('diagnose', '--model', output, records=records)} tests whether another is missing"

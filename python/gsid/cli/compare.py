@@ -16,6 +16,7 @@ from gsid.cli.options import (
     options_as_arguments,
     picture_option,
     record_options,
+    reference_option,
 )
 from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Compare a model with records.")
 @record_options
+@reference_option
 @click.option(
     "--model",
     "model_path",
@@ -52,6 +54,7 @@ def compare(
     ctx: click.Context,
     *,
     records: list[Record],
+    reference: str | None,
     model_path: str,
     band: tuple[float, float] | None,
     alpha: float,
@@ -66,13 +69,22 @@ def compare(
     in its file. Use --fitted if the records are those of the fit. Lines that were not excited count too:
     power there is distortion. The exit code is 0 for either verdict; with --check it is 1 if the model is not
     adequate.
+
+    With --r a stack of effects is simulated with the reference as its input. If it has no controller, the one
+    that reference, output and command show is put around it.
     """
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single
 
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
-        result = compare_model(model, records, band=band, alpha=alpha, fitted=fitted)
+        if reference is not None:
+            from gsid.diagnosis.closed_loop import in_closed_loop
+
+            model, measured = in_closed_loop(model, records, reference)
+        else:
+            measured = records
+        result = compare_model(model, measured, band=band, alpha=alpha, fitted=fitted)
     note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     draw(result.plot, picture)
     if as_json:

@@ -137,6 +137,7 @@ READING_OPTIONS = (
     ),
 )
 HOW_READ = (
+    "reference",
     "u_name",
     "y_name",
     "fs_hz",

@@ -21,6 +21,7 @@ import numpy as np
 from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import other_reading
 from gsid.comparison import Comparison, compare
+from gsid.diagnosis.closed_loop import in_closed_loop
 from gsid.diagnosis.effect_starts import effect_starts, fixed_parameters
 from gsid.diagnosis.error_fall import fall_p_value
 from gsid.diagnosis.ladder import JUDGED_ON, Rung, ladder, undo_state, used_records
@@ -101,6 +102,7 @@ def add(
     *,
     params: Mapping[str, float] | None = None,
     held_out: Records | None = None,
+    reference: str | None = None,
     band: tuple[float, float] | None = None,
     on_step: Callable[[str], None] = lambda text: None,
 ) -> Addition:
@@ -122,6 +124,9 @@ def add(
         Validation data. They are not fitted and should not have been used to choose the effect. Default: the
         last third of the realisations of each level. With less than three records, or one of each level, the
         default is the second half of the periods of each.
+    reference : str, optional
+        Of records measured in a closed loop: the column of its reference. The model gets the controller that
+        the records show, if it has none, and is simulated with the reference as its input.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
     on_step : callable
@@ -147,6 +152,10 @@ def add(
         raise InputError("every plant starts with this effect, so it cannot be added", known.id, None, hint)
     for name, value in (params or {}).items():
         _check(known, name, value)
+    if reference is not None:
+        model, records = in_closed_loop(model, records, reference)
+        if held_out is not None:
+            _, held_out = in_closed_loop(model, held_out, reference)
     kept = None if held_out is None else spectra_of(held_out)
     split = _split(spectra_of(records), kept, used_records(model))
     fitted = undeclared = split.fitted

@@ -100,6 +100,43 @@ def _spectra(
     return _spectra(record, reference, to_y.period_samples, longest)
 
 
+def loop_spectra(record: Record, reference: str) -> Spectra:
+    """Spectra of command and output over the periods of the reference, at the lines that it excites.
+
+    Parameters
+    ----------
+    record : Record
+    reference : str
+        Name of its column.
+
+    Raises
+    ------
+    InputError
+        As `driven_by`.
+    """
+    to_u, to_y = _spectra(record, reference, None, None)
+    return replace(to_y, U=to_u.Y, u_unit=record.u_unit, name=record.name)
+
+
+def require_reference(record: Record, reference: str) -> None:
+    """Refuse a record without the column of its reference.
+
+    Parameters
+    ----------
+    record : Record
+    reference : str
+
+    Raises
+    ------
+    InputError
+        The column does not exist.
+    """
+    if reference not in record.columns:
+        names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
+        hint = f"{choose(reference, names)}; select it with --r"
+        raise InputError(f"no column named {reference}", record.name, None, hint)
+
+
 def driven_by(record: Record, reference: str) -> Record:
     """The record with its reference as input.
 
@@ -114,10 +151,7 @@ def driven_by(record: Record, reference: str) -> Record:
     InputError
         The column does not exist, or has a number that is not finite.
     """
-    if reference not in record.columns:
-        names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
-        hint = f"{choose(reference, names)}; select it with --r"
-        raise InputError(f"no column named {reference}", record.name, None, hint)
+    require_reference(record, reference)
     r = np.asarray(record.columns[reference], float)
     bad = np.flatnonzero(~np.isfinite(r) & record.valid)
     if bad.size:
