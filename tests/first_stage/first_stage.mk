@@ -13,3 +13,8 @@ from-records-study: all $(TRUTH) ## how often the diagnosis from records is righ
 	    --results $(BUILD)/from_records_study.jsonl --starts $(STARTS) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--n $(N)) \
 	    $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md
+
+.PHONY: missing-linear-study
+missing-linear-study: all $(TRUTH) ## how often a linear effect that a model lacks is named, into docs/explanation/missing_torque.md (two hours; resumes; SEED=5300 N=100)
+	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/missing_linear_study.py --folder $(BUILD)/missing_linear \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--trials $(N)) --processes 2 --page docs/explanation/missing_torque.md

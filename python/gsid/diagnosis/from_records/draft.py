@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.linear_fit import fit_null
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
-from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage
+from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage, in_time
 from gsid.effects.types import find
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, is_open, read_as
+from gsid.structure.start import start
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +52,7 @@ def draft(
     *,
     band: tuple[float, float] | None,
     without: Collection[str] = (),
+    from_data: bool = False,
     settings: DecisionSettings,
     on_step: Callable[[str], None],
     deadline: Deadline,
@@ -60,13 +66,21 @@ def draft(
         Linear.
     band, without, on_step
         As `first_stage`.
+    from_data : bool
+        Whether the values of the model were found from these records. If not, and the first stage leaves more
+        than noise, the linear structure is found from the records, and fits begin from its values as well.
     settings : DecisionSettings
     deadline : Deadline
         Time at which no further linear effect is added.
     """
     added: list[tuple[str, ...]] = []
-    how = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
+    how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
     first = stage = first_stage(measured, model, **how)
+    if not from_data and not model.has_controller and _is_doubtful(stage, settings) and not deadline.is_over:
+        how["values"] = _values_from_data(measured, model, band, on_step)
+    if how.get("values") is not None:
+        with in_time():
+            first = stage = first_stage(measured, model, **how)
     if is_open(measured) and stage.hold is not None:
         measured = read_as(measured, stage.hold)
     while len(added) < settings.linear_rounds and _adds_linear(stage, settings):
@@ -81,6 +95,29 @@ def draft(
         added.append(named if best.effects[0] in named else best.effects)
         model = larger
     return Draft(with_stack(model, stage.linear), stage, first, added)
+
+
+def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:
+    """Whether the linear part may be in a wrong minimum: much is left, and no torque law is named."""
+    best = stage.ranking[0]
+    if stage.conclusion.kind == "none" or best.cost_per_dof <= settings.adequate:
+        return False
+    return stage.conclusion.kind != "named" or is_linear(best.effects[0])
+
+
+def _values_from_data(
+    measured: list[Spectra],
+    model: PlantModel,
+    band: tuple[float, float] | None,
+    on_step: Callable[[str], None],
+) -> dict[str, dict[str, float]] | None:
+    """Values of the linear stack that the data show; None where there is none."""
+    on_step("finding the linear structure")
+    try:
+        found = start(measured, output=model.output, band=band)
+    except (GsidError, InputError, np.linalg.LinAlgError):
+        return None
+    return found.effects if found.has_model else None
 
 
 def null_cost(

@@ -190,6 +190,7 @@ class Run:
             stack,
             band=self.band,
             without=self.without,
+            from_data=self.start is not None,
             settings=self.settings,
             on_step=self.on_step,
             deadline=self.deadline,

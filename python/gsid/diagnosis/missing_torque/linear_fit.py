@@ -201,7 +201,7 @@ def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndar
 # ---- starts --------------------------------------------------------------------------------------------
 
 
-def fit_null(problem: Problem, start: LinearPart) -> LinearFit:
+def fit_null(problem: Problem, start: LinearPart, other: LinearPart | None = None) -> LinearFit:
     """Fit the linear part alone; where the given values lead to a bad fit, from other starts as well.
 
     The fit without its modes begins at several delays, and from the best of them at several springs: a spring
@@ -212,12 +212,15 @@ def fit_null(problem: Problem, start: LinearPart) -> LinearFit:
     ----------
     problem : Problem
     start : LinearPart
+    other : LinearPart, optional
+        The same structure with other values, which the fit begins from as well.
 
     Returns
     -------
     LinearFit
     """
-    direct = fit_linear_part(problem, start)
+    starts = [start] if other is None else [start, other]
+    direct = min((fit_linear_part(problem, each) for each in starts), key=lambda fit: fit.cost)
     if direct.cost_per_dof <= problem.settings.good_cost:
         return direct
     modes = [label for label in start.stack if label.partition("#")[0] == "flexible_mode"]

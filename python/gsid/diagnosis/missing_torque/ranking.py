@@ -50,6 +50,8 @@ class Candidate:
         Between these values each of them is refined.
     ends : (d, 2) ndarray
         Largest range of several shapes: twice that of the grid.
+    others : tuple of LinearPart
+        Further starts of a linear effect's fit.
     fit : LinearFit or None
         Joint fit; None if it was not refitted.
     kept : float
@@ -70,6 +72,7 @@ class Candidate:
     ends: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     start: LinearPart | None = None
     points: tuple[float, ...] = ()
+    others: tuple[LinearPart, ...] = ()
     fit: LinearFit | None = None
     kept: float = np.inf
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -197,8 +200,8 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
         points = law.points(scales)
         if law.effect.c.has_memory:
             points = points[is_dissipative(law, points, scan.problem, scan.moved)]
-            if not len(points):
-                continue
+        if not len(points):  # over this travel every shape of its grid is a spring, or beyond its bounds
+            continue
         if law.is_command:
             if law.shapes[0].grid.spacing == "rounding":
                 points = _likely_steps(scan, law, points, error)

@@ -98,6 +98,8 @@ def _cancels_spring(problem: Problem, one: Candidate, moved: Sequence[Motion]) -
 def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
     good = problem.settings.good_cost
     one.fit = fit_linear_part(problem, one.start)
+    for other in one.others:
+        one.fit = min(one.fit, fit_linear_part(problem, other), key=lambda fit: fit.cost)
     if null.cost_per_dof > good:
         for point in one.points:
             if one.fit.cost_per_dof <= good:

@@ -16,6 +16,7 @@ from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose,
 from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.motion import Motion, motions
+from gsid.diagnosis.missing_torque.other_start import Stack, lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
 from gsid.diagnosis.missing_torque.ranking import (
     Candidate,
@@ -162,6 +163,7 @@ def first_stage(
     *,
     band: tuple[float, float] | None = None,
     without: Collection[str] = (),
+    values: Stack | None = None,
     settings: SearchSettings = DEFAULTS,
     on_step: Callable[[str], None] = lambda text: None,
     deadline: Deadline | None = None,
@@ -178,6 +180,9 @@ def first_stage(
         Hz; default from the first to the last excited line.
     without : collection of str
         Effects that are not tried.
+    values : dict of dict of float, optional
+        Another linear stack, {effect: {parameter: value}}: fits of the linear part begin from its values as
+        well, and effects that only this stack has are fitted whatever the scan finds.
     settings : SearchSettings
     on_step : callable
         Called with a short description of each step before it starts.
@@ -209,12 +214,13 @@ def first_stage(
     given = linear_part(model)
     readings = ["zoh", "none"] if is_open(measured) and not model.has_controller else ["zoh"]
     problems = [Problem(model, read_as(measured, reading), band, settings, deadline) for reading in readings]
-    nulls = [(problem, fit_null(problem, given)) for problem in problems]
+    other = None if values is None else with_values_of(given, values)
+    nulls = [(problem, fit_null(problem, given, other)) for problem in problems]
     clock.take("linear part")
     found = []
     for each in _possible(nulls, settings):
         with in_time(bool(found)):
-            found.append(_fitted(*each, given, model, without, clock, on_step))
+            found.append(_fitted(*each, given, values, model, without, clock, on_step))
     by_noise = one = min(found, key=lambda each: each.best.kept)
     conclusion = UNDECIDED
     with in_time():
@@ -256,6 +262,7 @@ class _Fitted:
     problem: Problem
     null: LinearFit
     given: LinearPart
+    values: Stack | None
     before: LinearFit | None
     moved: list[Motion]
     candidates: list[Candidate]
@@ -283,6 +290,7 @@ def _fitted(
     problem: Problem,
     null: LinearFit,
     given: LinearPart,
+    values: Stack | None,
     model: PlantModel,
     without: Collection[str],
     clock: _Clock,
@@ -296,6 +304,7 @@ def _fitted(
     on_step("scanning the laws")
     moved = motions(problem, null.part)
     candidates = _scanned(problem, null, moved, model, without)
+    _add_starts(candidates, null, values)
     clock.take("scan")
     on_step("fitting the best laws")
     chosen = _chosen(problem, null, candidates)
@@ -304,7 +313,7 @@ def _fitted(
     best = choose(refitted, misfit, problem.settings)
     clock.take("joint fits")
     too_late = [one for one in chosen if one.fit is None] if problem.deadline.is_over else []
-    return _Fitted(problem, null, given, before, moved, candidates, refitted, misfit, best, too_late)
+    return _Fitted(problem, null, given, values, before, moved, candidates, refitted, misfit, best, too_late)
 
 
 def _concluded(one: _Fitted) -> Conclusion:
@@ -328,6 +337,7 @@ def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str])
         if not refitted:
             known = {each.name: each for each in one.refitted}
             scanned = _scanned(problem, null, moved, model, without)
+            _add_starts(scanned, null, one.values)
             candidates = [known.get(each.name, each) for each in scanned]
             refitted = _refitted(problem, null, moved, _chosen(problem, null, candidates), one.given)
         else:
@@ -401,13 +411,20 @@ def _scanned(
     return sorted(found, key=lambda one: -one.gain)
 
 
+def _add_starts(candidates: list[Candidate], null: LinearFit, values: Stack | None) -> None:
+    """Give the linear effects that only another stack has the start of that stack; in place."""
+    for one in candidates if values is not None else []:
+        if one.law is None and lacks(null.part, values, one.name):
+            one.others = (with_values_of(one.start, values),)
+
+
 def _chosen(problem: Problem, null: LinearFit, candidates: list[Candidate]) -> list[Candidate]:
-    """The best candidates, and the best of each family that explains enough."""
+    """The best candidates, the best of each family that explains enough, and those of another stack."""
     settings = problem.settings
     chosen = candidates[: settings.n_refitted]
     for one in candidates[settings.n_refitted :]:
         first = all(one.family != other.family for other in chosen)
-        if first and one.gain > settings.family_share * null.cost:
+        if one.others or (first and one.gain > settings.family_share * null.cost):
             chosen.append(one)
     return chosen
 

@@ -1,0 +1,141 @@
+"""Linear effects that a model lacks: starts from the data, and one trial of each kind of the study."""
+
+from types import SimpleNamespace
+
+import linear_axes as axes
+import missing_linear_study as study
+import numpy as np
+import pytest
+
+import gsid
+from gsid.diagnosis.from_records import draft
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.missing_torque.linear_fit import fit_null
+from gsid.diagnosis.missing_torque.other_start import lacks, with_values_of
+from gsid.diagnosis.missing_torque.problem import Problem, linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS as STAGE
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.spectrum.realisation import spectra_of
+
+FS_HZ = 1000.0
+
+
+def effects_of(stack, fixed=()):
+    return [
+        Effect(
+            label.partition("#")[0],
+            {name: Param(value, f"{label}.{name}" not in fixed) for name, value in params.items()},
+        )
+        for label, params in stack.items()
+    ]
+
+
+def part_of(stack, fixed=()):
+    return linear_part(PlantModel(FS_HZ, effects_of(stack, fixed)))
+
+
+def mode(f_hz):
+    return {"f_hz": f_hz, "zeta": 0.01, "residue": 0.1}
+
+
+def test_modes_are_matched_by_frequency_and_lags_by_size():
+    part = part_of(
+        {
+            "rigid_body": {"gain": 1.0},
+            "flexible_mode": mode(80.0),
+            "flexible_mode#2": mode(30.0),
+            "motor_lag": {"time_constant_s": 0.01},
+        }
+    )
+    other = {
+        "rigid_body": {"gain": 2.0},
+        "flexible_mode": mode(25.0),
+        "flexible_mode#2": mode(90.0),
+        "flexible_mode#3": mode(200.0),
+        "sensor_lag": {"time_constant_s": 0.02},
+    }
+    found = with_values_of(part, other).stack
+    assert found["flexible_mode"]["f_hz"] == 90.0
+    assert found["flexible_mode#2"]["f_hz"] == 25.0
+    assert found["rigid_body"]["gain"] == 2.0
+    assert found["motor_lag"]["time_constant_s"] == 0.02
+    assert lacks(part, other, "flexible_mode")
+    assert not lacks(part, other, "motor_lag")
+
+
+def test_fixed_values_stay():
+    part = part_of({"rigid_body": {"gain": 1.0}, "viscous_friction": {"rate": 3.0}}, ("rigid_body.gain",))
+    found = with_values_of(part, {"rigid_body": {"gain": 2.0}, "viscous_friction": {"rate": 4.0}})
+    assert found.stack["rigid_body"]["gain"] == 1.0
+    assert found.stack["viscous_friction"]["rate"] == 4.0
+
+
+def test_the_answer_of_the_study_is_that_of_steps():
+    """A hold and a delay of a fraction of a sample, against small steps."""
+    stack = axes.drawn(1, "lag", 0).axis
+    fs_hz, n, fine = 500.0, 400, 40
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal(n)
+    stack |= {"viscous_friction": {"rate": 20.0}, "transport_delay": {"delay_s": 7.25 / fs_hz}}
+    a, b, c = axes.matrices(stack, "rate")
+    step = np.linalg.inv(np.eye(len(b)) - a / (2 * fine * fs_hz))
+    phi, gamma = step @ (np.eye(len(b)) + a / (2 * fine * fs_hz)), step @ b / (fine * fs_hz)
+    x, y = np.zeros(len(b)), np.zeros(n)
+    for k in range(20 * n):
+        y[k % n] = c @ x
+        for i in range(fine):
+            x = phi @ x + gamma * u[int(k + i / fine - 7.25) % n]
+    line = np.arange(1, n // 4)
+    found = np.fft.rfft(y)[line] / np.fft.rfft(u)[line]
+    expected = axes.response(stack, line * fs_hz / n, fs_hz, "rate", "zoh")
+    assert np.max(np.abs(found / expected - 1)) < 5e-3
+
+
+def test_bug_a_fit_in_a_wrong_minimum_hid_what_is_missing():
+    """With the modes 30 % off, they ended on top of each other, and one more mode explained most."""
+    trial = axes.drawn(1, "cable_spring", 1)
+    given = part_of(trial.start(np.random.default_rng([30, trial.period_samples]), 0.3))
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]
+    problem = Problem(PlantModel(trial.fs_hz, effects_of(trial.lacking)), spectra_of(records), None, STAGE)
+    alone = fit_null(problem, given)
+    better = fit_null(problem, given, with_values_of(given, trial.axis))
+    assert better.cost < 0.7 * alone.cost
+    f_hz = sorted(better.part.stack[label]["f_hz"] for label in ("flexible_mode", "flexible_mode#2"))
+    true = sorted(trial.axis[label]["f_hz"] for label in ("flexible_mode", "flexible_mode#2"))
+    assert f_hz == pytest.approx(true, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "best", "cost", "doubtful"),
+    [
+        ("none", "cable_spring", 3.0, False),
+        ("named", "cable_spring", 1.05, False),
+        ("named", "cable_spring", 3.0, True),
+        ("named", "coulomb_friction", 3.0, False),
+        ("unknown", "coulomb_friction", 3.0, True),
+    ],
+)
+def test_the_structure_is_searched_only_where_the_linear_part_may_be_wrong(kind, best, cost, doubtful):
+    ranking = [SimpleNamespace(effects=(best,), cost_per_dof=cost)]
+    stage = SimpleNamespace(ranking=ranking, conclusion=SimpleNamespace(kind=kind))
+    assert draft._is_doubtful(stage, DEFAULTS) == doubtful
+
+
+def test_bug_a_law_without_a_shape_inside_its_bounds_stopped_the_scan():
+    """Over a small travel, all cycles per turn that fit into it are beyond the bounds of cogging."""
+    trial = axes.drawn(1, "cable_spring", 0)
+    assert study.answer(trial, 5)["verdict"] != ""
+
+
+def test_drawn_effects_are_clear_and_drawn_again_alike():
+    first, again = axes.drawn(2, "transport_delay", 0), axes.drawn(2, "transport_delay", 0)
+    assert first.drop == again.drop >= axes.CLEAR
+    assert "transport_delay" not in first.lacking
+    assert np.array_equal(first.records[0][1], again.records[0][1])
+
+
+@pytest.mark.parametrize("named", [("sensor_lag",), ("motor_lag", "sensor_lag")])
+def test_either_lag_counts(named):
+    assert study.is_named({"effect": "lag", "verdict": "missing_effect", "effects": list(named)})
+    assert not study.is_named({"effect": "lag", "verdict": "nearest_effect", "effects": list(named)})
