@@ -1,7 +1,13 @@
 """Decisions of the diagnosis from records between the fits: each from both sides of its limit."""
 
+import hard
+import trials
+
 from gsid.diagnosis.from_records.draft import with_stack
+from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.spectrum.realisation import spectra_of
 
 STACK = {"rigid_body": {"gain": 10.0}, "viscous_friction": {"rate": 3.0}}
 
@@ -21,3 +27,17 @@ def test_bug_the_rate_of_a_held_sensor_moved_off_its_images():
     assert "sensor_sample_hold.rate_hz" not in free
     assert "sensor_lag.time_constant_s" in free
     assert "rigid_body.gain" in free
+
+
+def test_bug_a_mode_at_the_end_of_the_band_stood_in_for_a_lag():
+    """It was named, though the lag fits better; without lags in the catalogue it was named as well."""
+    trial = hard.make_hard(21710, 1, "single")
+    assert [effect["id"] for effect in trial.key["effects"]] == ["motor_lag"]
+    records = [Record(u, y, trials.FS_HZ, trials.N, 0, hold="zoh") for u, y in trial.records]
+    given = PlantModel.from_dict(trial.models[0.05], "null")
+    found = first_stage(spectra_of(records), given)
+    assert found.conclusion.effects == ("motor_lag",)
+    found = first_stage(spectra_of(records), given, without={"motor_lag", "sensor_lag"})
+    print(found.conclusion)
+    assert found.conclusion.kind != "named"
+    assert "flexible_mode" not in found.conclusion.effects

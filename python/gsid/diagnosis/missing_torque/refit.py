@@ -95,6 +95,20 @@ def _cancels_spring(problem: Problem, one: Candidate, moved: Sequence[Motion]) -
     return bool(abs(against / power + stiffness) < problem.settings.cancelled * stiffness)
 
 
+def is_at_an_end(one: Candidate) -> bool:
+    """Whether a refitted candidate is a mode at an end of the band: no resonance, it stands in for a lag.
+
+    Parameters
+    ----------
+    one : Candidate
+    """
+    if one.effect.linear_part != "mode":
+        return False
+    at = -len(one.effect.parameters)  # its frequency
+    part = one.fit.part
+    return not part.lower[at] * (1 + BOUND) < part.values[at] < part.upper[at] * (1 - BOUND)
+
+
 def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: LinearPart) -> None:
     good = problem.settings.good_cost
     one.fit = fit_linear_part(problem, one.start)

@@ -24,7 +24,7 @@ from gsid.diagnosis.missing_torque.ranking import (
     linear_candidates,
     scan_laws,
 )
-from gsid.diagnosis.missing_torque.refit import refit
+from gsid.diagnosis.missing_torque.refit import is_at_an_end, refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
 from gsid.effects.types import catalogue as effect_types
 from gsid.plant.linear_response import BACKLASH
@@ -439,7 +439,11 @@ def _refitted(
             refit(problem, null, one, moved, given)
             if one.fit is not None:
                 refitted.append(one)
-    return refitted
+    stays = [one for one in refitted if not is_at_an_end(one)] or refitted
+    for one in refitted:
+        if one not in stays:
+            one.fit, one.kept = None, math.inf
+    return stays
 
 
 def _enlarged(
