@@ -13,6 +13,7 @@
 #include "gsid/host/mimo.h"
 #include "gsid/host/optimise_excitation.h"
 #include "gsid/host/pool.h"
+#include "gsid/host/structure.h"
 
 #ifdef GSID_SINGLE
 #error "the host library is double precision only"

@@ -7,7 +7,6 @@ import truth
 
 from gsid.structure.covariance import estimate, exact_slopes
 from gsid.structure.elements import Lines, Structure, Values, columns, slopes
-from gsid.structure.held import image_factors
 from gsid.structure.projection import Data, linear_fit, refine
 from gsid.structure.stack import as_rational
 
@@ -49,8 +48,12 @@ def test_held_response_of_the_angle_of_a_free_body():
 
 
 def test_a_direct_term_has_no_images():
-    factors = image_factors([], [[]], [0], 1e-3, 2 * np.pi * F_HZ, 1 / axes.FS_HZ)
-    assert np.all(factors == 1)
+    values = Values.of("rate", (), [], [], 1e-3, True)
+    with_images, without = (
+        columns(values, Lines(F_HZ, axes.FS_HZ, True, images)) for images in (True, False)
+    )
+    assert np.all(with_images[:, 1] == without[:, 1])
+    assert np.any(with_images[:, 0] != without[:, 0])
 
 
 @pytest.mark.parametrize("output", ["rate", "angle", "acceleration"])

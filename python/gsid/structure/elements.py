@@ -9,10 +9,12 @@ the output is the acceleration, 0 for the rate, 1 for the angle. g_R stands for 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from gsid.structure.held import hold_response, image_factors
+from gsid._lib import check, ffi, lib
+from gsid.structure.held import hold_response
 
 OUTPUTS = ("rate", "angle", "acceleration")
 BODIES = ("free", "viscous", "sprung")
@@ -68,6 +70,12 @@ class Structure:
         poles = body + 2 * self.n_modes + self.n_lags
         excess = (-1 if self.residual else 1) + q + self.n_lags
         return poles, poles - excess
+
+    @cached_property
+    def c(self):
+        """The structure as the C library takes it."""
+        q = INTEGRATIONS[self.output]
+        return ffi.new("gsid_structure *", [q, self.n_body, self.n_modes, self.n_lags, self.residual])
 
     def text(self) -> str:
         """The structure in words, for tables and messages."""
@@ -207,12 +215,39 @@ class Lines:
         self.w = 2 * np.pi * self.f_hz
         self.s = 1j * self.w
         self.hold = hold_response(self.w, 1 / self.fs_hz) if self.held else np.ones(len(self.w), complex)
+        fractions = self.fractions or []
+        self._later = np.array([part for part, _ in fractions], float)
+        self._share = np.array([share for _, share in fractions], complex)
+        self.c = ffi.new(
+            "gsid_structure_lines *",
+            {
+                "n": len(self.w),
+                "w": ffi.from_buffer("double[]", self.w),
+                "hold": ffi.from_buffer("gsid_cplx[]", self.hold),
+                "sample_s": 1 / self.fs_hz,
+                "has_images": self.held and self.images,
+                "n_fractions": len(fractions),
+                "later": ffi.from_buffer("double[]", self._later),
+                "share": ffi.from_buffer("gsid_cplx[]", self._share),
+            },
+        )
 
 
 def columns(values: Values, lines: Lines) -> np.ndarray:
-    """Response of each gain: body, modes, residual term, (F, n_columns) complex."""
-    plain = delay_and_lags(values, lines)[:, None] * _inner(values, lines.s)
-    return plain * _images(values, lines) if lines.held and lines.images else plain
+    """Response of each gain: body, modes, residual term, (F, n_columns) complex.
+
+    Parameters
+    ----------
+    values : Values
+    lines : Lines
+    """
+    found = np.empty((values.structure.n_columns, len(lines.w)), complex)
+    theta = ffi.from_buffer("double[]", np.ascontiguousarray(values.theta))
+    status = lib.gsid_structure_columns(
+        values.structure.c, lines.c, theta, ffi.from_buffer("gsid_cplx[]", found)
+    )
+    check(status, "response of a structure")
+    return found.T
 
 
 def delay_and_lags(values: Values, lines: Lines) -> np.ndarray:
@@ -230,45 +265,6 @@ def delay_and_lags(values: Values, lines: Lines) -> np.ndarray:
     return common
 
 
-def _inner(values: Values, s: np.ndarray) -> np.ndarray:
-    inner = np.empty((len(s), values.structure.n_columns), complex)
-    inner[:, 0] = 1 / (s + values.rate + values.stiffness / s)
-    for i, (w, z) in enumerate(values.modes):
-        inner[:, 1 + i] = s / (s**2 + 2 * z * w * s + w**2)
-    if values.structure.residual:
-        inner[:, -1] = s
-    return inner
-
-
-def _images(values: Values, lines: Lines) -> np.ndarray:
-    """Images of the hold as a factor on each column (STR-2)."""
-    structure, q = values.structure, INTEGRATIONS[values.structure.output]
-    body = [0.0] if structure.body == "free" else [-values.rate]
-    if structure.body == "sprung":
-        body = _pair(values.rate, values.stiffness)
-    own = [(body, int(structure.body == "sprung"))]
-    own += [(_pair(2 * z * w, w**2), 1) for w, z in values.modes]
-    if structure.residual:
-        own.append(([], 1))
-    lags = [-1 / tau for tau in values.lags]
-    poles = [[*poles, *[0.0] * max(q - zeros, 0)] for poles, zeros in own]
-    n_zeros = [max(zeros - q, 0) for _, zeros in own]
-    sample_s, delay_s = 1 / lines.fs_hz, values.delay_s
-    if lines.fractions is None:
-        return image_factors(lags, poles, n_zeros, delay_s, lines.w, sample_s)
-    return sum(
-        share[:, None] * image_factors(lags, poles, n_zeros, delay_s + part * sample_s, lines.w, sample_s)
-        for part, share in lines.fractions
-    )
-
-
-def _pair(rate: float, stiffness: float) -> list[complex]:
-    """Roots of s^2 + rate s + stiffness."""
-    half = np.sqrt(complex(rate**2 / 4 - stiffness))
-    large = -rate / 2 - half  # the difference of near numbers would lose the small root
-    return [large, stiffness / large]
-
-
 def slopes(values: Values, lines: Lines, each: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Derivatives of the response by the nonlinear parameters, (F, n_nonlinear) complex.
 
@@ -282,22 +278,10 @@ def slopes(values: Values, lines: Lines, each: np.ndarray, gains: np.ndarray) ->
         `columns` at these values.
     gains : (n_columns,) ndarray
     """
-    s, structure = lines.s, values.structure
-    slope = np.empty((len(s), structure.n_nonlinear), complex)
-    response = each @ gains
-    body = 1 / (s + values.rate + values.stiffness / s) * each[:, 0] * gains[0]
-    if structure.n_body:
-        slope[:, 0] = -values.rate * body
-    if structure.n_body == 2:
-        slope[:, 1] = -values.stiffness / s * body
-    at = structure.n_body
-    for i, (w, z) in enumerate(values.modes):
-        mode = each[:, 1 + i] * gains[1 + i] / (s**2 + 2 * z * w * s + w**2)
-        slope[:, at] = -(2 * z * w * s + 2 * w**2) * mode
-        slope[:, at + 1] = -2 * z * w * s * mode
-        at += 2
-    for tau in values.lags:
-        slope[:, at] = -tau * s / (1 + tau * s) * response
-        at += 1
-    slope[:, at] = -s * response
-    return slope
+    found = np.empty((values.structure.n_nonlinear, len(lines.w)), complex)
+    given = [np.ascontiguousarray(x) for x in (values.theta, gains)]
+    theta, gain = (ffi.from_buffer("double[]", x) for x in given)
+    each, slope = (ffi.from_buffer("gsid_cplx[]", x) for x in (np.ascontiguousarray(each.T), found))
+    status = lib.gsid_structure_slopes(values.structure.c, lines.c, theta, each, gain, slope)
+    check(status, "slopes of a structure")
+    return found.T

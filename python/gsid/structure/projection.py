@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsid.structure.elements import Lines, Values, columns, slopes
+from gsid._lib import check, ffi, lib
+from gsid.structure.elements import Lines, Values, columns
 
 STEPS = 30
-SETTLED = 1e-3
-"""Decrease of V in a step below which a fit has converged; scores are compared at 7."""
 STEP_MAX = 0.7
 """Largest change of a logarithm in one step: a factor of 2."""
-TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +34,10 @@ class Data:
     lines: Lines
     g: np.ndarray
     weight: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "g", np.ascontiguousarray(self.g, complex))
+        object.__setattr__(self, "weight", np.ascontiguousarray(self.weight, float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,72 +71,26 @@ class Fitted:
         return (data.g - self.response(data.lines)) * data.weight
 
 
-def _stacked(x: np.ndarray) -> np.ndarray:
-    return np.concatenate([x.real, x.imag])
-
-
-@dataclass(eq=False)
-class _Point:
-    values: Values
-    each: np.ndarray
-    gains: np.ndarray
-    q: np.ndarray
-    rest: np.ndarray
-    cost: float
-
-
-def _point(values: Values, data: Data, target: np.ndarray) -> _Point:
-    each = columns(values, data.lines)
-    weighted = _stacked(each * data.weight[:, None])
-    size = np.linalg.norm(weighted, axis=0)
-    size = np.where(np.isfinite(size) & (size > 0), size, 1.0)
-    q, r = np.linalg.qr(weighted / size)
-    diagonal = np.abs(np.diag(r))
-    r = r + np.diag(np.where(diagonal < TINY, TINY, 0.0))  # columns that are alike get one gain between them
-    projected = q.T @ target
-    rest = target - q @ projected
-    gains = np.linalg.solve(r, projected) / size
-    return _Point(values, each, gains, q, rest, float(rest @ rest))
-
-
 def linear_fit(values: Values, data: Data) -> Fitted:
     """The best gains for given values."""
-    point = _point(values, data, _stacked(data.g * data.weight))
-    return Fitted(values, point.gains, point.cost)
+    return refine(values, data, n_steps=0)
 
 
-def refine(values: Values, data: Data, *, n_steps: int = STEPS, hopeless: float = np.inf) -> Fitted:
-    """Values of least cost, from a start.
+def refine(values: Values, data: Data, *, n_steps: int = STEPS) -> Fitted:
+    """Values of least cost, from a start; the cost is infinite where the start has no finite response.
 
     Parameters
     ----------
     values : Values
     data : Data
     n_steps : int
-    hopeless : float
-        A cost that is not reached after 8 steps ends the refinement.
     """
-    target = _stacked(data.g * data.weight)
-    at, damping = _point(values, data, target), 1e-3
-    scale = np.ones(len(values.theta))
-    scale[-1] = 0.2 / data.lines.w[-1]  # of the delay [s]
-    for step in range(n_steps):
-        slope = _stacked(slopes(at.values, data.lines, at.each, at.gains) * data.weight[:, None]) * scale
-        slope -= at.q @ (at.q.T @ slope)
-        gradient, curvature = slope.T @ at.rest, slope.T @ slope
-        better = None
-        while damping < 1e8:
-            diagonal = np.diag(damping * np.maximum(np.diag(curvature), TINY * np.trace(curvature)))
-            move = np.linalg.lstsq(curvature + diagonal, gradient, rcond=None)[0]
-            move = np.clip(move, -STEP_MAX, STEP_MAX) * scale
-            tried = _point(Values(at.values.structure, at.values.theta + move), data, target)
-            if np.isfinite(tried.cost) and tried.cost < at.cost:
-                better = tried
-                break
-            damping *= 8
-        if better is None:
-            break
-        decrease, at, damping = at.cost - better.cost, better, max(damping / 10, 1e-9)
-        if decrease < SETTLED or (step > 8 and at.cost > hopeless):
-            break
-    return Fitted(at.values, at.gains, at.cost)
+    theta, gains, cost = np.array(values.theta), np.empty(values.structure.n_columns), ffi.new("double *")
+    doubles = (ffi.from_buffer("double[]", x) for x in (data.weight, theta, gains))
+    weight, theta_c, gains_c = doubles
+    status = lib.gsid_structure_refine(
+        values.structure.c, data.lines.c, ffi.from_buffer("gsid_cplx[]", data.g), weight, n_steps, theta_c,
+        gains_c, cost,
+    )  # fmt: skip
+    check(status, "refining a structure")
+    return Fitted(Values(values.structure, theta), gains, cost[0])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from gsid.base.errors import GsidError
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
 from gsid.response.frf import Frf
+from gsid.response.total_variance import TotalVariance
 from gsid.structure.elements import Values
 from gsid.structure.settings import StructureSettings
 
@@ -45,6 +47,45 @@ class Poles:
     slow_pairs: list[tuple[float, float]]
     rates: list[float]
     delay_s: float
+
+
+def first_error(measured: TotalVariance, settings: StructureSettings) -> float:
+    """Error over the response that a linear model is allowed at first.
+
+    Parameters
+    ----------
+    measured : TotalVariance
+    settings : StructureSettings
+    """
+    return settings.smooth_error if measured.smooth_phases else settings.first_error
+
+
+def first_fits(
+    measured: TotalVariance, settings: StructureSettings, deadline: Deadline
+) -> tuple[list[RationalModel], list[RationalModel]]:
+    """Rational fits at the first allowed error, and at a larger one.
+
+    They do not depend on the hold of the input.
+
+    Parameters
+    ----------
+    measured : TotalVariance
+    settings : StructureSettings
+    deadline : Deadline
+
+    Raises
+    ------
+    OutOfTime
+        The deadline was reached before the first fit.
+    """
+    error = first_error(measured, settings)
+    looser = max(error, settings.second_error)
+    with ThreadPoolExecutor(2) as pool:  # the fits are C code
+        jobs = [
+            pool.submit(rational_starts, measured.frf(each), settings, deadline)
+            for each in dict.fromkeys((error, looser))
+        ]
+    return jobs[0].result(), jobs[-1].result()
 
 
 def rational_starts(response: Frf, settings: StructureSettings, deadline: Deadline) -> list[RationalModel]:

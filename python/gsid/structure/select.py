@@ -16,13 +16,14 @@ from gsid.response.total_variance import TotalVariance, response_level
 from gsid.structure.elements import OUTPUTS, Lines, Structure, Values
 from gsid.structure.moves import moved, simpler
 from gsid.structure.projection import Data, Fitted, linear_fit, refine
-from gsid.structure.readings import poles_of, rational_starts, readings
+from gsid.structure.readings import first_error, first_fits, poles_of, readings
 from gsid.structure.refusals import refusal
 from gsid.structure.settings import StructureSettings
 
 PER_STRUCTURE = 2
 """Readings of one structure that are refined."""
 DEFAULTS = StructureSettings()
+Fits = tuple[list[RationalModel], list[RationalModel]]
 KEEP = 60.0
 """Scores above the best that is not refused by more are not refined again at the next allowed error."""
 
@@ -89,6 +90,7 @@ def select(
     *,
     expected_output: str | None = None,
     deadline: Deadline | None = None,
+    fits: Fits | None = None,
 ) -> Selection:
     """Choose the structure of an axis.
 
@@ -103,6 +105,8 @@ def select(
         What y is by its unit: the others have the odds against them.
     deadline : Deadline, optional
         Time at which the search ends with the best structure so far.
+    fits : tuple of two lists of RationalModel, optional
+        Of `first_fits`; default: made.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def select(
     OutOfTime
         The deadline was reached before any structure was fitted.
     """
-    return _Search(measured, hold, outputs, settings, expected_output, deadline).run()
+    return _Search(measured, hold, outputs, settings, expected_output, deadline, fits).run()
 
 
 def rescored(
@@ -148,14 +152,15 @@ class _Search:
         settings: StructureSettings,
         expected_output: str | None,
         deadline: Deadline | None = None,
+        fits: Fits | None = None,
     ) -> None:
-        self.deadline = deadline or Deadline()
+        self.deadline, self.fits = deadline or Deadline(), fits
         self.measured, self.hold, self.outputs, self.settings = measured, hold, outputs, settings
         self.expected_output = expected_output
         self.lines = Lines(measured.f_hz, measured.fs_hz, hold == "zoh", fractions=_fractions(measured))
         self.level = response_level(measured.g)
         self.smooth = measured.smooth_phases
-        self.relative_error = settings.smooth_error if self.smooth else settings.first_error
+        self.relative_error = first_error(measured, settings)
         self.correlation = settings.correlation_max if self.smooth else 1.0
         self.scale = 1.0
         self.found: dict[Structure, Candidate] = {}
@@ -211,9 +216,8 @@ class _Search:
 
     def _read_poles(self) -> None:
         """Rational fits, and the best readings of their poles."""
-        self.rational = rational_starts(self.measured.frf(self.relative_error), self.settings, self.deadline)
-        looser = max(self.relative_error, self.settings.second_error)
-        models = self.rational + rational_starts(self.measured.frf(looser), self.settings, self.deadline)
+        fits = self.fits or first_fits(self.measured, self.settings, self.deadline)
+        self.rational, models = fits[0], fits[0] + fits[1]
         band = self.lines.w[0], self.lines.w[-1]
         early_s = 0.5 / self.measured.fs_hz if self.lines.held else 0.0
         fast = replace(self.data, lines=replace(self.lines, images=False))
@@ -272,6 +276,8 @@ class _Search:
     def _try(self, values) -> None:
         """Refine values and keep them if they are the best of their structure."""
         fitted = refine(values, self.data)
+        if not np.isfinite(fitted.cost):
+            return
         relabelled = fitted.values.relabelled(self.settings.zeta_max)
         if relabelled is not fitted.values:
             fitted = linear_fit(relabelled, self.data)

@@ -28,6 +28,7 @@ from gsid.spectrum.spectra import Spectra
 from gsid.structure.covariance import Estimate, estimate
 from gsid.structure.elements import OUTPUTS
 from gsid.structure.held_sensor import EFFECT, RATE, before_sensor, measurement
+from gsid.structure.readings import first_fits
 from gsid.structure.select import Selection, rescored, select
 from gsid.structure.settings import StructureSettings
 from gsid.structure.stack import Stack, as_rational, as_stack
@@ -300,11 +301,12 @@ def _under_each_hold(
 ) -> dict[str, _Found]:
     """The structure under the stated hold, or under both, as far as the time allows."""
     holds = READINGS if measured.hold is None else (measured.hold,)
-    by_unit = kind_of_unit(measured.y_unit)
+    fits = first_fits(measured, settings, deadline or Deadline())
+    how = {"expected_output": kind_of_unit(measured.y_unit), "deadline": deadline, "fits": fits}
     found = {}
     for hold in holds:
         try:
-            selection = select(measured, hold, outputs, settings, expected_output=by_unit, deadline=deadline)
+            selection = select(measured, hold, outputs, settings, **how)
         except OutOfTime:
             if not found:
                 raise
