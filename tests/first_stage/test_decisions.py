@@ -1,9 +1,15 @@
 """Decisions of the diagnosis from records between the fits: each from both sides of its limit."""
 
+from types import SimpleNamespace
+
 import hard
+import pytest
 import trials
 
 from gsid.diagnosis.from_records.draft import with_stack
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import Decision
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
@@ -41,3 +47,24 @@ def test_bug_a_mode_at_the_end_of_the_band_stood_in_for_a_lag():
     print(found.conclusion)
     assert found.conclusion.kind != "named"
     assert "flexible_mode" not in found.conclusion.effects
+
+
+NOISE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.09))
+MORE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11))
+
+
+@pytest.mark.parametrize(
+    ("null", "laws", "draft", "verdict"),
+    [
+        (NOISE, [], "unknown_effect", "adequate"),
+        (MORE, [], "unknown_effect", "unknown_effect"),
+        (NOISE, ["a fit"], "unknown_effect", "unknown_effect"),
+        (NOISE, [], "nearest_effect", "nearest_effect"),  # its fits were not made in time
+        (None, [], "unknown_effect", "unknown_effect"),
+    ],
+)
+def test_bug_a_slow_held_sensor_was_unknown_though_the_simulation_left_noise(null, laws, draft, verdict):
+    """The first stage, which has no images above the band, left four times the noise."""
+    run = SimpleNamespace(null=null, laws=laws, decision=Decision(draft), settings=DEFAULTS)
+    Run.accept_noise(run)
+    assert run.decision.verdict == verdict

@@ -225,6 +225,7 @@ class Run:
             self.null = fits.fit(pruned(self.draft.model, self.f_lo_hz, self.settings), ())
             if self.null is not None and self.draft.stage.conclusion.kind != "none":
                 self.fit_laws(fits)
+            self.accept_noise()
             if self.null is not None and self.decision.verdict == ADEQUATE:
                 self.check_adequate()
             if not self.laws and self.decision.verdict == NEAREST:
@@ -233,6 +234,16 @@ class Run:
                 )
                 self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
         self.not_tried |= fits.not_tried
+
+    def accept_noise(self) -> None:
+        """Nothing is missing where the simulated linear part leaves only noise and no law was worth a fit.
+
+        The first stage has no images of a sensor that is held at a low rate; the simulation has them.
+        """
+        if self.null is None or self.laws or self.decision.verdict != UNKNOWN:
+            return
+        if self.null.fit.cost_per_dof < self.settings.null_cost:
+            self.decision = Decision(ADEQUATE)
 
     def close_loop(self) -> bool:
         """Simulate with the reference as the input, and the controller around the axis, if it is known.
