@@ -139,3 +139,28 @@ def test_drawn_effects_are_clear_and_drawn_again_alike():
 def test_either_lag_counts(named):
     assert study.is_named({"effect": "lag", "verdict": "missing_effect", "effects": list(named)})
     assert not study.is_named({"effect": "lag", "verdict": "nearest_effect", "effects": list(named)})
+
+
+def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
+    """The images of the lines at four times the sample rate were taken for a misfit."""
+    stack = {
+        "rigid_body": {"gain": 80.0},
+        "viscous_friction": {"rate": 190.0},
+        "flexible_mode": {"f_hz": 170.0, "zeta": 0.02, "residue": 0.05},
+        "transport_delay": {"delay_s": 5e-4},
+    }
+    n, rng = 1000, np.random.default_rng(8)
+    lines = np.arange(3, 230)
+    records = []
+    for _ in range(2):
+        u = np.zeros(n // 2 + 1, complex)
+        u[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
+        y = np.zeros_like(u)
+        y[lines] = axes.response(stack, lines * FS_HZ / n, FS_HZ, "rate", "none") * u[lines]
+        u, y = np.tile(np.fft.irfft(u, n), 4), np.tile(np.fft.irfft(y, n), 4)
+        y += 3e-4 * np.std(y) * rng.standard_normal(len(y))
+        records.append(gsid.Record(u, y, FS_HZ, n, 0, hold="none"))
+    lacking = {label: params for label, params in stack.items() if label != "transport_delay"}
+    found = gsid.diagnose_records(records, PlantModel(FS_HZ, effects_of(lacking)))
+    assert found.verdict == "missing_effect", found.reasons
+    assert "transport_delay" in found.effects

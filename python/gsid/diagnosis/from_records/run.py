@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
@@ -281,9 +282,23 @@ class Run:
             return ()
         return tuple(effect for effect in (SPRING, *LAGS) if effect not in self.start.effects)
 
+    @property
+    def noise_p_value(self) -> float:
+        """Probability of noise alone: of the simulated linear part, or of its response.
+
+        The simulation of an input without hold has images of the lines at four times the sample rate: with
+        very little noise they are larger than it.
+        """
+        p_value = self.null.fit.noise_p_value
+        if self.known:
+            return p_value
+        stage, n_free = self.draft.stage, len(self.null.model.free_names)
+        n_dof = max(stage.n_rows - n_free, 1)
+        return max(p_value, float(special.chdtrc(n_dof, stage.cost_per_dof * n_dof)))
+
     def check_adequate(self) -> None:
         """Whether nothing is missing: with a given model, a linear effect that it lacks is."""
-        p_value = self.null.fit.noise_p_value
+        p_value = self.noise_p_value
         if p_value < self.settings.p_least:
             reason = f"What is left is larger than noise (p = {p_value:.2g}), and no law explains it."
             self.decision = Decision(UNKNOWN, (), (reason,))
