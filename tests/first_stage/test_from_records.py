@@ -164,19 +164,33 @@ def test_a_fit_along_parameters_that_the_data_do_not_distinguish_is_one(tmp_path
     assert "mass_unbalance" in found.effects
 
 
+def hard_trial(seed, index, effect):
+    """Records of a hard trial with this effect, and its truth."""
+    trial = hard.make_hard(seed, index, "single")
+    assert [one["id"] for one in trial.key["effects"]] == [effect]
+    records = [
+        Record(u, y, study.trials.FS_HZ, study.trials.N, 0, hold="zoh", y_unit="deg/s")
+        for u, y in trial.records
+    ]
+    return records, trial.key["truth"]
+
+
+def test_bug_a_cubic_spring_with_an_offset_was_called_cogging():
+    """One number of cycles and one phase of a sine are a cubic spring at another working point."""
+    records, truth = hard_trial(21711, 24, "cubic_spring")
+    found = gsid.diagnose_records(records, time_s=300.0)
+    print(found)
+    assert (found.verdict, found.effects) == ("missing_effect", ("cubic_spring",))
+    assert found.model["cubic_spring.stiffness"].value == pytest.approx(truth["cubic_stiffness"], rel=0.05)
+
+
 def test_bug_a_spring_far_below_the_lowest_line_did_not_grow():
     """The start had no spring. The linear part cost 3600 times noise, which an unbalance explained: named."""
-    trial = hard.make_hard(21710, 8, "single")
-    assert [effect["id"] for effect in trial.key["effects"]] == ["presliding_friction"]
-    records = [
-        Record(u, y, hard.FS_HZ, study.trials.N, 0, hold="zoh", y_unit="deg/s") for u, y in trial.records
-    ]
+    records, truth = hard_trial(21710, 8, "presliding_friction")
     found = gsid.diagnose_records(records, fast=True)
     print(found)
     assert found.cost_per_dof < 1.1
-    assert found.linear["cable_spring.stiffness"].value == pytest.approx(
-        trial.key["truth"]["spring_stiffness"], rel=0.01
-    )
+    assert found.linear["cable_spring.stiffness"].value == pytest.approx(truth["spring_stiffness"], rel=0.01)
 
 
 @pytest.mark.skipif(not SILVERBOX.exists(), reason=f"no measured record {SILVERBOX} (set GSID_DATA)")

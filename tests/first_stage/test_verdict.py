@@ -6,7 +6,7 @@ import pytest
 
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import Evidence, decide
+from gsid.diagnosis.from_records.verdict import Evidence, decide, is_simpler_of_angle
 
 N_DOF = 2000  # two standard deviations of the mean cost are 0.063
 LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
@@ -132,3 +132,18 @@ def test_laws_of_one_family_that_are_as_good_form_a_group(other, group):
     found = decision(fit("cubic_spring", 1.0), fit("quadratic_spring", other), fit(LAW, 60.0))
     assert found.verdict == "missing_effect"
     assert found.effects == ("cubic_spring", *["quadratic_spring"] * group)
+
+
+@pytest.mark.parametrize(
+    ("law", "best", "expected"),
+    [
+        ("cubic_spring", "motor_cogging", True),
+        ("mass_unbalance", "motor_cogging", False),  # with a constant torque it has as many parameters
+        ("coulomb_friction", "motor_cogging", False),
+        ("coulomb_friction", "stribeck_friction", False),  # a spring takes the constant torque
+        ("motor_cogging", "cubic_spring", False),
+    ],
+)
+def test_a_constant_torque_is_tried_beside_simpler_laws_of_the_angle(law, best, expected):
+    """A bug: cogging was named where a cubic spring has an offset, of which it is one number of cycles."""
+    assert is_simpler_of_angle(fit(law, 1.2), fit(best, 1.0)) is expected

@@ -38,6 +38,7 @@ from gsid.diagnosis.from_records.verdict import (
     Evidence,
     by_first_stage,
     decide,
+    is_simpler_of_angle,
 )
 from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect
@@ -357,13 +358,17 @@ class Run:
     def add_bias(self, fits: Simulations) -> None:
         """A constant torque beside each law that it helps, where the best leaves more than noise.
 
-        The offset of a drive shifts the working point of a law.
+        The offset of a drive shifts the working point of a law. Where the best leaves only noise, it is tried
+        beside simpler laws of the angle: cogging with its phase is any of them at another working point.
         """
         evidence = self.evidence()
         best = evidence.best()
-        if evidence.is_adequate(best) or not any(effect.id == SPRING for effect in best.model.effects):
+        if not any(effect.id == SPRING for effect in best.model.effects):
             return
+        adequate = evidence.is_adequate(best)
         for i, one in enumerate(self.laws):
+            if adequate and not is_simpler_of_angle(one, best):
+                continue
             fitted = fits.fit(one.model.with_effect(BIAS, {"level": 0.0}), one.effects, best.cost)
             if fitted is not None and evidence.is_worse(one, fitted):
                 self.laws[i] = fitted

@@ -213,6 +213,17 @@ def n_parameters(one: Simulated) -> int:
     return len(find(one.effects[0]).parameters)
 
 
+def is_simpler_of_angle(one: Simulated, best: Simulated) -> bool:
+    """Whether a law of the angle stays simpler than the best one with a constant torque beside it.
+
+    Parameters
+    ----------
+    one, best : Simulated
+    """
+    of_angle = find(one.effects[0]).c.looks_at_angle and find(best.effects[0]).c.looks_at_angle
+    return bool(of_angle) and n_parameters(one) + 1 < n_parameters(best)
+
+
 OF_FIRST_STAGE = {"none": ADEQUATE, "named": NEAREST, "nearest": NEAREST, "unknown": UNKNOWN}
 
 
