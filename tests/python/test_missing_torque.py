@@ -80,8 +80,10 @@ def test_the_linear_part_is_found_from_values_that_are_off(off):
         assert fit.part.stack[effect][parameter] == pytest.approx(TRUE[effect][parameter], rel=0.03), name
 
 
-def test_the_tangent_is_the_derivative_of_the_error():
-    model = plant(TRUE)
+@pytest.mark.parametrize("more", [{}, {"sensor_sample_hold": {"rate_hz": 700.0}}])
+def test_the_tangent_is_the_derivative_of_the_error(more):
+    """With all values at once, and one by one, as the rate of a hold is one number."""
+    model = plant(TRUE | more)
     problem = Problem(model, spectra_of(records()), None, DEFAULTS)
     part = linear_part(model)
     at, slopes = problem.error(part, problem.commands), problem.tangent(part, problem.commands)

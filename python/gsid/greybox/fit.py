@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import copy
 import logging
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
+from gsid.base.threads import n_threads
 from gsid.greybox.minimise import Minimum, Steps, lengths, minimise
 from gsid.greybox.problem import Point, Problem
 from gsid.greybox.settings import SETTINGS
@@ -382,7 +382,7 @@ def fit_plant(
     for name in fixed:
         start[name].free = False
     deadline = deadline or Deadline()
-    with ThreadPoolExecutor(_n_threads(len(measured))) as pool, _stopped_by_ctrl_c(deadline):
+    with ThreadPoolExecutor(n_threads(len(measured))) as pool, _stopped_by_ctrl_c(deadline):
         problem = Problem(start, measured, band, tuple(per_record), pool, deadline)
         if method == "nls-output":
             return _least_error(problem, solver, max_iter)
@@ -455,11 +455,6 @@ def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
     cov = (dof - 1) / dof * noise.T @ noise  # the weights contain the mean of 1/s^2
     at_noise = problem.at(minimum.point.x)
     return _fitted(problem, minimum, at_noise, cov, pinned, solver=solver, method="nls-output")
-
-
-def _n_threads(n_records: int) -> int:
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(usable or 1, n_records))
 
 
 def _fitted(

@@ -65,7 +65,8 @@ def linear_view(
     Parameters
     ----------
     stack : mapping
-        {effect: {parameter: value}}, as `PlantModel.stack` gives it.
+        {effect: {parameter: value}}, as `PlantModel.stack` gives it. The values of several stacks may be
+        given as (n, 1) ndarrays, except those of a hold, a loop and a backlash: responses are (n, K) then.
     f_hz : (K,) ndarray
         Hz; a line at 0 is taken just above it.
     fs_hz : float
@@ -122,8 +123,8 @@ def _parts(stack: Stack) -> Parts:
     return parts
 
 
-def _sum(values: list[tuple[float, ...]]) -> float:
-    return float(sum(value for (value,) in values))
+def _sum(values: list[tuple[float, ...]]) -> float | np.ndarray:
+    return sum((value for (value,) in values), start=0.0)
 
 
 def _lag(values: list[tuple[float, ...]], s: np.ndarray) -> np.ndarray | float:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
+from gsid.base.threads import in_parallel
 from gsid.fitting.rational import fit
 from gsid.models.rational import RationalModel
 from gsid.response.frf import Frf
@@ -80,12 +80,9 @@ def first_fits(
     """
     error = first_error(measured, settings)
     looser = max(error, settings.second_error)
-    with ThreadPoolExecutor(2) as pool:  # the fits are C code
-        jobs = [
-            pool.submit(rational_starts, measured.frf(each), settings, deadline)
-            for each in dict.fromkeys((error, looser))
-        ]
-    return jobs[0].result(), jobs[-1].result()
+    both = list(dict.fromkeys((error, looser)))
+    fits = in_parallel(lambda each: rational_starts(measured.frf(each), settings, deadline), both)
+    return fits[0], fits[-1]
 
 
 def rational_starts(response: Frf, settings: StructureSettings, deadline: Deadline) -> list[RationalModel]:

@@ -27,6 +27,7 @@ from gsid.plant.units import RADIANS
 from gsid.response.sample_hold import MeanOutput
 from gsid.spectrum.spectra import Spectra
 
+ONE_BY_ONE = {"backlash", "hold", "loop"}  # linear parts that take one value at a time
 STEP = 1e-6  # relative step of a derivative: the responses are smooth, and rounding is 1e-10 of it
 
 
@@ -89,11 +90,12 @@ class LinearPart:
         Parameters
         ----------
         values : (n,) ndarray
+            Or (n, m, 1): those of m parts, for `linear_view`.
         """
         stack = {label: dict(params) for label, params in self.stack.items()}
         for name, value in zip(self.names, values, strict=True):
             label, parameter = split(name)
-            stack[label][parameter] = float(value)
+            stack[label][parameter] = value if np.ndim(value) else float(value)
         return replace(self, stack=stack)
 
 
@@ -216,9 +218,12 @@ class Problem:
         for group, lines in enumerate(self.first):
             is_held = lines.spectra.hold != "none"
             view = self.view(part, group, images if is_held else 0)
-            n_images = len(view.command) // len(lines.line)
-            command = view.command.reshape(n_images, -1).sum(axis=0)
-            found.append((command, view.torque.reshape(n_images, -1)[n_images // 2]))
+            n_lines = len(lines.line)
+            n_images = view.command.shape[-1] // n_lines
+            command, torque = (
+                x.reshape(*x.shape[:-1], n_images, n_lines) for x in (view.command, view.torque)
+            )
+            found.append((command.sum(axis=-2), torque[..., n_images // 2, :]))
         return found
 
     def whiten(self, errors: Sequence[np.ndarray]) -> np.ndarray:
@@ -334,21 +339,32 @@ class Problem:
         part, commands, torques
             As `error`.
         """
-        at, values = self.responses(part), part.values
-        columns = []
-        for i, value in enumerate(values):
-            step = STEP * max(abs(value), 1e-3 * abs(part.upper[i]) if part.upper[i] < 1 else 1e-6)
-            moved = values.copy()
-            moved[i] += step
-            there = self.responses(part.at(moved))
-            slopes = [((g - a) / step, (p - b) / step) for (g, p), (a, b) in zip(there, at, strict=True)]
-            parts = [-slopes[r.group][0] * u for r, u in zip(self.records, commands, strict=True)]
-            if torques is not None:
-                parts = [
-                    e + slopes[r.group][1] * t for e, r, t in zip(parts, self.records, torques, strict=True)
-                ]
-            columns.append(self.whiten(parts))
-        return np.array(columns).T.reshape(self.n_rows, len(values))
+        values = part.values
+        if not len(values):
+            return np.zeros((self.n_rows, 0))
+        largest = np.where(part.upper < 1, 1e-3 * np.abs(part.upper), 1e-6)
+        step = STEP * np.maximum(np.abs(values), largest)
+        slopes = [
+            ((g - a) / step[:, None], (p - b) / step[:, None])
+            for (g, p), (a, b) in zip(
+                self._several_responses(part, values + np.diag(step)), self.responses(part), strict=True
+            )
+        ]
+        parts = [-slopes[r.group][0] * u for r, u in zip(self.records, commands, strict=True)]
+        if torques is not None:
+            parts = [e + slopes[r.group][1] * t for e, r, t in zip(parts, self.records, torques, strict=True)]
+        return self.whiten(parts).T
+
+    def _several_responses(self, part: LinearPart, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(Gd, P) of each group without images, (n, K) each, for rows of free values."""
+        kinds = {linear_part_of(split(name)[0]).linear_part for name in part.names}
+        if kinds & ONE_BY_ONE:
+            each = [self.responses(part.at(row)) for row in values]
+            return [
+                tuple(np.array(both) for both in zip(*group, strict=True))
+                for group in zip(*each, strict=True)
+            ]
+        return self.responses(part.at(values.T[:, :, None]))
 
     @property
     def mean_outputs(self) -> list[MeanOutput]:

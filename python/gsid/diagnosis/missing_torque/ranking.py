@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import minimize, nnls
 
+from gsid.base.threads import in_parallel
 from gsid.diagnosis.missing_torque.catalogue import family as effect_family
 from gsid.diagnosis.missing_torque.law_columns import (
     Law,
@@ -195,30 +196,35 @@ def scan_laws(scan: Scan, laws: Sequence[Law], scales: dict[str, float]) -> list
         The quantities that grids are relative to.
     """
     error = scan.freed(scan.fit.error)
-    found = []
-    for law in laws:
-        points = law.points(scales)
-        if law.effect.c.has_memory:
-            points = points[is_dissipative(law, points, scan.problem, scan.moved)]
-        if not len(points):  # over this travel every shape of its grid is a spring, or beyond its bounds
-            continue
-        if law.is_command:
-            if law.shapes[0].grid.spacing == "rounding":
-                points = _likely_steps(scan, law, points, error)
-            gains = scan.command_gains(law, points, error)
-        else:
-            gains, _ = scan.torque_gains(law, points, error)
-        best = int(np.argmax(gains))
-        ends = _neighbours(points, points[best])
-        one = Candidate(law.name, law.family, law.effect, float(gains[best]), law, points[best], ends)
-        one.ends = np.stack([_twice(points.min(axis=0)), 2 * points.max(axis=0)], axis=1)
-        found.append(one)
-    found.sort(key=lambda one: -one.gain)
-    most = found[0].gain if found else 0.0
-    for one in found:
-        if one.gain >= scan.problem.settings.refined_share * most:
-            refine_shape(scan, one, error)
+    scanned = in_parallel(lambda law: _best_of_grid(scan, law, scales, error), laws)
+    found = [one for one in scanned if one is not None]
+    most = max((one.gain for one in found), default=0.0)
+    close = [one for one in found if one.gain >= scan.problem.settings.refined_share * most]
+    in_parallel(lambda one: refine_shape(scan, one, error), close)
     return sorted(found, key=lambda one: -one.gain)
+
+
+def _best_of_grid(scan: Scan, law: Law, scales: dict[str, float], error: np.ndarray) -> Candidate | None:
+    """A law with the best shape of its grid.
+
+    None where over this travel every shape is a spring, or beyond its bounds.
+    """
+    points = law.points(scales)
+    if law.effect.c.has_memory:
+        points = points[is_dissipative(law, points, scan.problem, scan.moved)]
+    if not len(points):
+        return None
+    if law.is_command:
+        if law.shapes[0].grid.spacing == "rounding":
+            points = _likely_steps(scan, law, points, error)
+        gains = scan.command_gains(law, points, error)
+    else:
+        gains, _ = scan.torque_gains(law, points, error)
+    best = int(np.argmax(gains))
+    ends = _neighbours(points, points[best])
+    one = Candidate(law.name, law.family, law.effect, float(gains[best]), law, points[best], ends)
+    one.ends = np.stack([_twice(points.min(axis=0)), 2 * points.max(axis=0)], axis=1)
+    return one
 
 
 def is_dissipative(law: Law, shapes: np.ndarray, problem: Problem, moved: Sequence[Motion]) -> np.ndarray:

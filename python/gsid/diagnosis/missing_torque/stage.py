@@ -11,6 +11,7 @@ from typing import Any
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
+from gsid.base.threads import in_parallel
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
 from gsid.diagnosis.missing_torque.kept_out import keep_out
@@ -433,17 +434,27 @@ def _refitted(
     problem: Problem, null: LinearFit, moved: list[Motion], chosen: list[Candidate], given: LinearPart
 ) -> list[Candidate]:
     """The candidates that were refitted before the deadline, and are the law that they are called."""
-    refitted: list[Candidate] = []
-    for one in chosen:
-        with in_time(bool(refitted)):
-            refit(problem, null, one, moved, given)
-            if one.fit is not None:
-                refitted.append(one)
+    fits_in_time = in_parallel(lambda one: _refitted_in_time(problem, null, one, moved, given), chosen)
+    refitted = [one for one in chosen if one.fit is not None]
+    if not refitted and not all(fits_in_time):
+        problem.deadline.check()
     stays = [one for one in refitted if not is_at_an_end(one)] or refitted
     for one in refitted:
         if one not in stays:
             one.fit, one.kept = None, math.inf
     return stays
+
+
+def _refitted_in_time(
+    problem: Problem, null: LinearFit, one: Candidate, moved: list[Motion], given: LinearPart
+) -> bool:
+    """Refit a candidate; False, and no fit, if the time was over before it was done."""
+    try:
+        refit(problem, null, one, moved, given)
+    except OutOfTime:
+        one.fit, one.kept = None, math.inf
+        return False
+    return True
 
 
 def _enlarged(

@@ -1,0 +1,40 @@
+"""Independent jobs on the usable cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def n_threads(n_jobs: int) -> int:
+    """Threads for some jobs: at most one for each usable core, at least one.
+
+    Parameters
+    ----------
+    n_jobs : int
+    """
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(usable or 1, n_jobs))
+
+
+def in_parallel(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+    """Results of a function for each job, in the order of the jobs.
+
+    The jobs have to spend most of their time in C code that releases the interpreter's lock, and must not
+    change what another one reads. If some raise, the first one's exception is raised.
+
+    Parameters
+    ----------
+    function : callable
+    jobs : sequence
+    """
+    n = n_threads(len(jobs))
+    if n == 1:
+        return [function(job) for job in jobs]
+    with ThreadPoolExecutor(n) as pool:
+        return list(pool.map(function, jobs))
