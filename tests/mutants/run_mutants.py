@@ -1,7 +1,8 @@
-"""Seeded samples of mutants of the comparison, the grey-box fit and the C core: which do the tests find?
+"""Seeded samples of mutants of the comparison, the grey-box fit, the diagnosis and the C core.
 
-Each mutant is judged by the tests that execute its line (`python_tests`, `c_tests`), in a copy of the
-repository. What is known is kept in a file of results, so that a run that was stopped goes on where it was.
+Which do the tests find? Each mutant is judged by the tests that execute its line (`python_tests`, `c_tests`),
+in a copy of the repository; those of the diagnosis by its own quick tests. What is known is kept in a file of
+results, so that a run that was stopped goes on where it was.
 """
 
 from __future__ import annotations
@@ -36,7 +37,28 @@ SEED, SAMPLE = 20260322, 200
 TARGETS = {
     "comparison": ["python/gsid/comparison.py"],
     "greybox": ["python/gsid/greybox/*.py"],
+    "diagnosis": [
+        "python/gsid/diagnosis/from_records/verdict.py",
+        "python/gsid/diagnosis/from_records/confirm.py",
+        "python/gsid/diagnosis/from_records/draft.py",
+        "python/gsid/diagnosis/from_records/canonical.py",
+        "python/gsid/diagnosis/from_records/short_list.py",
+        "python/gsid/diagnosis/from_records/run.py",
+        "python/gsid/diagnosis/missing_torque/conclusion.py",
+        "python/gsid/diagnosis/missing_torque/kept_out.py",
+        "python/gsid/diagnosis/missing_torque/ranking.py",
+        "python/gsid/diagnosis/missing_torque/refit.py",
+    ],
     "core": ["src/core/*.c"],
+}
+TESTS_OF = {  # of a part with tests of its own
+    "diagnosis": [
+        "tests/first_stage/test_verdict.py",
+        "tests/first_stage/test_decisions.py",
+        "tests/first_stage/test_steps.py",
+        "tests/first_stage/test_from_records.py",
+        "tests/python/test_missing_torque.py",
+    ],
 }
 COUNTED = ("killed", "survived", "uncovered")  # not: "same" as the source, or "invalid"
 
@@ -192,8 +214,9 @@ def judges_of(target: str, folder: Path, n: int, tests: list[str]) -> list:
 
     What covers a line is measured once for each version of the sources and of the tests.
     """
-    in_c = target == "core"
-    files = sorted({file for each in TARGETS if (each == "core") == in_c for file in sources(each)})
+    in_c, tests = target == "core", TESTS_OF.get(target, tests)
+    alike = [each for each in TARGETS if (each == "core", TESTS_OF.get(each)) == (in_c, TESTS_OF.get(target))]
+    files = sorted({file for each in alike for file in sources(each)})
     version = digest(files, ["tests/c"] if in_c else tests)
     made = []
     for i in range(n):

@@ -160,6 +160,13 @@ def test_each_part_has_sources():
     """A part whose files have moved would be judged as found whole."""
     for part in run_mutants.TARGETS:
         assert run_mutants.sources(part), part
+    for files in (*run_mutants.TARGETS.values(), *run_mutants.TESTS_OF.values()):
+        for file in files:
+            assert list(run_mutants.ROOT.glob(file)), file
+
+
+def test_a_part_with_tests_of_its_own_is_judged_by_them():
+    assert run_mutants.TESTS_OF.keys() <= run_mutants.TARGETS.keys()
 
 
 def test_the_page_has_each_mutant_that_was_not_found():
