@@ -21,11 +21,12 @@ static gsid_real mean_fade(gsid_real x) {
     return x == 0 ? 1 : -gsid_expm1(-x) / x;
 }
 
-static gsid_real mean_fade_slope(gsid_real x) {
+/* Its derivative, from the fade exp(-x) and its mean. */
+static gsid_real mean_fade_slope(gsid_real x, gsid_real fade, gsid_real mean) {
     if (gsid_fabs(x) < SMALL) {
         return GSID_R(-0.5) + x * (GSID_R(1.0) / 3 - x * (GSID_R(0.125) - x / 30));
     }
-    return (gsid_exp(-x) - mean_fade(x)) / x;
+    return (fade - mean) / x;
 }
 
 /* log(1 + x), exact for small x (W. Kahan). */
@@ -36,12 +37,12 @@ static gsid_real log_of_one_and(gsid_real x) {
 
 /* One rate: dz/dpath = 1 - rate z. */
 static branch one_rate(gsid_real start, gsid_real path, gsid_real rate, gsid_real *by_rate) {
-    const gsid_real x = limited(rate * path), fade = gsid_exp(-x);
+    const gsid_real x = limited(rate * path), fade = gsid_exp(-x), mean = mean_fade(x);
     branch b = {0};
-    b.z = start * fade + path * mean_fade(x);
+    b.z = start * fade + path * mean;
     b.by_path = 1 - rate * b.z;
     b.by_start = fade;
-    *by_rate = path * (path * mean_fade_slope(x) - start * fade);
+    *by_rate = path * (path * mean_fade_slope(x, fade, mean) - start * fade);
     return b;
 }
 
