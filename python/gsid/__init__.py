@@ -26,11 +26,10 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.comparison import compare as compare
     from gsid.diagnosis.add import Addition as Addition
     from gsid.diagnosis.add import add as add
-    from gsid.diagnosis.diagnose import Diagnosis as Diagnosis
-    from gsid.diagnosis.diagnose import diagnose as diagnose
+    from gsid.diagnosis.from_records.diagnose import diagnose as diagnose
     from gsid.diagnosis.from_records.diagnose import diagnose_records as diagnose_records
+    from gsid.diagnosis.from_records.result import Diagnosis as Diagnosis
     from gsid.diagnosis.from_records.result import RankedLaw as RankedLaw
-    from gsid.diagnosis.from_records.result import RecordsDiagnosis as RecordsDiagnosis
     from gsid.diagnosis.ladder import Ladder as Ladder
     from gsid.diagnosis.ladder import Rung as Rung
     from gsid.diagnosis.ladder import undo as undo
@@ -78,7 +77,7 @@ _Plottable.drawn_by = "gsid.plots"  # loaded by the first plot(), with matplotli
 _HOME = {
     "Addition": "diagnosis.add",
     "Comparison": "comparison",
-    "Diagnosis": "diagnosis.diagnose",
+    "Diagnosis": "diagnosis.from_records.result",
     "Distortion": "response.distortion",
     "Effect": "plant.effect",
     "Frf": "response.frf",
@@ -98,14 +97,13 @@ _HOME = {
     "RankedLaw": "diagnosis.from_records.result",
     "Record": "records.record",
     "RecordFit": "greybox.fit",
-    "RecordsDiagnosis": "diagnosis.from_records.result",
     "Rung": "diagnosis.ladder",
     "Spectra": "spectrum.spectra",
     "Start": "structure.start",
     "TorqueResidual": "diagnosis.torque_residual",
     "add": "diagnosis.add",
     "compare": "comparison",
-    "diagnose": "diagnosis.diagnose",
+    "diagnose": "diagnosis.from_records.diagnose",
     "diagnose_records": "diagnosis.from_records.diagnose",
     "distortion": "response.estimate_distortion",
     "fit": "fitting.rational",

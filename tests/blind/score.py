@@ -48,7 +48,7 @@ PROBABILITY_EDGES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 def gsid_tool(place: Path) -> dict:
     """What gsid says of the records in a folder; the only place here that knows its interface."""
 
-    from gsid.diagnosis.diagnose import diagnose
+    from gsid.diagnosis.from_records.diagnose import diagnose
     from gsid.models.load import load_model
     from gsid.records.files import read_record
 
@@ -58,13 +58,13 @@ def gsid_tool(place: Path) -> dict:
     begin = time.perf_counter()
     diagnosis = diagnose(load_model(place / "null.json"), fit)
     seconds = time.perf_counter() - begin
-    ranking = [{"effects": group.effects, "probability": group.probability} for group in diagnosis.ranking]
+    group = [{"effects": list(diagnosis.effects), "probability": 1.0}]  # a name is stated without a doubt
     return {
         "adequate": diagnosis.adequate,
         "p_value": diagnosis.p_value,
         "verdict": diagnosis.verdict,
-        "ranking": ranking[:5],
-        "found": [group.effects for group in diagnosis.found],
+        "ranking": group if diagnosis.effects else [],
+        "found": [list(effects) for effects in diagnosis.found],
         "seconds": seconds,
         "error_over_floor": error_over_floor(lambda u: diagnosis.model.simulate(u).y, held),
     }

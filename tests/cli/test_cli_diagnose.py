@@ -65,10 +65,10 @@ def test_the_story(gsid):
     assert told["adequate"] is False
     first = told["ranking"][0]
     assert "coulomb_friction" in first["effects"]
-    assert first["probability"] > 0.5
-    assert {"cost_per_dof_after", "params"} <= first.keys()
+    assert first["confirmed"]
+    assert {"cost_per_dof_after", "params", "probability"} <= first.keys()
     assert "next_experiment" in told
-    assert "-- fitting the given model\n" in result.err
+    assert "-- fitting the linear part by simulation, " in result.err
     assert "coulomb_friction.level" in load_model("found.json").free_names
 
     result = gsid("add", "coulomb_friction", "--model", "null.json", *RECORDS, "-o", "one.json", "--json")
@@ -116,15 +116,11 @@ def test_the_first_draft_says_that_nothing_confirms_it(gsid):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--model", "null.json", "--fast"], "--fast applies only without --model"),
-        (["--model", "null.json", "--time", "5"], "--time applies only without --model"),
-        (["--model", "null.json", "--output", "rate"], "--output applies only without --model"),
-        (["--seed", "1"], "--seed applies only with --model"),
         (["--alpha", "0.01"], "--alpha applies only with --model"),
         (["--time", "0"], "--time"),
     ],
 )
-def test_options_of_the_other_kind_of_diagnosis_are_refused(gsid, arguments, words):
+def test_options_without_a_meaning_are_refused(gsid, arguments, words):
     result = gsid("diagnose", *RECORDS, *arguments)
     assert result.code == 2
     assert words in result.err
@@ -133,9 +129,9 @@ def test_options_of_the_other_kind_of_diagnosis_are_refused(gsid, arguments, wor
 def test_in_words(gsid):
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "--y", "y", "--band", "2:100")
     lines = result.out.splitlines()
-    assert lines[0].startswith("Missing: ")
+    assert lines[0].startswith("Missing is coulomb_friction (cost per degree of freedom ")
     assert lines[1].startswith("Not adequate: ")
-    assert "round  probability  effects" in result.out
+    assert "none of the catalogue" in result.out
     assert "deg/s^2 per command" in result.out
     # Bugs: the options by which the records were read were left out, and the command failed as it stood;
     # it judged on records that had chosen the effect.
@@ -171,7 +167,7 @@ def test_a_step_that_does_not_pay_on_new_data_is_named(gsid, monkeypatch):
 def test_records_of_the_search_are_not_called_kept_out(gsid, n_records):
     """A bug: `diagnose -o` called records kept out that had chosen the effect."""
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:n_records], "-o", "found.json")
-    assert "kept out" not in result.out + result.err
+    assert "kept out" not in result.err + result.out.replace("explained, kept out", "")  # a column
     assert "search records [deg/s]" in result.out
     assert "Only new records show how well the model predicts" in result.out
     (step,) = json.loads(Path("found.json").read_text())["history"]
@@ -248,13 +244,13 @@ def test_report(gsid):
     result = gsid("report", "--diagnose", "--model", "null.json", *RECORDS, "-o", "page.html")
     assert (result.code, result.out) == (0, "page.html\n")
     page = Path("page.html").read_text(encoding="utf-8")
-    for words in ("Missing: ", "Which effect", "Missing torque", "Ladder"):
+    for words in ("Missing is ", "Which effect", "Missing torque", "Ladder"):
         assert words in page
     # A bug: too few periods to keep any out for the ladder, and there was no page.
     result = gsid("report", "--diagnose", "--model", "null.json", "s0.npz", "s1.npz", "-o", "short.html")
     assert result.code == 0
     assert "no ladder in the model" in result.err
-    assert "Missing: " in Path("short.html").read_text(encoding="utf-8")
+    assert "Missing is " in Path("short.html").read_text(encoding="utf-8")
     result = gsid("report", "--diagnose", "r0.npz")
     assert result.code == 2
     assert "--diagnose needs --model" in result.err

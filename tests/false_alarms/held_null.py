@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from study import Cell, Outcome, Study
 
-from gsid.diagnosis.diagnose import diagnose
-from gsid.diagnosis.hold_cases import STAND_IN
+from gsid.diagnosis.from_records.diagnose import diagnose
+from gsid.diagnosis.from_records.hold_check import STAND_IN
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 
@@ -38,7 +38,7 @@ def run(cell: Cell, seed: int) -> Outcome:
         y = noise.measured(rng, truth.steady(base, u, tolerance=1e-4 * noise.std)[0], N_PERIODS)
         records.append(Record(np.tile(u, N_PERIODS), y, FS_HZ, N, 0, hold=cell.setting, y_unit="deg/s"))
     found = diagnose(PlantModel.from_dict(trials.null_model(rng, base)), records, alpha=ALPHA)
-    named = {effect for group in found.found for effect in group.effects}
+    named = {effect for effects in found.found for effect in effects}
     return {
         "p_value": found.p_value,
         "lag or hold named": bool(named & STAND_IN),

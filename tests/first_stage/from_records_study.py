@@ -139,7 +139,7 @@ def _ranked(one: gsid.diagnosis.from_records.result.RankedLaw) -> list:
     return [" or ".join(one.effects), *(None if np.isnan(x) else round(float(x), 5) for x in numbers), one.by]
 
 
-def _left(trial: hard.HardTrial, found: gsid.RecordsDiagnosis) -> float | None:
+def _left(trial: hard.HardTrial, found: gsid.Diagnosis) -> float | None:
     """What the law that was named leaves of the drop, by the simulator of the trial."""
     effect = found.effects[0]
     params = next((one.params for one in found.ranking if one.effects[:1] == (effect,)), None)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from plants import plant
 
-from gsid.diagnosis.diagnose import diagnose
 from gsid.diagnosis.effect_starts import effect_starts
+from gsid.diagnosis.from_records.diagnose import diagnose
 from gsid.diagnosis.probes import GRIDS
 from gsid.diagnosis.scan import trajectory
 from gsid.effects.types import find
@@ -116,7 +116,7 @@ def test_a_law_of_the_drive_is_named_in_closed_loop(effect, parameter, size):
     angles = simulate(drive=lambda u: DRIVES[effect](u, size))[1]
     found = diagnose(model(scale=1.05), record(angles))
     assert found.verdict == "missing_effect"
-    assert [group.effects for group in found.found] == [[effect]]
+    assert found.found == [(effect,)]
     fitted = found.model[f"{effect}.{parameter}"]
     assert abs(fitted.value - size) < 4 * fitted.std
     # one record of 6 periods: pooled variances make the cost scatter by a fifth

@@ -15,8 +15,8 @@ from gsid import plots
 from gsid.base.errors import InputError
 from gsid.comparison import compare
 from gsid.diagnosis.add import add, with_history
-from gsid.diagnosis.diagnose import diagnose
 from gsid.diagnosis.error_fall import fall_by_line, fall_p_value, p_value_of_sum
+from gsid.diagnosis.from_records.diagnose import diagnose
 from gsid.diagnosis.ladder import Ladder, Rung, ladder, undo
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
@@ -310,11 +310,11 @@ def test_a_diagnosis_with_its_ladder(records):
     (rung,) = ladder(told).rungs
     assert rung.judged_on == "search_records"
     assert "(used in the search)" in rung.sentence
-    assert rung.effect == found.found[0].effects[0]
+    assert rung.effect == found.found[0][0]
     assert rung.held_out["after"] < 1.2 * rung.noise_floor_rms < rung.held_out["before"] / 2
     assert undo(told).to_dict() == start().to_dict()
     words = " ".join(text.get_text() for text in found.plot().findobj(lambda a: hasattr(a, "get_text")))
-    for part in ("1: coulomb_friction", "probability", "noise alone", "Missing: "):
+    for part in ("coulomb_friction", "against rate", "Missing is "):
         assert part in words
 
 

@@ -12,7 +12,7 @@ from plants import axis_record, plant
 from gsid import plots
 from gsid.comparison import compare
 from gsid.diagnosis.add import add
-from gsid.diagnosis.diagnose import diagnose
+from gsid.diagnosis.from_records.diagnose import diagnose
 from gsid.excitation.multisine import Multisine
 from gsid.models.rational import RationalModel
 from gsid.records.record import Record
@@ -288,13 +288,13 @@ def test_diagnosis(friction):
     measured = [spectra(r) for r in friction]
     found = diagnose(plant(STACK), measured)
     ladder = add("coulomb_friction", plant(STACK), measured).ladder
-    page = Page(Report("t").add_diagnosis("d", measured, found, ladder=ladder).html())
+    page = Page(Report("t").add_diagnosis("d", found, ladder=ladder).html())
     for words in (
         found.sentence,
         "r0, r1, r2, r3",
         "16 good in total",
         "Which effect",
-        "Probability",
+        "explained, kept out",
         "Error of the given model",
         "Missing torque",
         "With the effects found",
@@ -304,6 +304,6 @@ def test_diagnosis(friction):
         assert words in page.text
     assert page.tags.count("svg") == 4
     nothing = diagnose(found.model, measured)
-    page = Page(Report("t").add_diagnosis("d", measured, nothing).html())
+    page = Page(Report("t").add_diagnosis("d", nothing).html())
     assert "no missing effect" in page.text
     assert page.tags.count("svg") == 1

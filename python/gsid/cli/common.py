@@ -7,26 +7,23 @@ from typing import TYPE_CHECKING
 from gsid.cli.output import print_message
 
 if TYPE_CHECKING:
-    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.plant.model import PlantModel
-    from gsid.spectrum.spectra import Spectra
 
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
 
 
-def with_ladder(
-    given: PlantModel, found: Diagnosis, measured: list[Spectra], band: tuple[float, float] | None
-) -> PlantModel:
+def with_ladder(given: PlantModel, found: Diagnosis) -> PlantModel:
     """The model that a diagnosis found, with its ladder if there are enough data to hold some out."""
     from gsid.base.errors import GsidError, InputError
     from gsid.diagnosis.add import with_history
 
-    if not found.found:
+    if not found.named:
         return found.model
     print_message("-- judging each step on records that its fit did not use")
     try:
-        order = [group.effects[0] for group in found.found]
-        return with_history(given, found.model, measured, order=order, band=band)
+        order = [effects[0] for effects in found.found]
+        return with_history(given, found.model, found.measured, order=order, band=found.band)
     except (InputError, GsidError) as error:
         print_message(f"note: no ladder in the model: {error}")
         return found.model

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from gsid.base.tables import Table
-from gsid.cli.common import with_ladder
+from gsid.cli.common import EXIT_GOOD, EXIT_INTERRUPT, with_ladder
 from gsid.cli.options import (
     INPUT,
     OUTPUT,
-    SEED,
     alpha_option,
     band_option,
     found_model_option,
@@ -39,9 +37,10 @@ from gsid.cli.output import (
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
-    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.diagnosis.ladder import Ladder
     from gsid.diagnosis.torque_residual import TorqueResidual
+    from gsid.plant.model import PlantModel
     from gsid.records.record import Record
 
 
@@ -59,13 +58,6 @@ if TYPE_CHECKING:
 @output_is_option
 @band_option("Lines from LO to HI [Hz] only.")
 @alpha_option(0.05)
-@click.option(
-    "--seed",
-    metavar="N",
-    type=SEED,
-    default=0,
-    help="Random seed of the bootstrap. [default: 0]",
-)
 @click.option("--fast", is_flag=True, help="Stop at the first draft, which no simulation confirms.")
 @click.option(
     "--time",
@@ -94,122 +86,121 @@ def diagnose(
     fast: bool,
     time_s: float | None,
     alpha: float,
-    seed: int,
     path: str | None,
     curve: str | None,
     picture: str | None,
     as_json: bool,
-) -> int | None:
-    """Find the physical effect that is missing from a model of an axis.
+) -> int:
+    """Find the physical effects that are missing from a model of an axis.
 
-    Without --model, the linear structure is found from the records. The laws of the catalogue are ranked by
-    the missing torque that they explain, and the best ones are fitted by simulation. A law is named if these
-    fits confirm it, and is called the nearest or unknown otherwise. Ctrl-C prints the result reached so far.
+    Without --model, the linear structure is found from the records. With --model, the free parameters of the
+    model are fitted; several effects may be missing from it.
 
-    With --model, the free parameters of the model are fitted first. Then the effects of the catalogue that
-    could explain the remaining error are fitted one by one and ranked by evidence. Effects that the data
-    cannot distinguish form one group.
+    The laws of the catalogue are ranked by the missing torque that they explain, and the best ones are fitted
+    by simulation. A law is named if these fits confirm it, and is called the nearest or unknown otherwise.
+    Effects that the data cannot distinguish form one group. Ctrl-C prints the result reached so far.
 
     Measure several realisations at two levels of the excitation for the best result.
     """
-    _check_options(model_path)
-    if model_path is None:
-        from gsid.cli.diagnose_records import diagnose_without_model
-
-        how = {"output": y_is, "reference": reference, "band": band, "fast": fast, "time_s": time_s}
-        files = {"path": path, "curve": curve, "picture": picture}
-        return diagnose_without_model(records, read, how, **files, as_json=as_json)
-    how = {"band": band, "alpha": alpha, "seed": seed}
-    files = {"output": path, "curve": curve, "picture": picture}
-    _diagnose_model(records, read, model_path, **how, **files, as_json=as_json)
-    return None
-
-
-def _check_options(model_path: str | None) -> None:
-    """Refuse options of the other kind of diagnosis."""
     context = click.get_current_context()
-    of_records = {"reference": "--r", "y_is": "--output", "fast": "--fast", "time_s": "--time"}
-    of_models = {"alpha": "--alpha", "seed": "--seed"}
-    for name, option in (of_records if model_path else of_models).items():
-        if is_given(context, name):
-            place = "without --model" if model_path else "with --model"
-            raise click.UsageError(f"{option} applies only {place}", context)
-
-
-def _diagnose_model(
-    records: Sequence[str],
-    read: Callable[[Sequence[str]], list[Record]],
-    model_path: str,
-    *,
-    band: tuple[float, float] | None,
-    alpha: float,
-    seed: int,
-    output: str | None,
-    curve: str | None,
-    picture: str | None,
-    as_json: bool,
-) -> None:
-    """Run `gsid diagnose --model`."""
-    from gsid.comparison import compare
-    from gsid.diagnosis.diagnose import diagnose as find_missing
-    from gsid.diagnosis.ladder import ladder
+    if model_path is None and is_given(context, "alpha"):
+        raise click.UsageError("--alpha applies only with --model", context)
+    from gsid.diagnosis.from_records.diagnose import diagnose_records
     from gsid.models.load import load_plant
-    from gsid.spectrum.realisation import spectra
 
-    model = load_plant(model_path)
-    measured = [spectra(record) for record in read(records)]
+    model = load_plant(model_path) if model_path else None
     with options_as_arguments():
-        result = find_missing(
+        found = diagnose_records(
+            read(records),
             model,
-            measured,
+            output=y_is,
+            reference=reference,
             band=band,
+            fast=fast,
+            time_s=time_s,
             alpha=alpha,
-            seed=seed,
             on_step=lambda text: print_message(f"-- {text}"),
         )
-        measured = result.read(measured)
-        before = compare(result.steps[0].fit.model, measured, band=band, alpha=alpha, fitted=True)
-    note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
-    final = with_ladder(model, result, measured, band) if output else None
-    if output:
-        final.save(output)
-        print_message(f"wrote {output}")
-    missing = None
-    if curve or result.verdict == "unknown_effect":
-        from gsid.diagnosis.torque_residual import torque_residual
+    before = _compared(found)
+    note_assumed_hold(model is not None and found.hold_assumed, found.hold, found.other_delay_s)
+    final = _saved(model, found, path) if path else None
+    missing = _missing(found, curve)
+    draw((found if found.model or not before else before).plot, picture)
+    if as_json:
+        print_json((before.to_dict() if before else {}) | found.to_dict() | _law(missing))
+        return _exit_code(found)
+    _print(found, before, missing)
+    if final and final.history:
+        from gsid.diagnosis.ladder import ladder
 
-        missing = torque_residual(result.steps[0].fit.model, measured, band=band)
+        print()
+        _print_ladder(ladder(final))
+    _suggest(found, records, model_path, curve)
+    return _exit_code(found)
+
+
+def _exit_code(found: Diagnosis) -> int:
+    return EXIT_INTERRUPT if found.interrupted else EXIT_GOOD
+
+
+def _compared(found: Diagnosis) -> Comparison | None:
+    """The linear part, or the given model, with its parameters fitted, against the records."""
+    from gsid.comparison import compare
+
+    if found.linear is None:
+        return None
+    return compare(found.linear, found.measured, band=found.band, fitted=True)
+
+
+def _saved(given: PlantModel | None, found: Diagnosis, path: str) -> PlantModel | None:
+    if found.model is None:
+        print_message(f"note: no stack of effects represents the data: {path} was not written")
+        return None
+    final = with_ladder(given, found) if given is not None else found.model
+    final.save(path)
+    print_message(f"wrote {path}, {'with' if found.named else 'without'} a missing effect")
+    return final
+
+
+def _missing(found: Diagnosis, curve: str | None) -> TorqueResidual | None:
+    """The missing torque as a curve, if it was requested or if no law explains it."""
+    if found.linear is None or not (curve or found.verdict in ("unknown_effect", "nearest_effect")):
+        return None
+    missing = found.torque_residual()
     if curve:
         missing.best.save(curve)
         print_message(f"wrote {curve}: torque against {missing.best.name}")
-    draw((result if result.rounds else before).plot, picture)
-    if as_json:
-        print_json(before.to_dict() | result.to_dict() | _curve(missing))
-        return
-    _print(result, before)
-    if final and final.history:
+    return missing
+
+
+def _law(missing: TorqueResidual | None) -> dict[str, object]:
+    """The law of the missing torque, for --json."""
+    if missing is None:
+        return {}
+    best = missing.best
+    keys = {"variable": best.name, "unit": best.unit, "explained": best.explained, "std": best.std}
+    return {"missing_torque": keys | {"at": best.at, "torque": -best.torque}}
+
+
+def _print(found: Diagnosis, before: Comparison | None, missing: TorqueResidual | None) -> None:
+    print(found.sentence)
+    for text in found.reasons:
+        print(f"  {text}")
+    if before is not None and before.where:
+        print(before.verdict)
+    if found.ranking:
         print()
-        _print_ladder(ladder(final))
-    if missing:
+        print_table(found.table())
+    if found.model is not None:
+        print()
+        print_parameters(found.model)
+    print()
+    for text in found.notes[len(found.reasons) :]:
+        print(text)
+    if found.next_experiment:
+        print(found.next_experiment)
+    if missing is not None:
         print(f"\n{missing.sentence}")
-    _suggest(result, records, model_path, curve)
-
-
-def _suggest(result: Diagnosis, records: Sequence[str], model_path: str, curve: str | None) -> None:
-    """Suggest the next command. Only a new record can judge the effect, since these records selected it."""
-    given, judge = ["--model", model_path], ["--held-out", "NEW.csv"]
-    if result.named:
-        effect = result.found[0].effects[0]
-        typed = command_line("add", effect, *given, *judge, records=records, output="M2.json")
-        suggest(f"{typed} judges it on a new record, which the search has not used")
-    if result.verdict == "unknown_effect":
-        report = command_line("report", "--diagnose", *given, records=records)
-        suggest(f"{report} draws the missing torque")
-        if curve:
-            as_law = command_line("add", "--table", curve, *given, *judge, records=records, output="M2.json")
-            suggest(f"{as_law} adds it as a law and judges it on a new record")
-        else:
-            suggest("--curve CURVE.csv saves it as a law")
 
 
 def _print_ladder(steps: Ladder) -> None:
@@ -223,37 +214,19 @@ def _print_ladder(steps: Ladder) -> None:
         print("The search used these records too. Only new records show how well the model predicts.")
 
 
-def _curve(missing: TorqueResidual | None) -> dict[str, Any]:
-    """The law of the missing torque, for --json."""
-    if missing is None:
-        return {}
-    best = missing.best
-    keys = {"variable": best.name, "unit": best.unit, "explained": best.explained, "std": best.std}
-    return {"missing_torque": keys | {"at": best.at, "torque": -best.torque}}
-
-
-def _print(result: Diagnosis, before: Comparison) -> None:
-    print(result.sentence)
-    if before.where:
-        print(before.verdict)
-    rows = [
-        [
-            one.name,
-            f"{group.probability:.1%}",
-            " or ".join(group.effects),
-            "" if one.before is None else f"{one.before:.4g}",
-            f"{group.candidates[0].fit.cost_per_dof:.4g}",
-        ]
-        for one in result.rounds
-        for group in one.ranking
-    ]
-    for note in result.notes:
-        print(note)
-    if rows:
-        print()
-        header = ["round", "probability", "effects", "cost per d.o.f. before", "after"]
-        print_table(Table(header, rows, left=["effects"]))
-    print()
-    print_parameters(result.model)
-    if result.next_experiment:
-        print(f"\n{result.next_experiment}")
+def _suggest(found: Diagnosis, records: Sequence[str], model_path: str | None, curve: str | None) -> None:
+    """Suggest the next command. Only a new record can judge the effect, since these records selected it."""
+    linear = model_path or "LINEAR.json"
+    given, judge = ["--model", linear], ["--held-out", "NEW.csv"]
+    if found.effects and not found.adequate:
+        typed = command_line("add", found.effects[0], *given, *judge, records=records, output="M2.json")
+        which = "a new record, which the search has not used" if model_path else "a new record"
+        rest = "" if model_path else f"; `gsid start REC... -o {linear}` writes the linear model"
+        suggest(f"{typed} judges it on {which}{rest}")
+    if found.verdict != "unknown_effect":
+        return
+    if not curve:
+        suggest("--curve CURVE.csv saves the missing torque as a law")
+    elif model_path:
+        as_law = command_line("add", "--table", curve, *given, *judge, records=records, output="M2.json")
+        suggest(f"{as_law} adds it as a law and judges it on a new record")

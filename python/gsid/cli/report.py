@@ -143,10 +143,8 @@ def _add_diagnosis(
     page: Report, model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
 ) -> None:
     """Add the diagnosis and its ladder to the page."""
-    from gsid.diagnosis.diagnose import diagnose
+    from gsid.diagnosis.from_records.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
     found = diagnose(model, measured, band=band, on_step=lambda text: print_message(f"-- {text}"))
-    measured = found.read(measured)
-    final = with_ladder(model, found, measured, band)
-    page.add_diagnosis("Diagnosis", measured, found, ladder=ladder(final), band=band)
+    page.add_diagnosis("Diagnosis", found, ladder=ladder(with_ladder(model, found)))

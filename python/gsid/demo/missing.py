@@ -13,7 +13,8 @@ from gsid.comparison import Comparison, compare
 from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.hidden import Hidden, draw
 from gsid.diagnosis.add import add
-from gsid.diagnosis.diagnose import Diagnosis, diagnose
+from gsid.diagnosis.from_records.diagnose import diagnose
+from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.ladder import Ladder, ladder
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
@@ -73,7 +74,7 @@ class Search:
     @property
     def named(self) -> bool:
         """Whether the hidden effect is in the first group found."""
-        return bool(self.diagnosis.found) and self.hidden.effect in self.diagnosis.found[0].effects
+        return bool(self.diagnosis.found) and self.hidden.effect in self.diagnosis.found[0]
 
     @property
     def over_floor(self) -> float:
@@ -94,10 +95,10 @@ class Search:
             for name, p in hidden.params.items()
         )
         if not self.named:
-            found = " and ".join(" or ".join(group.effects) for group in self.diagnosis.found) or "nothing"
+            found = " and ".join(" or ".join(effects) for effects in self.diagnosis.found) or "nothing"
             end = f"it was NOT named; {found} was named"
         else:
-            rivals = [effect for effect in self.diagnosis.found[0].effects if effect != self.hidden.effect]
+            rivals = [effect for effect in self.diagnosis.found[0] if effect != self.hidden.effect]
             tied = (
                 f", together with {' and '.join(rivals)}, which these data cannot distinguish from it"
                 if rivals
@@ -207,10 +208,10 @@ def search(
 ) -> tuple[Comparison, Diagnosis, PlantModel]:
     """Compare, diagnose, and add the effects found; the records kept out are used for validation only."""
     diagnosis = diagnose(model, fitted, on_step=lambda text: on_step(f"hidden: {text}"))
-    comparison = compare(diagnosis.steps[0].fit.model, fitted, fitted=True)
-    for group in diagnosis.found:
-        on_step(f"hidden: adding {group.effects[0]}")
-        model = add(group.effects[0], model, fitted, held_out=kept_out).model
+    comparison = compare(diagnosis.linear, fitted, fitted=True)
+    for effect, *_ in diagnosis.found:
+        on_step(f"hidden: adding {effect}")
+        model = add(effect, model, fitted, held_out=kept_out).model
     return comparison, diagnosis, model
 
 
@@ -225,7 +226,6 @@ def add_to(page: Report, found: Search) -> None:
     )
     page.add_diagnosis(
         "hidden",
-        found.fitted,
         found.diagnosis,
         ladder=found.ladder,
         story=story,

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsid.base.errors import GsidError
-from gsid.diagnosis.score_test import orthonormal, project_out
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant, input_period
 from gsid.spectrum.lines import lines_of
@@ -130,3 +129,28 @@ def advice(first: PlantModel, second: PlantModel, measured: Spectra, names: tupl
 
 def _whiten(lines: np.ndarray) -> np.ndarray:
     return np.concatenate([lines.real, lines.imag], axis=-1)
+
+
+def orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the span of columns. They are scaled to unit length; dependent ones are dropped.
+
+    Parameters
+    ----------
+    columns : (n, p) ndarray
+
+    Returns
+    -------
+    (n, <= p) ndarray
+    """
+    length = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, length > 0] / length[length > 0]
+    if scaled.shape[1] == 0:
+        return np.empty((len(columns), 0))
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, s > 1e-9 * s[0]]
+
+
+def project_out(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Part of the columns orthogonal to an orthonormal basis; projected twice to remove rounding errors."""
+    once = columns - basis @ (basis.T @ columns)
+    return once - basis @ (basis.T @ once)

@@ -6,8 +6,7 @@ All intervals are 95 %, point by point; gsid.models.confidence computes them.
 
 from gsid.base.plottable import figure_of
 from gsid.comparison import Comparison
-from gsid.diagnosis.diagnose import Diagnosis
-from gsid.diagnosis.from_records.result import RecordsDiagnosis
+from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.ladder import Ladder
 from gsid.diagnosis.torque_residual import TorqueResidual
 from gsid.excitation.periodic import Periodic
@@ -16,7 +15,6 @@ from gsid.greybox.fit import PlantFit
 from gsid.models.mimo import MimoModel
 from gsid.models.piecewise import PiecewiseModel
 from gsid.models.rational import RationalModel
-from gsid.plots.candidates import diagnosis
 from gsid.plots.compare import comparison, ladder
 from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.greybox import plant_fit
@@ -44,7 +42,6 @@ __all__ = [
     "comparison",
     "crest_factors",
     "delay_text",
-    "diagnosis",
     "distortion",
     "estimators",
     "excitation",
@@ -68,7 +65,7 @@ __all__ = [
 
 _DRAWINGS = {
     Comparison: comparison,
-    Diagnosis: diagnosis,
+    Diagnosis: missing_torque,
     Distortion: distortion,
     Estimators: estimators,
     Frf: frf,
@@ -79,7 +76,6 @@ _DRAWINGS = {
     PiecewiseModel: piecewise,
     PlantFit: plant_fit,
     RationalModel: bode,
-    RecordsDiagnosis: missing_torque,
     Start: start,
     Superposition: superposition,
     TorqueResidual: torque_residual,

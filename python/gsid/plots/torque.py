@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from gsid.plots.style import EXCESS, MEASURED, MODEL, NOISE, new_figure, plain_text, styled, with_unit
 
 if TYPE_CHECKING:
-    from gsid.diagnosis.from_records.result import RecordsDiagnosis
+    from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.diagnosis.torque_residual import Curve, TorqueResidual
 
 
@@ -49,12 +49,12 @@ def torque_residual(residual: TorqueResidual) -> Figure:
 
 
 @styled
-def missing_torque(found: RecordsDiagnosis) -> Figure:
+def missing_torque(found: Diagnosis) -> Figure:
     """Torque missing from the linear part against rate, angle and command, with the law found.
 
     Parameters
     ----------
-    found : RecordsDiagnosis
+    found : Diagnosis
 
     Returns
     -------

@@ -14,7 +14,6 @@ from gsid.base.files import write_atomically
 from gsid.base.tables import Table, templates
 from gsid.comparison import compare
 from gsid.diagnosis.ladder import Ladder
-from gsid.diagnosis.torque_residual import torque_residual
 from gsid.plant.model import PlantModel
 from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
 from gsid.report.tables import (
@@ -23,7 +22,6 @@ from gsid.report.tables import (
     distortion_table,
     failing_tables,
     model_tables,
-    plant_table,
     ranking_tables,
     truth_table,
 )
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gsid.comparison import Comparison
-    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.excitation.multisine import Multisine
     from gsid.excitation.periodic import Limits
     from gsid.fitting.estimators import Estimators
@@ -149,11 +147,9 @@ class Report:
     def add_diagnosis(
         self,
         name: str,
-        spectra: Spectra | Sequence[Spectra],
         diagnosis: Diagnosis,
         *,
         ladder: Ladder | None = None,
-        band: tuple[float, float] | None = None,
         story: str = "",
         answer: str = "",
         truth: Sequence[Truth] = (),
@@ -164,13 +160,9 @@ class Report:
         ----------
         name : str
             Heading on the page.
-        spectra : Spectra or sequence of Spectra
-            Records of the diagnosis.
         diagnosis : Diagnosis
         ladder : Ladder, optional
             Error after each step, on data that were not fitted.
-        band : (lo, hi), optional
-            Hz; the band of the diagnosis.
         story : str, optional
         answer : str, optional
             The true missing effect, if it is known; shown at the end of the section.
@@ -182,15 +174,15 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        measured = diagnosis.read(as_list(spectra))
-        fitted = diagnosis.steps[0].fit.model
-        before = compare(fitted, measured, band=band, alpha=diagnosis.alpha, fitted=True)
-        drawn = [("Error of the given model", lambda: plots.comparison(before))]
-        if not diagnosis.adequate:
-            torque = torque_residual(fitted, measured, band=band)
+        measured, band, before, drawn = diagnosis.measured, diagnosis.band, None, []
+        if diagnosis.linear is not None:
+            before = compare(diagnosis.linear, measured, band=band, fitted=True)
+            drawn.append(("Error of the given model", lambda: plots.comparison(before)))
+        if diagnosis.linear is not None and not diagnosis.adequate:
+            torque = diagnosis.torque_residual()
             drawn.append(("Missing torque", lambda: plots.torque_residual(torque)))
-        if diagnosis.found:
-            after = compare(diagnosis.model, measured, band=band, alpha=diagnosis.alpha, fitted=True)
+        if diagnosis.named:
+            after = compare(diagnosis.model, measured, band=band, fitted=True)
             drawn.append(("With the effects found", lambda: plots.comparison(after)))
         if ladder is not None and ladder.rungs:
             drawn.append(("Ladder", lambda: plots.ladder(ladder)))
@@ -204,7 +196,7 @@ class Report:
                     ("Records", ", ".join(s.name or "a record" for s in measured)),
                     ("Periods", f"{sum(s.n_periods for s in measured)} good in total"),
                 ],
-                tables=[*ranking_tables(diagnosis), plant_table(diagnosis.model)],
+                tables=[*ranking_tables(diagnosis), *model_tables(diagnosis.model, None)],
                 pictures=self._drawn(drawn),
                 closing=[*failing_tables(before), *([truth_table(truth)] if truth else [])],
                 answer=answer,

@@ -18,8 +18,7 @@ from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
-    from gsid.diagnosis.candidates import Group
-    from gsid.diagnosis.diagnose import Diagnosis
+    from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.models.rational import RationalModel
     from gsid.response.distortion import DistortedBand
 
@@ -192,38 +191,11 @@ def _sigma(param: Param) -> str:
 
 
 def ranking_tables(diagnosis: Diagnosis) -> list[Table]:
-    """One table for each round of the search, and one for each final ranking that differs from its round."""
-    tables = []
-    head = ("Effect", "Probability", "Cost per d.o.f. with it", "Fitted")
-    for one in diagnosis.rounds:
-        rows = [
-            (
-                " or ".join(group.effects),
-                f"{100 * group.probability:.1f} %",
-                f"{group.candidates[0].fit.cost_per_dof:.4g}",
-                _strength(group),
-            )
-            for group in one.ranking
-        ]
-        if one.before is None:
-            note = "Ranked again with all effects in the model."
-            tables.append(Table(head, rows, title="Which effect, with the other effects found", note=note))
-        else:
-            title = "Which effect" if one.name == "1" else f"Which effect, round {one.name}"
-            tables.append(Table(head, rows, title=title, note=f"Without it: {one.before:.4g}."))
-    if tables and diagnosis.next_experiment:
-        note = f"{tables[-1].note} {diagnosis.next_experiment}"
-        tables[-1] = replace(tables[-1], note=note)
-    return tables
-
-
-def _strength(group: Group) -> str:
-    best = group.candidates[0]
-    effect = next(effect for effect in reversed(best.fit.model.effects) if effect.id == best.effect)
-    return "; ".join(
-        f"{name} {plots.with_interval(p.value, p.std)} {best.fit.model.unit_of(effect, name)}"
-        for name, p in best.params.items()
-    )
+    """The ranking of the laws."""
+    if not diagnosis.ranking:
+        return []
+    note = f"Without a law: {diagnosis.cost_per_dof:.4g}. {diagnosis.next_experiment}".rstrip()
+    return [replace(diagnosis.table(), title="Which effect", note=note)]
 
 
 def failing_tables(c: Comparison | None) -> list[Table]:

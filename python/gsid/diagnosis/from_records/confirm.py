@@ -9,9 +9,12 @@ import numpy as np
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.law_part import label_of
+from gsid.diagnosis.from_records.play import fit_play
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.spectra import Spectra
@@ -127,6 +130,32 @@ class Simulations:
         stays = [effect for effect in model.effects if effect.id not in self.left_out]
         return replace(model, effects=[*stays, *known])
 
+    def fit_play(self, null: PlantFit, given: PlantModel, beaten: float) -> Simulated | None:
+        """Fit play between motor and load; None if it lowers no cost, or if there was no time.
+
+        Parameters
+        ----------
+        null : PlantFit
+            Without it.
+        given : PlantModel
+            The model before any fit.
+        beaten : float
+            Least cost of the other laws.
+        """
+        if self.deadline.is_over:
+            self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
+            return None
+        self.on_step(f"fitting {BACKLASH} by simulation, {self.deadline.left_s:.0f} s left")
+        try:
+            fit = fit_play(null, given, self.measured, self.band, beaten, self.deadline)
+        except OutOfTime:
+            self.not_tried[BACKLASH] = "the time was over before its first simulation had ended"
+            return None
+        except (GsidError, InputError, np.linalg.LinAlgError) as error:
+            self.not_tried[BACKLASH] = f"it cannot be simulated: {error}"
+            return None
+        return judged(fit, (BACKLASH,), self.settings) if fit else None
+
     def _settles(self, model: PlantModel) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
         answer = PeriodicPlant.of(model, self.measured[0], self.deadline).run()
@@ -189,8 +218,8 @@ def judged(
     factors : sequence of (2 k,) ndarray, optional
         Of each record's weights, where a model error is in them.
     """
-    names = fit.model.free_names
-    chosen = [i for i, name in enumerate(names) if name.partition(".")[0] in effects]
+    names, own = fit.model.free_names, {label_of(fit.model, effect) for effect in effects}
+    chosen = [i for i, name in enumerate(names) if name.rpartition(".")[0] in own]
     values = np.array([fit.model[names[i]].value for i in chosen])
     size = np.linalg.norm(fit.jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)

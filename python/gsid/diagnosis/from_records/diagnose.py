@@ -11,13 +11,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 from gsid.base.deadline import Deadline, OutOfTime
-from gsid.diagnosis.from_records.result import RecordsDiagnosis
-from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.closed_loop import in_closed_loop
+from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.result import Diagnosis
+from gsid.diagnosis.from_records.rounds import Rounds
+from gsid.diagnosis.from_records.run import ALPHA, Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.from_records.summary import summarised
-from gsid.plant.model import PlantModel
+from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.spectra import Spectra
 
@@ -32,9 +36,10 @@ def diagnose_records(
     without: Collection[str] = (),
     fast: bool = False,
     time_s: float | None = None,
+    alpha: float = ALPHA,
     settings: DecisionSettings = DEFAULTS,
     on_step: Callable[[str], None] = lambda text: None,
-) -> RecordsDiagnosis:
+) -> Diagnosis:
     """Find the physical effect that is missing from the linear model of an axis, from its records alone.
 
     Parameters
@@ -44,7 +49,7 @@ def diagnose_records(
     model : PlantModel, optional
         Linear stack to start with. Default: found by `gsid.start`.
     output : {"rate", "angle", "acceleration"}, optional
-        What y is; default: inferred from the data. Not used with a model.
+        What y is; default: inferred from the data, or that of the model.
     reference : str, optional
         Of records measured in a closed loop: the column of its reference.
     band : (lo, hi), optional
@@ -55,13 +60,16 @@ def diagnose_records(
         Stop at the first draft, which is not confirmed by simulation.
     time_s : float, optional
         Budget [s]: then the running step is stopped, and the result is the best so far. Default 60.
+    alpha : float
+        With a model: probability of noise alone below which the model is rejected though no effect explains
+        what it leaves.
     settings : DecisionSettings
     on_step : callable
         Called with a short description of each step before it starts.
 
     Returns
     -------
-    RecordsDiagnosis
+    Diagnosis
         If it is interrupted (KeyboardInterrupt) after the first draft: the state that it had reached.
 
     Raises
@@ -71,11 +79,20 @@ def diagnose_records(
     ValueError
         No record, an unknown output, or a time that is not positive.
     """
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     if time_s is not None and not time_s > 0:
         raise ValueError(f"time_s must be positive, got {time_s}")
     budget_s = settings.time_s if time_s is None else time_s
+    if model is not None:
+        check_plant(model)
+        model = replace(model, output=output or model.output)
+        if reference is not None:
+            model, records = in_closed_loop(model, records, reference)
+            reference = None
+    rounds = None
     with Deadline(budget_s) as deadline:
-        run = Run(deadline, settings, band, without, on_step)
+        run = Run(deadline, settings, band, without, on_step, alpha)
         try:
             run.find_structure(records, model, output, reference)
             if run.stack is not None:
@@ -83,11 +100,62 @@ def diagnose_records(
                 if not fast:
                     run.confirm()
                     run.mend_structure()
-                    run.weigh_model_error()
+                    if model is not None:
+                        rounds = Rounds(run)
+                        rounds.run()
+                        check_hold(rounds)
+                    if rounds is None or len(rounds.kept) <= 1:
+                        run.weigh_model_error()
         except KeyboardInterrupt:
             if run.draft is None:
                 raise
             run.interrupted = True
         except OutOfTime:
             run.give_up()
-    return summarised(run)
+    return summarised(run, rounds.kept if rounds else ())
+
+
+def diagnose(
+    model: PlantModel,
+    records: Record | Spectra | Sequence[Record | Spectra],
+    *,
+    reference: str | None = None,
+    band: tuple[float, float] | None = None,
+    without: Collection[str] = (),
+    fast: bool = False,
+    time_s: float | None = None,
+    alpha: float = ALPHA,
+    settings: DecisionSettings = DEFAULTS,
+    on_step: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """Find the physical effects that are missing from a model: `diagnose_records` with this model.
+
+    Parameters
+    ----------
+    model : PlantModel
+        What is believed so far; its free parameters are fitted first. What it fixes stays fixed.
+    records, reference, band, without, fast, time_s, alpha, settings, on_step
+        As `diagnose_records`.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ValueError, InputError
+        As `gsid.fit_plant`.
+    """
+    check_plant(model)
+    return diagnose_records(
+        records,
+        model,
+        reference=reference,
+        band=band,
+        without=without,
+        fast=fast,
+        time_s=time_s,
+        alpha=alpha,
+        settings=settings,
+        on_step=on_step,
+    )

@@ -22,6 +22,8 @@ from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra, is_open, read_as
 from gsid.structure.start import start
 
+LINEAR_PARTS = {"damping", "spring", "delay", "lag", "mode", "hold"}
+
 
 @dataclass(frozen=True, eq=False)
 class Draft:
@@ -53,9 +55,11 @@ def draft(
     band: tuple[float, float] | None,
     without: Collection[str] = (),
     from_data: bool = False,
+    along: list[Spectra] | None = None,
     settings: DecisionSettings,
     on_step: Callable[[str], None],
     deadline: Deadline,
+    linear_rounds: int,
 ) -> Draft:
     """Rank the laws on a stack to which missing linear effects are added first.
 
@@ -64,7 +68,7 @@ def draft(
     measured : list of Spectra
     model : PlantModel
         Linear.
-    band, without, on_step
+    band, without, along, on_step
         As `first_stage`.
     from_data : bool
         Whether the values of the model were found from these records. If not, and the first stage leaves more
@@ -72,9 +76,12 @@ def draft(
     settings : DecisionSettings
     deadline : Deadline
         Time at which no further linear effect is added.
+    linear_rounds : int
+        Largest number of linear effects that are added.
     """
     added: list[tuple[str, ...]] = []
     how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
+    how["along"] = along
     first = stage = first_stage(measured, model, **how)
     if not from_data and not model.has_controller and _is_doubtful(stage, settings) and not deadline.is_over:
         how["values"] = _values_from_data(measured, model, band, on_step)
@@ -83,7 +90,7 @@ def draft(
             first = stage = first_stage(measured, model, **how)
     if is_open(measured) and stage.hold is not None:
         measured = read_as(measured, stage.hold)
-    while len(added) < settings.linear_rounds and _adds_linear(stage, settings):
+    while len(added) < linear_rounds and _adds_linear(stage, settings):
         best = stage.ranking[0]
         on_step(f"adding {best.effects[0]} to the linear part")
         named = stage.conclusion.effects
@@ -94,7 +101,9 @@ def draft(
             break
         added.append(named if best.effects[0] in named else best.effects)
         model = larger
-    return Draft(with_stack(model, stage.linear), stage, first, added)
+    labels = dict(model.labels())
+    own = {label: params for label, params in stage.linear.items() if label in labels}
+    return Draft(with_stack(model, own), stage, first, added)
 
 
 def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:
@@ -153,7 +162,7 @@ def is_linear(effect: str) -> bool:
     ----------
     effect : str
     """
-    return find(effect).linear_part in {"damping", "spring", "delay", "lag", "mode", "hold"}
+    return find(effect).linear_part in LINEAR_PARTS
 
 
 def with_stack(model: PlantModel, stack: dict[str, dict[str, float]]) -> PlantModel:

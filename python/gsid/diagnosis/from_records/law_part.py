@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsid.base.deadline import Deadline
-from gsid.diagnosis.from_records.draft import is_linear
+from gsid.diagnosis.from_records.draft import LINEAR_PARTS
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
@@ -23,7 +23,7 @@ def is_of_linear_part(effect: Effect) -> bool:
     ----------
     effect : Effect
     """
-    return effect.type.null_kind == "never" or is_linear(effect.id)
+    return effect.type.null_kind == "never" or effect.type.linear_part in LINEAR_PARTS
 
 
 def linear_only(model: PlantModel) -> PlantModel:
@@ -38,14 +38,16 @@ def linear_only(model: PlantModel) -> PlantModel:
 
 
 def missing_torque(
-    model: PlantModel, measured: Sequence[Spectra], band: tuple[float, float] | None
+    model: PlantModel, without: PlantModel, measured: Sequence[Spectra], band: tuple[float, float] | None
 ) -> tuple[TorqueResidual, TorqueResidual]:
-    """Torque missing from the linear part of a model with a law, and the same by the law.
+    """Torque missing from a model without the effects found, and the same by these effects.
 
     Parameters
     ----------
     model : PlantModel
-        Fitted, with a law.
+        Fitted, with the effects found.
+    without : PlantModel
+        The same without them.
     measured : sequence of Spectra
     band : (lo, hi) or None
         Hz.
@@ -55,9 +57,8 @@ def missing_torque(
     measured, by_law : TorqueResidual
         Along the motion of the model; the second is that of the model's own output.
     """
-    linear = linear_only(model)
     simulated = [replace(one, Y=one.Y - one.y + model.predict(one).Y) for one in measured]
-    both = [torque_residual(linear, each, band=band, along=model) for each in (list(measured), simulated)]
+    both = [torque_residual(without, each, band=band, along=model) for each in (list(measured), simulated)]
     return both[0], both[1]
 
 
@@ -88,3 +89,27 @@ def without_laws(measured: Sequence[Spectra], model: PlantModel, deadline: Deadl
         return both[0] - both[1]
 
     return [replace(one, Y=one.Y - by_laws(one)) for one in measured]
+
+
+def label_of(model: PlantModel, effect: str) -> str:
+    """Label of the effect that was added last with this id.
+
+    Parameters
+    ----------
+    model : PlantModel
+    effect : str
+    """
+    return next(label for label, one in reversed(list(model.labels())) if one.id == effect)
+
+
+def without(model: PlantModel, effects: Sequence[str]) -> PlantModel:
+    """A model without effects, of several with one id the one that was added last.
+
+    Parameters
+    ----------
+    model : PlantModel
+    effects : sequence of str
+    """
+    last = {label_of(model, effect) for effect in effects}
+    stays = [one for label, one in model.labels() if label not in last]
+    return replace(model, effects=stays, cov=None, cov_names=None, fit=None)

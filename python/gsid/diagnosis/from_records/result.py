@@ -1,4 +1,4 @@
-"""Result of the diagnosis from records."""
+"""Result of a diagnosis."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsid.diagnosis.from_records.law_part import missing_torque
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
-from gsid.plant.model import PlantModel
+from gsid.plant.model import PlantModel, transport_delay_s
 from gsid.spectrum.spectra import Spectra
 
 
@@ -54,8 +54,8 @@ class RankedLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RecordsDiagnosis(Plottable):
-    """Result of :func:`diagnose_records`.
+class Diagnosis(Plottable):
+    """Result of :func:`diagnose` and :func:`diagnose_records`.
 
     Attributes
     ----------
@@ -99,13 +99,22 @@ class RecordsDiagnosis(Plottable):
     band : (lo, hi) or None
         Hz.
     linear : PlantModel or None
-        The linear stack alone.
+        The linear stack alone, or the given model, fitted.
     law_model : PlantModel or None
         The stack with the law that is named or nearest.
+    without_law : PlantModel or None
+        The same without the effects found.
     interrupted : bool
         Whether the diagnosis was interrupted: this is the state that it had reached.
     ripple : Ripple or None
         Dominant period over the position of what the law leaves; None if none exceeds the others.
+    next_experiment : str
+        An experiment that would distinguish the members of a group; empty if each group has one member.
+    other_delay_s : float or None
+        The model's delay [s] under the other assumption of the hold; None where the hold is stated or there
+        is no delay, and without a given model.
+    remarks : list of str
+        What was not named because of the hold, and what more is left.
     """
 
     verdict: str
@@ -129,8 +138,12 @@ class RecordsDiagnosis(Plottable):
     band: tuple[float, float] | None = None
     linear: PlantModel | None = None
     law_model: PlantModel | None = None
+    without_law: PlantModel | None = None
     interrupted: bool = False
     ripple: Ripple | None = None
+    next_experiment: str = ""
+    other_delay_s: float | None = None
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def adequate(self) -> bool:
@@ -147,7 +160,8 @@ class RecordsDiagnosis(Plottable):
         """The verdict as a sentence."""
         if not self.ranking:
             return "No law was judged."
-        names = " or ".join(self.effects)
+        several = self.found if self.named and self.effects in self.found else [self.effects]
+        names = ", then ".join(" or ".join(effects) for effects in several)
         draft = "" if self.confirmed else "First draft, not confirmed by simulation: "
         if self.adequate:
             text = "these data show no missing effect."
@@ -171,6 +185,13 @@ class RecordsDiagnosis(Plottable):
             return ", only noise is left"
         return f", not explained: {_percent(self.unexplained_share)} of the misfit"
 
+    @property
+    def delay_hold_uncertainty_s(self) -> float | None:
+        """Difference of the delay between the two assumptions of the hold [s]; None if it is not known."""
+        if self.other_delay_s is None or self.model is None:
+            return None
+        return abs(transport_delay_s(self.model) - self.other_delay_s)
+
     def torque_residual(self) -> TorqueResidual:
         """Torque missing from the linear part, against rate, angle, command and time.
 
@@ -190,7 +211,7 @@ class RecordsDiagnosis(Plottable):
             No stack represents the data.
         """
         if self.law_model is not None:
-            return missing_torque(self.law_model, self.measured, self.band)
+            return missing_torque(self.law_model, self.without_law, self.measured, self.band)
         if self.linear is None:
             raise ValueError("no stack of effects represents the data: there is no missing torque")
         return torque_residual(self.linear, self.measured, band=self.band), None
@@ -198,7 +219,7 @@ class RecordsDiagnosis(Plottable):
     @property
     def notes(self) -> list[str]:
         """Reasons, what was assumed and what was not tried, as sentences."""
-        notes = list(self.reasons)
+        notes = [*self.reasons, *self.remarks]
         if self.ripple is not None:
             notes.append(self.ripple.sentence)
         if self.interrupted:
@@ -230,6 +251,7 @@ class RecordsDiagnosis(Plottable):
             "cost_per_dof_after", "hold", "hold_assumed", "assumed", "not_tried", "seconds", "notes",
             "interrupted",
         )  # fmt: skip
+        keys += ("delay_hold_uncertainty_s", "next_experiment")
         known = {key: getattr(self, key) for key in keys}
         share = None if self.unexplained_share is None else 1 - self.unexplained_share
         return known | {

@@ -24,8 +24,10 @@ from gsid.diagnosis.from_records.canonical import (
 )
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, draft, is_linear, null_cost
+from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.loop import identified_loop, referenced
+from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.ripple import Ripple, remaining_ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.short_list import short_list
@@ -39,15 +41,19 @@ from gsid.diagnosis.from_records.verdict import (
     by_first_stage,
     decide,
     is_simpler_of_angle,
+    n_parameters,
 )
-from gsid.greybox.fit import fit_plant
+from gsid.greybox.fit import fit_plant, require_motion
+from gsid.greybox.linear_start import linear_start
 from gsid.plant.effect import Effect
+from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import listed, spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 from gsid.structure.start import Start, start
 
+ALPHA = 0.05
 BIAS = "torque_bias"
 
 
@@ -61,14 +67,20 @@ class Run:
         band: tuple[float, float] | None,
         without: Collection[str],
         on_step: Callable[[str], None],
+        alpha: float = ALPHA,
     ) -> None:
-        self.deadline = deadline
+        self.deadline, self.alpha = deadline, alpha
         self.settings, self.band, self.without, self.on_step = settings, band, without, on_step
         self.seconds: dict[str, float] = {}
         self.not_tried: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.hold: str | None = None
         self.measured: list[Spectra] = []
-        self.judged: list[Spectra] = []  # without the part of the laws that a given model has
+        self.open: list[bool] = []  # whether each record states no hold
+        self.judged: list[Spectra] = []  # without the part of the laws that are known
         self.known: list[Effect] = []  # these laws
+        self.given: PlantModel | None = None
+        self.is_further = False  # a round beside effects that were found
         self.loop: Effect | None = None  # the controller of a closed loop
         self.by_reference: list[Spectra] = []  # its records, with the reference as the input
         self.start: Start | None = None
@@ -93,7 +105,7 @@ class Run:
         try:
             yield
         finally:
-            self.seconds[step] = time.perf_counter() - began
+            self.seconds[step] = self.seconds.get(step, 0.0) + time.perf_counter() - began
 
     def find_structure(
         self,
@@ -107,9 +119,11 @@ class Run:
             self.on_step("transforming the records")
             self.measured = spectra_of(records)
         require_motion_of_output(self.measured)
-        self.hold_assumed = is_open(self.measured)
+        self.hold_assumed, self.open = is_open(self.measured), [one.hold is None for one in self.measured]
         if model is not None:
-            self.take(model)
+            self.in_closed_loop = reference is not None
+            with self.timed("given model"):
+                self.take(model)
             return
         with self.timed("linear structure"):
             self.on_step("finding the linear structure")
@@ -153,15 +167,39 @@ class Run:
     def take(self, model: PlantModel) -> None:
         """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
         check_plant(model)
-        self.stack, self.judged = linear_only(model), self.measured
+        self.given, self.stack, self.judged = model, linear_only(model), self.measured
+        self.hold_assumed = self.hold_assumed and not model.has_controller
         laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
         if laws:
             self.on_step("fitting the given model by simulation")
+            model = linear_start(model, self.measured)
             fitted = fit_plant(model, self.measured, band=self.band, deadline=self.deadline)
+            require_motion(fitted)
             self.measured = read_as(self.measured, fitted.hold) if fitted.hold_assumed else self.measured
-            self.stack = linear_only(fitted.model)
-            self.judged = without_laws(self.measured, fitted.model, self.deadline)
-            self.known = [effect for effect in fitted.model.effects if not is_of_linear_part(effect)]
+            self.keep(fitted.model)
+
+    def keep(self, model: PlantModel) -> None:
+        """Judge what is missing beside a fitted model."""
+        self.stack = linear_only(model)
+        self.known = [effect for effect in model.effects if not is_of_linear_part(effect)]
+        self.judged = without_laws(self.measured, model, self.deadline) if self.known else self.measured
+
+    def beside(self, model: PlantModel, null: Simulated | None = None) -> Run:
+        """A further round: what is missing beside a fitted model, such as one with the effects found so far.
+
+        Parameters
+        ----------
+        model : PlantModel
+        null : Simulated, optional
+            Its fit.
+        """
+        run = Run(self.deadline, self.settings, self.band, self.without, self.on_step, self.alpha)
+        run.seconds, run.given, run.is_further = self.seconds, self.given, True
+        run.measured, run.open, run.hold_assumed = self.measured, self.open, self.hold_assumed
+        run.notes, run.not_tried = self.notes, self.not_tried
+        run.keep(model)
+        run.null = replace(null, effects=()) if null else None
+        return run
 
     @property
     def f_lo_hz(self) -> float:
@@ -177,6 +215,8 @@ class Run:
             self.try_resonant_stack()
         if is_open(self.measured) and self.draft.stage.hold is not None:
             self.measured = read_as(self.measured, self.draft.stage.hold)
+            self.judged = read_as(self.judged, self.draft.stage.hold)
+        self.hold = self.draft.stage.hold
         self.decision = by_first_stage(self.draft.stage)
 
     def give_up(self) -> None:
@@ -191,11 +231,13 @@ class Run:
             self.judged,
             stack,
             band=self.band,
-            without=self.without,
-            from_data=self.start is not None,
+            without={*self.without, *(effect.id for effect in self.known)},
+            from_data=self.start is not None or self.is_further,
+            along=self.measured if self.known else None,
             settings=self.settings,
             on_step=self.on_step,
             deadline=self.deadline,
+            linear_rounds=0 if self.given else self.settings.linear_rounds,
         )
 
     def try_resonant_stack(self) -> None:
@@ -224,7 +266,7 @@ class Run:
             return
         with self.timed("simulation"):
             fits = self.simulations()
-            self.null = fits.fit(pruned(self.draft.model, self.f_lo_hz, self.settings), ())
+            self.null = self.null or fits.fit(self.pruned(self.draft.model), ())
             if self.null is not None and self.draft.stage.conclusion.kind != "none":
                 self.fit_laws(fits)
             self.accept_noise()
@@ -235,7 +277,7 @@ class Run:
                     f"No law was fitted by simulation; {' or '.join(self.decision.effects)} is a first draft."
                 )
                 self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
-        self.not_tried |= fits.not_tried
+        self.not_tried.update(fits.not_tried)
 
     def accept_noise(self) -> None:
         """Nothing is missing where the simulated linear part leaves only noise and no law was worth a fit.
@@ -261,6 +303,10 @@ class Run:
             self.band = float(f_hz.min()), float(f_hz.max())
         self.measured, self.known = self.by_reference, [*self.known, self.loop]
         return True
+
+    def pruned(self, model: PlantModel) -> PlantModel:
+        """Without elements of the canonical stack that became zero; those of a given model stay."""
+        return model if self.given else pruned(model, self.f_lo_hz, self.settings)
 
     def simulations(self) -> Simulations:
         """Fits by simulation, with the time that is left."""
@@ -297,26 +343,72 @@ class Run:
         n_dof = max(stage.n_rows - n_free, 1)
         return max(p_value, float(special.chdtrc(n_dof, stage.cost_per_dof * n_dof)))
 
+    def conclude_without_law(self, null: Simulated) -> None:
+        """Adequate, or unknown, with another fit of the given model."""
+        self.null, self.laws, self.final = null, [], None
+        self.decision = Decision(ADEQUATE)
+        self.check_adequate()
+
     def check_adequate(self) -> None:
-        """Whether nothing is missing: with a given model, a linear effect that it lacks is."""
+        """Whether what the linear part, or the given model, leaves is noise."""
         p_value = self.noise_p_value
-        if p_value < self.settings.p_least:
+        if p_value < self.p_least:
             reason = f"What is left is larger than noise (p = {p_value:.2g}), and no law explains it."
             self.decision = Decision(UNKNOWN, (), (reason,))
-        elif self.start is None and self.draft.added:
-            self.decision = Decision(MISSING, self.draft.added[0])
+
+    @property
+    def p_least(self) -> float:
+        """Probability of noise below which something is missing though no law explains it.
+
+        A given model is a hypothesis that is tested. A structure that was selected from the data leaves a
+        little more than noise.
+        """
+        return self.alpha if self.given else self.settings.p_least
 
     def fit_laws(self, fits: Simulations) -> None:
         """The laws of the short list, and the verdict."""
         to_beat = None
-        for one in short_list(self.draft, self.f_lo_hz, self.settings):
+        for one in short_list(self.draft, self.pruned, self.settings):
             fitted = fits.fit(one.model, (one.effect,), to_beat)
             if fitted is not None:
                 self.laws.append(fitted)
                 to_beat = min(fitted.cost, to_beat or fitted.cost)
                 self.decide()
+        if self.given and self.given.has_controller:
+            self.fit_drive(fits)
         if self.laws:
             self.add_bias(fits)
+        is_noise = self.null is not None and self.noise_p_value >= self.alpha
+        if self.given and self.laws and is_noise and not self.is_significant:
+            self.decision, self.final = Decision(ADEQUATE), None
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the best law lowers the cost by more than the best of many laws does by chance."""
+        best = min(self.laws, key=lambda one: one.cost)
+        needed = n_parameters(best) * np.log(best.fit.n_dof) + self.settings.chance
+        return bool(self.null.cost - best.cost > needed)
+
+    def fit_drive(self, fits: Simulations) -> None:
+        """Laws of the drive inside a loop, which the first stage has no column for."""
+        for effect, model in drive_starts(self.null.fit, self.without):
+            fitted = fits.fit(model, (effect,), min((one.cost for one in self.laws), default=None))
+            self.not_tried.pop(effect, None)
+            if fitted is not None:
+                self.laws.append(fitted)
+                self.decide()
+
+    def fit_play(self) -> None:
+        """Play between motor and load, which the first stage has no column for."""
+        if BACKLASH in self.without or self.null is None or not may_have_play(self.null.model):
+            return
+        fits, least = self.simulations(), min((one.cost for one in self.laws), default=np.inf)
+        with self.timed("simulation"):
+            fitted = fits.fit_play(self.null.fit, self.given, least)
+        self.not_tried.update(fits.not_tried)
+        if fitted is not None:
+            self.laws.append(fitted)
+            self.decide()
 
     def weigh_model_error(self) -> None:
         """The values of the law with equal weights, and a ripple, where it leaves more than noise.

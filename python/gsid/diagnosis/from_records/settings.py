@@ -42,6 +42,12 @@ class DecisionSettings:
         Standard deviations below which an element may be zero.
     needed : float
         Rise of the cost at which an element is needed all the same: about ln n for one parameter.
+    effects_most : int
+        Effects that a given model may lack: each needs rounds of its own.
+    share_of_next : float
+        Share of the kept-out misfit that a law has to explain for a search beside it: the prototype's.
+    chance : float
+        Fall of the cost above ln n for each parameter that the best of many laws has by chance.
     structure_rounds : int
         Repetitions of the start without the law's part of the output: the second changes nothing in most
         trials.
@@ -75,6 +81,8 @@ class DecisionSettings:
     named_share, named_margin : float
         Least share of the misfit explained, kept out, and least ratio of what the best rival leaves, both by
         simulation, for a name where more than noise is left.
+    linear_share : float
+        Least share of a linear effect: nothing but noise should be left of it.
     named_lead : float
         Drop of the cost against the best rival that is as good as the margin where only noise is left: a weak
         effect has no large ratio.
@@ -106,6 +114,9 @@ class DecisionSettings:
     linear_fall: float = 0.25
     significant: float = 3.0
     needed: float = 8.0
+    effects_most: int = 3
+    share_of_next: float = 0.25
+    chance: float = 10.0
     structure_rounds: int = 2
     time_s: float = 60.0
     slice_steps: int = 4
@@ -123,6 +134,7 @@ class DecisionSettings:
     null_cost: float = 1.1
     named_share: float = 0.9
     named_margin: float = 6.0
+    linear_share: float = 0.995
     named_lead: float = 100.0
     nearest_share: float = 0.5
     nearest_scatter: float = 0.3

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from gsid.diagnosis.from_records.canonical import pruned
 from gsid.diagnosis.from_records.draft import Draft, is_linear, with_stack
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
-from gsid.diagnosis.missing_torque.stage import Ranked
+from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.effects.types import find
 from gsid.plant.model import PlantModel
 
@@ -21,7 +21,9 @@ class Candidate:
     model: PlantModel
 
 
-def short_list(draft: Draft, f_lo_hz: float, settings: DecisionSettings) -> list[Candidate]:
+def short_list(
+    draft: Draft, pruned: Callable[[PlantModel], PlantModel], settings: DecisionSettings
+) -> list[Candidate]:
     """The winner of the first stage, the best of another family, and relatives of the winner.
 
     The law that the winner becomes at one end of its shapes is always among them. Laws that explain too
@@ -30,10 +32,12 @@ def short_list(draft: Draft, f_lo_hz: float, settings: DecisionSettings) -> list
     Parameters
     ----------
     draft : Draft
-    f_lo_hz : float
-        Lowest line [Hz].
+    pruned : callable
+        Removes elements of a stack that became zero.
     settings : DecisionSettings
     """
+    if draft.stage.ranking[0].effects == (HOLD,):  # its images are its evidence
+        return [Candidate(HOLD, started(draft, draft.stage.ranking[0], pruned))]
     fitted = [one for one in draft.stage.ranking if one.share_kept_out >= settings.rival_share]
     if not fitted:
         return []
@@ -42,15 +46,15 @@ def short_list(draft: Draft, f_lo_hz: float, settings: DecisionSettings) -> list
     rivals = [one for one in fitted if _family(one) != own][: settings.rivals]
     members = [one for one in fitted[1:] if _family(one) == own][: settings.members]
     chosen = [winner, *rivals, *members]
-    listed = [Candidate(one.effects[0], started(draft, one, f_lo_hz, settings)) for one in chosen]
+    listed = [Candidate(one.effects[0], started(draft, one, pruned)) for one in chosen]
     simpler = find(winner.effects[0]).simpler
     if simpler and simpler not in [one.effect for one in listed]:
-        base = pruned(with_stack(draft.model, winner.linear), f_lo_hz, settings)
+        base = pruned(with_stack(draft.model, winner.linear))
         listed.append(Candidate(simpler, base.with_effect(simpler, winner.params)))
     return listed
 
 
-def started(draft: Draft, one: Ranked, f_lo_hz: float, settings: DecisionSettings) -> PlantModel:
+def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel]) -> PlantModel:
     """The linear stack with a law, at the values of the first stage.
 
     Parameters
@@ -58,10 +62,10 @@ def started(draft: Draft, one: Ranked, f_lo_hz: float, settings: DecisionSetting
     draft : Draft
     one : Ranked
         With its joint fit.
-    f_lo_hz, settings
+    pruned : callable
         As `short_list`.
     """
-    base = pruned(with_stack(draft.model, one.linear), f_lo_hz, settings)
+    base = pruned(with_stack(draft.model, one.linear))
     effect = one.effects[0]
     return base if is_linear(effect) else base.with_effect(effect, one.params)
 

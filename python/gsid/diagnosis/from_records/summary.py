@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING
 from gsid.diagnosis.from_records.confirm import Simulated
-from gsid.diagnosis.from_records.result import RankedLaw, RecordsDiagnosis
+from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
+from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.short_list import started
-from gsid.diagnosis.from_records.verdict import MISSING, Evidence
+from gsid.diagnosis.from_records.verdict import MISSING, Decision, Evidence
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
+from gsid.diagnosis.next_experiment import advice
+from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
@@ -18,42 +24,84 @@ if TYPE_CHECKING:
 NAN = float("nan")
 
 
-def summarised(run: Run) -> RecordsDiagnosis:
+def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
     """The result of a diagnosis in its present state.
 
     Parameters
     ----------
     run : Run
+        Of the linear structure from the data, or of the given model.
+    kept : sequence of Run
+        With a given model: one round for each effect found.
     """
     decision, draft = run.decision, run.draft
     stage = draft.stage if draft else None
     null = run.null.fit.cost_per_dof if run.null else stage.cost_per_dof if stage else NAN
-    model = _model(run)
-    return RecordsDiagnosis(
+    shown, final = (kept[0], kept[-1].final) if kept else (run, run.final)
+    if kept:
+        decision = _of_all(run, kept)
+    law_model = final.model if kept and final else _law_model(run)
+    found = [one.decision.effects for one in kept] or _found(run)
+    return Diagnosis(
         verdict=decision.verdict,
         effects=decision.effects,
         unexplained_share=decision.unexplained_share,
         confirmed=run.is_confirmed,
         reasons=decision.reasons,
-        ranking=_ranking(run),
-        found=_found(run),
-        model=model,
+        ranking=_ranking(shown),
+        found=found,
+        model=law_model if kept else _model(run),
         cost_per_dof=null,
-        cost_per_dof_after=_after(run, null),
+        cost_per_dof_after=final.fit.cost_per_dof if kept and final else _after(run, null),
         p_value=run.null.fit.noise_p_value if run.null else None,
         assumed=_assumed(run),
         not_tried=(dict(stage.not_tried) if stage else {}) | run.not_tried,
         seconds=run.seconds,
-        hold=stage.hold if stage else None,
+        hold=run.hold,
         hold_assumed=run.hold_assumed,
         names=[one.name for one in run.measured],
         measured=run.measured,
         band=run.band,
         linear=run.null.model if run.null else draft.model if draft else None,
-        law_model=_law_model(run),
+        law_model=law_model,
+        without_law=_without_law(run, kept, law_model),
+        next_experiment=_next_experiment(shown),
+        other_delay_s=_fit_of(run, final).other_delay_s if run.given and run.null else None,
+        remarks=run.notes,
         interrupted=run.interrupted,
         ripple=run.ripple,
     )
+
+
+def _of_all(run: Run, kept: Sequence[Run]) -> Decision:
+    """Verdict of several effects: each is missing."""
+    final, evidence = kept[-1].final, run.evidence(run.laws)
+    if final is None or len(kept) == 1:
+        return kept[0].decision
+    left = 1 - evidence.share(final) if evidence.excess(run.null) > 0 else None
+    return Decision(MISSING, kept[0].decision.effects, (), left)
+
+
+def _fit_of(run: Run, final: Simulated | None) -> PlantFit:
+    return final.fit if final and run.decision.verdict == MISSING else run.null.fit
+
+
+def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) -> PlantModel | None:
+    if law_model is None or run.given is None:
+        return law_model and linear_only(law_model)
+    effects = [one.final.effects[0] for one in kept if one.final] or run.decision.effects[:1]
+    return without(law_model, effects)
+
+
+def _next_experiment(run: Run) -> str:
+    """An experiment that distinguishes the first two members of the group."""
+    by_effect = {one.effects[0]: one.model for one in run.laws}
+    group = [effect for effect in run.decision.effects if effect in by_effect][:2]
+    if len(group) < 2 or run.interrupted:
+        return ""
+    largest = max(run.measured, key=lambda one: float(np.linalg.norm(one.u)))
+    with run.timed("next experiment"):
+        return advice(by_effect[group[0]], by_effect[group[1]], largest, (group[0], group[1]))
 
 
 def _law_model(run: Run) -> PlantModel | None:
@@ -63,7 +111,7 @@ def _law_model(run: Run) -> PlantModel | None:
     if run.final is not None:
         return run.final.model
     winner = run.draft.stage.ranking[0]
-    return None if winner.effects[0] == HOLD else started(run.draft, winner, run.f_lo_hz, run.settings)
+    return None if winner.effects[0] == HOLD else started(run.draft, winner, run.pruned)
 
 
 def _model(run: Run) -> PlantModel | None:
@@ -118,7 +166,7 @@ def _cost(one: RankedLaw) -> float:
 
 def _simulated(one: Simulated, evidence: Evidence) -> RankedLaw:
     stack = one.model.stack()
-    label = next(label for label in reversed(stack) if label.partition("#")[0] == one.effects[0])
+    label = label_of(one.model, one.effects[0])
     numbers = (one.fit.cost_per_dof, evidence.share(one), evidence.margin(one), one.scatter)
     confirmed = one.converged or (one.stalled and evidence.is_adequate(one))
     by = "simulation" if confirmed else "simulation, not converged"
@@ -140,7 +188,7 @@ def _assumed(run: Run) -> list[str]:
     else:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:
-        texts.append(f"the input was {MEANING[run.draft.stage.hold or 'zoh']}; to decide, {DECLARE}")
+        texts.append(f"the input was {MEANING[run.hold or 'zoh']}; to decide, {DECLARE}")
     if run.in_closed_loop and run.loop is not None:
         gains = ", ".join(f"{name} {param.value:.4g}" for name, param in run.loop.params.items())
         texts.append(f"the controller, found from reference, output and command: {run.loop.id} ({gains})")

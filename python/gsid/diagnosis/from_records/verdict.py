@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
@@ -306,6 +307,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
             f"The best other family leaves {margin:.2g} times as much, and its cost is {lead:.0f} higher: "
             "too little to exclude it."
         )
+    if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:
+        reasons.append(f"Nothing but noise should be left of a linear effect, but {1 - share:.2%} is.")
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.
     if not adequate and not is_steady(best, settings.named_scatter, settings):
         reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")

@@ -84,7 +84,7 @@ def _lines_of_motion(problem: Problem, r: Lines) -> np.ndarray:
 
 
 def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view: LinearView) -> Motion:
-    Y, variance = r.y[line], r.variance[line]
+    Y, variance = r.moved[line], r.variance[line]
     power = np.abs(Y) ** 2
     wiener = np.maximum(0.0, 1 - variance / np.where(power > 0, power, np.inf))
     U = r.u[line]
@@ -99,7 +99,7 @@ def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view
     period_s = r.spectra.period_samples / r.spectra.fs_hz
     n = next_fast_len(math.ceil(problem.settings.oversampling * line[-1]), real=True)
     step_s = period_s / n
-    mean = float(r.y[0].real) if problem.output_angle else 0.0
+    mean = float(r.moved[0].real) if problem.output_angle else 0.0
     signals = synthesis(np.array([angle, rate, s * rate, held]), line, n)
     side = np.empty(n)
     doubles = [ffi.from_buffer("double[]", np.ascontiguousarray(x)) for x in (signals[1], signals[2], side)]

@@ -51,6 +51,8 @@ class Lines:
         One period of the mean input.
     group : int
         Records of one group have the same lines, rate and hold, and so the same responses.
+    moved : (N/2 + 1,) complex ndarray
+        Mean output that the motion is taken from.
     """
 
     spectra: Spectra
@@ -63,6 +65,7 @@ class Lines:
     variance: np.ndarray
     command: np.ndarray
     group: int
+    moved: np.ndarray
 
     @property
     def f_hz(self) -> np.ndarray:
@@ -137,6 +140,9 @@ class Problem:
     settings : SearchSettings
     deadline : Deadline, optional
         Time at which the next evaluation raises OutOfTime.
+    along : sequence of Spectra, optional
+        Records whose output is that of the motion, where the part of known laws was subtracted from
+        `measured`.
 
     Attributes
     ----------
@@ -151,6 +157,7 @@ class Problem:
         band: tuple[float, float] | None,
         settings: SearchSettings,
         deadline: Deadline | None = None,
+        along: Sequence[Spectra] | None = None,
     ) -> None:
         self.settings, self.deadline = settings, deadline or Deadline()
         self.has_model_error = False
@@ -159,7 +166,8 @@ class Problem:
         self.closed_loop = model.has_controller
         kinds: list[tuple] = []
         self.records: list[Lines] = []
-        for one, (variance, dof) in zip(measured, pooled_variance(measured), strict=True):
+        moved = [one.y for one in along or measured]
+        for one, y, (variance, dof) in zip(measured, moved, pooled_variance(measured), strict=True):
             variance = (
                 variance * dof / max(dof - 1, 1)
             )  # the mean of 1 / variance is then that of the true one
@@ -168,7 +176,7 @@ class Problem:
             kind = (one.fs_hz, one.period_samples, one.hold, np.flatnonzero(used).tobytes())
             if kind not in kinds:
                 kinds.append(kind)
-            self.records.append(_lines(one, np.flatnonzero(used), variance, kinds.index(kind)))
+            self.records.append(_lines(one, np.flatnonzero(used), variance, kinds.index(kind), y))
         self.n_groups = len(kinds)
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
@@ -380,11 +388,11 @@ class Problem:
         return [r.U for r in self.records]
 
 
-def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int) -> Lines:
+def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int, moved: np.ndarray) -> Lines:
     mean_variance = variance / one.n_periods
     weight = np.sqrt(2 / np.maximum(mean_variance[line], np.finfo(float).tiny))
     u, y = one.u, one.y
-    return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group)
+    return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group, moved)
 
 
 def torque_power(error: np.ndarray, noise: np.ndarray, entry: np.ndarray) -> float:

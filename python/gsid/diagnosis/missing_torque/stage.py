@@ -165,6 +165,7 @@ def first_stage(
     band: tuple[float, float] | None = None,
     without: Collection[str] = (),
     values: Stack | None = None,
+    along: Sequence[Spectra] | None = None,
     settings: SearchSettings = DEFAULTS,
     on_step: Callable[[str], None] = lambda text: None,
     deadline: Deadline | None = None,
@@ -184,6 +185,9 @@ def first_stage(
     values : dict of dict of float, optional
         Another linear stack, {effect: {parameter: value}}: fits of the linear part begin from its values as
         well, and effects that only this stack has are fitted whatever the scan finds.
+    along : sequence of Spectra, optional
+        The same records as measured, where the part of known laws was subtracted from the output: the laws
+        act along this motion.
     settings : SearchSettings
     on_step : callable
         Called with a short description of each step before it starts.
@@ -214,7 +218,9 @@ def first_stage(
     on_step("fitting the linear part")
     given = linear_part(model)
     readings = ["zoh", "none"] if is_open(measured) and not model.has_controller else ["zoh"]
-    problems = [Problem(model, read_as(measured, reading), band, settings, deadline) for reading in readings]
+    problems = [
+        Problem(model, read_as(measured, reading), band, settings, deadline, along) for reading in readings
+    ]
     other = None if values is None else with_values_of(given, values)
     nulls = [(problem, fit_null(problem, given, other)) for problem in problems]
     clock.take("linear part")

@@ -1,0 +1,91 @@
+"""Records that do not state their hold: an effect has to be missing under both assumptions.
+
+A lag, a delay, a sensor that is sampled and held, or a mode above the band can imitate a hold. Such an effect
+is named only if it is also missing under the other assumption, beside all other effects found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gsid.base.hold import DECLARE, MEANING, other_reading
+from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.law_part import without
+from gsid.diagnosis.from_records.rounds import Rounds
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.verdict import n_parameters
+from gsid.greybox.fit import as_assumed
+from gsid.greybox.linear_start import linear_start
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+STAND_IN = {"motor_lag", "sensor_lag", "transport_delay", "sensor_sample_hold", "flexible_mode"}
+
+
+def check_hold(rounds: Rounds) -> None:
+    """Drop effects that are missing under one assumption only, and note the delay under the other; in place.
+
+    Parameters
+    ----------
+    rounds : Rounds
+        Of records that may not state their hold, under the likelier assumption.
+    """
+    run, final = rounds.first, rounds.final or rounds.first.null
+    if not run.hold_assumed or run.hold is None or final is None:
+        return
+    doubtful = [one for one in rounds.kept if STAND_IN & set(one.decision.effects)]
+    other_hold = other_reading(run.hold)
+    if doubtful:
+        plain = _fit(run, without(final.model, _names(doubtful)), other_hold)
+        if plain is not None and plain.cost - final.cost < _price(doubtful):
+            run.notes.append(_note(doubtful, other_hold))
+            run.measured, run.hold = _read(run, other_hold), other_hold
+            rounds.drop(doubtful, plain)
+            final, other_hold = plain, other_reading(other_hold)
+    whole = _fit(run, final.model, other_hold)
+    for one in [one for one in doubtful if one in rounds.kept]:
+        if _is_missing(run, one, final, whole, other_hold):
+            continue
+        smaller = _fit(run, without(final.model, _names([one])), run.hold)
+        if smaller is not None:
+            run.notes.append(_note([one], other_hold))
+            rounds.drop([one], smaller)
+            final = smaller
+    as_assumed(final.fit, whole.fit if whole else None)
+
+
+def _fit(run: Run, model: PlantModel, hold: str) -> Simulated | None:
+    """A model fitted under an assumption, from new starting values of its linear part."""
+    measured = _read(run, hold)
+    return replace(run.simulations(), measured=measured).fit(linear_start(model, measured), ())
+
+
+def _read(run: Run, hold: str) -> list[Spectra]:
+    """The records under an assumption; those that state their hold keep it."""
+    return [
+        replace(one, hold=hold) if was_open else one
+        for one, was_open in zip(run.measured, run.open, strict=True)
+    ]
+
+
+def _is_missing(run: Run, one: Run, final: Simulated, whole: Simulated | None, hold: str) -> bool:
+    part = _fit(run, without(final.model, _names([one])), hold)
+    return whole is not None and part is not None and part.cost - whole.cost >= _price([one])
+
+
+def _names(rounds: Sequence[Run]) -> list[str]:
+    return [one.final.effects[0] for one in rounds]
+
+
+def _price(rounds: Sequence[Run]) -> float:
+    """Fall of the cost that effects have by chance."""
+    each = [n_parameters(one.final) * np.log(one.final.fit.n_dof) + one.settings.chance for one in rounds]
+    return float(sum(each))
+
+
+def _note(rounds: Sequence[Run], hold: str) -> str:
+    names = " and ".join(" or ".join(one.decision.effects) for one in rounds)
+    return f"{names} is not missing if the input is {MEANING[hold]}, and so is not named: {DECLARE}."

@@ -1,0 +1,101 @@
+"""Fit by simulation of play between motor and load.
+
+The motor's position is not in the records, so that the first stage has no column for the play. Its starting
+values come from the response and from the measured motion of the load (`gsid.diagnosis.joint_start`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.joint_start import joint_starts
+from gsid.greybox.fit import PlantFit, fit_plant
+from gsid.plant.linear_response import BACKLASH
+from gsid.plant.model import PlantModel
+from gsid.spectrum.spectra import Spectra
+
+LOOK = 3  # iterations of the first fit, which decides whether it is continued
+FURTHER = 15  # iterations of the last one
+ALONE = 10  # iterations of the fit of one record
+WALLS = 3  # restarts from one record
+FORGIVEN = 0.5  # share of the cost without play: a fit that leaves more is not restarted
+SAME = 10.0  # fall of the cost by which a restart has to be better
+NOISE = 0.05  # p-value of noise at which a fit needs no restart
+
+
+def may_have_play(model: PlantModel) -> bool:
+    """Whether play can be added to a model: it has a body and no play yet.
+
+    Parameters
+    ----------
+    model : PlantModel
+    """
+    effects = {effect.id for effect in model.effects}
+    return "rigid_body" in effects and BACKLASH not in effects
+
+
+def fit_play(
+    null: PlantFit,
+    given: PlantModel,
+    measured: Sequence[Spectra],
+    band: tuple[float, float] | None,
+    beaten: float,
+    deadline: Deadline,
+) -> PlantFit | None:
+    """Fit a model with play; None if play does not improve the response.
+
+    The fit is completed only if its first iterations reach a lower cost than all other laws.
+
+    Parameters
+    ----------
+    null : PlantFit
+        Fit without play.
+    given : PlantModel
+        The model before any fit.
+    measured : sequence of Spectra
+    band : (lo, hi) or None
+        Hz.
+    beaten : float
+        Least cost of the other laws.
+    deadline : Deadline
+    """
+    for start, _ in joint_starts(null, given):
+        fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
+        if fit.cost < FORGIVEN * null.cost:
+            fit = _beyond_the_walls(fit, measured, band, deadline)
+        if fit.cost < beaten and not fit.converged:
+            fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
+        return fit
+    return None
+
+
+def _beyond_the_walls(
+    fit: PlantFit, measured: Sequence[Spectra], band: tuple[float, float] | None, deadline: Deadline
+) -> PlantFit:
+    """Fit one record alone, then add the other records one at a time.
+
+    The cost of a record has a steep step wherever the number of collisions changes, and such a step stops the
+    fit. The steps of different records lie at different values, so that the cost of a single record has the
+    fewest steps.
+    """
+    n_records = len(measured)
+    for _ in range(WALLS if n_records > 1 else 0):
+        if fit.noise_p_value > NOISE or deadline.is_over:
+            break
+        try:
+            alone = [
+                fit_plant(fit.model, one, band=band, max_iter=ALONE, deadline=deadline) for one in measured
+            ]
+            order = sorted(range(n_records), key=lambda i: alone[i].cost_per_dof)
+            further = alone[order[0]]
+            for n in range(2, n_records + 1):
+                chosen = [measured[i] for i in sorted(order[:n])]
+                further = fit_plant(further.model, chosen, band=band, max_iter=ALONE, deadline=deadline)
+        except (GsidError, InputError, OutOfTime):
+            break
+        if further.cost > fit.cost - SAME:
+            break
+        fit = further
+    return fit
