@@ -24,7 +24,8 @@ typedef enum {
     GSID_LINEAR_HOLD = 7,     /* (1 - exp(-s T)) / (s T), T = 1 / value[0]; 0: 1 */
     GSID_LINEAR_MODE = 8,     /* value[2] s / (s^2 + 2 value[1] w0 s + w0^2), w0 = 2 pi value[0], beside the rigid body */
     GSID_LINEAR_BACKLASH = 9, /* spring value[1] with damper value[3] between load and motor, inertia value[2] */
-    GSID_LINEAR_LOOP = 10     /* command = value[1] (value[0] (reference - angle) - rate), the rate over value[3] samples */
+    GSID_LINEAR_LOOP = 10,    /* command = value[1] (value[0] (reference - angle) - rate), the rate over value[3] samples */
+    GSID_LINEAR_DYNAMICS = 11 /* torque = (value[0] s + value[1]) / (s^2 + value[2] s + value[3]) rate */
 } gsid_linear_part;
 
 /* What the points of a grid are shares of. */

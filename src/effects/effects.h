@@ -37,6 +37,7 @@
     X(gear_backlash)                                                                                                   \
     X(torque_bias)                                                                                                     \
     X(flexible_mode)                                                                                                   \
+    X(internal_dynamics)                                                                                               \
     X(sensor_lag)                                                                                                      \
     X(sensor_sample_hold)                                                                                              \
     X(periodic_disturbance)

@@ -457,7 +457,7 @@ static int is_listed(const char *list) {
 
 static void descriptors_are_complete(void **state) {
     (void)state;
-    assert_int_equal(gsid_n_catalogue, 25);
+    assert_int_equal(gsid_n_catalogue, 26);
     for (uint32_t i = 0; i < gsid_n_catalogue; i++) {
         const gsid_effect *e = gsid_catalogue[i];
         assert_ptr_equal(gsid_catalogue_find(e->id), e);

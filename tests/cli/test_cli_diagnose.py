@@ -225,13 +225,29 @@ def test_misuse_of_add(gsid, arguments, code, words):
     assert "hint: " in result.err
 
 
-def test_a_transfer_function_has_no_effects(gsid):
-    RationalModel([80.0], [1.0, 50.0]).save("rational.json")
+def test_a_transfer_function_without_a_unit_is_neither_rate_nor_angle(gsid):
+    RationalModel([80.0], [1.0, 50.0], fs_hz=1000.0).save("rational.json")
     for verb in (["diagnose"], ["add", "coulomb_friction", "-o", "two.json"]):
         result = gsid(*verb, "--model", "rational.json", "r0.npz")
         assert result.code == 3
-        assert "has no physical effects" in result.err
-        assert "`gsid effects`" in result.err
+        assert "names neither" in result.err
+        assert '"output": "rate"' in result.err
+
+
+def test_laws_are_added_to_a_transfer_function(gsid):
+    """Its response becomes a stack with the same response, and the law's torque acts through it."""
+    fs_hz = read_record("r0.npz").fs_hz
+    RationalModel([7.4, 74.0], [1.0, 21.0, 170.0], fs_hz=fs_hz, y_unit="deg/s").save("rational.json")
+    result = gsid("add", "coulomb_friction", "--model", "rational.json", "r0.npz", "-o", "two.json")
+    assert result.code == 0, result.err
+    found = PlantModel.load("two.json")
+    assert [effect.id for effect in found.effects] == [
+        "rigid_body",
+        "viscous_friction",
+        "internal_dynamics",
+        "coulomb_friction",
+    ]
+    assert gsid("compare", "--model", "two.json", "r0.npz").code in (0, 1)
 
 
 def test_report(gsid):

@@ -56,6 +56,10 @@ CLOSED_FORMS = {
         {"f_hz": 60.0, "zeta": 0.02, "residue": 0.3},
         G + GAIN * HOLD * 0.3 * S / (S**2 + 2 * 0.02 * W0 * S + W0**2),
     ),
+    "internal_dynamics": (
+        {"b1": 30.0, "b0": 5e4, "a1": 8.0, "a0": 1.5e4},
+        GAIN * S / (BODY + S * (30.0 * S + 5e4) / (S**2 + 8.0 * S + 1.5e4)) * HOLD,
+    ),
     # Two bodies: r s p = gain u - T, (s + rate + stiffness / s) w = T, T = joint (p - w).
     "gear_backlash": (
         GEAR,
@@ -123,6 +127,10 @@ def test_what_is_fitted_to_the_linear_response():
         "flexible_mode.f_hz",
         "flexible_mode.zeta",
         "flexible_mode.residue",
+        "internal_dynamics.a0",
+        "internal_dynamics.a1",
+        "internal_dynamics.b0",
+        "internal_dynamics.b1",
         "gear_backlash.stiffness",
         "gear_backlash.damping",
     } == LINEAR
@@ -156,7 +164,12 @@ def test_an_effect_is_in_the_axis_wholly_or_not_at_all():
 
 def test_what_the_search_leaves_out():
     """One more effect in the search changes every diagnosis, and needs its rates measured anew."""
-    assert {"position_velocity_loop", "periodic_disturbance", "quadratic_spring"} == NOT_SEARCHED
+    assert {
+        "position_velocity_loop",
+        "periodic_disturbance",
+        "quadratic_spring",
+        "internal_dynamics",
+    } == NOT_SEARCHED
     assert {"mass_unbalance", "motor_cogging"} == TURNS_ONLY
     assert SIMPLER == {
         "bouc_wen": "presliding_friction",

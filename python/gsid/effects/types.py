@@ -45,6 +45,7 @@ LINEAR_PARTS = {
     lib.GSID_LINEAR_MODE: "mode",
     lib.GSID_LINEAR_BACKLASH: "backlash",
     lib.GSID_LINEAR_LOOP: "loop",
+    lib.GSID_LINEAR_DYNAMICS: "dynamics",
 }
 SPACINGS = {
     lib.GSID_SPACING_GEOMETRIC: "geometric",

@@ -88,7 +88,7 @@ def linear_view(
     pendulum = sum(level * np.cos(np.radians(angle_deg)) for level, angle_deg in parts["pendulum"])
     transmitted, reaction = _gear(parts, s)
     springs = (spring + pendulum * radians_per_unit) / s
-    body = 1 / _nonzero(s + _sum(parts["damping"]) + springs + reaction)
+    body = 1 / _nonzero(s + _sum(parts["damping"]) + springs + reaction + _dynamics(parts, s))
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
     actuator = actuator * np.exp(-s * _sum(parts["delay"]))
     actuator = actuator * (hold_factor(f, fs_hz) if held else 1.0)
@@ -138,6 +138,13 @@ def _gear(parts: Parts, s: np.ndarray) -> tuple[np.ndarray | float, np.ndarray |
     _, stiffness, inertia_ratio, damping = parts["backlash"][0]
     spring, motor = stiffness / s + damping, inertia_ratio * s
     return spring / (motor + spring), spring * motor / (motor + spring)
+
+
+def _dynamics(parts: Parts, s: np.ndarray) -> np.ndarray | float:
+    """Torque per rate of the internal dynamics."""
+    return sum(
+        ((b1 * s + b0) / _nonzero(s**2 + a1 * s + a0) for b1, b0, a1, a0 in parts["dynamics"]), start=0.0
+    )
 
 
 def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:

@@ -13,6 +13,22 @@ RADIANS = {"deg": math.pi / 180, "rad": 1.0, "m": 1.0}
 # Units of outputs that a plant can have. A record in another unit (counts, V) is accepted.
 OUTPUTS = {unit + per for unit in RADIANS for per in ("", "/s")}
 
+KIND_OF_UNIT = (("/s^2", "acceleration"), ("/s2", "acceleration"), ("/s", "rate"))
+"""Endings of units of y that name what it is."""
+
+
+def kind_of_unit(unit: str) -> str | None:
+    """What y is by its unit; None where the unit does not tell.
+
+    Parameters
+    ----------
+    unit : str
+    """
+    for ending, kind in KIND_OF_UNIT:
+        if unit.endswith(ending):
+            return kind
+    return "angle" if unit in {*RADIANS, "mm", "um", "mrad"} else None
+
 
 class WithUnits(Protocol):
     """A model that names the units of its input and output."""

@@ -20,7 +20,7 @@ from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import OUTPUTS as OF_PLANTS
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS
+from gsid.plant.units import RADIANS, kind_of_unit
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_response
 from gsid.response.total_variance import TotalVariance
@@ -32,9 +32,6 @@ from gsid.structure.readings import first_fits
 from gsid.structure.select import Selection, rescored, select
 from gsid.structure.settings import StructureSettings
 from gsid.structure.stack import Stack, as_rational, as_stack
-
-KIND_OF_UNIT = (("/s^2", "acceleration"), ("/s2", "acceleration"), ("/s", "rate"))
-"""Endings of units of y that name what it is."""
 
 OTHERS = 4
 """Likely structures that are listed as ambiguous, at most."""
@@ -330,14 +327,6 @@ def _deviances(found: dict[str, _Found], measured: TotalVariance) -> dict[str, f
     names = ("relative_error", "correlation", "scale")
     common = {name: max(getattr(one.selection, name) for one in found.values()) for name in names}
     return {hold: 2 * rescored(one.selection, measured, **common) for hold, one in found.items()}
-
-
-def kind_of_unit(unit: str) -> str | None:
-    """What y is by its unit; None where the unit does not tell."""
-    for ending, kind in KIND_OF_UNIT:
-        if unit.endswith(ending):
-            return kind
-    return "angle" if unit in {*RADIANS, "mm", "um", "mrad"} else None
 
 
 def _described(

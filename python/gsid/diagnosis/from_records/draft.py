@@ -83,7 +83,8 @@ def draft(
     how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
     how["along"] = along
     first = stage = first_stage(measured, model, **how)
-    if not from_data and not model.has_controller and _is_doubtful(stage, settings) and not deadline.is_over:
+    by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
+    if not from_data and by_effects and _is_doubtful(stage, settings) and not deadline.is_over:
         how["values"] = _values_from_data(measured, model, band, on_step)
     if how.get("values") is not None:
         with in_time():
