@@ -185,7 +185,7 @@ def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.
         ffi.from_buffer("double[]", out),
     )
     check(status, f"torque of {law.name}")
-    return np.clip(np.nan_to_num(out), -ENDLESS, ENDLESS)
+    return np.clip(np.nan_to_num(out, copy=False), -ENDLESS, ENDLESS, out=out)
 
 
 def dissipated(law: Law, shapes: np.ndarray, motion: Motion, radians: float) -> np.ndarray:

@@ -259,6 +259,7 @@ def _neighbours(points: np.ndarray, best: np.ndarray) -> np.ndarray:
 
 
 LIKELY = 12  # steps of rounding whose gain is computed
+TOGETHER = 10  # steps of rounding in one array, which stays in the cache
 
 
 def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -277,7 +278,7 @@ def _likely_steps(scan: Scan, law: Law, steps: np.ndarray, error: np.ndarray) ->
         whole = np.zeros(r.spectra.period_samples // 2 + 1, complex)
         whole[r.line] = wanted.conj()
         asked = np.fft.irfft(whole, r.spectra.period_samples)
-        for some in np.array_split(np.arange(len(steps)), max(len(steps) // 50, 1)):
+        for some in np.array_split(np.arange(len(steps)), max(len(steps) // TOGETHER, 1)):
             total[some] += (mapped(law, steps[some], r.command) - r.command) @ asked
     likeness = -total / steps[:, 0]
     return np.sort(steps[np.argsort(likeness)[-LIKELY:]], axis=0)
