@@ -18,3 +18,8 @@ from-records-study: all $(TRUTH) ## how often the diagnosis from records is righ
 missing-linear-study: all $(TRUTH) ## how often a linear effect that a model lacks is named, into docs/explanation/missing_torque.md (two hours; resumes; SEED=5300 N=100)
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/missing_linear_study.py --folder $(BUILD)/missing_linear \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--trials $(N)) --processes 2 --page docs/explanation/missing_torque.md
+
+.PHONY: diagnosis-settings-study
+diagnosis-settings-study: all $(TRUTH) ## which verdicts change if a constant of the diagnosis is halved or doubled, into docs/explanation/from_records.md (half an hour; resumes)
+	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/settings_sweep.py \
+	    --results $(BUILD)/diagnosis_settings.jsonl --page docs/explanation/from_records.md

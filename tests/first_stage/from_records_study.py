@@ -80,17 +80,17 @@ def work(task: study_pool.Task, n_done: int) -> Iterator[tuple[str, Row]]:
     """
     seed, kind, index, starts = task
     trial = hard.make_hard(seed, index, kind)
-    records = [_record(u, y) for u, y in trial.records]
+    records = [record_of(u, y) for u, y in trial.records]
     hidden = [effect["id"] for effect in trial.key["effects"]]
     for start, is_removed in _parts(kind, hidden, starts.split())[n_done:]:
         row = {"seed": seed, "index": index, "kind": "removed" if is_removed else kind, "start": start}
         row |= {"hidden": hidden, "drop": sum(trial.key["predicted_drop"])}
         yield "begin", row
-        out = _family_of(hidden[0]) if is_removed else ()
+        out = family_of(hidden[0]) if is_removed else ()
         yield "row", row | _answer(trial, records, start, out)
 
 
-def _record(u: np.ndarray, y: np.ndarray) -> gsid.Record:
+def record_of(u: np.ndarray, y: np.ndarray) -> gsid.Record:
     return gsid.Record(u, y, FS_HZ, N, 0, u_unit="command", y_unit="deg/s", hold="zoh")
 
 
@@ -102,7 +102,7 @@ def _parts(kind: str, hidden: Sequence[str], starts: Sequence[str]) -> list[tupl
     return parts
 
 
-def _family_of(effect: str) -> set[str]:
+def family_of(effect: str) -> set[str]:
     return {one.id for one in catalogue().values() if family(one) == family(find(effect))}
 
 
@@ -231,7 +231,7 @@ def described(row: Row) -> str:
 # ---- the table -------------------------------------------------------------------------------------
 
 
-def _markdown(head: Sequence[str], lines: Iterable[Sequence[object]]) -> list[str]:
+def markdown(head: Sequence[str], lines: Iterable[Sequence[object]]) -> list[str]:
     return [
         "| " + " | ".join(head) + " |",
         "|---" * len(head) + "|",
@@ -264,7 +264,7 @@ def _verdicts(rows: Sequence[Row]) -> list[str]:
         lines += [_counts(title, STARTS[start], part) for start, part in used.items()]
         if len(used) > 1:
             lines.append(_counts(title, "all", some))
-    return _markdown(["trials", "start", "n", *COLUMNS], lines)
+    return markdown(["trials", "start", "n", *COLUMNS], lines)
 
 
 def _figure(text: str, hits: Iterable[bool], limit: str) -> list[str]:
@@ -297,7 +297,7 @@ def _figures(rows: Sequence[Row]) -> list[str]:
             "5 % in the interval",
         ),
     ]
-    return _markdown(["figure", "count", "share", "95 % interval", "limit"], lines)
+    return markdown(["figure", "count", "share", "95 % interval", "limit"], lines)
 
 
 def _by_seed(rows: Sequence[Row]) -> list[str]:
@@ -313,7 +313,7 @@ def _by_seed(rows: Sequence[Row]) -> list[str]:
     seeds = sorted({row["seed"] for row in rows})
     lines = [line(seed, [row for row in rows if row["seed"] == seed]) for seed in seeds]
     head = ["seed", f"right, drop >= {CLEAR:g}", "singles wrong", "taken out wrong", "nulls named"]
-    return _markdown(head, [*lines, line("all", rows)])
+    return markdown(head, [*lines, line("all", rows)])
 
 
 def _by_effect(rows: Sequence[Row]) -> list[str]:
@@ -322,7 +322,7 @@ def _by_effect(rows: Sequence[Row]) -> list[str]:
     lines = [
         _counts(f"`{effect}`", "all", [r for r in clear if r["hidden"][0] == effect]) for effect in effects
     ]
-    return _markdown(["effect", "n", *COLUMNS], [[line[0], *line[2:]] for line in lines])
+    return markdown(["effect", "n", *COLUMNS], [[line[0], *line[2:]] for line in lines])
 
 
 def _times(rows: Sequence[Row]) -> list[str]:
@@ -338,7 +338,7 @@ def _times(rows: Sequence[Row]) -> list[str]:
         for step, times in steps.items()
         if times
     ]
-    return _markdown(["step", "n", "median s", "95 % s", "worst s"], lines)
+    return markdown(["step", "n", "median s", "95 % s", "worst s"], lines)
 
 
 def table(rows: Sequence[Row], command: str) -> str:
