@@ -23,3 +23,9 @@ missing-linear-study: all $(TRUTH) ## how often a linear effect that a model lac
 diagnosis-settings-study: all $(TRUTH) ## which verdicts change if a constant of the diagnosis is halved or doubled, into docs/explanation/from_records.md (half an hour; resumes)
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/settings_sweep.py \
 	    --results $(BUILD)/diagnosis_settings.jsonl --page docs/explanation/from_records.md
+
+.PHONY: measured-subsets
+measured-subsets: all ## the diagnosis of random subsets of the measured records, into docs/explanation/from_records.md (half an hour; resumes; SEED=... N=...)
+	PYTHONPATH=tests/first_stage:tests nice -n 10 $(PY) tests/first_stage/measured_subsets.py \
+	    --results $(BUILD)/measured_subsets.jsonl $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
+	    $(if $(filter-out file,$(origin N)),--n $(N)) --page docs/explanation/from_records.md

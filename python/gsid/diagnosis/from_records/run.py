@@ -444,8 +444,9 @@ class Run:
 
     def evidence(self, laws: Sequence[Simulated] | None = None) -> Evidence:
         """What the verdict is made from."""
-        beaten_by = self.draft.stage.conclusion.beaten_by
-        return Evidence(self.null, laws or self.laws, beaten_by, self.settings)
+        drafted = self.draft.stage.conclusion
+        rivals = drafted.beaten_by, self.settings, drafted.taken_over_by
+        return Evidence(self.null, laws or self.laws, *rivals)
 
     def add_bias(self, fits: Simulations) -> None:
         """A constant torque beside each law that it helps, where the best leaves more than noise.

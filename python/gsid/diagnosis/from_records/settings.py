@@ -97,6 +97,9 @@ class DecisionSettings:
         Largest scatter of the law's coefficient over realisations, or in standard errors.
     worse : float
         Drop of the cost [noise units] by which a law with more parameters has to be better per parameter.
+    member_ratio : float
+        What a simpler law of the family has to leave, kept out, over what the best leaves, to be worse where
+        a model error is left.
     worse_share : float
         The same as a share of the cost that is left: where a model error is left, a smaller difference does
         not decide.
@@ -143,6 +146,7 @@ class DecisionSettings:
     named_scatter: float = 0.06
     scatter_errors: float = 2.5
     worse: float = 12.0
+    member_ratio: float = 2.0
     worse_share: float = 0.1
 
 

@@ -16,6 +16,7 @@ from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
+from gsid.diagnosis.missing_torque.conclusion import taken_over
 from gsid.diagnosis.missing_torque.stage import FirstStage
 from gsid.effects.types import find
 
@@ -57,12 +58,15 @@ class Evidence:
     beaten_by : tuple of str
         Laws from outside the catalogue that explained more than the best one in the first stage.
     settings : DecisionSettings
+    taken_over_by : tuple of str
+        Free functions that explained most of what the best law left in the first stage.
     """
 
     null: Simulated
     laws: Sequence[Simulated]
     beaten_by: tuple[str, ...]
     settings: DecisionSettings
+    taken_over_by: tuple[str, ...] = ()
 
     @property
     def has_model_error(self) -> bool:
@@ -160,10 +164,16 @@ class Evidence:
     def is_worse(self, one: Simulated, best: Simulated) -> bool:
         """Whether a law is significantly worse than the best of its family.
 
+        Where a model error is left, a simpler law is worse only if it leaves twice as much: what shapes
+        with more parameters take of the error is no evidence for them.
+
         Parameters
         ----------
         one, best : Simulated
         """
+        simpler = n_parameters(one) < n_parameters(best)
+        if self.has_model_error and simpler and one.kept < self.settings.member_ratio * best.kept:
+            return False
         scale = max(best.cost / best.fit.n_dof, 1.0)
         share = 0.0 if self.is_adequate(best) else self.settings.worse_share * best.fit.n_dof
         return (one.cost - best.cost) / scale > self.settings.worse + share
@@ -316,6 +326,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     if unknown and not adequate:
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
     reasons += [f"{law} explains more, and is not in the catalogue." for law in evidence.beaten_by]
+    if not adequate:  # else it was an error of the measured motion
+        reasons += [taken_over(name) for name in evidence.taken_over_by]
     n_periods = best.fit.records[0].spectra.n_periods
     clear = evidence.null.fit.cost_per_dof >= settings.clear_misfit
     if len(best.fit.records) == 1 and n_periods < settings.periods_least and not clear:

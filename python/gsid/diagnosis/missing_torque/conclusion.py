@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsid.diagnosis.missing_torque.free_functions import FreeFunction
 from gsid.diagnosis.missing_torque.ranking import Candidate
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 
@@ -30,12 +31,15 @@ class Conclusion:
         What kept a law from being named, one sentence each.
     beaten_by : tuple of str
         Laws from outside the catalogue that explain more.
+    taken_over_by : tuple of str
+        Free functions beside the law that explain much of what it leaves.
     """
 
     kind: str
     effects: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     beaten_by: tuple[str, ...] = ()
+    taken_over_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,7 @@ def conclude(
     enlarged: Sequence[Candidate],
     misfit: Misfit,
     settings: SearchSettings,
+    free: Sequence[FreeFunction] = (),
 ) -> Conclusion:
     """Judge the best law.
 
@@ -187,6 +192,8 @@ def conclude(
         Refitted rivals from outside the catalogue.
     misfit : Misfit
     settings : SearchSettings
+    free : sequence of FreeFunction
+        Free functions beside the best law, with the weights of noise.
     """
     gain = misfit.cost - min([best.cost, *(one.cost for one in enlarged)])
     needed = best.n_parameters * math.log(misfit.n_rows) + settings.null_gain
@@ -195,14 +202,37 @@ def conclude(
     share = misfit.share(best.kept)
     reasons = _against(best, rivals, enlarged, misfit, settings)
     beaten = tuple(one.name for one in enlarged if one.cost < best.cost - settings.enlarged_gain)
+    taken = tuple(one.name for one in free if _takes_over(one, best, misfit, settings))
+    reasons += [taken_over(name) for name in taken]
     if best.kept > settings.verdict_cost or share < settings.nearest_share or gain < needed:
-        return Conclusion("unknown", (), tuple(reasons), beaten)
+        return Conclusion("unknown", (), tuple(reasons), beaten, taken)
     if not reasons:
         return Conclusion("named", (best.name, *equals(best, rivals, misfit, settings)))
     if beaten or not _steady(best, settings.nearest_scatter, settings):
-        return Conclusion("unknown", (), tuple(reasons), beaten)
+        return Conclusion("unknown", (), tuple(reasons), beaten, taken)
     effects = (best.name, *equals(best, rivals, misfit, settings))
-    return Conclusion("nearest", effects, tuple(reasons))
+    return Conclusion("nearest", effects, tuple(reasons), (), taken)
+
+
+def taken_over(name: str) -> str:
+    """Sentence on a free function that explains most of what a law leaves.
+
+    Parameters
+    ----------
+    name : str
+        What it is a function of.
+    """
+    return f"A free function, {name}, explains much of what it leaves: another law of that kind."
+
+
+def _takes_over(one: FreeFunction, best: Candidate, misfit: Misfit, settings: SearchSettings) -> bool:
+    """Whether a free function explains so much of what the law leaves that the law is another one."""
+    least = settings.free_share_of_error if misfit.has_model_error else settings.free_share
+    if one.family != best.family or (misfit.has_model_error and one.family != "position"):
+        return False  # beside friction a second effect that is missing looks like that
+    large = one.of_misfit > settings.free_least and one.price > settings.free_price
+    clear = one.price > settings.free_clear_price
+    return one.share > least and (large or clear)
 
 
 def _against(

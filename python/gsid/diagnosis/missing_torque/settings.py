@@ -66,6 +66,9 @@ class SearchSettings:
     passes : int
         Joint fits with the motion and the shape taken again: the second changes the cost by some percent, a
         third by less than noise.
+    offset_step : float
+        Largest change of an unknown mean angle in a pass, as a share of the travel: the law's slope holds no
+        farther.
     stuck : float
         Rate below which an axis with dry friction may stick, in standard deviations of its measured rate; its
         sign is noise there.
@@ -98,6 +101,19 @@ class SearchSettings:
         Least share and largest scatter of a nearest law.
     enlarged_gain : float
         Drop of the cost by which an enlarged law, a rival from outside the catalogue, must not beat a name.
+    free_functions : int
+        Splines of a free function over the travel, the rates or the commands: rivals from outside the
+        catalogue with a width of a tenth of the range.
+    free_share, free_share_of_error : float
+        Share of what a law leaves above noise that a free function of its coordinate must not explain; the
+        second where a model error is left, which resembles such functions (measured records: up to 0.6).
+    free_least : float
+        Share of the misfit without the law that a free function has to explain to be a rival: errors of the
+        measured motion, which grow with the law, reach 0.8 % beside true cogging.
+    free_price, free_clear_price : float
+        Least drop of the cost for a free function, in ln n for each of its numbers. In the blind trials it is
+        0.5 at most beside true laws, and 4.5 beside a magnet that snaps. Above the second, any share of the
+        misfit is enough: beside true cogging in little noise it reaches 3.9.
     member_gain : float
         Drop of the cost that a law with more parameters needs against a simpler one of its family.
     member_share : float
@@ -135,6 +151,7 @@ class SearchSettings:
     n_refitted: int = 5
     family_share: float = 0.02
     passes: int = 2
+    offset_step: float = 0.1
     stuck: float = 4.0
     named_share: float = 0.9
     named_margin: float = 6.0
@@ -149,6 +166,12 @@ class SearchSettings:
     nearest_share: float = 0.5
     nearest_scatter: float = 0.3
     enlarged_gain: float = 6.0
+    free_functions: int = 12
+    free_share: float = 0.25
+    free_share_of_error: float = 0.9
+    free_least: float = 0.01
+    free_price: float = 1.5
+    free_clear_price: float = 6.0
     member_gain: float = 12.0
     member_share: float = 0.002
     member_cost: float = 1.3

@@ -14,6 +14,7 @@ from gsid.base.errors import InputError
 from gsid.base.threads import in_parallel
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
+from gsid.diagnosis.missing_torque.free_functions import FreeFunction, beside
 from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.motion import Motion, motions
@@ -231,12 +232,13 @@ def first_stage(
     by_noise = one = min(found, key=lambda each: each.best.kept)
     conclusion = UNDECIDED
     with in_time():
-        conclusion = _concluded(one)
+        free = beside(one.problem, one.null, one.best)
+        conclusion = _concluded(one, free)
         clock.take("enlarged laws")
         if conclusion.kind != "named" and one.best.kept > settings.model_error:
             on_step("fitting with the weights of what is left")
             weighted = _with_model_error(one, model, without)
-            conclusion = _concluded(weighted)
+            conclusion = _concluded(weighted, free)
             one = weighted
             clock.take("model error")
     rest = sorted((each for each in one.refitted if each is not one.best), key=lambda each: each.kept)
@@ -323,9 +325,9 @@ def _fitted(
     return _Fitted(problem, null, given, values, before, moved, candidates, refitted, misfit, best, too_late)
 
 
-def _concluded(one: _Fitted) -> Conclusion:
+def _concluded(one: _Fitted, free: Sequence[FreeFunction]) -> Conclusion:
     enlarged = _enlarged(one.problem, one.null, one.moved, one.best, one.given)
-    return conclude(one.best, one.refitted, enlarged, one.misfit, one.problem.settings)
+    return conclude(one.best, one.refitted, enlarged, one.misfit, one.problem.settings, free)
 
 
 def _hold(problem: Problem) -> str | None:
@@ -391,7 +393,7 @@ def _with_hold(rest: Conclusion) -> Conclusion:
     """Sample and hold is named by its images; what is missing beside it is for the next round."""
     beside = " or ".join(rest.effects) or "an unknown effect"
     reasons = () if rest.kind == "none" else (f"Beside it: {beside} ({rest.kind}).",)
-    return Conclusion("named", (HOLD,), reasons, rest.beaten_by)
+    return Conclusion("named", (HOLD,), reasons, rest.beaten_by, rest.taken_over_by)
 
 
 def _ranked_hold(before: LinearFit, held: LinearFit, misfit: Misfit, kept: float) -> Ranked:
