@@ -11,7 +11,7 @@ from gsid.greybox.fit import fit_plant
 from gsid.plant.periodic import PeriodicPlant
 
 SEED = 20261122
-LATE_S = 1.0  # a sample of a stiff model, and a busy computer
+LATE_S = 1.0  # a sample of a stiff model; on a busy computer the processor time counts
 
 
 @pytest.fixture(scope="module")
@@ -33,10 +33,11 @@ def good():
 
 def test_a_simulation_within_a_fit_is_stopped_at_the_deadline(record):
     """A bug: a fit of a stiff model went on for minutes after the budget of its search."""
-    begin = time.perf_counter()
+    begin = time.perf_counter(), time.process_time()
     with Deadline(0.5) as deadline, pytest.raises(OutOfTime):
         fit_plant(stiff(), record, deadline=deadline)
-    assert time.perf_counter() - begin < 0.5 + LATE_S
+    now = time.perf_counter(), time.process_time()
+    assert min(at - then for at, then in zip(now, begin, strict=True)) < 0.5 + LATE_S
 
 
 def test_a_fit_out_of_time_has_the_best_values_so_far(record, monkeypatch):

@@ -139,7 +139,9 @@ class Run:
                 reason = "No linear structure represents the data: the search for one failed numerically."
                 self.decision = Decision(UNKNOWN, (), (reason,))
                 return
-        if not self.start.has_model:
+        if not self.start.has_model and self.deadline.is_over:
+            self.give_up()
+        elif not self.start.has_model:
             self.decision = Decision(UNKNOWN, (), (_why_no_stack(self.start),))
         else:
             self.stack = canonical_stack(self.start.model(), self.f_lo_hz, self.settings)
