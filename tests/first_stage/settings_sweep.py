@@ -65,6 +65,7 @@ DECIDING = (  # what `decide` reads
     "scatter_errors",
     "worse",
     "worse_share",
+    "member_ratio",
     "linear_share",
     "clear_misfit",
     "much_left",
