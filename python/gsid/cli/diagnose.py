@@ -32,6 +32,7 @@ from gsid.cli.output import (
     print_message,
     print_parameters,
     print_table,
+    steps_shown,
     suggest,
 )
 
@@ -109,7 +110,7 @@ def diagnose(
     from gsid.models.load import load_plant
 
     model = load_plant(model_path) if model_path else None
-    with options_as_arguments():
+    with options_as_arguments(), steps_shown() as on_step:
         found = diagnose_records(
             read(records),
             model,
@@ -119,7 +120,7 @@ def diagnose(
             fast=fast,
             time_s=time_s,
             alpha=alpha,
-            on_step=lambda text: print_message(f"-- {text}"),
+            on_step=on_step,
         )
     before = _compared(found)
     note_assumed_hold(model is not None and found.hold_assumed, found.hold, found.other_delay_s)

@@ -85,6 +85,19 @@ def working(text: str) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def steps_shown() -> Iterator[Callable[[str], None]]:
+    """Show the steps of a long command: one line each, or the present one while stderr is a terminal."""
+    if not is_terminal(sys.stderr):
+        yield lambda text: print_message(f"-- {text}")
+        return
+    from rich.console import Console
+    from rich.text import Text
+
+    with Console(stderr=True).status("") as status:
+        yield lambda text: status.update(Text(text))
+
+
 def print_json(values: dict) -> None:
     """Print one JSON object: arrays become lists, numbers that are not finite become null."""
     print(json.dumps(_plain(values), allow_nan=False))

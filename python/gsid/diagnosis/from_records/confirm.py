@@ -108,7 +108,7 @@ class Simulations:
         if self.deadline.is_over:
             self.not_tried[name] = "the time was over before its fit by simulation"
             return None
-        self.on_step(f"fitting {name} by simulation, {self.deadline.left_s:.0f} s left")
+        self.on_step(f"fitting {name} by simulation")
         model = self._completed(model)
         try:
             if not self._settles(model):
@@ -145,7 +145,7 @@ class Simulations:
         if self.deadline.is_over:
             self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
             return None
-        self.on_step(f"fitting {BACKLASH} by simulation, {self.deadline.left_s:.0f} s left")
+        self.on_step(f"fitting {BACKLASH} by simulation")
         try:
             fit = fit_play(null, given, self.measured, self.band, beaten, self.deadline)
         except OutOfTime:

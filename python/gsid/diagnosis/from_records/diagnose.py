@@ -20,6 +20,7 @@ from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import ALPHA, Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
+from gsid.diagnosis.from_records.steps import BEFORE_FITS, Steps
 from gsid.diagnosis.from_records.summary import summarised
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
@@ -65,7 +66,7 @@ def diagnose_records(
         what it leaves.
     settings : DecisionSettings
     on_step : callable
-        Called with a short description of each step before it starts.
+        Called with a short description of each step before it starts: its number, and the time left.
 
     Returns
     -------
@@ -92,7 +93,10 @@ def diagnose_records(
             reference = None
     rounds = None
     with Deadline(budget_s) as deadline:
-        run = Run(deadline, settings, band, without, on_step, alpha)
+        steps = Steps(on_step, deadline)
+        if fast:
+            steps.expect(BEFORE_FITS)
+        run = Run(deadline, settings, band, without, steps, alpha)
         try:
             run.find_structure(records, model, output, reference)
             if run.stack is not None:

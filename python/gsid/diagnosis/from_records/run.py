@@ -30,7 +30,8 @@ from gsid.diagnosis.from_records.loop import identified_loop, referenced
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.ripple import Ripple, remaining_ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.from_records.short_list import short_list
+from gsid.diagnosis.from_records.short_list import Candidate, short_list
+from gsid.diagnosis.from_records.steps import Steps
 from gsid.diagnosis.from_records.verdict import (
     ADEQUATE,
     MISSING,
@@ -70,7 +71,8 @@ class Run:
         alpha: float = ALPHA,
     ) -> None:
         self.deadline, self.alpha = deadline, alpha
-        self.settings, self.band, self.without, self.on_step = settings, band, without, on_step
+        self.settings, self.band, self.without = settings, band, without
+        self.on_step = on_step if isinstance(on_step, Steps) else Steps(on_step, deadline)
         self.seconds: dict[str, float] = {}
         self.not_tried: dict[str, str] = {}
         self.notes: list[str] = []
@@ -267,10 +269,12 @@ class Run:
         if self.in_closed_loop and not self.close_loop():
             return
         with self.timed("simulation"):
-            fits = self.simulations()
+            fits, missing = self.simulations(), self.draft.stage.conclusion.kind != "none"
+            listed = short_list(self.draft, self.pruned, self.settings) if missing else []
+            self.on_step.expect(len(listed) + (self.null is None))
             self.null = self.null or fits.fit(self.pruned(self.draft.model), ())
-            if self.null is not None and self.draft.stage.conclusion.kind != "none":
-                self.fit_laws(fits)
+            if self.null is not None and missing:
+                self.fit_laws(fits, listed)
             self.accept_noise()
             if self.null is not None and self.decision.verdict == ADEQUATE:
                 self.check_adequate()
@@ -367,10 +371,10 @@ class Run:
         """
         return self.alpha if self.given else self.settings.p_least
 
-    def fit_laws(self, fits: Simulations) -> None:
+    def fit_laws(self, fits: Simulations, listed: list[Candidate]) -> None:
         """The laws of the short list, and the verdict."""
         to_beat = None
-        for one in short_list(self.draft, self.pruned, self.settings):
+        for one in listed:
             fitted = fits.fit(one.model, (one.effect,), to_beat)
             if fitted is not None:
                 self.laws.append(fitted)

@@ -213,7 +213,6 @@ def first_stage(
         hint = "remove it from the model; a simulation is needed to judge laws beside it"
         raise InputError("the first stage has no model of play between motor and load", "", BACKLASH, hint)
     clock = _Clock()
-    on_step("transforming the records")
     measured = spectra_of(records)
     clock.take("spectra")
     on_step("fitting the linear part")
