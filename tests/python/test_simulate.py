@@ -6,7 +6,6 @@ from line import SESSION, frames_in, quiet_axis
 from scipy import signal
 
 from gsid.base.errors import GsidError, InputError
-from gsid.demo.missing import INITIAL_MODEL
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
@@ -74,6 +73,14 @@ def test_the_inner_azimuth_has_its_resonance():
     assert 10 < 20 * np.log10(g[1] / (g[0] * 60 / 179)) < 20
 
 
+LINEAR = {
+    "rigid_body": {"gain": "gain"},
+    "viscous_friction": {"rate": "viscous_rate"},
+    "cable_spring": {"stiffness": "spring_stiffness"},
+    "transport_delay": {"delay_s": "delay_s"},
+    "flexible_mode": {"f_hz": "mode_f_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
+    "sensor_lag": {"time_constant_s": "gyro_lag_s"},
+}  # parameters of the catalogue, and their names in the simulated axis
 SIZES = {"drive_saturation": {"limit": 60.0}}  # the typical one is above the excitation
 
 
@@ -85,7 +92,7 @@ def test_what_can_be_hidden_is_what_the_catalogue_means(effect):
     axis = quiet_axis(command_limit=0.0, **hidden_parameters(effect, SIZES.get(effect, {})))
     y = axis.step(np.tile(u, 9))[1][-3000:]  # settled to exp(-5.5 * 8) = 1e-19
     true = axis.parameters
-    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in INITIAL_MODEL.items()]
+    stack = [Effect(i, {n: Param(true[of]) for n, of in names.items()}) for i, names in LINEAR.items()]
     linear = PlantModel(3000, list(stack)).simulate(u).y
     stack.append(Effect(effect, {name: Param(true[of]) for name, of in HIDDEN[effect].items()}))
     plant = PlantModel(3000, stack).simulate(u)

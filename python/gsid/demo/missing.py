@@ -8,19 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
 from gsid.comparison import Comparison, compare
 from gsid.demo.axis import FS_HZ, PERIOD, Bench
 from gsid.demo.hidden import Hidden, draw
 from gsid.diagnosis.add import add
-from gsid.diagnosis.from_records.diagnose import diagnose
+from gsid.diagnosis.from_records.diagnose import diagnose_records
 from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.ladder import Ladder, ladder
 from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.report import Report, Truth
-from gsid.rig.axis import SimulatedAxis
 from gsid.spectrum.realisation import spectra
 from gsid.spectrum.spectra import Spectra
 
@@ -29,18 +30,8 @@ SHAPE_DB = -15.0  # per decade: springs and gravity only show where the axis tra
 BAND_HZ = (0.5, 194.5)
 PERIODS = 8  # not a multiple of 5, as in the first half
 FITTED, KEPT_OUT = 2, 2  # realisations of each level; the error on four kept out scatters by 4 % of the noise
-PARAMETER_ERROR = 0.05  # relative error of each parameter of the initial model
 FLOOR_RATIO = 1.1  # largest error on the records kept out, relative to noise alone
 
-# Initial model of the axis: parameters of the catalogue, and their names in the simulated axis.
-INITIAL_MODEL = {
-    "rigid_body": {"gain": "gain"},
-    "viscous_friction": {"rate": "viscous_rate"},
-    "cable_spring": {"stiffness": "spring_stiffness"},
-    "transport_delay": {"delay_s": "delay_s"},
-    "flexible_mode": {"f_hz": "mode_f_hz", "zeta": "mode_zeta", "residue": "mode_residue"},
-    "sensor_lag": {"time_constant_s": "gyro_lag_s"},
-}
 TURNS = {"phase_rad": 2 * np.pi, "angle_deg": 360.0}  # parameters that repeat
 
 
@@ -54,16 +45,19 @@ class Search:
         The answer, which the search did not use.
     fitted : list of Spectra
     comparison : Comparison
-        Comparison of the initial model, its parameters fitted, with the fitted records.
+        Comparison of the linear model, its parameters fitted, with the fitted records.
     diagnosis : Diagnosis
+    linear : PlantModel
+        Linear model that was found from the fitted records.
     model : PlantModel
-        Model with the effects found.
+        The same with the effects found.
     """
 
     hidden: Hidden
     fitted: list[Spectra]
     comparison: Comparison
     diagnosis: Diagnosis
+    linear: PlantModel
     model: PlantModel
 
     @property
@@ -156,12 +150,11 @@ def find_hidden_effect(bench: Bench, seed: int) -> Search:
     each = FITTED + KEPT_OUT
     fitted = [one for i, one in enumerate(measured) if i % each < FITTED]
     kept_out = [one for i, one in enumerate(measured) if i % each >= FITTED]
-    model = initial_model(seed)
-    model.save(bench.folder / "initial_model.json")
-    found = search(model, fitted, kept_out, bench.on_step)
-    found[-1].save(bench.folder / "found.json")
+    found = search(hidden, fitted, kept_out, bench.on_step)
+    found.linear.save(bench.folder / "initial_model.json")
+    found.model.save(bench.folder / "found.json")
     write_atomically(answer, lambda part: part.write_text(hidden.answer, encoding="utf-8"))
-    return Search(hidden, fitted, *found)
+    return found
 
 
 def excitations(seeds: Sequence[int]) -> list[Multisine]:
@@ -182,37 +175,25 @@ def excitations(seeds: Sequence[int]) -> list[Multisine]:
     ]
 
 
-def initial_model(seed: int) -> PlantModel:
-    """Model of the axis without the hidden effect, each parameter wrong by 5 %, with a random sign."""
-    rng = np.random.default_rng(seed)
-    true = SimulatedAxis().parameters
-    return PlantModel(
-        FS_HZ,
-        [
-            Effect(
-                id,
-                {
-                    name: Param(true[of] * (1 + PARAMETER_ERROR * rng.choice([-1, 1])))
-                    for name, of in names.items()
-                },
-            )
-            for id, names in INITIAL_MODEL.items()
-        ],
-        u_unit="command",
-        y_unit="deg/s",
-    )
-
-
 def search(
-    model: PlantModel, fitted: list[Spectra], kept_out: list[Spectra], on_step: Callable[[str], None]
-) -> tuple[Comparison, Diagnosis, PlantModel]:
-    """Compare, diagnose, and add the effects found; the records kept out are used for validation only."""
-    diagnosis = diagnose(model, fitted, on_step=lambda text: on_step(f"hidden: {text}"))
-    comparison = compare(diagnosis.linear, fitted, fitted=True)
+    hidden: Hidden, fitted: list[Spectra], kept_out: list[Spectra], on_step: Callable[[str], None]
+) -> Search:
+    """Diagnose, and add the effects found; the records kept out are used for validation only.
+
+    The search does not use the answer.
+    """
+    diagnosis = diagnose_records(fitted, on_step=lambda text: on_step(f"hidden: {text}"))
+    if diagnosis.linear is None:
+        raise InputError("no linear stack represents the records", "hidden", None, "take another --seed")
+    model = diagnosis.linear
+    for effect, *_ in diagnosis.found:  # a sensor that is sampled and held is in the linear stack
+        model = model.without_effect(effect)
+    linear = model
     for effect, *_ in diagnosis.found:
         on_step(f"hidden: adding {effect}")
         model = add(effect, model, fitted, held_out=kept_out).model
-    return comparison, diagnosis, model
+    comparison = compare(fit_plant(linear, fitted).model, fitted, fitted=True)
+    return Search(hidden, fitted, comparison, diagnosis, linear, model)
 
 
 def add_to(page: Report, found: Search) -> None:
@@ -220,9 +201,9 @@ def add_to(page: Report, found: Search) -> None:
     story = (
         f"One effect of the catalogue, chosen by seed {found.hidden.seed}, was hidden in the axis. The "
         f"answer was hashed before the measurement (SHA-256 {found.hidden.sha256} of the file hidden.json) "
-        "and is shown at the end of this page. The initial model has the linear parts of the axis, each "
-        f"parameter wrong by 5 %. It is fitted to {FITTED} records of each of {len(LEVELS)} levels; "
-        f"{KEPT_OUT} more of each are kept out for validation."
+        "and is shown at the end of this page. The search gets no model: the linear model is found from "
+        f"{FITTED} records of each of {len(LEVELS)} levels; {KEPT_OUT} more of each are kept out for "
+        "validation."
     )
     page.add_diagnosis(
         "hidden",
