@@ -176,7 +176,7 @@ def add(
                 "note: if these records were used to choose this effect, judge it on a new record: "
                 "--held-out NEW.csv"
             )
-        if is_stdout(output) or reference is not None:  # `diagnose --model` has no --r
+        if is_stdout(output):
             return
         suggest(
             f"{command_line('diagnose', '--model', output, records=records)} tests whether another is missing"
