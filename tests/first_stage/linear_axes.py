@@ -259,7 +259,8 @@ class _Noise:
         total += self.drift * rms * (walk - walk.mean()) / np.std(walk)
         periods = np.fft.rfft(total.reshape(n_periods, n), axis=1)
         power = np.mean(np.abs(periods - periods.mean(axis=0)) ** 2, axis=0) * n_periods / (n_periods - 1)
-        return total, np.sqrt(np.convolve(power, np.ones(31) / 31, "same"))
+        wide, narrow = (np.convolve(power, np.ones(k) / k, "same") for k in (31, 3))  # a drift is steep
+        return total, np.sqrt(np.maximum(wide, narrow))
 
 
 def refitted_cost(

@@ -14,6 +14,7 @@ from gsid.diagnosis.missing_torque.linear_fit import fit_null
 from gsid.diagnosis.missing_torque.other_start import lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as STAGE
+from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.spectrum.realisation import spectra_of
@@ -124,8 +125,14 @@ def test_the_structure_is_searched_only_where_the_linear_part_may_be_wrong(kind,
 
 def test_bug_a_law_without_a_shape_inside_its_bounds_stopped_the_scan():
     """Over a small travel, all cycles per turn that fit into it are beyond the bounds of cogging."""
-    trial = axes.drawn(1, "cable_spring", 0)
-    assert study.answer(trial, 5)["verdict"] != ""
+    model = PlantModel(FS_HZ, effects_of({"rigid_body": {"gain": 1.0}, "viscous_friction": {"rate": 5.0}}))
+    rng = np.random.default_rng(1)
+    u = np.fft.irfft(np.concatenate([[0], np.exp(2j * np.pi * rng.random(60)), np.zeros(440)]), 1000)
+    y = np.tile(model.simulate(1e-4 * u).y, 6)
+    y += 1e-2 * np.std(y) * rng.standard_normal(len(y))
+    found = first_stage(gsid.Record(np.tile(1e-4 * u, 6), y, FS_HZ, 1000, 0, hold="zoh"), model)
+    assert found.conclusion.kind == "none"
+    assert "motor_cogging" not in [one.effects[0] for one in found.ranking]
 
 
 def test_drawn_effects_are_clear_and_drawn_again_alike():
