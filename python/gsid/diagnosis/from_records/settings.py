@@ -57,7 +57,7 @@ class DecisionSettings:
         Iterations of a fit by simulation between two looks at the clock and at the rival's cost.
     slices, slices_of_rivals : int
         Most slices of the winner's fit and of the others: most fits of the trials need three. The first slice
-        is one iteration, which shows how long one takes.
+        is one iteration: a law that cannot catch up often shows it there.
     rival_share : float
         Least share kept out, by the first stage, of a law that is fitted by simulation: a law that explains
         less cannot catch up.
