@@ -11,6 +11,7 @@ import re
 
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators.operator import Operator
 from cosmic_ray.operators.provider import OperatorProvider
 from mutant import Mutant
 
@@ -46,10 +47,17 @@ def mutants(file: str, text: str) -> list[Mutant]:
         operator = provider[name]()
         places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
         for occurrence, (line, _) in enumerate(places):
-            changed = mutate_code(text, operator, occurrence)
+            changed = _mutated(text, operator, occurrence)
             if changed is not None and meaning(changed) not in (None, unchanged):
                 made.append(Mutant.of(file, line, name, text, changed))
     return made
+
+
+def _mutated(text: str, operator: Operator, occurrence: int) -> str | None:
+    try:
+        return mutate_code(text, operator, occurrence)
+    except AttributeError:  # an exception with a dotted name, which Cosmic Ray cannot replace
+        return None
 
 
 class _Bare(ast.NodeTransformer):

@@ -56,7 +56,16 @@ TESTS_OF = {  # of a part with tests of its own
         "tests/first_stage/test_verdict.py",
         "tests/first_stage/test_decisions.py",
         "tests/first_stage/test_steps.py",
-        "tests/first_stage/test_from_records.py",
+        *(
+            f"tests/first_stage/test_from_records.py::test_{name}"
+            for name in (
+                "coulomb_friction_is_named_from_the_records_alone",
+                "nothing_is_missing_where_nothing_is_hidden",
+                "a_fast_diagnosis_stops_at_the_first_draft",
+                "an_interrupted_diagnosis_gives_the_state_it_has_reached",
+                "a_structure_that_cannot_be_found_is_unknown",
+            )
+        ),
         "tests/python/test_missing_torque.py",
     ],
 }
