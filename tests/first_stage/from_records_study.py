@@ -16,7 +16,6 @@ import os
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # each process has one core
 
 import argparse
-import signal
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -402,7 +401,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     def on_done(task: study_pool.Task, rows: list[Row], left_s: float) -> None:
         print(*map(described, rows), f"  {left_s / 60:.0f} min left", sep="\n", flush=True)
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended as by Ctrl-C
     try:
         study_pool.run(
             work, wanted, args.results, bound_s=BOUND_S, n_processes=args.processes, on_done=on_done

@@ -15,7 +15,9 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import argparse
 import functools
+import inspect
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -27,6 +29,7 @@ from first_stage_study import put_into
 
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import settings as of_decision
+from gsid.diagnosis.from_records import verdict
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import Evidence, decide
 from gsid.diagnosis.missing_torque import settings as of_search
@@ -51,26 +54,13 @@ PROBLEMS = (
     (21711, "single", 16, True),
     (21710, "null", 2, False),
 )
-DECIDING = (  # what `decide` reads
-    "adequate",
-    "null_gain",
-    "null_cost",
-    "named_share",
-    "named_margin",
-    "named_lead",
-    "nearest_share",
-    "nearest_scatter",
-    "periods_least",
-    "named_scatter",
-    "scatter_errors",
-    "worse",
-    "worse_share",
-    "member_ratio",
-    "linear_share",
-    "clear_misfit",
-    "much_left",
-)
 SEARCH, DECISION = "search", "decision"
+
+
+def deciding() -> list[str]:
+    """Constants that the decision on fits by simulation reads."""
+    read = set(re.findall(r"settings\.(\w+)", inspect.getsource(verdict)))
+    return [field.name for field in fields(of_decision.DecisionSettings) if field.name in read]
 
 
 def changed(value: object, factor: float) -> object:
@@ -146,7 +136,7 @@ def work(task: study_pool.Task, n_done: int) -> Iterator[tuple[str, dict]]:
 
 def tasks() -> list[study_pool.Task]:
     """The default first, then each constant with each factor; those that cost least first."""
-    names = {DECISION: list(DECIDING), SEARCH: [field.name for field in fields(of_search.SearchSettings)]}
+    names = {DECISION: deciding(), SEARCH: [field.name for field in fields(of_search.SearchSettings)]}
     changes = [(group, name, factor) for group in names for name in names[group] for factor in FACTORS]
     return [(DECISION, "", 1.0), (SEARCH, "", 1.0), *changes]
 
@@ -164,10 +154,12 @@ def table(rows: Sequence[dict]) -> str:
         (SEARCH, "`SearchSettings`: the first stage", of_search.DEFAULTS),
         (DECISION, "`DecisionSettings`: the decision on fits by simulation", of_decision.DEFAULTS),
     ):
+        lines, silent, later = [], [], []
         default = by_task[group, "", 1.0]["verdicts"]
-        names = dict.fromkeys(name for of, name, _ in by_task if of == group and name)
-        lines, silent = [], []
-        for name in names:
+        for name in dict.fromkeys(name for of, name, _ in tasks() if of == group and name):
+            if not all((group, name, factor) in by_task for factor in FACTORS):
+                later.append(f"`{name}`")
+                continue
             cells = [_difference(by_task[group, name, factor], default) for factor in FACTORS]
             if any(cells):
                 lines.append([f"`{name}`", str(getattr(settings, name)), *(cell or "none" for cell in cells)])
@@ -175,7 +167,8 @@ def table(rows: Sequence[dict]) -> str:
                 silent.append(f"`{name}`")
         text += [f"{title}. Verdicts that change:", ""]
         text += study.markdown(["constant", "value", "halved", "doubled"], lines)
-        text += [f"In neither direction: {', '.join(silent)}.", ""]
+        text += [f"In neither direction: {', '.join(silent) or 'none'}.", ""]
+        text += [f"Not run yet: {', '.join(later)}.", ""] if later else []
     return "\n".join(text).rstrip()
 
 
@@ -206,13 +199,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--page", type=Path)
+    parser.add_argument("--known", action="store_true", help="the table of what is known, without a run")
     args = parser.parse_args(arguments)
 
     def on_done(task: study_pool.Task, rows: list, left_s: float) -> None:
         print(json.dumps(rows), f"{left_s / 60:.0f} min left", flush=True)
 
+    wanted = [] if args.known else tasks()
     study_pool.run(
-        work, tasks(), args.results, bound_s=study.BOUND_S, n_processes=args.processes, on_done=on_done
+        work, wanted, args.results, bound_s=study.BOUND_S, n_processes=args.processes, on_done=on_done
     )
     text = table([entry["rows"][0] for entry in study_pool.read_lines(args.results)])
     print(text)

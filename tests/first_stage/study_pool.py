@@ -139,6 +139,7 @@ def run(
     KeyboardInterrupt
         After its processes have ended; the file has all trials that were done.
     """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended as by Ctrl-C, with its processes
     done = {tuple(entry["task"]) for entry in read_lines(path)}
     left = [task for task in tasks if task not in done]
     waiting = list(reversed(left))
