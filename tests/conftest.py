@@ -1,6 +1,12 @@
-"""What all tests share: programs that a test starts obey signals, however the tests were started."""
+"""What all tests share: one thread for small matrices, and programs that a test starts obey signals.
 
+With more threads they wait for each other: some tests take five times the processor time on busy cores.
+"""
+
+import os
 import signal
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded
 
 
 def _ignore_here_alone(number, frame):
