@@ -54,7 +54,7 @@ def cogging(cycles, phase):
 
 # A cubic spring about another mean angle takes all but half a percent of it.
 NEARLY_CUBIC = {"a spring on one side": lambda a, w: np.maximum(a - 0.2, 0) ** 2}
-COGGING = {f"cogging {i}": cogging(cycles, 0.6 * i) for i, cycles in enumerate(np.geomspace(2.5, 12, 10))}
+COGGING = {f"cogging {i}": cogging(cycles, 0.6 * i) for i, cycles in enumerate(np.geomspace(6, 25, 10))}
 
 
 def commands(rng):
@@ -111,7 +111,7 @@ def conclusions():
     a_rms, w_rms = np.std(angle), np.std(rate)
     laws = FOREIGN | COGGING | NEARLY_CUBIC
     scaled = [lambda a, w, law=law: law(a / a_rms, w / w_rms) for law in laws.values()]
-    shares = rng.uniform(0.01, 0.03, len(laws))
+    shares = rng.uniform(0.01, 0.03, len(laws)) * [0.4 if name in COGGING else 1.0 for name in laws]
     sizes = [
         share * GAIN * np.std(u) / np.std(law(angle, rate)) for law, share in zip(scaled, shares, strict=True)
     ]

@@ -265,6 +265,8 @@ def _against(
         for one in enlarged
         if one.cost < best.cost - settings.enlarged_gain
     ]
+    if best.kept < settings.unconverged * best.cost / misfit.n_rows:
+        reasons.append("Its fit has not converged.")
     if best.kept > settings.verdict_cost:
         reasons.append(f"What is left has {best.kept:.3g} times the power of noise.")
     if 0 < misfit.n_periods < settings.periods_least and not misfit.has_model_error:

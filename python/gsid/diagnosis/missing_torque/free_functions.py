@@ -10,21 +10,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import rfft
 from scipy.interpolate import BSpline
 
 from gsid._lib import ffi
-from gsid.diagnosis.missing_torque.law_columns import Law
+from gsid.diagnosis.missing_torque.law_columns import Law, torques
 from gsid.diagnosis.missing_torque.linear_fit import LinearFit, basis, torque_columns
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.problem import Problem
 from gsid.diagnosis.missing_torque.ranking import Candidate
-from gsid.diagnosis.missing_torque.refit import MeanAngles, stuck
+from gsid.diagnosis.missing_torque.refit import stuck
 
 Signals = Callable[[Motion], np.ndarray]
+STEP_OF_ANGLE = 1e-3  # of the travel, of a derivative by the mean angle
 HARMONICS = (0.5, 2.0, 3.0, 4.0, 5.0)  # of a periodic law
 
 
@@ -67,10 +68,11 @@ def beside(problem: Problem, null: LinearFit, best: Candidate) -> list[FreeFunct
     if best.law is None:
         return []
     if best.law.is_command:
-        columns = {"the command": _of_command(problem, best)}
+        columns, shifts = {"the command": _of_command(problem, best)}, np.zeros((problem.n_rows, 0))
     else:
-        columns = _of_motion(problem, best, _motions_of(problem, best))
-    known = basis(best.fit.jacobian)
+        moved = _motions_of(problem, best)
+        columns, shifts = _of_motion(problem, best, moved), _of_mean_angles(problem, best, moved)
+    known = basis(np.hstack([best.fit.jacobian, shifts]))
     error = best.fit.error - known @ (known.T @ best.fit.error)
     n = problem.n_rows
     noise = n + 2 * math.sqrt(2 * n)  # with two standard deviations of a sum of n squares
@@ -87,7 +89,7 @@ def beside(problem: Problem, null: LinearFit, best: Candidate) -> list[FreeFunct
 
 def _motions_of(problem: Problem, best: Candidate) -> list[Motion]:
     """Motions of the law's own fit, with the direction of dry friction where the axis may stick."""
-    moved = MeanAngles(problem, best.law, best.offsets).applied(motions(problem, best.fit.part))
+    moved = motions(problem, best.fit.part)
     if best.law.effect.c.holding == ffi.NULL or problem.closed_loop:
         return moved
     return [stuck(problem, best.law, best.shape, best.coefficients, motion) for motion in moved]
@@ -147,10 +149,29 @@ def _columns(
     return torque_columns(problem, best.fit.part, lines)
 
 
-def _without_linear(torques: np.ndarray, motion: Motion) -> np.ndarray:
-    """Torques without a spring and a damping along the measured motion, whose noise would explain itself."""
+def _of_mean_angles(problem: Problem, best: Candidate, moved: Sequence[Motion]) -> np.ndarray:
+    """(n_rows, n_records) columns of a shift of each record's mean angle, where the records do not show it.
+
+    A law that is not odd shifts the mean angle of an axis with a spring, in each record by another amount.
+    """
+    law, lines = best.law, []
+    if problem.output_angle or law.own_phases or not law.effect.c.looks_at_angle:
+        return np.zeros((problem.n_rows, 0))
+    for i, (r, motion) in enumerate(zip(problem.records, moved, strict=True)):
+        step = STEP_OF_ANGLE * float(np.ptp(motion.angle))
+        ends = [replace(motion, angle=motion.angle + side * step) for side in (1, -1)]
+        values = law.unit_values(best.shape)
+        more, less = (best.coefficients @ torques(law, values, end, problem.radians) for end in ends)
+        own = np.zeros((len(moved), len(r.line)), complex)
+        own[i] = motion.lines((more - less) / (2 * step), r.line)
+        lines.append(own)
+    return torque_columns(problem, best.fit.part, lines)
+
+
+def _without_linear(signals: np.ndarray, motion: Motion) -> np.ndarray:
+    """Signals without a spring and a damping along the measured motion, whose noise would explain itself."""
     linear = np.stack([np.ones(len(motion.angle)), motion.angle, motion.rate])
-    return torques - np.linalg.lstsq(linear.T, torques.T, rcond=None)[0].T @ linear
+    return signals - np.linalg.lstsq(linear.T, signals.T, rcond=None)[0].T @ linear
 
 
 def _of_command(problem: Problem, best: Candidate) -> np.ndarray:

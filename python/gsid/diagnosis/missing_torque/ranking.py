@@ -61,8 +61,6 @@ class Candidate:
         Of the joint fit, and their standard errors.
     scatter, scatter_error : float
         Scatter of the coefficient over realisations, relative to it, and what noise makes of it.
-    offsets : (n_records,) ndarray
-        Mean angle of each record, where the records do not show it and the law depends on it; else empty.
     """
 
     name: str
@@ -82,7 +80,6 @@ class Candidate:
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scatter: float = np.inf
     scatter_error: float = 0.0
-    offsets: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def along_motion(self) -> bool:

@@ -31,7 +31,6 @@ from gsid.diagnosis.missing_torque.ranking import (
     with_linear,
 )
 
-STEP_OF_ANGLE = 1e-3  # of the travel, of a derivative by the mean angle
 BOUND = 1e-3  # of the largest coefficient: a smaller one is at its bound
 
 
@@ -174,16 +173,9 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
         part, c = one.fit.part, one.fit.coefficients
         moved = motions(problem, part)
     best: tuple[LinearFit, Sequence[Motion], float] | None = None
-    offsets = MeanAngles(problem, law, one.offsets)
-    moved = offsets.applied(moved)
     for attempt in range(problem.settings.passes + 1):
         lines = [t[0] for t in torque_lines(law, one.shape[None, :], problem, moved)]
-        slopes = offsets.lines(one.shape, c, moved)
-        columns = [np.vstack(each) for each in zip(lines, slopes, strict=True)]
-        more = np.zeros(len(slopes[0]))
-        lower = np.concatenate([law.lower, more - np.inf])
-        fit = fit_linear_part(problem, part, torques=columns, first=np.concatenate([c, more]), lower=lower)
-        moves, fit = fit.coefficients[len(c) :], replace(fit, coefficients=fit.coefficients[: len(c)])
+        fit = fit_linear_part(problem, part, torques=lines, first=c, lower=law.lower)
         if len(law.shapes) > 1:
             fit = _with_shape(problem, one, replace(fit, shape=one.shape), moved)
             one.shape = fit.shape
@@ -192,8 +184,7 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
         if attempt == problem.settings.passes:
             break
         part, c = fit.part, fit.coefficients
-        offsets.move(moves, moved)
-        moved = offsets.applied(motions(problem, part))
+        moved = motions(problem, part)
         # In a closed loop the motor's torque is not in the record.
         if law.effect.c.holding != ffi.NULL and np.any(c != 0) and not problem.closed_loop:
             moved = [stuck(problem, law, one.shape, c, motion) for motion in moved]
@@ -206,7 +197,6 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
             one.gain = float(scan.torque_gains(law, one.shape[None, :], rest)[0][0])
             refine_shape(scan, one, rest)
     one.fit, moved, one.shape = best
-    one.offsets = offsets.values
     n = len(null.part.names)
     judged = one.fit.coefficients
     if law.own_phases:
@@ -223,72 +213,6 @@ def _refit_torque(problem: Problem, null: LinearFit, one: Candidate, moved: Sequ
         jacobian = np.hstack([jacobian, _shape_slopes(one, error_at)])
     kept = keep_out(problem, one.fit, jacobian, len(judged), judged, n)
     one.kept, one.scatter, one.scatter_error = kept
-
-
-class MeanAngles:
-    """Mean angles that a rate sensor does not show, one for each record, of a law that depends on the angle.
-
-    A law that is not odd shifts the mean angle of an axis with a spring, in each record by another amount;
-    without a spring the mean angle is unknown anyway. A law with phases of its own in each record needs none.
-
-    Parameters
-    ----------
-    problem : Problem
-    law : Law
-    values : (n_records,) ndarray
-        To begin with; empty: 0.
-    """
-
-    def __init__(self, problem: Problem, law: Law, values: np.ndarray) -> None:
-        depends = bool(law.effect.c.looks_at_angle) and not problem.output_angle and not law.own_phases
-        self.problem, self.law = problem, law
-        n = len(problem.records) if depends else 0
-        self.values = values if len(values) == n else np.zeros(n)
-
-    def applied(self, moved: Sequence[Motion]) -> list[Motion]:
-        """Motions with these mean angles.
-
-        Parameters
-        ----------
-        moved : sequence of Motion
-            With a mean angle of 0.
-        """
-        if not len(self.values):
-            return list(moved)
-        return [replace(m, angle=m.angle + v) for m, v in zip(moved, self.values, strict=True)]
-
-    def lines(self, shape: np.ndarray, c: np.ndarray, moved: Sequence[Motion]) -> list[np.ndarray]:
-        """Derivative of the law's lines by the mean angle of each record, (n, K) of each.
-
-        Parameters
-        ----------
-        shape : (d,) ndarray
-        c : (c,) ndarray
-        moved : sequence of Motion
-        """
-        n, found = len(self.values), []
-        for i, (r, motion) in enumerate(zip(self.problem.records, moved, strict=True)):
-            columns = np.zeros((n, len(r.line)), complex)
-            if n:
-                step = STEP_OF_ANGLE * float(np.ptp(motion.angle))
-                ends = [replace(motion, angle=motion.angle + side * step) for side in (1, -1)]
-                values = self.law.unit_values(shape)
-                more, less = (c @ torques(self.law, values, end, self.problem.radians) for end in ends)
-                columns[i] = motion.lines((more - less) / (2 * step), r.line)
-            found.append(columns)
-        return found
-
-    def move(self, moves: np.ndarray, moved: Sequence[Motion]) -> None:
-        """Add to the mean angles, at most a share of the travel.
-
-        Parameters
-        ----------
-        moves : (n,) ndarray
-        moved : sequence of Motion
-        """
-        if len(self.values):
-            most = self.problem.settings.offset_step * np.array([np.ptp(m.angle) for m in moved])
-            self.values = self.values + np.clip(moves, -most, most)
 
 
 def _with_one_level(fit: LinearFit, first: int) -> tuple[LinearFit, float]:

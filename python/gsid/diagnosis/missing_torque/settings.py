@@ -66,9 +66,6 @@ class SearchSettings:
     passes : int
         Joint fits with the motion and the shape taken again: the second changes the cost by some percent, a
         third by less than noise.
-    offset_step : float
-        Largest change of an unknown mean angle in a pass, as a share of the travel: the law's slope holds no
-        farther.
     stuck : float
         Rate below which an axis with dry friction may stick, in standard deviations of its measured rate; its
         sign is noise there.
@@ -127,6 +124,9 @@ class SearchSettings:
         Cost per degree of freedom up to which nothing may be missing.
     verdict_cost : float
         Kept-out cost above which no law is named: the linear part itself is wrong there.
+    unconverged : float
+        Kept-out cost over the cost per number below which a fit has not converged: the linearised fits to all
+        but one realisation predict that one better than it was fitted.
     periods_least : int
         Fewest periods of a single record for a name: its thirds have two periods each.
     """
@@ -151,7 +151,6 @@ class SearchSettings:
     n_refitted: int = 5
     family_share: float = 0.02
     passes: int = 2
-    offset_step: float = 0.1
     stuck: float = 4.0
     named_share: float = 0.9
     named_margin: float = 6.0
@@ -178,6 +177,7 @@ class SearchSettings:
     null_gain: float = 10.0
     null_cost: float = 1.1
     verdict_cost: float = 100.0
+    unconverged: float = 0.7
     periods_least: int = 6
 
 
