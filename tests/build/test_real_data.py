@@ -122,8 +122,8 @@ def test_what_the_bench_misses(page):
 
 
 @needs_time
-def test_bouc_wen_is_of_the_hysteresis_family(page):
-    """Named first, refused as the whole truth; the error falls in the band on the validation record."""
+def test_bouc_wen_is_named_with_its_parameters(page):
+    """From rough values; only noise is left, also on the validation record."""
     page("Bouc-Wen", "shell-session")
 
 
