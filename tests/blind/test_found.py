@@ -1,12 +1,15 @@
 """Blind trials with the tool itself, of effects that need a search of their own; more by `make blind`."""
 
+import math
+
 import numpy as np
 import pytest
 import score
 import trials
 import truth
 
-from gsid.diagnosis.candidates import SearchInput, fit_candidates
+from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records.play import fit_play
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
 from gsid.models.load import load_model
@@ -39,12 +42,12 @@ def test_a_large_backlash_is_fitted_past_its_walls(tmp_path):
     measured = [spectra(read_record(path)) for path in sorted(place.glob("fit_*.npz"))]
     null = load_model(place / "null.json")
     without = fit_plant(linear_start(null, measured), measured, max_iter=1)
-    (found,) = fit_candidates(
-        without, [], {}, SearchInput(null, measured, None, score.ALPHA, print)
-    )  # the gear only
+    found = fit_play(without, null, measured, None, math.inf, Deadline())
     truth_ratio = trial.key["effects"][0]["params"]["inertia_ratio"]
-    assert found.fit.cost_per_dof < 1.1  # 0.94 at the truth
-    assert abs(found.params["inertia_ratio"].value / truth_ratio - 1) < 0.01  # its deviation is 0.06 %
+    assert found.cost_per_dof < 1.1  # 0.94 at the truth
+    assert (
+        abs(found.model["gear_backlash.inertia_ratio"].value / truth_ratio - 1) < 0.01
+    )  # its deviation is 0.06 %
 
 
 def test_the_size_returned_is_the_one_that_was_judged(monkeypatch):

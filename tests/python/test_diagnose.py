@@ -10,7 +10,6 @@ from plants import plant
 from gsid.base.errors import InputError
 from gsid.diagnosis.from_records.diagnose import diagnose
 from gsid.diagnosis.next_experiment import next_experiment
-from gsid.diagnosis.probes import GRIDS, Trajectory, dahl_state, locked_rates, nominal_rates
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
@@ -20,7 +19,6 @@ from gsid.plant.linear_response import linear_view
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.rig.axis import SimulatedAxis
-from gsid.spectrum.lines import lines_of
 from gsid.spectrum.realisation import spectra
 from gsid.spectrum.spectra import Spectra
 
@@ -212,69 +210,6 @@ def test_linear_view_closes_the_loop(samples):
     exact = model.predict(one).Y[one.excited] / one.u[one.excited]
     view = linear_view(model.stack(), one.f_hz[one.excited], FS, output_angle=True)
     assert np.max(np.abs(view.command - exact)) < 2e-3 * np.max(np.abs(exact))
-
-
-@pytest.mark.parametrize("level", [0.01, 0.1])
-def test_a_probe_points_where_the_effect_leads(level):
-    """Coulomb friction added to the axis moves its output along the probe, by the level."""
-
-    def simulate(**changes):
-        u, y, angle = SimulatedAxis(**{**QUIET, **changes}).step(np.tile(command(3, 3.0), 8))
-        return u[-N:], y[-N:], angle[-N:]
-
-    u, y, angle = simulate()
-    f = np.arange(N // 2 + 1) * FS / N
-    view = linear_view(TRUTH, f, FS, radians_per_unit=np.pi / 180)
-    rate = np.gradient(np.tile(angle, 3), 1 / FS)[N : 2 * N]
-    responses = view.torque, view.change, view.direct
-    excited = (f > 0) & (f <= 195)
-    path = Trajectory(FS, u, angle, rate, y, f, excited, *responses, np.pi / 180, spare_delay_s=0.0)
-    use = (f > 0) & (f <= 195)
-    moved = (lines_of(simulate(coulomb_level=level)[1]) - lines_of(y))[use]
-    column = next(iter(GRIDS["coulomb_friction"]([path]))).columns[0][0][use]
-    along = np.vdot(column, moved).real / np.vdot(column, column).real
-    assert along == pytest.approx(level, rel=0.01)
-    assert along * np.linalg.norm(column) > 0.999 * np.linalg.norm(moved)
-
-
-def test_modes_are_looked_for_where_the_axis_is_excited():
-    """A bug: noise on the command counted as excitation, and a tenth of all modes was within the band."""
-    f = np.arange(N // 2 + 1) * FS / N
-    u = command(3, 3.0) + np.random.default_rng(3).normal(0, 1e-3, N)
-    excited = (f >= 2) & (f <= 195)
-    path = Trajectory(FS, u, u, u, u, f, excited, *np.ones((3, len(f))), np.pi / 180, spare_delay_s=0.0)
-    modes = {probe.start(np.ones(1))["f_hz"] for probe in GRIDS["flexible_mode"]([path])}
-    assert min(modes) == pytest.approx(195 / 50)
-    assert max(modes) == pytest.approx(195 * 1.1)
-
-
-@pytest.mark.parametrize("fs_hz", [50.0, 3000.0, 2e5])
-def test_lags_and_refreshes_are_looked_for_at_the_speed_of_the_loop(fs_hz):
-    """A bug: lags of 0.2 to 5 ms and rates of 100 to 1500 Hz, which a loop of 50 Hz does not have."""
-    f = np.arange(N // 2 + 1) * fs_hz / N
-    u = command(3, 3.0)
-    path = Trajectory(fs_hz, u, u, u, u, f, f > 0, *np.ones((3, len(f))), np.pi / 180, spare_delay_s=0.0)
-    lags = [probe.start(np.ones(1))["time_constant_s"] for probe in GRIDS["motor_lag"]([path])]
-    assert np.array(lags) * fs_hz == pytest.approx([0.6, 1.5, 3, 6, 15])
-    for rates in (np.array(nominal_rates(fs_hz)), locked_rates(path)):
-        assert 10 <= len(rates) <= 2100
-        assert 1 / 30 <= rates.min() / fs_hz < 0.05
-        assert 0.45 < rates.max() / fs_hz < 0.71
-        assert np.array_equal(rates, np.unique(rates))
-    at_once = locked_rates(path) * N / fs_hz
-    assert at_once == pytest.approx(np.round(at_once))
-
-
-def test_the_presliding_state_is_that_of_its_equation():
-    """Against dz/dtheta = s (1 - z sign) integrated in steps a hundred times finer."""
-    angle = np.sin(2 * np.pi * np.arange(400) / 400)
-    fine = np.sin(2 * np.pi * np.arange(40000) / 40000)
-    z, settled = 0.0, np.empty(40000)
-    for _ in range(2):
-        for i, step in enumerate(np.diff(fine, append=fine[0])):
-            settled[i] = z
-            z += 5.0 * (step - abs(step) * z)
-    assert np.max(np.abs(dahl_state(angle, 5.0) - settled[::100])) < 2e-3
 
 
 def test_the_advised_experiment_separates_better_than_the_one_done():

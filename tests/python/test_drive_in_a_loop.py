@@ -9,13 +9,10 @@ from plants import plant
 
 from gsid.diagnosis.effect_starts import effect_starts
 from gsid.diagnosis.from_records.diagnose import diagnose
-from gsid.diagnosis.probes import GRIDS
-from gsid.diagnosis.scan import trajectory
 from gsid.effects.types import find
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.records.record import Record
-from gsid.spectrum.lines import lines_of
 from gsid.spectrum.realisation import spectra
 
 SEED = 20260311
@@ -70,31 +67,6 @@ def test_the_command_is_the_output_of_the_controller(samples):
     found = model(samples).drive_command(one, model(samples).predict(one))
     # rounding over the steps of a period: 1e-9, as of the plant's answer
     np.testing.assert_allclose(found, commands[-N:], atol=1e-9 * np.max(np.abs(commands)))
-
-
-def test_a_probe_of_the_drive_points_where_the_drive_leads():
-    """Small dead zones move the output along their probe, by the whole of it.
-
-    A bug: the law was applied to the reference.
-    """
-
-    class AsFitted:  # what a probe reads of a fit
-        spectra = record(simulate()[1])
-        prediction = model().predict(spectra)
-
-    path = trajectory(model(), AsFitted)
-    f_hz = np.arange(N // 2 + 1) * FS / N
-    use = (f_hz > 0) & (f_hz <= 60)
-    for probe in GRIDS["drive_dead_zone"]([path]):
-        size = probe.start(np.ones(1))["half_width"]
-        if size > 0.01 * np.max(np.abs(path.command)):
-            break
-    angles = simulate(drive=lambda u: DRIVES["drive_dead_zone"](u, size))[1]
-    moved = lines_of(angles[-N:] - simulate()[1][-N:])[use]
-    column = probe.columns[0][0][use]
-    # A dead zone of 1 % of the command moves the path it was computed along by a few per cent of itself.
-    assert np.vdot(column, moved).real / np.vdot(column, column).real == pytest.approx(1, abs=0.05)
-    assert np.linalg.norm(moved - column) < 0.1 * np.linalg.norm(moved)
 
 
 LAWS = [("drive_dead_zone", "half_width", 5e-4), ("drive_saturation", "limit", 0.2)]

@@ -10,9 +10,6 @@ import pytest
 from plants import FS_HZ, plant
 
 from gsid._lib import ffi
-from gsid.diagnosis.probes import GRIDS as DIRECTIONS
-from gsid.diagnosis.scan import NOT_SEARCHED, TURNS_ONLY
-from gsid.diagnosis.search import SIMPLER
 from gsid.effects.types import SCALES, SPACINGS, catalogue, find
 from gsid.greybox.linear_start import LINEAR
 from gsid.plant.effect import Effect, Param
@@ -20,6 +17,9 @@ from gsid.plant.linear_response import linear_view
 from gsid.plant.periodic import PeriodicPlant
 from gsid.rig.axis import HIDDEN, parameter_types
 
+NOT_SEARCHED = {effect.id for effect in catalogue().values() if effect.not_searched}
+TURNS_ONLY = {effect.id for effect in catalogue().values() if effect.turns_only}
+SIMPLER = {effect.id: effect.simpler for effect in catalogue().values() if effect.simpler}
 F_HZ = np.geomspace(0.5, 200.0, 40)
 S = 2j * np.pi * F_HZ
 UNIT = np.pi / 180  # degrees
@@ -267,13 +267,6 @@ def test_an_effect_of_ones_own_has_no_linear_part():
     np.testing.assert_array_equal(
         linear_view(model.stack(), F_HZ, FS_HZ).command, linear_view(AXIS, F_HZ, FS_HZ).command
     )
-
-
-def test_an_effect_that_is_searched_has_directions_of_the_search():
-    """Besides the axis itself, two that are simulated (a bias in `scan`, a gear with play in `joint`), and
-    Bouc-Wen's hysteresis, which only the first stage searches for."""
-    searched = catalogue().keys() - NOT_SEARCHED
-    assert searched - DIRECTIONS.keys() == {"rigid_body", "torque_bias", "gear_backlash", "bouc_wen"}
 
 
 # ---- the law written for export-c, against the equations that the plant runs -------------------------------

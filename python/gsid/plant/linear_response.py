@@ -2,7 +2,7 @@
 
 The form of an effect's linear part is given in its descriptor (`EffectType.linear_part`); the forms are those
 of include/gsid/effect_facts.h. Nonlinear laws (friction, stops and the like) have no linear part here. The
-responses are used to choose the direction of a search (see `gsid.diagnosis.probes`) and need not be exact.
+responses lead a search for starting values (see `gsid.diagnosis.missing_torque`) and need not be exact.
 """
 
 from __future__ import annotations

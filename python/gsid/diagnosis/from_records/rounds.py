@@ -54,9 +54,7 @@ class Rounds:
             self.first.fit_play()
             self.kept = [self.first] if self.first.decision.verdict == MISSING else []
         if self.kept and not self.first.evidence().is_adequate(self.final):
-            cost = self.final.fit.cost_per_dof
-            more = f"More than noise is left (cost per degree of freedom {cost:.4g}), and no further effect"
-            self.first.notes.append(f"{more} has earned a name.")
+            self.first.notes.append("More than noise is left, and no further effect has earned a name.")
 
     def drop(self, rounds: Sequence[Run], final: Simulated) -> None:
         """Leave out effects, with the fit without them.

@@ -75,6 +75,7 @@ class Run:
         self.on_step = on_step if isinstance(on_step, Steps) else Steps(on_step, deadline)
         self.seconds: dict[str, float] = {}
         self.not_tried: dict[str, str] = {}
+        self.tried: set[str] = set()  # by simulation, though the first stage has no column for them
         self.notes: list[str] = []
         self.hold: str | None = None
         self.measured: list[Spectra] = []
@@ -390,7 +391,7 @@ class Run:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the best law lowers the cost by more than the best of many laws does by chance."""
+        """Whether the best law lowers the cost by more than the best of many laws does by chance (DIA-5)."""
         best = min(self.laws, key=lambda one: one.cost)
         needed = n_parameters(best) * np.log(best.fit.n_dof) + self.settings.chance
         return bool(self.null.cost - best.cost > needed)
@@ -399,7 +400,7 @@ class Run:
         """Laws of the drive inside a loop, which the first stage has no column for."""
         for effect, model in drive_starts(self.null.fit, self.without):
             fitted = fits.fit(model, (effect,), min((one.cost for one in self.laws), default=None))
-            self.not_tried.pop(effect, None)
+            self.tried.add(effect)
             if fitted is not None:
                 self.laws.append(fitted)
                 self.decide()
@@ -412,6 +413,7 @@ class Run:
         with self.timed("simulation"):
             fitted = fits.fit_play(self.null.fit, self.given, least)
         self.not_tried.update(fits.not_tried)
+        self.tried.add(BACKLASH)
         if fitted is not None:
             self.laws.append(fitted)
             self.decide()

@@ -55,7 +55,7 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         cost_per_dof_after=final.fit.cost_per_dof if kept and final else _after(run, null),
         p_value=run.null.fit.noise_p_value if run.null else None,
         assumed=_assumed(run),
-        not_tried=(dict(stage.not_tried) if stage else {}) | run.not_tried,
+        not_tried=_not_tried(run),
         seconds=run.seconds,
         hold=run.hold,
         hold_assumed=run.hold_assumed,
@@ -80,6 +80,11 @@ def _of_all(run: Run, kept: Sequence[Run]) -> Decision:
         return kept[0].decision
     left = 1 - evidence.share(final) if evidence.excess(run.null) > 0 else None
     return Decision(MISSING, kept[0].decision.effects, (), left)
+
+
+def _not_tried(run: Run) -> dict[str, str]:
+    of_stage = run.draft.stage.not_tried if run.draft else {}
+    return {effect: why for effect, why in of_stage.items() if effect not in run.tried} | run.not_tried
 
 
 def _fit_of(run: Run, final: Simulated | None) -> PlantFit:

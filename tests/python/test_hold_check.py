@@ -1,0 +1,105 @@
+"""Which effects a diagnosis names when the hold is unknown: the rules alone, on costs that are given."""
+
+from types import SimpleNamespace
+
+import pytest
+from plants import plant
+
+from gsid.diagnosis.from_records import hold_check
+from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.rounds import Rounds
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, Decision
+
+GIVEN = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}}
+ADDED = {"motor_lag": {"time_constant_s": 1e-3}, "coulomb_friction": {"level": 1.0}}
+
+
+class Run:
+    """A round that found an effect; as the first one it also has the fit of the given model."""
+
+    hold_assumed, hold, measured = True, "none", ()
+    settings, open = DEFAULTS, ()
+
+    def __init__(self, effect, final, null=None):
+        self.decision, self.final, self.null = Decision(MISSING, (effect,)), final, null
+        self.notes = []
+
+    def conclude_without_law(self, null):
+        self.null, self.decision = null, Decision(ADEQUATE)
+
+
+def simulated(model, cost):
+    """The effect under judgement stands last in the model."""
+    fit = SimpleNamespace(n_dof=500, delay_s=None, model=model, hold_assumed=False)
+    return SimpleNamespace(model=model, cost=cost, fit=fit, effects=(model.effects[-1].id,))
+
+
+@pytest.fixture
+def checked(monkeypatch):
+    """Check effects that were found without a hold, with costs by (hold, effects)."""
+
+    def check(found, costs):
+        def fit(run, model, hold):
+            added = tuple(e.id for e in model.effects if e.id not in GIVEN)
+            return simulated(model, costs[hold, added])
+
+        monkeypatch.setattr(hold_check, "_fit", fit)
+        monkeypatch.setattr(hold_check, "as_assumed", lambda fit, other: None)
+        monkeypatch.setattr(hold_check, "_read", lambda run, hold: ())
+        whole = fit(None, plant(GIVEN | {name: ADDED[name] for name in found}), "none")
+        kept = []
+        for i in range(len(found)):
+            final = whole if i == len(found) - 1 else fit(None, whole.model, "none")
+            final.effects = (found[i],)
+            kept.append(Run(found[i], final, whole))
+        rounds = Rounds(kept[0])
+        rounds.kept = kept
+        check_hold(rounds)
+        return rounds
+
+    return check
+
+
+def names(rounds):
+    return [one.decision.effects[0] for one in rounds.kept]
+
+
+def test_a_lag_that_is_missing_under_both_is_named(checked):
+    none = {("none", ("motor_lag",)): 900.0, ("none", ()): 5000.0}
+    zoh = {("zoh", ("motor_lag",)): 950.0, ("zoh", ()): 5100.0}
+    found = checked(["motor_lag"], none | zoh)
+    assert (names(found), found.first.notes) == (["motor_lag"], [])
+
+
+def test_a_lag_that_the_other_reading_does_without_is_not_named(checked):
+    lagged, plain = ("coulomb_friction", "motor_lag"), ("coulomb_friction",)
+    none = {("none", lagged): 900.0, ("none", plain): 2000.0}
+    zoh = {("zoh", lagged): 904.0, ("zoh", plain): 905.0}
+    found = checked(["coulomb_friction", "motor_lag"], none | zoh)
+    assert names(found) == ["coulomb_friction"]
+    assert found.first.hold == "zoh"
+    assert found.final.cost == 905.0
+    assert "motor_lag is not missing if the input is held over each sample" in found.first.notes[0]
+    assert "--hold" in found.first.notes[0]
+
+
+def test_nothing_is_missing_if_the_other_reading_does_without_the_only_effect(checked):
+    costs = {("none", ("motor_lag",)): 900.0, ("zoh", ()): 905.0, ("zoh", ("motor_lag",)): 904.0}
+    found = checked(["motor_lag"], costs | {("none", ()): 2000.0})
+    assert (names(found), found.first.decision.verdict) == ([], ADEQUATE)
+
+
+def test_a_lag_that_lowers_no_cost_under_the_other_reading_is_not_named(checked):
+    none = {("none", ("motor_lag",)): 900.0, ("none", ()): 5000.0}
+    zoh = {("zoh", ("motor_lag",)): 5099.0, ("zoh", ()): 5100.0}
+    found = checked(["motor_lag"], none | zoh)
+    assert names(found) == []
+    assert found.first.hold == "none"
+    assert found.first.null.cost == 5000.0
+
+
+def test_friction_cannot_imitate_a_hold(checked):
+    costs = {("none", ("coulomb_friction",)): 900.0, ("zoh", ("coulomb_friction",)): 5000.0}
+    found = checked(["coulomb_friction"], costs)
+    assert names(found) == ["coulomb_friction"]
