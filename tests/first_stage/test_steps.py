@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gsid.diagnosis.from_records import draft as drafting
+from gsid.diagnosis.from_records import run as running
 from gsid.diagnosis.from_records.canonical import (
     canonical_stack,
     has_low_mode,
@@ -16,8 +17,12 @@ from gsid.diagnosis.from_records.canonical import (
     without_wrong_unit,
 )
 from gsid.diagnosis.from_records.confirm import has_converged, judged
+from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.missing_torque import ranking
 from gsid.diagnosis.missing_torque.kept_out import keep_out
+from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
+from gsid.effects.types import find
 from gsid.plant.effect import Param
 from gsid.plant.model import PlantModel
 from gsid.spectrum.spectra import Spectra
@@ -275,3 +280,73 @@ def test_a_coefficient_without_effect_has_an_infinite_scatter():
     jacobian = rng.standard_normal((240, 2)) * [1.0, 0.0]
     fit = SimpleNamespace(error=rng.standard_normal(240), part=SimpleNamespace(values=np.ones(2)))
     assert keep_out(problem_of(4), fit, jacobian, 1)[1:] == (np.inf, 0.0)
+
+
+# ---- choices between fits --------------------------------------------------------------------------
+
+
+class Costs:
+    """Simulations whose costs are known by the effects of the model."""
+
+    def __init__(self, costs):
+        self.costs, self.asked = costs, []
+
+    def fit(self, plant, effects):
+        self.asked.append(frozenset(plant.stack()))
+        cost = self.costs.get(self.asked[-1])
+        return None if cost is None else SimpleNamespace(model=plant, cost=cost, effects=effects)
+
+
+@pytest.mark.parametrize(("rise", "dropped"), [(7.9, True), (8.1, False)])
+def test_an_element_that_may_be_zero_is_dropped_unless_the_cost_rises_by_eight(rise, dropped):
+    plant = with_std(model(BODY, VISCOUS, SPRING), viscous_friction=2.0, cable_spring=1.0)
+    fits = Costs({frozenset({"rigid_body", "cable_spring"}): 100.0 + rise})
+    final = SimpleNamespace(model=plant, cost=100.0, effects=("coulomb_friction",))
+    run = SimpleNamespace(simulations=lambda: fits, final=final, settings=DEFAULTS)
+    Run.drop_zeros(run)
+    assert fits.asked == [frozenset({"rigid_body", "cable_spring"})]
+    assert ("viscous_friction" not in run.final.model.stack()) is dropped
+
+
+@pytest.mark.parametrize(("cost", "kept"), [(10.1, True), (9.9, False)])
+def test_a_low_mode_stays_if_the_stack_without_it_costs_ten_times_as_much(monkeypatch, cost, kept):
+    found = model(BODY, VISCOUS, mode(5.0))
+    merged = canonical_stack(found, F_LO, DEFAULTS)
+    monkeypatch.setattr(
+        running, "null_cost", lambda measured, plant, *_: 1.0 if "flexible_mode" in plant.stack() else cost
+    )
+    start = SimpleNamespace(model=lambda: found)
+    facts = {"measured": [], "band": None, "deadline": None, "f_lo_hz": F_LO, "settings": DEFAULTS}
+    run = SimpleNamespace(start=start, stack=merged, **facts)
+    Run.keep_resonances(run)
+    assert ("flexible_mode" in run.stack.stack()) is kept
+
+
+@pytest.mark.parametrize(
+    ("kind", "effect", "cost", "doubtful"),
+    [
+        ("nearest", "coulomb_friction", 1.16, True),
+        ("nearest", "coulomb_friction", 1.14, False),
+        ("none", "coulomb_friction", 5.0, False),
+        ("named", "coulomb_friction", 5.0, False),
+        ("named", "cable_spring", 5.0, True),
+        ("unknown", "cable_spring", 5.0, True),
+    ],
+)
+def test_the_linear_part_is_doubtful_where_much_is_left_and_no_torque_law_is_named(
+    kind, effect, cost, doubtful
+):
+    best = SimpleNamespace(effects=(effect,), cost_per_dof=cost)
+    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind))
+    assert drafting._is_doubtful(stage, DEFAULTS) is doubtful
+
+
+def test_a_missing_spring_and_damping_are_tried_at_corners_in_lowest_lines():
+    lines = SimpleNamespace(f_hz=np.array([2.0, 4.0]))
+    scan = SimpleNamespace(problem=SimpleNamespace(first=[lines], settings=SEARCH))
+    corner = 2 * np.pi * 2.0 * np.array([0.3, 0.7, 1.5, 3.0, 6.0, 12.0])
+    for effect, expected in (("viscous_friction", corner), ("cable_spring", corner**2)):
+        assert find(effect).parameters[0].grid is None
+        assert ranking._linear_points(scan, find(effect), {}) == pytest.approx(expected)
+    points = ranking._linear_points(scan, find("transport_delay"), {"sample": 1e-3})
+    assert points == pytest.approx([1e-3, 3e-3, 8e-3, 16e-3])

@@ -381,6 +381,14 @@ def test_the_simpler_member_of_a_family_is_taken_unless_it_is_worse():
     assert choose([stribeck, worse], MISFIT, DEFAULTS) is stribeck
 
 
+@pytest.mark.parametrize(("more", "simpler"), [(26.0, True), (30.0, False)])
+def test_where_more_than_noise_is_left_costs_are_compared_in_its_units(more, simpler):
+    """12 and 0.002 of the misfit that is explained, both per 1.5 that the best leaves: 28."""
+    stribeck = candidate("stribeck_friction", 1.5, cost=3000.0)
+    coulomb = candidate("coulomb_friction", 1.51, cost=3000.0 + more)
+    assert (choose([stribeck, coulomb], MISFIT, DEFAULTS) is coulomb) is simpler
+
+
 def test_members_of_a_family_that_are_as_good_form_a_group():
     best, other = candidate("motor_lag", 1.0, cost=2000.0), candidate("sensor_lag", 1.0, cost=2005.0)
     assert equals(best, [best, other], MISFIT, DEFAULTS) == ["sensor_lag"]
