@@ -67,10 +67,11 @@ def test_a_linear_axis_with_a_total_variance_too_large_keeps_its_order():
 
 
 @needs_bench
-def test_bug_the_order_of_the_bench_followed_its_distortion():
+@pytest.mark.parametrize("output", ["omega_motor", "theta_motor"])
+def test_bug_the_order_of_the_bench_followed_its_distortion(output):
     """9/8 with a damping of 4e-6, where 4/3 is right."""
     whole = np.load(BENCH / "multisine_B.npz")
-    choice = select_order(frf_with_distortion(Record(whole["iq"], whole["omega_motor"], 2500.0, 2500, 2500)))
+    choice = select_order(frf_with_distortion(Record(whole["iq"], whole[output], 2500.0, 2500, 2500)))
     assert choice.chosen.order in ("4/3", "5/4", "6/5")
     assert doubtful(choice.chosen.model, np.arange(11.0, 250.0, 2.0), small_pairs=True) == []
     assert mode_hz(choice.chosen.model) == pytest.approx(76.3, rel=5e-3)
