@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "gsid/host/structure.h"
+#include "../../src/host/structure.h"
 
 #define PI 3.14159265358979323846
 enum { N = 120, COLUMNS = 3, THETA = 5 };
@@ -73,30 +73,31 @@ static void images_make_the_sampled_response(void **state) {
     }
 }
 
-static void respond(const double *theta, double complex *response) {
-    assert_int_equal(gsid_structure_columns(&rich, &lines, theta, column), GSID_OK);
+static void respond(const gsid_structure *structure, const double *theta, double complex *response) {
+    const int n_columns = 1 + (int)structure->n_modes + structure->has_residual;
+    assert_int_equal(gsid_structure_columns(structure, &lines, theta, column), GSID_OK);
     for (int l = 0; l < N; l++) {
         response[l] = 0;
-        for (int c = 0; c < COLUMNS; c++) {
+        for (int c = 0; c < n_columns; c++) {
             response[l] += gains[c] * at(&column[c * N + l]);
         }
     }
 }
 
-static void slopes_are_those_of_differences(void **state) {
-    (void)state;
+static void check_slopes(const gsid_structure *structure, uint32_t n_theta, const double *theta) {
     static double complex up[N], down[N];
-    static gsid_cplx slope[THETA * N];
-    assert_int_equal(gsid_structure_columns(&rich, &lines, truth, column), GSID_OK);
-    assert_int_equal(gsid_structure_slopes(&rich, &lines, truth, column, gains, slope), GSID_OK);
-    for (int i = 0; i < THETA; i++) {
-        double moved[THETA];
-        const double step = i == THETA - 1 ? 1e-9 : 1e-6;
-        memcpy(moved, truth, sizeof moved);
-        moved[i] = truth[i] + step;
-        respond(moved, up);
-        moved[i] = truth[i] - step;
-        respond(moved, down);
+    static gsid_cplx slope[GSID_STRUCTURE_THETA_MAX * N];
+    assert_int_equal(gsid_structure_n_theta(structure), n_theta);
+    assert_int_equal(gsid_structure_columns(structure, &lines, theta, column), GSID_OK);
+    assert_int_equal(gsid_structure_slopes(structure, &lines, theta, column, gains, slope), GSID_OK);
+    for (uint32_t i = 0; i < n_theta; i++) {
+        double moved[GSID_STRUCTURE_THETA_MAX];
+        const double step = i == n_theta - 1 ? 1e-9 : 1e-6;
+        memcpy(moved, theta, n_theta * sizeof *theta);
+        moved[i] = theta[i] + step;
+        respond(structure, moved, up);
+        moved[i] = theta[i] - step;
+        respond(structure, moved, down);
         for (int l = 0; l < N; l++) {
             const double complex want = (up[l] - down[l]) / (2 * step);
             assert_true(cabs(at(&slope[i * N + l]) - want) <= 1e-5 * cabs(want) + 1e-13 * cabs(up[l]) / step);
@@ -104,11 +105,22 @@ static void slopes_are_those_of_differences(void **state) {
     }
 }
 
+static void slopes_are_those_of_differences(void **state) {
+    (void)state;
+    for (int q = -1; q <= 1; q++) {
+        const gsid_structure sprung = {q, 2, 1, 1, 0}, viscous = {q, 1, 1, 1, 1}, free_body = {q, 0, 1, 0, 0};
+        const double of_sprung[6] = {3.0, 6.8, 5.9, -3.5, -6.5, 1.3e-3};
+        check_slopes(&sprung, 6, of_sprung);
+        check_slopes(&viscous, 5, truth);
+        check_slopes(&free_body, 3, (const double[]){5.9, -3.5, 1.3e-3});
+    }
+}
+
 static void a_refinement_finds_the_values(void **state) {
     (void)state;
     static double complex response[N];
     double theta[THETA], gain[COLUMNS], cost;
-    respond(truth, response);
+    respond(&rich, truth, response);
     for (int l = 0; l < N; l++) {
         g[l] = (gsid_cplx){creal(response[l]), cimag(response[l])};
         weight[l] = 1e3 / cabs(response[l]);

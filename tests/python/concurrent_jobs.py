@@ -53,6 +53,7 @@ from gsid.response.mimo import frf_mimo
 from gsid.response.streaming import StreamingFrf
 from gsid.rig.axis import SimulatedAxis
 from gsid.rig.frames import Receiver, encode, frames
+from gsid.structure.start import start
 
 FS_HZ, N_THREADS, N_ROUNDS = 1000.0, 4, 2
 AXIS = RationalModel([7.4, 200], [1, 30, 4e4], 0.002, fs_hz=FS_HZ, hold="zoh")
@@ -121,6 +122,11 @@ def stack_of_effects(**how):
 def missing_torque():
     found = first_stage([simulated(seed) for seed in (1, 2)], plant())
     return [[one.gain for one in found.ranking], found.cost_per_dof]
+
+
+def linear_structure():
+    found = start([simulated(seed) for seed in (1, 2)])
+    return list(found.effects), np.array(found.rational.den), found.cost_per_line
 
 
 def simulated(seed):
@@ -216,8 +222,8 @@ def failures():
 JOBS = {
     job.__name__: job
     for job in (spectra_of_several_periods, a_long_period, phases, phases_of_command_and_travel,
-                several_inputs, missing_torque, distorted, excitations, axis, frames_there_and_back,
-                responses, laws, versions, failures)
+                several_inputs, linear_structure, missing_torque, distorted, excitations, axis,
+                frames_there_and_back, responses, laws, versions, failures)
 }  # fmt: skip
 for name in ("ls", "iwls", "ga", "nls", "log", "ml", "ml-io", "nls-output"):
     JOBS[f"rational {name}"] = lambda name=name: rational(name)

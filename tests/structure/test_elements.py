@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import truth
 
-from gsid.structure.covariance import estimate, exact_slopes
-from gsid.structure.elements import Lines, Structure, Values, columns, slopes
+from gsid.structure.covariance import estimate
+from gsid.structure.elements import Lines, Structure, Values, columns
 from gsid.structure.projection import Data, linear_fit, refine
 from gsid.structure.stack import as_rational
 
@@ -54,19 +54,6 @@ def test_a_direct_term_has_no_images():
     )
     assert np.all(with_images[:, 1] == without[:, 1])
     assert np.any(with_images[:, 0] != without[:, 0])
-
-
-@pytest.mark.parametrize("output", ["rate", "angle", "acceleration"])
-@pytest.mark.parametrize("body", [(), (20.0,), (20.0, 900.0)])
-def test_slopes_are_those_of_differences(output, body):
-    values = Values.of(output, body, [(300.0, 0.02)], [2e-3], 1e-3, True)
-    lines = Lines(np.linspace(1, 200, 50), 1000.0, False)
-    gains = np.array([10.0, -3.0, 0.01])
-    found = slopes(values, lines, columns(values, lines), gains)
-    data = Data(lines, columns(values, lines) @ gains, np.ones(50))
-    true = exact_slopes(linear_fit(values, data), data)
-    size = np.abs(true).max(axis=0)
-    assert np.abs((found - true[:, : found.shape[1]]) / size[: found.shape[1]]).max() < 1e-5
 
 
 @pytest.mark.parametrize("held", [False, True])

@@ -45,14 +45,6 @@ typedef struct {
 gsid_status gsid_structure_columns(const gsid_structure *structure, const gsid_structure_lines *lines,
                                    const double *theta, gsid_cplx *column);
 
-/** Derivatives of the response by theta, with the images as constant factors.
- *  @param[in]  column  of gsid_structure_columns at theta
- *  @param[in]  gain    [1 + n_modes + has_residual]
- *  @param[out] slope   [n_theta][n]
- *  @return as gsid_structure_columns */
-gsid_status gsid_structure_slopes(const gsid_structure *structure, const gsid_structure_lines *lines,
-                                  const double *theta, const gsid_cplx *column, const double *gain, gsid_cplx *slope);
-
 /** Values of least cost, by variable projection: Gauss-Newton steps with the damping of Levenberg and Marquardt, and Kaufman's
  *  approximation of the slopes of the projected error (Golub and Pereyra 1973).
  *  @param[in]     g        [n] response to fit

@@ -263,25 +263,3 @@ def delay_and_lags(values: Values, lines: Lines) -> np.ndarray:
     for tau in values.lags:
         common = common / (1 + tau * s)
     return common
-
-
-def slopes(values: Values, lines: Lines, each: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Derivatives of the response by the nonlinear parameters, (F, n_nonlinear) complex.
-
-    The images of the hold are taken as constant factors.
-
-    Parameters
-    ----------
-    values : Values
-    lines : Lines
-    each : (F, n_columns) complex
-        `columns` at these values.
-    gains : (n_columns,) ndarray
-    """
-    found = np.empty((values.structure.n_nonlinear, len(lines.w)), complex)
-    given = [np.ascontiguousarray(x) for x in (values.theta, gains)]
-    theta, gain = (ffi.from_buffer("double[]", x) for x in given)
-    each, slope = (ffi.from_buffer("gsid_cplx[]", x) for x in (np.ascontiguousarray(each.T), found))
-    status = lib.gsid_structure_slopes(values.structure.c, lines.c, theta, each, gain, slope)
-    check(status, "slopes of a structure")
-    return found.T
