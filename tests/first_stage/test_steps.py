@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import draft as drafting
 from gsid.diagnosis.from_records import run as running
 from gsid.diagnosis.from_records.canonical import (
@@ -20,7 +21,10 @@ from gsid.diagnosis.from_records.confirm import has_converged, judged
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.missing_torque import ranking
+from gsid.diagnosis.missing_torque import refit as refitting
 from gsid.diagnosis.missing_torque.kept_out import keep_out
+from gsid.diagnosis.missing_torque.law_columns import Law
+from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
 from gsid.effects.types import find
 from gsid.plant.effect import Param
@@ -350,3 +354,63 @@ def test_a_missing_spring_and_damping_are_tried_at_corners_in_lowest_lines():
         assert ranking._linear_points(scan, find(effect), {}) == pytest.approx(expected)
     points = ranking._linear_points(scan, find("transport_delay"), {"sample": 1e-3})
     assert points == pytest.approx([1e-3, 3e-3, 8e-3, 16e-3])
+
+
+@pytest.mark.parametrize(
+    ("effect", "stiffness", "share", "cancels"),
+    [
+        ("cubic_spring", 25.0, -1.0, True),
+        ("cubic_spring", 25.0, -0.5, False),
+        ("cubic_spring", 25.0, 1.0, False),
+        ("cubic_spring", 0.0, -1.0, False),
+        ("coulomb_friction", 25.0, -1.0, False),
+    ],
+)
+def test_a_law_whose_own_spring_cancels_that_of_the_linear_part(effect, stiffness, share, cancels):
+    """The own spring of a cubic one is the regression of its torque on the angle."""
+    angle = 0.3 + np.sin(np.linspace(0, 2 * np.pi, 400, endpoint=False))
+    rate = np.gradient(angle)
+    moved = Motion(1e-3, angle, rate, np.sign(rate), np.zeros(len(rate)), 0.0)
+    around = angle - np.mean(angle)
+    own = (angle**3 @ around) / (around @ around)
+    problem = SimpleNamespace(stiffness=lambda part: stiffness, radians=np.pi / 180, settings=SEARCH)
+    law = Law(find(effect), effect, "")
+    c = np.array([share * 25.0 / own])
+    one = SimpleNamespace(law=law, coefficients=c, shape=np.zeros(0), fit=SimpleNamespace(part=None))
+    assert refitting._cancels_spring(problem, one, [moved]) is cancels
+
+
+def test_an_unknown_hold_is_that_of_the_first_stage_from_then_on(monkeypatch):
+    """Otherwise a linear effect that is added would be judged with both readings again."""
+    line = np.arange(4)
+    flat = np.ones((2, 4), complex)
+    one = Spectra(FS_HZ, 8, line, flat, flat, 0, 0, excited=line > 0, hold=None)
+    seen = []
+
+    def stage(measured, plant, **_):
+        seen.append([each.hold for each in measured])
+        best = SimpleNamespace(
+            effects=("cable_spring",), share_kept_out=1.0, linear=plant.stack(), cost_per_dof=1.0
+        )
+        kind = "named" if len(seen) == 1 else "none"
+        conclusion = SimpleNamespace(kind=kind, effects=("cable_spring",))
+        return SimpleNamespace(ranking=[best], conclusion=conclusion, hold="none", linear=plant.stack())
+
+    monkeypatch.setattr(drafting, "first_stage", stage)
+    how = {"band": None, "settings": DEFAULTS, "on_step": lambda step: None}
+    drafting.draft([one], model(BODY), **how, deadline=Deadline(), from_data=True, linear_rounds=3)
+    assert seen == [[None], ["none"]]
+
+
+def test_thirds_of_the_lines_of_a_single_record_of_few_periods_are_left_out():
+    one = simulated(n_records=1, error=1.0)
+    one.records[0].line = np.arange(30)
+    one.records[0].spectra = SimpleNamespace(n_periods=5)
+    found = judged(one, ("coulomb_friction",), DEFAULTS)
+    third = np.tile(np.arange(30) % 3, 2)
+    squares = 0.0
+    for i in range(3):
+        inside = third == i
+        moved = -np.linalg.lstsq(one.jacobian[~inside], one.residual[~inside], rcond=None)[0]
+        squares += np.sum((one.residual[inside] + one.jacobian[inside] @ moved) ** 2)
+    assert found.kept == pytest.approx(squares / 60)

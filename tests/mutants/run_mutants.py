@@ -62,6 +62,7 @@ TESTS_OF = {  # of a part with tests of its own
                 "coulomb_friction_is_named_from_the_records_alone",
                 "nothing_is_missing_where_nothing_is_hidden",
                 "a_fast_diagnosis_stops_at_the_first_draft",
+                "no_fit_by_simulation_starts_after_the_budget",
                 "an_interrupted_diagnosis_gives_the_state_it_has_reached",
                 "a_structure_that_cannot_be_found_is_unknown",
             )
