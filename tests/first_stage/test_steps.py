@@ -1,5 +1,6 @@
 """The steps of the diagnosis from records as numbers: stack, convergence, kept-out cost, scatter."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import draft as drafting
 from gsid.diagnosis.from_records import run as running
 from gsid.diagnosis.from_records.canonical import (
@@ -20,11 +22,13 @@ from gsid.diagnosis.from_records.canonical import (
 from gsid.diagnosis.from_records.confirm import has_converged, judged
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import Decision
 from gsid.diagnosis.missing_torque import ranking
 from gsid.diagnosis.missing_torque import refit as refitting
 from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.law_columns import Law
 from gsid.diagnosis.missing_torque.motion import Motion
+from gsid.diagnosis.missing_torque.problem import linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as SEARCH
 from gsid.effects.types import find
 from gsid.plant.effect import Param
@@ -414,3 +418,48 @@ def test_thirds_of_the_lines_of_a_single_record_of_few_periods_are_left_out():
         moved = -np.linalg.lstsq(one.jacobian[~inside], one.residual[~inside], rcond=None)[0]
         squares += np.sum((one.residual[inside] + one.jacobian[inside] @ moved) ** 2)
     assert found.kept == pytest.approx(squares / 60)
+
+
+# ---- what is left ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("p_value", "verdict"), [(1.1e-4, "adequate"), (0.9e-4, "unknown_effect")])
+def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
+    """Through `confirm`, which asks for it where nothing is found."""
+    run = SimpleNamespace(
+        in_closed_loop=False,
+        timed=lambda step: nullcontext(),
+        simulations=lambda: SimpleNamespace(not_tried={}),
+        draft=SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="none"))),
+        on_step=SimpleNamespace(expect=lambda n: None),
+        null="a fit",
+        laws=[],
+        decision=Decision("adequate"),
+        accept_noise=lambda: None,
+        noise_p_value=p_value,
+        p_least=DEFAULTS.p_least,
+        not_tried={},
+    )
+    run.check_adequate = lambda: Run.check_adequate(run)
+    Run.confirm(run)
+    assert run.decision.verdict == verdict
+    assert len(run.decision.reasons) == (verdict != "adequate")
+
+
+@pytest.mark.parametrize(("residual", "settles"), [(1.9e-3, True), (2.1e-3, False)])
+def test_a_simulation_settles_up_to_a_thousandth_of_its_rms(monkeypatch, residual, settles):
+    answer = SimpleNamespace(settled=False, residual=residual, y=2.0 * np.array([1.0, -1.0]))
+    plant = SimpleNamespace(of=lambda *_: SimpleNamespace(run=lambda: answer))
+    monkeypatch.setattr(confirming, "PeriodicPlant", plant)
+    fits = SimpleNamespace(measured=[None], deadline=None, settings=DEFAULTS)
+    assert confirming.Simulations._settles(fits, None) is settles
+    answer.settled = True
+    assert confirming.Simulations._settles(fits, None)
+
+
+@pytest.mark.parametrize(("lag_s", "delay_s"), [(1e-3, 2e-3), (5e-3, 0.0)])
+def test_a_lag_that_is_tried_takes_its_delay_from_the_delay(lag_s, delay_s):
+    part = linear_part(model(BODY, DELAY))
+    larger = ranking.with_linear(part, find("sensor_lag"), lag_s)
+    assert larger.stack["sensor_lag"]["time_constant_s"] == lag_s
+    assert larger.stack["transport_delay"]["delay_s"] == pytest.approx(delay_s)

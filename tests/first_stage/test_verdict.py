@@ -115,6 +115,12 @@ def test_nothing_is_missing_only_where_the_linear_part_leaves_noise(null, verdic
     assert decision(fit(SIMPLER, null - 0.004), fit(OTHER_FAMILY, null), null=null).verdict == verdict
 
 
+@pytest.mark.parametrize(("rival", "verdict"), [(1.18, "nearest_effect"), (1.2, "missing_effect")])
+def test_what_a_law_leaves_counts_as_half_the_scatter_of_noise_at_least(rival, verdict):
+    """0.032 of a cost per number; six times that is 0.19."""
+    assert decision(fit(LAW, 1.0), fit(OTHER_FAMILY, 1.03, kept=rival), null=1.5).verdict == verdict
+
+
 def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
     found = decision(fit(LAW, 2.0), RIVAL, beaten_by=("c*w^3",))
     assert (found.verdict, found.effects) == ("unknown_effect", ())

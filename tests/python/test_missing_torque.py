@@ -396,6 +396,12 @@ def test_members_of_a_family_that_are_as_good_form_a_group():
     assert equals(best, [best, other], MISFIT, DEFAULTS) == []
 
 
+@pytest.mark.parametrize(("kept", "group"), [(1.9, ["coulomb_friction"]), (2.1, [])])
+def test_where_much_is_left_members_of_a_family_within_twice_of_it_form_a_group(kept, group):
+    best, other = candidate("stribeck_friction", 1.5), candidate("coulomb_friction", kept)
+    assert equals(best, [best, other], MISFIT, DEFAULTS) == group
+
+
 # ---- a sensor that is sampled and held -------------------------------------------------------------
 
 
