@@ -34,6 +34,18 @@ def decision(best, *others, null=100.0, beaten_by=()):
 RIVAL = fit(OTHER_FAMILY, 60.0)
 
 
+def test_bug_an_unbalance_over_small_angles_kept_a_spring_from_its_name():
+    """It is that spring with one parameter too many, of another family."""
+    spring, unbalance = fit("cable_spring", 1.050), fit("mass_unbalance", 1.049)
+    found = decision(spring, unbalance, fit("cubic_spring", 60.0))
+    assert (found.verdict, found.effects) == ("missing_effect", ("cable_spring",))
+
+
+def test_an_unbalance_that_is_significantly_better_than_a_spring_is_named():
+    found = decision(fit("cable_spring", 9.0), fit("mass_unbalance", 1.0))
+    assert (found.verdict, found.effects) == ("missing_effect", ("mass_unbalance",))
+
+
 def test_a_law_that_leaves_little_is_named():
     found = decision(fit(LAW, 2.0), RIVAL)
     assert (found.verdict, found.effects, found.reasons) == ("missing_effect", (LAW,), ())

@@ -134,13 +134,14 @@ class Evidence:
         return max(gains) < self.settings.null_gain
 
     def rivals(self, one: Simulated) -> list[Simulated]:
-        """Fits of laws of other families.
+        """Fits of laws of other families; not of a law that contains it.
 
         Parameters
         ----------
         one : Simulated
         """
-        return [other for other in self.laws if family_of(other) != family_of(one)]
+        others = [other for other in self.laws if family_of(other) != family_of(one)]
+        return [other for other in others if not contains(other, one)]
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
@@ -181,7 +182,9 @@ class Evidence:
     def best(self) -> Simulated:
         """The law that leaves least, or a simpler one of its family that is not significantly worse."""
         least = min(self.laws, key=lambda one: one.kept)
-        members = [one for one in self.laws if family_of(one) == family_of(least)]
+        members = [
+            one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)
+        ]
         top = min(members, key=lambda one: one.cost)
         good = [one for one in members if not self.is_worse(one, top)]
         return min(good, key=lambda one: (n_parameters(one), one.cost))
@@ -202,6 +205,17 @@ class Evidence:
             and not self.is_worse(one, best)
         ]
         return (best.effects[0], *others)
+
+
+def contains(one: Simulated, other: Simulated) -> bool:
+    """Whether another fit's law is this one's over small angles: a spring and an unbalance.
+
+    Parameters
+    ----------
+    one, other : Simulated
+    """
+    parts = [find(each.effects[0]).linear_part if each.effects else None for each in (one, other)]
+    return parts == ["pendulum", "spring"]
 
 
 def family_of(one: Simulated) -> str:
