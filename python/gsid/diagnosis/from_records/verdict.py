@@ -182,9 +182,7 @@ class Evidence:
     def best(self) -> Simulated:
         """The law that leaves least, or a simpler one of its family that is not significantly worse."""
         least = min(self.laws, key=lambda one: one.kept)
-        members = [
-            one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)
-        ]
+        members = [one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)]
         top = min(members, key=lambda one: one.cost)
         good = [one for one in members if not self.is_worse(one, top)]
         return min(good, key=lambda one: (n_parameters(one), one.cost))
