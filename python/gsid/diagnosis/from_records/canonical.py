@@ -146,6 +146,8 @@ def _free(params: dict[str, float]) -> dict[str, Param]:
 def pruned(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> PlantModel:
     """A stack without the elements of the canonical one whose values became zero.
 
+    With a spring any damping stays: far below the lowest line it still limits the resonance.
+
     Parameters
     ----------
     model : PlantModel
@@ -155,6 +157,8 @@ def pruned(model: PlantModel, f_lo_hz: float, settings: DecisionSettings) -> Pla
     corner, sample_s = 2 * math.pi * f_lo_hz * settings.vanished, 1 / model.fs_hz
     least = {SPRING: corner**2, DAMPING: corner, DELAY: settings.vanished * sample_s}
     least |= dict.fromkeys(LAGS, settings.vanished * sample_s)
+    if any(e.id == SPRING and e.params["stiffness"].value > least[SPRING] for e in model.effects):
+        least[DAMPING] = 0.0
     stays = [
         effect
         for effect in model.effects
