@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import Evidence, decide, is_simpler_of_angle
 
@@ -165,3 +166,11 @@ def test_laws_of_one_family_that_are_as_good_form_a_group(other, group):
 def test_a_constant_torque_is_tried_beside_simpler_laws_of_the_angle(law, best, expected):
     """A bug: cogging was named where a cubic spring has an offset, of which it is one number of cycles."""
     assert is_simpler_of_angle(fit(law, 1.2), fit(best, 1.0)) is expected
+
+
+def test_bug_the_table_printed_shares_of_minus_a_billion_percent():
+    bad = RankedLaw(("flexible_mode",), {}, 1.0, -8.1e8, 0.1, 340.0, False)
+    fair = RankedLaw(("coulomb_friction",), {}, 1.0, 0.98, 30.0, 0.007, True)
+    text = Diagnosis.table(SimpleNamespace(ranking=[fair, bad])).text()
+    assert "98.0%" in text and "0.70%" in text
+    assert "< 0%" in text and "> 100%" in text and "000" not in text

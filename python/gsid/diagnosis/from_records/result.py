@@ -236,7 +236,7 @@ class Diagnosis(Plottable):
                 f"{one.cost_per_dof_after:.4g}",
                 _percent(one.share_kept_out),
                 "" if one.margin != one.margin else f"{one.margin:.3g}",
-                "" if one.scatter != one.scatter else f"{one.scatter:.2%}",
+                _scatter(one.scatter),
                 one.by,
             ]
             for one in self.ranking
@@ -272,5 +272,14 @@ def _percent(share: float | None) -> str:
     """A share with so many digits that what is left never becomes 0 % or 100 % by rounding."""
     if share is None or share != share:
         return ""
+    if share < 0:
+        return "< 0%"  # worse than without it, where it was not fitted; how much worse tells nothing
     text = f"{share:.1%}"
     return f"{share:.2%}" if text in ("100.0%", "0.0%") and 0 < share < 1 else text
+
+
+def _scatter(scatter: float) -> str:
+    """A scatter; above 100 % its size tells nothing."""
+    if scatter != scatter:
+        return ""
+    return "> 100%" if scatter > 1 else f"{scatter:.2%}"
