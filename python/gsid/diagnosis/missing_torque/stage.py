@@ -227,7 +227,7 @@ def first_stage(
     found = []
     for each in _possible(nulls, settings):
         with in_time(bool(found)):
-            found.append(_fitted(*each, given, values, model, without, clock, on_step))
+            found.append(_fitted(*each, given, values, model, without, clock=clock, on_step=on_step))
     by_noise = one = min(found, key=lambda each: each.best.kept)
     conclusion = UNDECIDED
     with in_time():
@@ -301,6 +301,7 @@ def _fitted(
     values: Stack | None,
     model: PlantModel,
     without: Collection[str],
+    *,
     clock: _Clock,
     on_step: Callable[[str], None],
 ) -> _Fitted:
