@@ -25,7 +25,7 @@ diagnosis-settings-study: all $(TRUTH) ## which verdicts change if a constant of
 	    --results $(BUILD)/diagnosis_settings.jsonl --page docs/explanation/from_records.md
 
 .PHONY: measured-subsets
-measured-subsets: all ## the diagnosis of random subsets of the measured records, into docs/explanation/from_records.md (half an hour; resumes; SEED=... N=...)
-	PYTHONPATH=tests/first_stage:tests nice -n 10 $(PY) tests/first_stage/measured_subsets.py \
+measured-subsets: all $(TRUTH) ## the diagnosis of random subsets of the measured records, into docs/explanation/from_records.md (half an hour; resumes; SEED=... N=...)
+	PYTHONPATH=tests/blind:tests/first_stage:tests nice -n 10 $(PY) tests/first_stage/measured_subsets.py \
 	    --results $(BUILD)/measured_subsets.jsonl $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    $(if $(filter-out file,$(origin N)),--n $(N)) --page docs/explanation/from_records.md
