@@ -8,6 +8,7 @@ from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import Evidence, decide, is_simpler_of_angle
+from gsid.diagnosis.missing_torque.conclusion import too_close
 
 N_DOF = 2000  # two standard deviations of the mean cost are 0.063
 LAW, OTHER_FAMILY, SIMPLER = "stribeck_friction", "cubic_spring", "coulomb_friction"
@@ -177,3 +178,8 @@ def test_bug_the_table_printed_shares_of_minus_a_billion_percent():
     assert "< 0%" in text
     assert "> 100%" in text
     assert "000" not in text
+
+
+@pytest.mark.parametrize(("lead", "text"), [(41.0, "41 higher"), (-19.0, "19 lower")])
+def test_bug_a_cost_was_minus_nineteen_higher(lead, text):
+    assert text in too_close(1.0, lead)

@@ -16,7 +16,7 @@ from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
-from gsid.diagnosis.missing_torque.conclusion import taken_over
+from gsid.diagnosis.missing_torque.conclusion import taken_over, too_close
 from gsid.diagnosis.missing_torque.stage import FirstStage
 from gsid.effects.types import find
 
@@ -325,10 +325,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     if share < settings.named_share:
         reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
     if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):
-        reasons.append(
-            f"The best other family leaves {margin:.2g} times as much, and its cost is {lead:.0f} higher: "
-            "too little to exclude it."
-        )
+        reasons.append(too_close(margin, lead))
     if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:
         reasons.append(f"Nothing but noise should be left of a linear effect, but {1 - share:.2%} is.")
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.

@@ -214,6 +214,21 @@ def conclude(
     return Conclusion("nearest", effects, tuple(reasons), (), taken)
 
 
+def too_close(leaves: float, lead: float) -> str:
+    """The sentence on a law of another family that is nearly as good, or better.
+
+    Parameters
+    ----------
+    leaves : float
+        What it leaves, over what the best law leaves.
+    lead : float
+        Its cost less that of the best law.
+    """
+    differs = f"{abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
+    leaves_as_much = f"The best other family leaves {leaves:.2g} times as much"
+    return f"{leaves_as_much}, and its cost is {differs}: too little to exclude it."
+
+
 def taken_over(name: str) -> str:
     """Sentence on a free function that explains most of what a law leaves.
 
@@ -250,10 +265,7 @@ def _against(
     adequate = misfit.excess(best.kept) == 0
     ahead = lead(best, rivals, misfit)
     if lead_over < settings.named_margin and not (adequate and ahead >= settings.named_lead):
-        reasons.append(
-            f"The best other family leaves {lead_over:.2g} times as much, and its cost is {ahead:.0f} "
-            "higher: too little to exclude it."
-        )
+        reasons.append(too_close(lead_over, ahead))
     if not adequate and not best.along_motion and share < settings.exact_share:
         reasons.append(
             f"Nothing but noise should be left of a linear law or a command, but {1 - share:.2%} is."
