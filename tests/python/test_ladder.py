@@ -333,10 +333,20 @@ def test_the_ladder_has_the_order_of_the_search(added, records):
     assert undo(undo(told)).to_dict() == start().to_dict()
 
 
-def test_an_id_that_the_order_lacks(added, records):
-    """A bug: "is not in list", and no word of which list."""
-    with pytest.raises(ValueError, match="not coulomb_friction, which was found"):
-        with_history(start(), added.model, records, order=["quadratic_drag"])
+def test_bug_a_constant_torque_beside_the_law_ended_the_command(added, records):
+    """A diagnosis names the law alone; its fit may contain a constant torque as well."""
+    found = added.model.with_effect(find("torque_bias"), {"level": 0.1})
+    told = with_history(start(), found, records, order=["coulomb_friction"])
+    assert [rung.effect for rung in ladder(told).rungs] == ["coulomb_friction", "torque_bias"]
+
+
+def test_bug_an_effect_of_the_given_model_was_a_step_if_it_stood_last(added, records):
+    """A diagnosis puts laws behind the linear part, whatever their place in the given model."""
+    found = copy.deepcopy(added.model)
+    found.effects = [found.effects[0], found.effects[-1], *found.effects[1:-1]]
+    told = with_history(start(), found, records)
+    assert [rung.effect for rung in ladder(told).rungs] == ["coulomb_friction"]
+    assert undo(told).to_dict() == start().to_dict()
 
 
 def test_levels_without_a_refresh_are_no_worse_minima():

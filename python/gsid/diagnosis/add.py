@@ -216,10 +216,12 @@ def with_history(
     given : PlantModel
         The model with which the diagnosis started.
     found : PlantModel
-        The same model with further effects appended, fitted to all records. Its values are not changed.
+        The same model with further effects, anywhere in the stack, fitted to all records. Its values are not
+        changed.
     records : Record or Spectra, or a sequence of them
     order : sequence of str, optional
-        Names of the effects found, in the order of the steps; default: their order in the model.
+        Names of the effects found, in the order of the steps. Others, such as a constant torque fitted beside
+        a law, follow in their order in the model.
     band : (lo, hi), optional
         Hz; default as in `gsid.fit_plant`.
 
@@ -230,19 +232,17 @@ def with_history(
     Raises
     ------
     ValueError
-        An effect found is not in `order`; as for :func:`add`.
+        As for :func:`add`.
     InputError
         As for :func:`add`.
     """
     searched = spectra_of(records)
     split = _split_of_search(searched)
     fitted = split.fitted
-    steps = list(range(len(given.effects), len(found.effects)))  # indices in the stack, which do not change
-    if order:
-        missing = [found.effects[place].id for place in steps if found.effects[place].id not in order]
-        if missing:
-            raise ValueError(f"order has {', '.join(order)}, but not {missing[0]}, which was found")
-        steps.sort(key=lambda place: order.index(found.effects[place].id))
+    known = {label for label, _ in given.labels()}
+    steps = [i for i, (label, _) in enumerate(found.labels()) if label not in known]  # indices in the stack
+    rank = {effect: i for i, effect in reversed(list(enumerate(order)))}
+    steps.sort(key=lambda place: rank.get(found.effects[place].id, len(order)))
     # Start like `diagnose`: the values found are biased for a model without the effects added later.
     model, before = copy.deepcopy(found), fit_plant(linear_start(given, fitted), fitted, band=band)
     model.history, previous = copy.deepcopy(given.history), undo_state(given)

@@ -323,7 +323,8 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     if best.cost >= evidence.null.cost:
         reasons.append("The linear part alone fits as well.")
     if share < settings.named_share:
-        reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
+        least = settings.named_share
+        reasons.append(f"It explains {max(share, 0.0):.0%} of what is kept out, less than {least:.0%}.")
     if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):
         reasons.append(too_close(margin, lead))
     if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:

@@ -261,7 +261,8 @@ def _against(
     reasons = []
     share, lead_over = misfit.share(best.kept), margin(best, rivals, misfit)
     if share < settings.named_share:
-        reasons.append(f"It explains {share:.0%} of what is kept out, less than {settings.named_share:.0%}.")
+        least = settings.named_share
+        reasons.append(f"It explains {max(share, 0.0):.0%} of what is kept out, less than {least:.0%}.")
     adequate = misfit.excess(best.kept) == 0
     ahead = lead(best, rivals, misfit)
     if lead_over < settings.named_margin and not (adequate and ahead >= settings.named_lead):
