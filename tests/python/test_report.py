@@ -300,8 +300,11 @@ def test_diagnosis(friction):
         "With the effects found",
         "Ladder",
         "Where the model fails",
+        "Assumed",
+        "Not tried",
     ):
         assert words in page.text
+    assert "assumed: " not in page.text  # in the table of the run, not in the verdict's sentences
     assert page.tags.count("svg") == 4
     nothing = diagnose(found.model, measured)
     page = Page(Report("t").add_diagnosis("d", nothing).html())

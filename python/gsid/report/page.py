@@ -186,15 +186,20 @@ class Report:
             drawn.append(("With the effects found", lambda: plots.comparison(after)))
         if ladder is not None and ladder.rungs:
             drawn.append(("Ladder", lambda: plots.ladder(ladder)))
+        listed = {
+            "Assumed": diagnosis.assumed,
+            "Not tried": [": ".join(one) for one in diagnosis.not_tried.items()],
+        }
         self._experiments.append(
             _Experiment(
                 name=name,
                 story=story,
-                verdict=" ".join([diagnosis.sentence, *diagnosis.notes]),
+                verdict=" ".join([diagnosis.sentence, *diagnosis.findings]),
                 grade="good" if diagnosis.adequate else "bad",
                 run=[
                     ("Records", ", ".join(s.name or "a record" for s in measured)),
                     ("Periods", f"{sum(s.n_periods for s in measured)} good in total"),
+                    *((what, "; ".join(texts)) for what, texts in listed.items() if texts),
                 ],
                 tables=[*ranking_tables(diagnosis), *model_tables(diagnosis.model, None)],
                 pictures=self._drawn(drawn),

@@ -217,15 +217,24 @@ class Diagnosis(Plottable):
         return torque_residual(self.linear, self.measured, band=self.band), None
 
     @property
-    def notes(self) -> list[str]:
-        """Reasons, what was assumed and what was not tried, as sentences."""
+    def findings(self) -> list[str]:
+        """Reasons, remarks and the period of what is left, as sentences."""
         notes = [*self.reasons, *self.remarks]
         if self.ripple is not None:
             notes.append(self.ripple.sentence)
         if self.interrupted:
             notes.append("The diagnosis was interrupted: this is the state it had reached.")
-        notes += [f"assumed: {text}" for text in self.assumed]
-        return notes + [f"not tried: {effect}: {why}" for effect, why in self.not_tried.items()]
+        return notes
+
+    @property
+    def notes(self) -> list[str]:
+        """The findings, what was assumed and what was not tried."""
+        assumed = [f"assumed: {text}" for text in self.assumed]
+        return [
+            *self.findings,
+            *assumed,
+            *(f"not tried: {name}: {why}" for name, why in self.not_tried.items()),
+        ]
 
     def table(self) -> Table:
         """The ranking."""
