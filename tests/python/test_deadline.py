@@ -22,8 +22,8 @@ def record():
 
 
 def stiff():
-    """Steep cogging: one simulation takes some ten seconds."""
-    cogging = {"level": 2e5, "cycles_per_rev": 2000.0, "phase_rad": 0.3}
+    """Steep cogging: one simulation takes half a second on a fast computer."""
+    cogging = {"level": 1e6, "cycles_per_rev": 5000.0, "phase_rad": 0.3}
     return plant({"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11.0}, "motor_cogging": cogging})
 
 
@@ -34,10 +34,10 @@ def good():
 def test_a_simulation_within_a_fit_is_stopped_at_the_deadline(record):
     """A bug: a fit of a stiff model went on for minutes after the budget of its search."""
     begin = time.perf_counter(), time.process_time()
-    with Deadline(0.5) as deadline, pytest.raises(OutOfTime):
+    with Deadline(0.1) as deadline, pytest.raises(OutOfTime):
         fit_plant(stiff(), record, deadline=deadline)
     now = time.perf_counter(), time.process_time()
-    assert min(at - then for at, then in zip(now, begin, strict=True)) < 0.5 + LATE_S
+    assert min(at - then for at, then in zip(now, begin, strict=True)) < 0.1 + LATE_S
 
 
 def test_a_fit_out_of_time_has_the_best_values_so_far(record, monkeypatch):

@@ -9,11 +9,11 @@ the output is the acceleration, 0 for the rate, 1 for the angle. g_R stands for 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.base.cached import cached_property
 from gsid.structure.held import hold_response
 
 OUTPUTS = ("rate", "angle", "acceleration")
