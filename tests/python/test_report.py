@@ -295,7 +295,7 @@ def test_diagnosis(friction):
         "16 good in total",
         "Which effect",
         "explained, kept out",
-        "Error of the given model",
+        "Error before an effect is added",
         "Missing torque",
         "With the effects found",
         "Ladder",

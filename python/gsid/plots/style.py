@@ -133,7 +133,8 @@ def db_label(what: str, unit: str) -> str:
 
 
 def with_unit(what: str, unit: str) -> str:
-    return f"{what} [{unit}]" if unit else what
+    """A label with its unit; a command in units of command needs none."""
+    return f"{what} [{unit}]" if unit and unit != what else what
 
 
 def plain_text(value: str) -> str:

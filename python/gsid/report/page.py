@@ -177,7 +177,7 @@ class Report:
         measured, band, before, drawn = diagnosis.measured, diagnosis.band, None, []
         if diagnosis.linear is not None:
             before = compare(diagnosis.linear, measured, band=band, fitted=True)
-            drawn.append(("Error of the given model", lambda: plots.comparison(before)))
+            drawn.append(("Error before an effect is added", lambda: plots.comparison(before)))
         if diagnosis.linear is not None and not diagnosis.adequate:
             torque = diagnosis.torque_residual()
             drawn.append(("Missing torque", lambda: plots.torque_residual(torque)))

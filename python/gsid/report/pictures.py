@@ -52,7 +52,7 @@ CAPTIONS = {
     "remains, 5 % of the points lie above the bound, spread evenly.",
     "Poles and zeros": "Dotted rays are equal damping, circles equal frequency; each close-up shows the "
     "region in which the root lies with 95 % confidence.",
-    "Error of the given model": "The error after a fit of the free parameters, against the noise, for "
+    "Error before an effect is added": "The error after a fit of the free parameters, against the noise, for "
     "excited lines and for other lines.",
     "Missing torque": "The error of the output, converted to torque by the inverse of the model and averaged "
     "over samples of similar rate, angle, command or time. Positive torque drives forwards. A curve that "
