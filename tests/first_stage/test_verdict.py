@@ -180,6 +180,38 @@ def test_bug_the_table_printed_shares_of_minus_a_billion_percent():
     assert "000" not in text
 
 
-@pytest.mark.parametrize(("lead", "text"), [(41.0, "41 higher"), (-19.0, "19 lower")])
+@pytest.mark.parametrize(("lead", "text"), [(41.0, "41 higher"), (-19.0, "lower by 19")])
 def test_bug_a_cost_was_minus_nineteen_higher(lead, text):
     assert text in too_close(1.0, lead)
+
+
+@pytest.mark.parametrize(
+    ("other", "null", "text"),
+    [
+        (
+            6.5,
+            100.0,
+            "The best law of another family leaves only 5.5 times as much, and its cost is 9000 higher.",
+        ),
+        (6.5, 6.0, "Without the best law only 5 times as much is left, and the cost is 8000 higher."),
+    ],
+)
+def test_bug_the_fit_without_a_law_was_called_a_law_of_another_family(other, null, text):
+    """Where no law of another family costs less than the linear part alone."""
+    found = decision(fit(LAW, 2.0), fit(OTHER_FAMILY, other), null=null)
+    assert any(reason.startswith(text) for reason in found.reasons)
+
+
+def test_the_reasons_name_the_numbers_that_are_required():
+    reasons = decision(fit(LAW, 30.0, scatter=0.2, records=1, periods=2), RIVAL, null=90.0).reasons
+    assert reasons[0] == "The best law explains 67 % of the misfit on held-out data; 90 % are required."
+    assert reasons[2] == "The coefficient of the best law varies by 20 % between realisations."
+    reasons = decision(fit(LAW, 1.5, records=1, periods=2), RIVAL, null=9.0).reasons
+    assert "One record of 2 periods is too short to measure the scatter" in reasons[-1]
+    assert "6 periods are required" in reasons[-1]
+
+
+def test_a_linear_effect_has_to_explain_nearly_all():
+    found = decision(fit("sensor_lag", 2.0), RIVAL)
+    required = "A linear effect has to explain 99.5 % of the misfit on held-out data"
+    assert found.reasons == (f"{required}; the best one explains 99.05 %.",)

@@ -93,7 +93,7 @@ def test_an_effect_that_later_ones_explain_is_dropped():
     assert found(**answers) == (["cubic_spring", "drive_dead_zone"], [])
 
 
-def test_an_effect_that_is_not_earned_beside_the_others_leaves_the_first():
+def test_an_effect_that_is_not_confirmed_beside_the_others_leaves_the_first():
     answers = {
         "alone": COULOMB,
         "coulomb_friction": (NEAREST, "cubic_spring", 0.6),

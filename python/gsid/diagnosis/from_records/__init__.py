@@ -2,5 +2,5 @@
 
 `diagnose_records` (diagnose.py) runs the steps. canonical.py makes the stack on which laws are judged,
 draft.py repeats the first stage until its best law is not a linear one, confirm.py fits the best laws by
-simulation, and verdict.py decides whether a name has been earned. The constants stand in settings.py.
+simulation, and verdict.py decides whether a law is confirmed. The constants stand in settings.py.
 """

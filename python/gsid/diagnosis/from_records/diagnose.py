@@ -4,7 +4,7 @@
 2. The laws are judged on a canonical stack by the first stage; linear effects that are missing enter the
    stack first.
 3. The winner, its relatives and the best law of another family are fitted by simulation.
-4. A name is earned by these fits, otherwise the law is the nearest, or unknown.
+4. A law is named if these fits confirm it; otherwise it is the nearest, or unknown.
 5. If a law is named, its part of the output is subtracted and the linear structure is found again.
 """
 

@@ -1,9 +1,9 @@
 """Several effects that a given model lacks: rounds of one effect each, and a review of what was found.
 
 Each round runs the first stage and the fits by simulation beside the effects found so far. Of two missing
-effects the larger one alone does not earn its name: the best law of a round is taken for the time being if it
+effects the larger one alone is not confirmed: the best law of a round is taken for the time being if it
 explains much. At the end each effect is judged again beside all others. One that is no longer significant is
-dropped, and all have to earn their names.
+dropped, and all others have to be confirmed.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class Rounds:
             if not self._explains(following):
                 break
             taken.append(following)
-        self.kept = self._earned(taken)
+        self.kept = self._confirmed(taken)
         if not self.kept and self.first.decision.verdict != ADEQUATE:
             self.first.fit_play()
             self.kept = [self.first] if self.first.decision.verdict == MISSING else []
         if self.kept and not self.first.evidence().is_adequate(self.final):
-            self.first.notes.append("More than noise is left, and no further effect has earned a name.")
+            self.first.notes.append("More than noise is left, and no further effect is confirmed.")
 
     def drop(self, rounds: Sequence[Run], final: Simulated) -> None:
         """Leave out effects, with the fit without them.
@@ -86,8 +86,8 @@ class Rounds:
             return True
         return run.evidence().share(run.final) >= self.settings.share_of_next and run.is_significant
 
-    def _earned(self, taken: list[Run]) -> list[Run]:
-        """The rounds whose effects have earned their names, each beside all others."""
+    def _confirmed(self, taken: list[Run]) -> list[Run]:
+        """The rounds whose effects are confirmed, each beside all others."""
         for n in range(len(taken), 1, -1):
             reviewed = self._reviewed(taken[:n])
             if reviewed:
@@ -95,7 +95,7 @@ class Rounds:
         return taken[:1] if self.first.decision.verdict == MISSING else []
 
     def _reviewed(self, taken: list[Run]) -> list[Run]:
-        """Each effect judged again beside all others; empty if one of them is not earned."""
+        """Each effect judged again beside all others; empty if one of them is not confirmed."""
         if taken[-1].decision.verdict != MISSING:
             return []
         final = taken[-1].final

@@ -1,4 +1,4 @@
-"""Whether a law has earned its name, from the fits by simulation.
+"""Whether a law meets the conditions of a name, from the fits by simulation.
 
 A name needs a converged fit that leaves only noise, or a large share of the misfit explained where it was not
 fitted; a clear lead over laws of other families that were fitted as well; a coefficient that is the same in
@@ -16,7 +16,14 @@ from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.missing_torque.catalogue import family
-from gsid.diagnosis.missing_torque.conclusion import taken_over, too_close
+from gsid.diagnosis.missing_torque.conclusion import (
+    inexact,
+    scattered,
+    taken_over,
+    too_close,
+    too_short,
+    too_small,
+)
 from gsid.diagnosis.missing_torque.stage import FirstStage
 from gsid.effects.types import find
 
@@ -161,6 +168,15 @@ class Evidence:
         one : Simulated
         """
         return min(other.cost for other in [self.null, *self.rivals(one)]) - one.cost
+
+    def is_beaten_by_none(self, one: Simulated) -> bool:
+        """Whether the linear part alone costs less than each law of another family.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return all(other.cost >= self.null.cost for other in self.rivals(one))
 
     def is_worse(self, one: Simulated, best: Simulated) -> bool:
         """Whether a law is significantly worse than the best of its family.
@@ -319,19 +335,18 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     share, adequate = evidence.share(best), evidence.is_adequate(best)
     margin, lead = evidence.margin(best), evidence.lead(best)
     if not (best.converged or (adequate and best.stalled)):
-        reasons.append("Its fit by simulation has not converged.")
+        reasons.append("The fit of the best law by simulation has not converged.")
     if best.cost >= evidence.null.cost:
-        reasons.append("The linear part alone fits as well.")
+        reasons.append("The fit without a law is as good.")
     if share < settings.named_share:
-        least = settings.named_share
-        reasons.append(f"It explains {max(share, 0.0):.0%} of what is kept out, less than {least:.0%}.")
+        reasons.append(too_small(share, settings.named_share))
     if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):
-        reasons.append(too_close(margin, lead))
+        reasons.append(too_close(margin, lead, evidence.is_beaten_by_none(best)))
     if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:
-        reasons.append(f"Nothing but noise should be left of a linear effect, but {1 - share:.2%} is.")
+        reasons.append(inexact("linear effect", share, settings.linear_share))
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.
     if not adequate and not is_steady(best, settings.named_scatter, settings):
-        reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")
+        reasons.append(scattered(best.scatter))
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] in best.effects]
     if unknown and not adequate:
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
@@ -341,5 +356,5 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     n_periods = best.fit.records[0].spectra.n_periods
     clear = evidence.null.fit.cost_per_dof >= settings.clear_misfit
     if len(best.fit.records) == 1 and n_periods < settings.periods_least and not clear:
-        reasons.append(f"One record of {n_periods} periods shows no scatter.")
+        reasons.append(too_short(n_periods, settings.periods_least))
     return reasons

@@ -1,4 +1,4 @@
-"""Whether the best law has earned a name: none, named, nearest or unknown.
+"""Whether the best law meets the conditions of a name: none, named, nearest or unknown.
 
 A name needs a large share of the misfit kept out of the fit, a clear lead over the best other family, a
 coefficient that is the same in all realisations, and no better rival from outside the catalogue. Rather
@@ -172,6 +172,17 @@ def lead(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> float:
     return min([*others, misfit.cost]) - best.cost
 
 
+def is_beaten_by_none(best: Candidate, rivals: Sequence[Candidate], misfit: Misfit) -> bool:
+    """Whether the linear part alone costs less than each law of another family.
+
+    Parameters
+    ----------
+    best, rivals, misfit
+        As `margin`.
+    """
+    return all(one.cost >= misfit.cost for one in rivals if one.family != best.family)
+
+
 def conclude(
     best: Candidate,
     rivals: Sequence[Candidate],
@@ -214,8 +225,20 @@ def conclude(
     return Conclusion("nearest", effects, tuple(reasons), (), taken)
 
 
-def too_close(leaves: float, lead: float) -> str:
-    """The sentence on a law of another family that is nearly as good, or better.
+def too_small(share: float, least: float) -> str:
+    """Sentence on a law that explains too little.
+
+    Parameters
+    ----------
+    share, least : float
+        Share of the misfit that it explains where it was not fitted, and the one required.
+    """
+    explained = f"The best law explains {100 * max(share, 0.0):.0f} % of the misfit on held-out data"
+    return f"{explained}; {100 * least:.0f} % are required."
+
+
+def too_close(leaves: float, lead: float, is_linear_part: bool = False) -> str:
+    """Sentence on a law of another family that is nearly as good, or better.
 
     Parameters
     ----------
@@ -223,10 +246,52 @@ def too_close(leaves: float, lead: float) -> str:
         What it leaves, over what the best law leaves.
     lead : float
         Its cost less that of the best law.
+    is_linear_part : bool
+        Whether it is the fit without a law instead.
     """
-    differs = f"{abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
-    leaves_as_much = f"The best other family leaves {leaves:.2g} times as much"
-    return f"{leaves_as_much}, and its cost is {differs}: too little to exclude it."
+    if is_linear_part:
+        differs = f"{abs(lead):.0f} {'lower' if lead < 0 else 'higher'}"
+        return f"Without the best law only {leaves:.2g} times as much is left, and the cost is {differs}."
+    if lead < 0:
+        return f"A law of another family fits better (cost lower by {-lead:.0f})."
+    leaves_as_much = f"The best law of another family leaves only {leaves:.2g} times as much"
+    return f"{leaves_as_much}, and its cost is {lead:.0f} higher. It cannot be excluded."
+
+
+def inexact(kind: str, share: float, least: float) -> str:
+    """Sentence on an effect that does not depend on the measured motion, and explains too little.
+
+    Parameters
+    ----------
+    kind : str
+    share, least : float
+        As `too_small`.
+    """
+    required = f"A {kind} has to explain {100 * least:.3g} % of the misfit on held-out data"
+    return f"{required}; the best one explains {100 * share:.2f} %."
+
+
+def scattered(scatter: float) -> str:
+    """Sentence on a coefficient that differs between realisations.
+
+    Parameters
+    ----------
+    scatter : float
+        Relative to the coefficient.
+    """
+    return f"The coefficient of the best law varies by {100 * scatter:.0f} % between realisations."
+
+
+def too_short(n_periods: int, least: int) -> str:
+    """Sentence on a single record that is too short.
+
+    Parameters
+    ----------
+    n_periods, least : int
+        Number of its periods, and the one required.
+    """
+    short = f"One record of {n_periods} periods is too short to measure the scatter of the coefficient"
+    return f"{short}; {least} periods are required."
 
 
 def taken_over(name: str) -> str:
@@ -237,7 +302,7 @@ def taken_over(name: str) -> str:
     name : str
         What it is a function of.
     """
-    return f"A free function, {name}, explains much of what it leaves: another law of that kind."
+    return f"A free function, {name}, explains much of what the best law leaves: the law is another one."
 
 
 def _takes_over(one: FreeFunction, best: Candidate, misfit: Misfit, settings: SearchSettings) -> bool:
@@ -261,29 +326,27 @@ def _against(
     reasons = []
     share, lead_over = misfit.share(best.kept), margin(best, rivals, misfit)
     if share < settings.named_share:
-        least = settings.named_share
-        reasons.append(f"It explains {max(share, 0.0):.0%} of what is kept out, less than {least:.0%}.")
+        reasons.append(too_small(share, settings.named_share))
     adequate = misfit.excess(best.kept) == 0
     ahead = lead(best, rivals, misfit)
     if lead_over < settings.named_margin and not (adequate and ahead >= settings.named_lead):
-        reasons.append(too_close(lead_over, ahead))
+        reasons.append(too_close(lead_over, ahead, is_beaten_by_none(best, rivals, misfit)))
     if not adequate and not best.along_motion and share < settings.exact_share:
-        reasons.append(
-            f"Nothing but noise should be left of a linear law or a command, but {1 - share:.2%} is."
-        )
+        kind = "linear effect" if best.law is None else "law of the command"
+        reasons.append(inexact(kind, share, settings.exact_share))
     if not _steady(best, settings.named_scatter, settings):
-        reasons.append(f"Its coefficient differs by {best.scatter:.0%} between realisations.")
+        reasons.append(scattered(best.scatter))
     reasons += [
         f"{one.name} explains more, and is not in the catalogue."
         for one in enlarged
         if one.cost < best.cost - settings.enlarged_gain
     ]
     if best.kept < settings.unconverged * best.cost / misfit.n_rows:
-        reasons.append("Its fit has not converged.")
+        reasons.append("The fit of the best law has not converged.")
     if best.kept > settings.verdict_cost:
         reasons.append(f"What is left has {best.kept:.3g} times the power of noise.")
     if 0 < misfit.n_periods < settings.periods_least and not misfit.has_model_error:
-        reasons.append(f"One record of {misfit.n_periods} periods shows no scatter.")
+        reasons.append(too_short(misfit.n_periods, settings.periods_least))
     return reasons
 
 
