@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue as laws_of
+from gsid.diagnosis.missing_torque import stage
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
 from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.law_columns import Law, dissipated
@@ -186,6 +188,26 @@ def test_a_law_is_named_beside_a_model_error_and_from_a_few_periods():
     found = first_stage(records(hidden, n_records=1, noise=0.004, periods=3), plant(TRUE, 0.05))
     print(found)
     assert (found.conclusion.kind, found.conclusion.effects) == ("named", ("coulomb_friction",))
+    assert found.ranking[0].params["level"] == pytest.approx(1.0, rel=0.05)
+
+
+def test_bug_the_end_of_the_time_in_the_fits_with_a_model_error_lost_the_fits_before(monkeypatch):
+    deadline = Deadline()
+
+    def late(problem, *others):
+        if problem.has_model_error:
+            deadline.stop()
+        refit(problem, *others)
+
+    monkeypatch.setattr(stage, "refit", late)
+    hidden = {
+        "coulomb_friction": {"level": 1.0},
+        "motor_cogging": {"level": 0.03, "cycles_per_rev": 300.0, "phase_rad": 0.4},
+    }
+    measured = records(hidden, n_records=1, noise=0.004, periods=3)
+    found = stage.first_stage(measured, plant(TRUE, 0.05), deadline=deadline)
+    assert deadline.is_over
+    assert found.ranking[0].effects == ("coulomb_friction",)
     assert found.ranking[0].params["level"] == pytest.approx(1.0, rel=0.05)
 
 

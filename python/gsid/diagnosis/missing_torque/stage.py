@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -128,7 +129,7 @@ class FirstStage:
         return "\n".join(lines)
 
 
-UNDECIDED = Conclusion("unknown", (), ("The time was over before the decision.",), "")
+UNDECIDED = Conclusion("unknown", (), ("The time was over before the decision.",))
 
 
 @contextmanager
@@ -344,7 +345,8 @@ def _with_model_error(one: _Fitted, model: PlantModel, without: Collection[str])
         null = fit_linear_part(problem, null.part)
         moved = motions(problem, null.part)
         if not refitted:
-            known = {each.name: each for each in one.refitted}
+            # Copies: if the time ends here, the result is that with the weights of noise.
+            known = {each.name: copy.copy(each) for each in one.refitted}
             scanned = _scanned(problem, null, moved, model, without)
             _add_starts(scanned, null, one.values)
             candidates = [known.get(each.name, each) for each in scanned]
