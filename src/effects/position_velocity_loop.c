@@ -24,7 +24,7 @@ static uint32_t rate_samples(const gsid_plant_item *item) {
 
 const gsid_effect EFFECT(position_velocity_loop) = {
     .id = "position_velocity_loop",
-    .sentence = "A known controller: position loop around a velocity loop, computed once a sample from angle and rate.",
+    .sentence = "A controller: position loop around a velocity loop, computed once a sample from angle and rate.",
     .confused_with = "",
     .stage = GSID_STAGE_CONTROLLER,
     .null_kind = GSID_NULL_NEVER,
@@ -43,6 +43,6 @@ const gsid_effect_facts FACTS(position_velocity_loop) = {
     .law = "u = kv (kp (reference - theta) - w), clipped to +-limit; w as the change of theta over rate_samples, 0: w "
            "itself",
     .linear_part = GSID_LINEAR_LOOP,
-    .not_searched = "a controller is known, not found",
+    .not_searched = "a controller is given, or found from reference, output and command by --r",
     .parameter = {{0}},
 };

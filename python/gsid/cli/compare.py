@@ -16,7 +16,7 @@ from gsid.cli.options import (
     options_as_arguments,
     picture_option,
     record_options,
-    reference_option,
+    reference_option_for,
 )
 from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
 
@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Compare a model with records.")
 @record_options
-@reference_option
+@reference_option_for(
+    "Column or array of the reference of a closed loop: the input of the simulation; for a transfer "
+    "function, the lines to compare. [default: --u is the input]"
+)
 @click.option(
     "--model",
     "model_path",

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
 
 
-@click.command(short_help="Find the physical effect that is missing from a model.")
+@click.command(short_help="Find the physical effects that a model of an axis lacks.")
 @records_argument
 @reading_options
 @reference_option
@@ -58,14 +58,16 @@ if TYPE_CHECKING:
 )
 @output_is_option
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option(0.05)
-@click.option("--fast", is_flag=True, help="Stop at the first draft, which no simulation confirms.")
+@alpha_option(0.05, "With --model: significance level of the test whether the model is adequate.")
+@click.option(
+    "--fast", is_flag=True, help="Stop after the first draft: no fits by simulation, and no effect is named."
+)
 @click.option(
     "--time",
     "time_s",
     metavar="SECONDS",
     type=click.FloatRange(0, min_open=True),
-    help="Budget: the result is the best so far. [default: 60]",
+    help="Time limit. The result is the best one found until then. [default: 60]",
 )
 @found_model_option
 @click.option(
@@ -92,7 +94,7 @@ def diagnose(
     picture: str | None,
     as_json: bool,
 ) -> int:
-    """Find the physical effects that are missing from a model of an axis.
+    """Find the physical effects that a model of an axis lacks.
 
     Without --model, the linear structure is found from the records. With --model, the free parameters of the
     model are fitted; several effects may be missing from it.
@@ -159,7 +161,8 @@ def _saved(given: PlantModel | None, found: Diagnosis, path: str) -> PlantModel 
         return None
     final = with_ladder(given, found) if given is not None else found.model
     final.save(path)
-    print_message(f"wrote {path}, {'with' if found.named else 'without'} a missing effect")
+    which = "with the effects found" if found.named else "without an added effect"
+    print_message(f"wrote {path}: the model {which}")
     return final
 
 

@@ -28,7 +28,7 @@ VERBS = {
     "start": "Find the linear structure of an axis from its records.",
     "compare": "Test whether a model is adequate, and show the bands where it fails.",
     "effects": "List the catalogue of physical effects.",
-    "diagnose": "Find the physical effect that is missing from a model.",
+    "diagnose": "Find the physical effects that a model of an axis lacks.",
     "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",

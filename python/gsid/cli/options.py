@@ -259,11 +259,13 @@ INPUT, RECORD = InputPath(), InputPath(with_meta=True)
 OUTPUT, FILE_OUTPUT = OutputPath(), OutputPath(streams=False)
 
 
-reference_option = click.option(
-    "--r",
-    "reference",
-    metavar="NAME",
-    help="Column or array of the reference, for a closed loop. [default: open loop]",
+def reference_option_for(text: str) -> Callable:
+    """--r with the help text of a verb."""
+    return click.option("--r", "reference", metavar="NAME", help=text)
+
+
+reference_option = reference_option_for(
+    "Column or array of the reference, for a closed loop. [default: open loop]"
 )
 
 
@@ -378,15 +380,15 @@ def library_option(text: str, name: str, *, multiple: bool) -> Callable:
     return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
 
 
-def alpha_option(default: float) -> Callable:
-    """--alpha."""
+def alpha_option(default: float, text: str = "Significance level: rate of false alarms.") -> Callable:
+    """--alpha, with the help text of a verb."""
     return click.option(
         "--alpha",
         metavar="P",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         default=default,
         show_default=True,
-        help="Significance level: rate of false alarms.",
+        help=text,
     )
 
 
