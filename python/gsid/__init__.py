@@ -51,6 +51,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.plant.effect import Param as Param
     from gsid.plant.model import PlantModel as PlantModel
     from gsid.plant.periodic import Prediction as Prediction
+    from gsid.prediction import PredictedOutput as PredictedOutput
+    from gsid.prediction import predict as predict
     from gsid.records.files import read_record as read_record
     from gsid.records.files import write_record as write_record
     from gsid.records.mimo import MimoRecord as MimoRecord
@@ -92,6 +94,7 @@ _HOME = {
     "PiecewiseModel": "models.piecewise",
     "PlantFit": "greybox.fit",
     "PlantModel": "plant.model",
+    "PredictedOutput": "prediction",
     "Prediction": "plant.periodic",
     "RationalModel": "models.rational",
     "RankedLaw": "diagnosis.from_records.result",
@@ -113,6 +116,7 @@ _HOME = {
     "frf_mimo": "response.mimo",
     "load_model": "models.load",
     "noise": "spectrum.noise",
+    "predict": "prediction",
     "read_mimo_record": "records.mimo",
     "read_record": "records.files",
     "select_order": "fitting.order",

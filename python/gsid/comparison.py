@@ -275,13 +275,18 @@ def compare(
         raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
     if isinstance(model, PlantModel) and not fitted:
         _warn_of_undetermined(model)
-    if _depends_on_hold(model) and is_open(measured):
+    if depends_on_hold(model) and is_open(measured):
         return _either(model, measured, lambda one, read: _compared(one, read, band, alpha, fitted=fitted))
     return _compared(model, measured, band, alpha, fitted=fitted)
 
 
-def _depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
-    """Whether the hold matters. The reference of a loop is always held; a model in z includes its hold."""
+def depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
+    """Whether the hold matters. The reference of a loop is always held; a model in z includes its hold.
+
+    Parameters
+    ----------
+    model : RationalModel, PiecewiseModel or PlantModel
+    """
     if isinstance(model, PlantModel):
         return not model.has_controller
     return getattr(model, "pieces", (model,))[0].domain == "s"
@@ -293,7 +298,7 @@ def _either(
     compared: Callable[[Any, list[Spectra]], Comparison],
 ) -> Comparison:
     """Compare with both holds. Use the one with which the model is adequate, otherwise the likelier."""
-    cases = fit_readings(lambda reading: compared(_behind(model, reading), read_as(measured, reading)))
+    cases = fit_readings(lambda reading: compared(behind_hold(model, reading), read_as(measured, reading)))
     adequate = [reading for reading, case in cases.items() if case.adequate]
     likeliest = likelier({reading: case.deviance for reading, case in cases.items()})
     taken = adequate[0] if len(adequate) == 1 else likeliest
@@ -308,8 +313,14 @@ def _either(
     return case
 
 
-def _behind(model: RationalModel | PiecewiseModel | PlantModel, hold: str) -> Any:
-    """The model for an input with this hold. A plant takes the hold from the records."""
+def behind_hold(model: RationalModel | PiecewiseModel | PlantModel, hold: str) -> Any:
+    """The model for an input with this hold. A plant takes the hold from the records.
+
+    Parameters
+    ----------
+    model : RationalModel, PiecewiseModel or PlantModel
+    hold : {"zoh", "none"}
+    """
     if isinstance(model, PlantModel):
         return model
     if hasattr(model, "pieces"):

@@ -27,6 +27,7 @@ VERBS = {
     "fit": "Fit a rational model, or a stack of effects, to records.",
     "start": "Find the linear structure of an axis from its records.",
     "compare": "Test whether a model is adequate, and show the bands where it fails.",
+    "predict": "Show the output of a model beside the measured output, over time.",
     "effects": "List the catalogue of physical effects.",
     "diagnose": "Find the physical effects that a model of an axis lacks.",
     "add": "Add an effect to a model and report how much the error falls.",

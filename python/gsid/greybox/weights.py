@@ -77,6 +77,18 @@ def _pool(group: list[Spectra], drift: bool) -> tuple[np.ndarray, float]:
     return variance, dof
 
 
+def has_common_zero(model: PlantModel) -> bool:
+    """Whether input and output have a common zero, so that the mean of the output is meaningful.
+
+    Reference and angle of a position loop have one. A gyro has an offset; the zero of an angle is arbitrary.
+
+    Parameters
+    ----------
+    model : PlantModel
+    """
+    return model.output == "angle" and model.has_controller
+
+
 def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) -> np.ndarray:
     """Select the lines of a record that a fit of a plant or a comparison uses, (K,) bool.
 
@@ -94,9 +106,7 @@ def lines_used(model: PlantModel, s: Spectra, band: tuple[float, float] | None) 
     """
     if band is None:
         f_excited = s.f_hz[s.excited]
-        # In a position loop, reference and angle have a common zero: the mean angle is meaningful.
-        common_zero = model.output == "angle" and model.has_controller
-        band = (0.0 if common_zero else f_excited[0], f_excited[-1])
+        band = (0.0 if has_common_zero(model) else f_excited[0], f_excited[-1])
     use = in_band(s.f_hz, band)
     use &= 2 * s.line < s.period_samples
     if model.output == "angle" and not model.looks_at_angle:

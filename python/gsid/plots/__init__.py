@@ -22,11 +22,13 @@ from gsid.plots.matrix import bode_matrix
 from gsid.plots.methods import estimators
 from gsid.plots.noise_spectrum import noise
 from gsid.plots.nonlinearity import distortion, superposition
+from gsid.plots.prediction import predicted_output
 from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.structure import start
 from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
 from gsid.plots.torque import missing_torque, torque_residual
+from gsid.prediction import PredictedOutput
 from gsid.response.distortion import Distortion
 from gsid.response.frf import Frf
 from gsid.response.superposition import Superposition
@@ -54,6 +56,7 @@ __all__ = [
     "piecewise",
     "plant_fit",
     "pole_zero",
+    "predicted_output",
     "residual",
     "residual_of_plant",
     "root_text",
@@ -75,6 +78,7 @@ _DRAWINGS = {
     Periodic: excitation,
     PiecewiseModel: piecewise,
     PlantFit: plant_fit,
+    PredictedOutput: predicted_output,
     RationalModel: bode,
     Start: start,
     Superposition: superposition,
