@@ -373,7 +373,8 @@ def linear_candidates(scan: Scan, effects: Sequence[EffectType], scales: dict[st
 
 
 def _enlarged(part: LinearPart, effect: EffectType, params: dict[str, float]) -> LinearPart:
-    label = effect.id if effect.id not in part.stack else f"{effect.id}#2"
+    n_alike = sum(label.partition("#")[0] == effect.id for label in part.stack)
+    label = f"{effect.id}#{n_alike + 1}" if n_alike else effect.id
     stack = part.stack | {label: params}
     names = (*part.names, *(f"{label}.{name}" for name in params))
     least = [min(p.lower, p.null_value) if p.null_value is not None else p.lower for p in effect.parameters]
