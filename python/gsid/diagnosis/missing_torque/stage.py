@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError
 from gsid.base.threads import in_parallel
@@ -203,7 +205,8 @@ def first_stage(
     Raises
     ------
     InputError
-        The model has a joint between motor and load; a record that `gsid.spectra` refuses.
+        The model has a joint between motor and load; no effect is left to look for; a record that
+        `gsid.spectra` refuses.
     ValueError
         The band contains no line.
     OutOfTime
@@ -448,6 +451,11 @@ def _refitted(
     refitted = [one for one in chosen if one.fit is not None]
     if not refitted and not all(fits_in_time):
         problem.deadline.check()
+    if not refitted:
+        hint = "look for more effects: --without leaves none that fits"
+        raise InputError(
+            "no effect of the catalogue can be fitted", problem.records[0].spectra.name, None, hint
+        )
     stays = [one for one in refitted if not is_at_an_end(one)] or refitted
     for one in refitted:
         if one not in stays:
@@ -481,7 +489,7 @@ def _enlarged(
 
 
 def _misfit(problem: Problem, null: LinearFit) -> Misfit:
-    kept, _, _ = keep_out(problem, null, null.jacobian, 1)
+    kept, _, _ = keep_out(problem, null, null.jacobian, 0, np.zeros(0))
     n_periods = problem.records[0].spectra.n_periods if len(problem.records) == 1 else 0
     return Misfit(null.cost, null.cost_per_dof, kept, problem.n_rows, n_periods, problem.has_model_error)
 
