@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from plants import plant
 
-from gsid.base.deadline import Deadline
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, Decision
@@ -25,7 +25,7 @@ class Run:
     settings, deadline, is_significant = DEFAULTS, Deadline(), True
 
     def __init__(self, answers, known=()):
-        self.answers, self.known, self.notes = answers, known, []
+        self.answers, self.known, self.notes, self.not_tried = answers, known, [], {}
         verdict, effect, self.share = answers[frozenset(known)]
         self.decision = Decision(verdict, (effect,) if effect else ())
         model = plant(GIVEN | {name: VALUES[name] for name in (*known, *([effect] if effect else []))})
@@ -34,7 +34,10 @@ class Run:
         self.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="named")))
 
     def beside(self, model, null=None):
-        return Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
+        further = Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
+        if further.decision.verdict == OVER:  # the laws that are known are simulated first
+            raise OutOfTime("the time is over")
+        return further
 
     def draw_up(self):
         pass
@@ -54,9 +57,12 @@ def found(**answers):
     by = {frozenset() if k == "alone" else frozenset(k.split("_and_")): v for k, v in answers.items()}
     rounds = Rounds(Run(by))
     rounds.run()
+    if any(verdict == OVER for verdict, *_ in by.values()):
+        assert rounds.first.not_tried == {"further effects": "the time was over"}
     return [one.decision.effects[0] for one in rounds.kept], rounds.first.notes
 
 
+OVER = "the time is over"
 NOTHING = (ADEQUATE, None, 0.0)
 COULOMB, CUBIC = (MISSING, "coulomb_friction", 0.99), (MISSING, "cubic_spring", 0.99)
 
@@ -111,3 +117,12 @@ def test_two_laws_of_one_family_stand_for_a_third():
         "motor_cogging": (MISSING, "drive_dead_zone", 0.99),
     }
     assert found(**answers) == (["motor_cogging", "drive_dead_zone"], [])
+
+
+def test_bug_a_deadline_in_a_further_round_erased_the_first_effect():
+    assert found(alone=COULOMB, coulomb_friction=(OVER, None, 0.0)) == (["coulomb_friction"], [])
+
+
+def test_a_deadline_in_the_review_leaves_the_first_effect():
+    answers = {"alone": COULOMB, "coulomb_friction": CUBIC, "coulomb_friction_and_cubic_spring": NOTHING}
+    assert found(**answers, cubic_spring=(OVER, None, 0.0)) == (["coulomb_friction"], [])

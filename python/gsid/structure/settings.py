@@ -70,8 +70,6 @@ class StructureSettings:
         friction puts small modes at antiresonances.
     rejected_cost : float
         Cost per line at the largest allowed error from which no structure represents the data.
-    delay_max_s : float
-        Longest delay that the rational fits are started with [s].
     scan_zeta : tuple of float
         Damping ratios of the scan for a further mode.
     n_scan : int

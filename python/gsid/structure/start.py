@@ -263,9 +263,13 @@ def start(
     best, found = _likeliest(axis, outputs, settings, deadline)
     if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
         model = best.selection.chosen.fitted
-        measured = source.without_images(model, rate_hz, best.hold) or measured
-        axis = before_sensor(measured, rate_hz)
-        best, found = _likeliest(axis, outputs, settings, deadline)
+        cleared = source.without_images(model, rate_hz, best.hold)
+        if cleared is not None:
+            try:
+                best, found = _likeliest(before_sensor(cleared, rate_hz), outputs, settings, deadline)
+                measured, axis = cleared, before_sensor(cleared, rate_hz)
+            except OutOfTime:
+                best.selection.complete = False
     return _described(best, found, measured, axis, rate_hz, output)
 
 

@@ -85,7 +85,7 @@ def draft(
     first = stage = first_stage(measured, model, **how)
     by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
     if not from_data and by_effects and _is_doubtful(stage, settings) and not deadline.is_over:
-        how["values"] = _values_from_data(measured, model, band, on_step)
+        how["values"] = _values_from_data(measured, model, band, on_step, deadline)
     if how.get("values") is not None:
         with in_time():
             first = stage = first_stage(measured, model, **how)
@@ -120,12 +120,13 @@ def _values_from_data(
     model: PlantModel,
     band: tuple[float, float] | None,
     on_step: Callable[[str], None],
+    deadline: Deadline,
 ) -> dict[str, dict[str, float]] | None:
     """Values of the linear stack that the data show; None where there is none."""
     on_step("finding the linear structure")
     try:
-        found = start(measured, output=model.output, band=band)
-    except (GsidError, InputError, np.linalg.LinAlgError):
+        found = start(measured, output=model.output, band=band, deadline=deadline)
+    except (GsidError, InputError, OutOfTime, np.linalg.LinAlgError):
         return None
     return found.effects if found.has_model else None
 

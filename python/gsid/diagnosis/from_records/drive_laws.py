@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError
 from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.law_columns import Law
@@ -19,7 +20,9 @@ from gsid.plant.model import PlantModel
 POINTS_MOST = 24  # of each law: each is a simulation of all records
 
 
-def drive_starts(null: PlantFit, without: Collection[str]) -> list[tuple[str, PlantModel]]:
+def drive_starts(
+    null: PlantFit, without: Collection[str], deadline: Deadline
+) -> list[tuple[str, PlantModel]]:
     """Effects of the drive, each with the model at the best point of its grid, if the cost falls there.
 
     Parameters
@@ -28,6 +31,8 @@ def drive_starts(null: PlantFit, without: Collection[str]) -> list[tuple[str, Pl
         Of a model with its controller.
     without : collection of str
         Effects that are not tried.
+    deadline : Deadline
+        Time at which no further point is simulated.
     """
     present = {effect.id for effect in null.model.effects}
     laws = [law for law in catalogue.laws({*present, *without}, True, True) if law.is_command]
@@ -37,16 +42,18 @@ def drive_starts(null: PlantFit, without: Collection[str]) -> list[tuple[str, Pl
     )
     found = []
     for law in laws:
-        cost, model = _best(null, law, largest)
+        cost, model = _best(null, law, largest, deadline)
         if cost < null.cost:
             found.append((cost, law.effect.id, model))
     return [(effect, model) for _, effect, model in sorted(found, key=lambda one: one[0])]
 
 
-def _best(null: PlantFit, law: Law, largest: float) -> tuple[float, PlantModel]:
+def _best(null: PlantFit, law: Law, largest: float, deadline: Deadline) -> tuple[float, PlantModel]:
     points = law.points({"largest command": largest, "1": 1.0})
     best = (np.inf, null.model)
     for point in points[np.unique(np.linspace(0, len(points) - 1, POINTS_MOST).astype(int))]:
+        if deadline.is_over:
+            break
         names = [parameter.name for parameter in law.effect.parameters]
         model = null.model.with_effect(law.effect, dict(zip(names, map(float, point), strict=True)))
         try:

@@ -60,7 +60,11 @@ def check_hold(rounds: Rounds) -> None:
 def _fit(run: Run, model: PlantModel, hold: str) -> Simulated | None:
     """A model fitted under an assumption, from new starting values of its linear part."""
     measured = _read(run, hold)
-    return replace(run.simulations(), measured=measured).fit(linear_start(model, measured), ())
+    fits = replace(run.simulations(), measured=measured)
+    fitted = fits.fit(linear_start(model, measured), ())
+    for why in fits.not_tried.values():
+        run.not_tried[f"the check with the input {MEANING[hold]}"] = why
+    return fitted
 
 
 def _read(run: Run, hold: str) -> list[Spectra]:

@@ -18,6 +18,7 @@ from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
+from gsid.plant.model import PlantModel
 
 
 class Rounds:
@@ -45,8 +46,8 @@ class Rounds:
         taken = [self.first]
         while len(taken) < self.settings.effects_most and self._explains(taken[-1]):
             last = taken[-1].final
-            following = judged(taken[-1].beside(last.model, last))
-            if not self._explains(following):
+            following = judged(taken[-1], last.model, last)
+            if following is None or not self._explains(following):
                 break
             taken.append(following)
         self.kept = self._confirmed(taken)
@@ -104,11 +105,15 @@ class Rounds:
             effect, *left = left
             # Two laws of one family may stand for a third.
             alike = [other for other in left if same_family(other, effect)]
-            again = judged(taken[0].beside(without(final.model, [effect, *alike])))
+            again = judged(taken[0], without(final.model, [effect, *alike]))
+            if again is None:
+                return []
             if again.decision.verdict == MISSING and not (alike and self._is_worse(again.final, final)):
                 left = [other for other in left if other not in alike]
             elif alike:
-                again = judged(taken[0].beside(without(final.model, [effect])))
+                again = judged(taken[0], without(final.model, [effect]))
+            if again is None:
+                return []
             if again.decision.verdict == ADEQUATE:  # the others explain what it did
                 final = again.null
             elif again.decision.verdict == MISSING:
@@ -132,17 +137,21 @@ def same_family(one: str, other: str) -> bool:
     return family(find(one)) == family(find(other))
 
 
-def judged(run: Run) -> Run:
-    """A round with its verdict.
+def judged(before: Run, model: PlantModel, null: Simulated | None = None) -> Run | None:
+    """A round beside a fitted model, with its verdict; None if there was no time for one.
 
     Parameters
     ----------
-    run : Run
+    before : Run
+    model, null
+        As `Run.beside`.
     """
     try:
+        run = before.beside(model, null)
         run.draw_up()
     except OutOfTime:
-        return run
+        before.not_tried["further effects"] = "the time was over"
+        return None
     if run.null is None or run.draft.stage.conclusion.kind != "none":
         run.confirm()
     return run

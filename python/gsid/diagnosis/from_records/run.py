@@ -124,7 +124,6 @@ class Run:
         require_motion_of_output(self.measured)
         self.hold_assumed, self.open = is_open(self.measured), [one.hold is None for one in self.measured]
         if model is not None:
-            self.in_closed_loop = reference is not None
             with self.timed("given model"):
                 self.take(model)
             return
@@ -172,6 +171,9 @@ class Run:
     def take(self, model: PlantModel) -> None:
         """A given model. Its laws are fitted by simulation, and their part of the output is subtracted."""
         check_plant(model)
+        if not model.free_names:
+            hint = 'mark what the records may change, such as the gain of rigid_body, with "free": true'
+            raise InputError("the given model has no free parameter", "", None, hint)
         self.given, self.stack, self.judged = model, linear_only(model), self.measured
         self.hold_assumed = self.hold_assumed and not model.has_controller
         laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
@@ -398,7 +400,7 @@ class Run:
 
     def fit_drive(self, fits: Simulations) -> None:
         """Laws of the drive inside a loop, which the first stage has no column for."""
-        for effect, model in drive_starts(self.null.fit, self.without):
+        for effect, model in drive_starts(self.null.fit, self.without, self.deadline):
             fitted = fits.fit(model, (effect,), min((one.cost for one in self.laws), default=None))
             self.tried.add(effect)
             if fitted is not None:
@@ -431,12 +433,14 @@ class Run:
             try:
                 self.deadline.check()
                 fit = fit_plant(self.final.model, self.measured, **how)
-            except OutOfTime:
+            except (GsidError, InputError, OutOfTime):
                 return
+            if not fit.converged and self.deadline.is_over:
+                return  # its values lie between those of two criteria
             other = replace(self.final, fit=fit)
             self.laws = [other if one is self.final else one for one in self.laws]
             self.final = other
-            if self.decision.effects:
+            if self.decision.effects and not self.deadline.is_over:
                 self.ripple = remaining_ripple(other.model, self.measured, self.band)
 
     def decide(self) -> None:

@@ -102,7 +102,7 @@ def _next_experiment(run: Run) -> str:
     """An experiment that distinguishes the first two members of the group."""
     by_effect = {one.effects[0]: one.model for one in run.laws}
     group = [effect for effect in run.decision.effects if effect in by_effect][:2]
-    if len(group) < 2 or run.interrupted:
+    if len(group) < 2 or run.interrupted or run.deadline.is_over:
         return ""
     largest = max(run.measured, key=lambda one: float(np.linalg.norm(one.u)))
     with run.timed("next experiment"):

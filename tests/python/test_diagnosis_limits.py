@@ -1,0 +1,159 @@
+"""A diagnosis at its limits: no time left within a step, nothing to fit, nothing to look for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from plants import axis_record, plant
+
+import gsid
+from gsid.base.deadline import Deadline, OutOfTime
+from gsid.base.errors import InputError, SimulationError
+from gsid.diagnosis.from_records import draft as drafting
+from gsid.diagnosis.from_records import drive_laws, hold_check
+from gsid.diagnosis.from_records import run as running
+from gsid.diagnosis.from_records.confirm import Simulations
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.settings import DEFAULTS
+from gsid.diagnosis.from_records.verdict import MISSING, Decision
+from gsid.diagnosis.missing_torque import ranking
+from gsid.diagnosis.missing_torque.problem import linear_part
+from gsid.diagnosis.missing_torque.stage import first_stage
+from gsid.effects.types import catalogue, find
+from gsid.structure import start as starting
+from gsid.structure.held_sensor import Measurement
+
+SEED = 20261123
+AXIS = {"rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 9.0}}
+
+
+@pytest.fixture(scope="module")
+def record():
+    print("seed", SEED)
+    u = 30 * np.random.default_rng(SEED).standard_normal(1000)
+    return axis_record(u, 8, 0.01, SEED, gain=7.4, viscous_rate=11.0)
+
+
+# ---- nothing to fit, nothing to look for -----------------------------------------------------------
+
+
+def fixed():
+    model = plant(AXIS)
+    for effect in model.effects:
+        for param in effect.params.values():
+            param.free = False
+    return model
+
+
+def test_bug_a_linear_part_without_free_values_ended_in_an_index_error(record):
+    found = first_stage(record, fixed())
+    assert found.conclusion.kind == "unknown"  # the damping is wrong by a fifth
+    assert found.ranking
+
+
+def test_a_given_model_without_a_free_parameter_is_refused(record):
+    with pytest.raises(InputError, match="no free parameter"):
+        gsid.diagnose(fixed(), record)
+
+
+def test_bug_a_catalogue_without_effects_ended_in_an_error_of_min(record):
+    with pytest.raises(InputError, match="no effect of the catalogue can be fitted"):
+        gsid.diagnose(plant(AXIS), record, without=list(catalogue()))
+
+
+def test_bug_a_third_mode_took_the_place_of_the_second():
+    modes = [{"f_hz": f_hz, "zeta": 0.02, "residue": 0.3} for f_hz in (10.0, 20.0, 30.0)]
+    part = linear_part(plant({"rigid_body": {"gain": 1.0}}))
+    for mode in modes:
+        part = ranking._enlarged(part, find("flexible_mode"), mode)
+    assert [part.stack[label] for label in ("flexible_mode", "flexible_mode#2", "flexible_mode#3")] == modes
+    assert len(set(part.names)) == len(part.names) == len(part.values) == 10
+
+
+# ---- the steps after it -----------------------------------------------------------------------------
+
+
+def test_bug_a_fit_with_equal_weights_that_was_cut_gave_its_values(monkeypatch):
+    """Its values lie between those of two criteria, and the result called them converged."""
+    final = SimpleNamespace(model=None, effects=("coulomb_friction",))
+    run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
+    run.final, run.laws, run.decision = final, [final], Decision(MISSING, final.effects)
+    run.evidence = lambda: SimpleNamespace(is_adequate=lambda one: False)
+
+    def cut(*_, **__):
+        run.deadline.stop()
+        return SimpleNamespace(converged=False)
+
+    monkeypatch.setattr(running, "fit_plant", cut)
+    run.weigh_model_error()
+    assert run.final is final
+    assert run.laws == [final]
+
+
+def test_bug_a_fit_with_equal_weights_that_cannot_be_simulated_ended_the_diagnosis(monkeypatch):
+    final = SimpleNamespace(model=None, effects=("coulomb_friction",))
+    run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
+    run.final, run.evidence = final, lambda: SimpleNamespace(is_adequate=lambda one: False)
+
+    def refuse(*_, **__):
+        raise SimulationError(-7, "the plant cannot be simulated", "")
+
+    monkeypatch.setattr(running, "fit_plant", refuse)
+    run.weigh_model_error()
+    assert run.final is final
+
+
+def test_bug_the_linear_structure_of_a_draft_was_searched_after_the_deadline(record):
+    deadline = Deadline()
+    deadline.stop()
+    measured = gsid.spectra(record)
+    values = drafting._values_from_data([measured], plant(AXIS), None, lambda text: None, deadline)
+    assert values is None
+
+
+def test_bug_the_laws_of_the_drive_were_simulated_after_the_deadline(monkeypatch):
+    asked, deadline = [], Deadline()
+
+    def cost_of(model):
+        asked.append(model)
+        deadline.stop()
+        return 0.0
+
+    null = SimpleNamespace(cost=1.0, cost_of=cost_of, model=plant(AXIS), records=[SimpleNamespace()])
+    monkeypatch.setattr(type(null.model), "drive_command", lambda *_: np.ones(3))
+    null.records = [SimpleNamespace(spectra=None, prediction=None)]
+    drive_laws.drive_starts(null, (), deadline)
+    assert len(asked) == 1
+
+
+def test_a_check_of_the_hold_without_time_is_stated(monkeypatch):
+    deadline = Deadline()
+    deadline.stop()
+    run = SimpleNamespace(not_tried={}, measured=[], open=[])
+    run.simulations = lambda: Simulations([], None, deadline, DEFAULTS, lambda text: None)
+    monkeypatch.setattr(hold_check, "linear_start", lambda model, measured: model)
+    assert hold_check._fit(run, plant(AXIS), "zoh") is None
+    assert "time was over" in run.not_tried["the check with the input held over each sample"]
+
+
+# ---- the linear structure ----------------------------------------------------------------------------
+
+
+def test_bug_a_second_search_out_of_time_lost_the_first(record, monkeypatch):
+    """Behind a held sensor the structure is searched again, without the images that the first one shows."""
+    likeliest, searches = starting._likeliest, []
+
+    def once(*arguments):
+        searches.append(1)
+        if len(searches) > 1:
+            raise OutOfTime("the time is over")
+        return likeliest(*arguments)
+
+    monkeypatch.setattr(starting, "_likeliest", once)
+    monkeypatch.setattr(starting, "before_sensor", lambda measured, rate_hz: measured)
+    monkeypatch.setattr(Measurement, "sensor_rate_hz", lambda self: 600.0)
+    monkeypatch.setattr(Measurement, "without_images", lambda self, *_: self.total_variance())
+    found = gsid.start(record)
+    assert len(searches) == 2
+    assert found.represented
+    assert any("best one so far" in text for text in found.assumed)
