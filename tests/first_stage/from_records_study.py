@@ -25,7 +25,7 @@ import hard
 import numpy as np
 import study_pool
 from first_stage_study import put_into
-from hidden import FS_HZ
+from hidden import BASE, FS_HZ
 from nulls import N
 from score import share
 from study_pool import Row
@@ -40,6 +40,7 @@ TARGET = "from-records-study"
 SEEDS = (21610,)
 STARTS = {"5": "model 5 % off", "30": "model 30 % off", "records": "records alone"}
 CLEAR = 64.0  # predicted drop from which an effect has to be found, and which an equal law may leave
+EQUAL_SHARE = 0.5  # of the drop, which an equal law may leave as well: the drop may be near 64
 COLUMNS = (
     "named right",
     "nearest right",
@@ -174,8 +175,9 @@ def tasks(
 
 
 def _is_among(row: Row, hidden: Sequence[str]) -> bool:
+    """Whether the verdict has the hidden effect, and nothing else was found."""
     known = set(hidden) | (LAGS if LAGS & set(hidden) else set())
-    return bool(known & set(row["effects"]))
+    return all(known & set(effects) for effects in [row["effects"], *row["found"]])
 
 
 def outcome(row: Row) -> str:
@@ -192,7 +194,7 @@ def outcome(row: Row) -> str:
         if row["kind"] != "removed" and _is_among(row, hidden):
             return f"{word} right"
         left = row.get("left")
-        if left is not None and left < CLEAR <= row["drop"]:
+        if left is not None and left < CLEAR <= row["drop"] and left < EQUAL_SHARE * row["drop"]:
             return "equal law"
         return "nearest wrong" if word == "nearest" else "WRONG NAME"
     if word == "none" and row["start"] == "records" and hidden and _in_structure(hidden[0], row):
@@ -201,12 +203,15 @@ def outcome(row: Row) -> str:
 
 
 def _in_structure(effect: str, row: Row) -> bool:
+    """Whether the structure has one more element of the effect's kind than the axis without it."""
     if not (effect in catalogue() and is_linear(effect)):
         return False
-    kind = find(effect).linear_part
     present = [label.partition("#")[0] for label in row["structure"]]
-    present += [one for effects in row["found"] for one in effects]
-    return kind in {find(one).linear_part for one in present}
+    return _n_alike(present, effect) > _n_alike([one for one in BASE if one != effect], effect)
+
+
+def _n_alike(effects: Sequence[str], effect: str) -> int:
+    return sum(find(one).linear_part == find(effect).linear_part for one in effects)
 
 
 def described(row: Row) -> str:

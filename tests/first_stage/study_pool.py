@@ -83,6 +83,8 @@ class _Running:
     def go_on_without(self, verdict: str) -> None:
         """A new process for the rest of the trial, with a row for the part that did not come to its end."""
         self.end()
+        if not self.partial:
+            raise RuntimeError(f"{verdict}: the process of {self.task} had begun no part of it")
         row = self.partial | {"verdict": verdict, "wall_s": time.monotonic() - self.since}
         self.begin(self.task, [*self.rows, row])
 
@@ -138,6 +140,8 @@ def run(
     ------
     KeyboardInterrupt
         After its processes have ended; the file has all trials that were done.
+    RuntimeError
+        A process ended before the first part of its trial, or between two.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended as by Ctrl-C, with its processes
     done = {tuple(entry["task"]) for entry in read_lines(path)}
@@ -181,6 +185,7 @@ def _finished(processes: list[_Running], bound_s: float) -> Iterator[_Running]:
                 one.partial, one.since = row, time.monotonic()
             elif what == "row":
                 one.rows.append(row)
+                one.partial = {}
             else:
                 yield one
         elif time.monotonic() - one.since > bound_s:

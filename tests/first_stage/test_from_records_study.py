@@ -96,7 +96,13 @@ OUTCOMES = [
     (row(hidden="cubic_spring", left=65.0), "WRONG NAME"),
     (row(hidden="cubic_spring", left=63.0), "equal law"),
     (row(hidden="cubic_spring", left=10.0, drop=63.0), "WRONG NAME"),
+    (row(hidden="cubic_spring", left=35.0, drop=68.0), "WRONG NAME"),
     (row(hidden="motor_lag", effects=["sensor_lag"]), "named right"),
+    (row(found=[["coulomb_friction"]]), "named right"),
+    (row(found=[["coulomb_friction"], ["motor_cogging"]]), "WRONG NAME"),
+    (row(hidden="motor_lag", structure=["rigid_body", "sensor_lag"], **ADEQUATE), "none"),
+    (row(hidden="motor_lag", structure=["sensor_lag", "motor_lag"], **ADEQUATE), "in the structure"),
+    (row(hidden="sensor_lag", structure=["motor_lag"], **ADEQUATE), "in the structure"),
     (row(**ADEQUATE), "none"),
     (
         row(hidden="flexible_mode", structure=["rigid_body", "flexible_mode#2"], **ADEQUATE),
@@ -107,6 +113,18 @@ OUTCOMES = [
     (row(verdict="unknown_effect", effects=[]), "unknown"),
     (row(verdict=study_pool.OVER), "no result"),
 ]
+
+
+def fails_at_once(task, n_done):
+    raise ValueError("no draw")
+    yield
+
+
+def test_bug_a_trial_that_fails_before_its_first_part_was_begun_again_for_ever(tmp_path):
+    path = tmp_path / "results.jsonl"
+    with pytest.raises(RuntimeError, match="begun no part"):
+        study_pool.run(fails_at_once, [(1, "single", 0)], path, bound_s=30.0, n_processes=1, on_done=print)
+    assert study_pool.read_lines(path) == []
 
 
 @pytest.mark.parametrize("at", range(len(OUTCOMES)))
