@@ -59,7 +59,9 @@ def gsid_tool(place: Path) -> dict:
     # The answer shall not depend on what else runs.
     diagnosis = diagnose(load_model(place / "null.json"), fit, time_s=600.0)
     seconds = time.perf_counter() - begin
-    group = [{"effects": list(diagnosis.effects), "probability": 1.0}]  # a name is stated without a doubt
+    entries = [one.to_dict() for one in diagnosis.ranking if one.effects[:1] == diagnosis.effects[:1]]
+    probability = entries[0].get("probability") if entries else None
+    group = [{"effects": list(diagnosis.effects), "probability": probability}]
     return {
         "adequate": diagnosis.adequate,
         "p_value": diagnosis.p_value,
@@ -198,8 +200,9 @@ class Row:
         return self.result["ranking"][0]["effects"] if self.rejected and self.result["ranking"] else []
 
     @property
-    def probability(self) -> float:
-        return self.result["ranking"][0]["probability"] if self.group else 0.0
+    def probability(self) -> float | None:
+        """Stated probability of the first group; None if none is stated."""
+        return self.result["ranking"][0]["probability"] if self.group else None
 
     @property
     def in_group(self) -> bool:
@@ -223,8 +226,12 @@ class Row:
         return self.result["verdict"] == "unknown_effect"
 
     @property
+    def wrong(self) -> bool:
+        return self.named and not self.in_group
+
+    @property
     def confidently_wrong(self) -> bool:
-        return self.named and not self.in_group and self.probability >= CONFIDENT
+        return self.wrong and self.probability is not None and self.probability >= CONFIDENT
 
 
 def open_key(folder: Path, path: Path) -> Row:
@@ -248,6 +255,13 @@ def share(hits: Iterable[bool]) -> dict:
         return {"n": 0, "hits": 0, "share": None, "low": None, "high": None}
     interval = stats.binomtest(k, n).proportion_ci()
     return {"n": n, "hits": k, "share": k / n, "low": float(interval.low), "high": float(interval.high)}
+
+
+def confidently_wrong(rows: list[Row]) -> dict:
+    """Share of wrong names with a high probability; of no rows where none states a probability."""
+    states = [row.probability is not None for row in rows]
+    judged = [row for row, states_one in zip(rows, states, strict=True) if states_one or not row.named]
+    return share(row.confidently_wrong for row in judged if any(states))
 
 
 def false_alarms(rows: list[Row]) -> dict:
@@ -289,7 +303,7 @@ def power(rows: list[Row]) -> list[dict]:
                 "detected": share(row.rejected for row in some),
                 "in_first_group": share(row.right for row in some),
                 "alone_in_it": share(row.right and len(row.group) == 1 for row in some),
-                "confidently_wrong": share(row.confidently_wrong for row in some),
+                "wrong": share(row.wrong for row in some),
             }
         )
     return table
@@ -314,7 +328,8 @@ def confusion(rows: list[Row]) -> dict[str, dict[str, int]]:
 
 def reliability(rows: list[Row]) -> list[dict]:
     """Stated probability of the first group against how often it was right."""
-    judged = [row for row in rows if row.kind in ("single", "two", "dirty") and row.named]
+    kinds = ("single", "two", "dirty")
+    judged = [row for row in rows if row.kind in kinds and row.named and row.probability is not None]
     table = []
     for low, high in pairwise(PROBABILITY_EDGES):
         some = [row for row in judged if low <= row.probability < high or row.probability == high == 1.0]
@@ -338,7 +353,8 @@ def summary(rows: list[Row]) -> dict:
         "first_group": share(row.right for row in clear),
         "alone": share(row.right and len(row.group) == 1 for row in clear),
         "alone_if_separable": share(row.right and len(row.group) == 1 for row in clear if row.separable),
-        "confidently_wrong": share(row.confidently_wrong for row in kind("single", "two", "form", "dirty")),
+        "wrong": share(row.wrong for row in kind("single", "two", "form", "dirty")),
+        "confidently_wrong": confidently_wrong(kind("single", "two", "form", "dirty")),
         "both_found": share(row.all_found for row in kind("two")),
         "nothing_else_added": share(row.all_found and len(row.result["found"]) == 2 for row in kind("two")),
         "foreign_flagged": share(row.flagged for row in kind("foreign")),
@@ -430,7 +446,7 @@ def _table(head: list[str], lines: Iterable[Iterable[object]]) -> str:
 def _power(row: dict) -> list:
     low, high = row["drop"]
     drop = f"{low:g} to {high:g}" if high else f"from {low:g}"
-    columns = ("detected", "in_first_group", "alone_in_it", "confidently_wrong")
+    columns = ("detected", "in_first_group", "alone_in_it", "wrong")
     return [drop, row["n"], *(_short(row[column]) for column in columns)]
 
 
@@ -445,6 +461,7 @@ def page(figures: dict, command: str) -> str:
     alarms = figures["false_alarms"]
     others = [
         ("alone in the first group, drop >= 64", figures["alone"]),
+        ("wrong name, of one or two hidden effects", figures["wrong"]),
         ("an effect named in a null file", alarms["effect_named"]),
         ("two hidden: both found and nothing else added", figures["nothing_else_added"]),
         ("presliding as LuGre: presliding in the first group", figures["other_form_named"]),
@@ -464,7 +481,7 @@ def page(figures: dict, command: str) -> str:
         _table(["also", "measured"], ([text, _percent(figure)] for text, figure in others)),
         "### Power: one hidden effect by the predicted drop of the cost",
         _table(
-            ["drop", "n", "model rejected", "in the first group", "alone in it", "confidently wrong"],
+            ["drop", "n", "model rejected", "in the first group", "alone in it", "wrong name"],
             (_power(row) for row in figures["power"]),
         ),
         f"### Confusion: effect named first, drop >= {CLEAR_DROP:g}",

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import numpy as np
@@ -11,6 +12,8 @@ import trials
 import truth
 from hidden import CONTAINED
 from unexplained import unexplained_by_cogging
+
+from gsid.diagnosis.from_records.result import RankedLaw
 
 
 def says(verdict, *found, probability=0.99, p_value=0.3):
@@ -60,7 +63,7 @@ def test_single_effects_are_counted_by_group_and_drop():
     assert figures["first_group"]["hits"] == 8
     assert figures["first_group"]["n"] == 10
     assert figures["alone"]["hits"] == 6
-    assert figures["confidently_wrong"]["hits"] == 1
+    assert (figures["wrong"]["hits"], figures["confidently_wrong"]["hits"]) == (2, 1)
     assert figures["confusion"] == {
         "coulomb_friction": {
             "coulomb_friction": 6,
@@ -110,6 +113,37 @@ def test_stated_probabilities_are_set_against_what_came_true():
     assert table[0.7, 0.8]["stated"] == pytest.approx(0.75)
     assert table[0.7, 0.8]["right"]["share"] == 0.75
     assert table[0.99, 1.0]["right"]["n"] == 1
+
+
+def test_names_without_a_stated_probability_are_not_called_confident():
+    figures = score.summary(
+        [single(["coulomb_friction"], probability=None)] * 3 + [single(["cubic_spring"], probability=None)]
+    )
+    assert figures["wrong"]["hits"] == 1
+    assert figures["confidently_wrong"]["n"] == 0
+    assert met(figures)["wrong with a stated probability >= 0.95"] is None
+    assert all(line["right"]["n"] == 0 for line in figures["reliability"])
+    score.page(figures, "make blind")
+
+
+def test_the_tool_states_the_probability_of_the_law_that_it_names(monkeypatch, tmp_path):
+    laws = [RankedLaw((name,), {}, 1.0, 1.0, 9.0, 0.0, True) for name in ("cubic_spring", "coulomb_friction")]
+    named = SimpleNamespace(
+        adequate=False,
+        p_value=0.0,
+        verdict="missing_effect",
+        effects=("coulomb_friction",),
+        ranking=laws,
+        found=[],
+        model=None,
+    )
+    monkeypatch.setattr(
+        RankedLaw, "to_dict", lambda law: {"probability": {"coulomb_friction": 0.9}.get(law.effects[0], 0.1)}
+    )
+    monkeypatch.setattr("gsid.diagnosis.from_records.diagnose.diagnose", lambda *_, **__: named)
+    monkeypatch.setattr("gsid.models.load.load_model", lambda path: None)
+    monkeypatch.setattr(score, "error_over_floor", lambda *_: 1.0)
+    assert score.gsid_tool(tmp_path)["ranking"] == [{"effects": ["coulomb_friction"], "probability": 0.9}]
 
 
 @pytest.mark.parametrize(("n_rejected", "kept"), [(5, True), (0, False), (40, False)])
