@@ -100,6 +100,9 @@ def test_from_the_records_alone(gsid):
     assert found["effects"] == ["coulomb_friction"]
     assert found["unexplained_share"] < 0.1
     assert found["ranking"][0]["confirmed"]
+    assert sum(one["probability"] for one in found["ranking"]) == pytest.approx(1.0)
+    assert 0.5 < found["probability"] < 1
+    assert any(not one["effects"] for one in found["ranking"])
     assert load_model("found.json")["coulomb_friction.level"].value == pytest.approx(LEVEL, rel=0.05)
     assert is_png("d.png")
     assert "fitting coulomb_friction by simulation" in result.err

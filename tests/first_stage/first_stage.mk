@@ -12,7 +12,15 @@ from-records-study: all $(TRUTH) ## how often the diagnosis from records is righ
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/from_records_study.py \
 	    --results $(BUILD)/from_records_study.jsonl --starts $(STARTS) \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--n $(N)) \
-	    $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md
+	    $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md \
+	    --picture docs/pictures/reliability.png
+
+.PHONY: diagnosis-probability-study
+diagnosis-probability-study: all $(TRUTH) ## the coefficients of the stated probabilities, from development trials, into docs/explanation/from_records.md (half an hour; resumes; SEED=501 N=80 NULLS=12 FOREIGN=20)
+	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/probability_study.py \
+	    --results $(BUILD)/diagnosis_probability.jsonl $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
+	    $(if $(filter-out file,$(origin N)),--n $(N)) $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) \
+	    --page docs/explanation/from_records.md
 
 .PHONY: missing-linear-study
 missing-linear-study: all $(TRUTH) ## how often a linear effect that a model lacks is named, into docs/explanation/missing_torque.md (two hours; resumes; SEED=5300 N=100)

@@ -19,15 +19,17 @@ import argparse
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import hard
 import numpy as np
+import reliability
 import study_pool
 from first_stage_study import put_into
 from hidden import BASE, FS_HZ
 from nulls import N
-from score import share
+from scipy import stats
 from study_pool import Row
 
 import gsid
@@ -62,7 +64,10 @@ WORD = {
 BUDGET_S = 600.0  # the answer shall not depend on what else runs; the processor time is in the table
 BOUND_S = 900.0  # of one diagnosis, with its trial
 ALPHA = 0.05
-LAGS = {"motor_lag", "sensor_lag"}  # a linear axis does not show the order of its lags
+LEVELS = {"95 %": 0.95, "99.9 %": 0.999}  # of the intervals
+JUDGED = ("required", "verdict")
+KINDS = ("single", "removed", "null", "foreign")
+Interval = tuple[float, float]
 
 
 # ---- running ---------------------------------------------------------------------------------------
@@ -119,6 +124,8 @@ def _answer(trial: hard.HardTrial, records: list[gsid.Record], start: str, witho
         "effects": list(found.effects),
         "structure": [label for label, _ in found.model.labels()] if found.model else [],
         "found": [list(effects) for effects in found.found],
+        "basis": vars(found.basis) | {"effects": list(found.basis.effects)} if found.basis else None,
+        "probability": vars(found.probabilities) if found.probabilities else None,
         "ranking": [_ranked(one) for one in found.ranking[:6]],
         "reasons": list(found.reasons),
         "cost": [found.cost_per_dof, found.cost_per_dof_after],
@@ -176,7 +183,7 @@ def tasks(
 
 def _is_among(row: Row, hidden: Sequence[str]) -> bool:
     """Whether the verdict has the hidden effect, and nothing else was found."""
-    known = set(hidden) | (LAGS if LAGS & set(hidden) else set())
+    known = reliability.known_as(hidden)
     return all(known & set(effects) for effects in [row["effects"], *row["found"]])
 
 
@@ -271,37 +278,109 @@ def _verdicts(rows: Sequence[Row]) -> list[str]:
     return markdown(["trials", "start", "n", *COLUMNS], lines)
 
 
-def _figure(text: str, hits: Iterable[bool], limit: str) -> list[str]:
-    found = share(hits)
-    if not found["n"]:
-        return [text, "none", "", "", limit]
-    interval = f"{found['low']:.2%} to {found['high']:.2%}"
-    return [text, f"{found['hits']} of {found['n']}", f"{found['share']:.2%}", interval, limit]
+@dataclass(frozen=True)
+class Limit:
+    """What is required of a share: at least, at most, or that its 95 % interval contains it."""
+
+    text: str
+    share: float
+    side: int  # 1 at least, -1 at most, 0 contained
+
+    def is_met(self, share: float, interval: Interval) -> bool:
+        return self.side * (share - self.share) >= 0 if self.side else _contains(interval, self.share)
+
+    def judged(self, share: float, intervals: Sequence[Interval]) -> str:
+        """Whether it is met, and whether the intervals agree: one that contains the limit shows neither."""
+        word = "met" if self.is_met(share, intervals[0]) else "MISSED"
+        if not self.side:
+            return word
+        shown = [name for name, one in zip(LEVELS, intervals, strict=True) if not _contains(one, self.share)]
+        return f"{word}, outside {shown[-1]}" if shown else f"{word}, within 95 %"
+
+
+def _contains(interval: Interval, share: float) -> bool:
+    return interval[0] <= share <= interval[1]
+
+
+def _figure(text: str, hits: Iterable[bool], limit: Limit | None = None) -> list[str]:
+    hits = list(hits)
+    n, k = len(hits), sum(hits)
+    if not n:
+        return [text, "none", "", "", "", limit.text if limit else "", ""]
+    test = stats.binomtest(k, n)
+    intervals = [(float(one.low), float(one.high)) for one in map(test.proportion_ci, LEVELS.values())]
+    shown = [f"{low:.2%} to {high:.2%}" for low, high in intervals]
+    verdict = [limit.text, limit.judged(k / n, intervals)] if limit else ["", ""]
+    return [text, f"{k} of {n}", f"{k / n:.2%}", *shown, *verdict]
 
 
 def _figures(rows: Sequence[Row]) -> list[str]:
-    """The figures that have a limit, with their 95 % (Clopper-Pearson) intervals."""
+    """The figures that have a limit, with their Clopper-Pearson intervals."""
     single, removed, null = (
         [row for row in rows if row["kind"] == kind] for kind in ("single", "removed", "null")
     )
     clear = [row for row in single if row["drop"] >= CLEAR]
+    few = Limit("<= 5 of 600", 5 / 600, -1)
 
     def wrong(some: Sequence[Row]) -> list[bool]:
         return [outcome(row) == "WRONG NAME" for row in some]
 
     lines = [
-        _figure(f"singles whose effect costs >= {CLEAR:g}", (row in clear for row in single), ""),
-        _figure("of these, in the first group", (outcome(row) in RIGHT for row in clear), ">= 99 %"),
-        _figure("singles confidently wrong", wrong(single), "<= 5 of 600"),
-        _figure("true family taken out, confidently wrong", wrong(removed), "<= 5 of 600"),
-        _figure("nulls named", (row["verdict"] == "missing_effect" for row in null), "<= 10 of 1000"),
+        _figure(f"singles whose effect costs >= {CLEAR:g}", (row["drop"] >= CLEAR for row in single)),
+        _figure(
+            "of these, in the first group",
+            (outcome(row) in RIGHT for row in clear),
+            Limit(">= 99 %", 0.99, 1),
+        ),
+        _figure("singles confidently wrong", wrong(single), few),
+        _figure("true family taken out, confidently wrong", wrong(removed), few),
+        _figure("nulls named", wrong(null), Limit("<= 10 of 1000", 0.01, -1)),
         _figure(
             f"nulls rejected (p < {ALPHA:g})",
-            (row["p_value"] < ALPHA for row in null if row.get("p_value") is not None),
-            "5 % in the interval",
+            map(_is_rejected, null),
+            Limit("5 % in the 95 % interval", ALPHA, 0),
         ),
+        _figure("of the nulls, without a p-value", (row.get("p_value") is None for row in null)),
     ]
-    return markdown(["figure", "count", "share", "95 % interval", "limit"], lines)
+    return markdown(["figure", "count", "share", *(f"{level} interval" for level in LEVELS), *JUDGED], lines)
+
+
+def _is_rejected(row: Row) -> bool:
+    """Whether noise does not explain what the linear part leaves; no linear part is one that does not."""
+    return row.get("p_value") is None or row["p_value"] < ALPHA
+
+
+def _by_start(rows: Sequence[Row]) -> list[str]:
+    """The figures of each start."""
+    parts = []
+    for start, title in STARTS.items():
+        some = [row for row in rows if row["start"] == start]
+        parts += [f"From {title}:", "", *_figures(some)] if some else []
+    return parts
+
+
+def _reliability(rows: Sequence[Row]) -> list[str]:
+    """Stated probabilities against how often they came true: of all, and of each start."""
+    text = []
+    for of in (reliability.FIRST, reliability.NONE):
+        some = reliability.pairs(rows, of)
+        text += [f"Stated probability of the {of}: {len(some)} of {len(rows)} diagnoses state one."]
+        text += [f"Brier score {reliability.brier(some):.3f}.", ""]
+        text += markdown(reliability.HEAD, reliability.lines(some))
+    counts = Counter((row["kind"], row["start"]) for row in rows if row.get("probability"))
+    lines = []
+    for start, title in STARTS.items():
+        some = reliability.pairs([row for row in rows if row["start"] == start])
+        of_kind = [counts[kind, start] for kind in KINDS]
+        lines.append([title, *of_kind, len(some), sum(hit for _, hit in some), _mean(some)])
+    sums = [sum(line[i] for line in lines) for i in range(1, len(KINDS) + 3)]
+    lines.append(["all", *sums, _mean(reliability.pairs(rows))])
+    head = ["with a probability", *KINDS, "sum", "first group right", "mean stated"]
+    return text + markdown(head, lines)
+
+
+def _mean(some: Sequence[reliability.Pair]) -> str:
+    return f"{np.mean([p for p, _ in some]) * len(some):.1f} of {len(some)}" if some else "none"
 
 
 def _by_seed(rows: Sequence[Row]) -> list[str]:
@@ -345,7 +424,7 @@ def _times(rows: Sequence[Row]) -> list[str]:
     return markdown(["step", "n", "median s", "95 % s", "worst s"], lines)
 
 
-def table(rows: Sequence[Row], command: str) -> str:
+def table(rows: Sequence[Row], command: str, picture: str = "") -> str:
     """The results as Markdown.
 
     Parameters
@@ -353,6 +432,8 @@ def table(rows: Sequence[Row], command: str) -> str:
     rows : sequence of dict
     command : str
         That made them.
+    picture : str
+        Path of the reliability diagram from the page.
     """
     clear = [row for row in rows if row["kind"] == "single" and row["drop"] >= CLEAR]
     bad = [row for row in rows if outcome(row) in ("WRONG NAME", "no result")]
@@ -361,7 +442,10 @@ def table(rows: Sequence[Row], command: str) -> str:
         [f"Made by `{command}`.", ""],
         _verdicts(rows),
         _figures(rows),
+        _by_start(rows),
         _by_seed(rows),
+        [f"![Stated probability against the share that was right]({picture})", ""] if picture else [],
+        _reliability(rows),
         _by_effect(rows),
         _times(rows),
         [f"Wrong names, and effects with a drop >= {CLEAR:g} without a right answer:", ""],
@@ -386,6 +470,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="page to put the table into")
+    parser.add_argument("--picture", type=Path, help="reliability diagram")
     options = parser.parse_args(arguments)
     if options.nulls is None:
         options.nulls = 5 * options.n * len(options.starts) // 3
@@ -414,14 +499,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("interrupted; the same command goes on here")
         raise SystemExit(130) from None
     known = {tuple(entry["task"]): entry["rows"] for entry in study_pool.read_lines(args.results)}
-    rows = [row for task in wanted for row in known[task]]
+    rows = [reliability.by_present_coefficients(row) for task in wanted for row in known[task]]
     seeds = " ".join(map(str, args.seed))
     starts = " ".join(args.starts)
     command = (
         f'make {TARGET} SEED="{seeds}" N={args.n} NULLS={args.nulls} FOREIGN={args.foreign} STARTS="{starts}"'
     )
-    text = table(rows, command)
+    picture = os.path.relpath(args.picture, args.page.parent) if args.picture and args.page else ""
+    text = table(rows, command, picture)
     print(text)
+    if args.picture:
+        parts = (reliability.FIRST, reliability.NONE)
+        reliability.draw(
+            {f"probability of the {of}": reliability.pairs(rows, of) for of in parts}, args.picture
+        )
     if args.page:
         put_into(args.page, text, TARGET)
 

@@ -147,7 +147,40 @@ def test_the_rows_of_the_table_add_up_over_starts_and_seeds():
     assert of_start[-1][0] == 18
     assert "| 1 | 3 of 6 | 0 of 6 | 0 of 0 | 0 of 1 |" in text
     assert "| all | 9 of 18 | 0 of 18 | 0 of 0 | 0 of 3 |" in text
-    assert "| of these, in the first group | 9 of 18 | 50.00% | 26.02% to 73.98% | >= 99 % |" in text
+    intervals = "50.00% | 26.02% to 73.98% | 14.96% to 85.04% | >= 99 % | MISSED, outside 99.9 % |"
+    assert f"| of these, in the first group | 9 of 18 | {intervals}" in text
+    assert "| singles whose effect costs >= 64 | 18 of 18 |" in text
+    assert text.count("| of these, in the first group | 3 of 6 |") == len(starts)
+
+
+def figure(text, name):
+    line = next(line for line in text.splitlines() if line.startswith(f"| {name} |"))
+    return [cell.strip() for cell in line.split("|")[2:-1]]
+
+
+# Nulls rejected of 1000, and how the requirement of 5 % in the 95 % interval is judged.
+REJECTED = {36: "MISSED", 37: "met", 64: "met", 65: "MISSED"}
+
+
+@pytest.mark.parametrize("n", REJECTED)
+def test_nulls_rejected_are_judged_by_their_interval(n):
+    rows = [row(kind="null", hidden=None, drop=0.0, p_value=0.04, **ADEQUATE)] * n
+    rows += [row(kind="null", hidden=None, drop=0.0, p_value=0.06, **ADEQUATE)] * (1000 - n)
+    assert figure(study.table(rows, ""), "nulls rejected (p < 0.05)")[-1] == REJECTED[n]
+
+
+def test_bug_a_null_without_a_p_value_was_not_counted():
+    rows = [row(kind="null", hidden=None, drop=0.0, p_value=None, verdict="unknown_effect", effects=[])]
+    rows += [row(kind="null", hidden=None, drop=0.0, **ADEQUATE)] * 3
+    text = study.table(rows, "")
+    assert figure(text, "nulls rejected (p < 0.05)")[0] == "1 of 4"
+    assert figure(text, "of the nulls, without a p-value")[0] == "1 of 4"
+
+
+@pytest.mark.parametrize(("wrong", "verdict"), [(5, "met, within 95 %"), (6, "MISSED, within 95 %")])
+def test_five_of_600_may_be_wrong(wrong, verdict):
+    rows = [row(kind="removed")] * wrong + [row(kind="removed", **ADEQUATE)] * (600 - wrong)
+    assert figure(study.table(rows, ""), "true family taken out, confidently wrong")[-1] == verdict
 
 
 def test_the_first_part_of_the_trials_is_like_the_whole():

@@ -7,12 +7,16 @@ from typing import Any
 
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
+from gsid.diagnosis.from_records.basis import Basis
 from gsid.diagnosis.from_records.law_part import missing_torque
+from gsid.diagnosis.from_records.probability import Probabilities
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.torque_residual import TorqueResidual, torque_residual
 from gsid.plant.model import PlantModel, transport_delay_s
 from gsid.spectrum.spectra import Spectra
+
+LIKE_TRIALS = "in trials like those of docs/explanation/from_records.md"
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,9 @@ class RankedLaw:
         Whether the numbers are those of a converged fit by simulation.
     by : str
         What the numbers come from.
+    probability : float or None
+        That it is the law that is missing. The laws that the data do not distinguish share one. None where
+        no trials tell it: see `Diagnosis.probability`.
     """
 
     effects: tuple[str, ...]
@@ -47,10 +54,11 @@ class RankedLaw:
     scatter: float
     confirmed: bool
     by: str = "first stage"
+    probability: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `ranking` in `gsid diagnose --json`."""
-        return vars(self) | {"effects": list(self.effects), "probability": None}
+        return vars(self) | {"effects": list(self.effects)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,6 +123,12 @@ class Diagnosis(Plottable):
         is no delay, and without a given model.
     remarks : list of str
         What was not named because of the hold, and what more is left.
+    basis : Basis or None
+        Numbers of the best law; None for a first draft, where nothing is missing, and with several effects.
+    probabilities : Probabilities or None
+        Of the best law, of the other laws, and of none of the catalogue, calibrated on simulated trials. None
+        without a basis, if nothing is missing, if the time was over, in a closed loop, and beside laws of a
+        given model: there were no such trials.
     """
 
     verdict: str
@@ -144,6 +158,8 @@ class Diagnosis(Plottable):
     next_experiment: str = ""
     other_delay_s: float | None = None
     remarks: list[str] = field(default_factory=list)
+    basis: Basis | None = None
+    probabilities: Probabilities | None = None
 
     @property
     def adequate(self) -> bool:
@@ -154,6 +170,13 @@ class Diagnosis(Plottable):
     def named(self) -> bool:
         """Whether the missing effect has a name."""
         return self.verdict == MISSING
+
+    @property
+    def probability(self) -> float | None:
+        """Probability of the first of the ranking: `effects` together, or none of the catalogue."""
+        if self.probabilities is None:
+            return None
+        return self.probabilities.best if self.effects else self.probabilities.none
 
     @property
     def sentence(self) -> str:
@@ -218,8 +241,11 @@ class Diagnosis(Plottable):
 
     @property
     def findings(self) -> list[str]:
-        """Reasons, remarks and the period of what is left, as sentences."""
+        """Reasons, remarks, the probability and the period of what is left, as sentences."""
         notes = [*self.reasons, *self.remarks]
+        if self.probability is not None:
+            what = " or ".join(self.effects) or "none of the catalogue"
+            notes.append(f"Probability of {what}: {_probability(self.probability)} {LIKE_TRIALS}.")
         if self.ripple is not None:
             notes.append(self.ripple.sentence)
         if self.interrupted:
@@ -238,7 +264,7 @@ class Diagnosis(Plottable):
 
     def table(self) -> Table:
         """The ranking."""
-        head = ["law", "cost per d.o.f.", "explained, kept out", "margin", "scatter", "by"]
+        head = ["law", "cost per d.o.f.", "explained, kept out", "margin", "scatter", "probability", "by"]
         rows = [
             [
                 " or ".join(one.effects) or "none of the catalogue",
@@ -246,6 +272,7 @@ class Diagnosis(Plottable):
                 _percent(one.share_kept_out),
                 "" if one.margin != one.margin else f"{one.margin:.3g}",
                 _scatter(one.scatter),
+                _probability(one.probability),
                 one.by,
             ]
             for one in self.ranking
@@ -258,7 +285,7 @@ class Diagnosis(Plottable):
         keys = (
             "verdict", "adequate", "unexplained_share", "confirmed", "p_value", "cost_per_dof",
             "cost_per_dof_after", "hold", "hold_assumed", "assumed", "not_tried", "seconds", "notes",
-            "interrupted",
+            "interrupted", "probability",
         )  # fmt: skip
         keys += ("delay_hold_uncertainty_s", "next_experiment")
         known = {key: getattr(self, key) for key in keys}
@@ -292,3 +319,10 @@ def _scatter(scatter: float) -> str:
     if scatter != scatter:
         return ""
     return "> 100%" if scatter > 1 else f"{scatter:.2%}"
+
+
+def _probability(probability: float | None) -> str:
+    """A probability to two decimals; that of a single law is seldom known better."""
+    if probability is None:
+        return ""
+    return "< 0.01" if probability < 0.01 else f"{probability:.2f}"

@@ -12,6 +12,7 @@ from scipy import special
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.basis import Basis, basis_of
 from gsid.diagnosis.from_records.canonical import (
     LAGS,
     SPRING,
@@ -92,9 +93,11 @@ class Run:
         self.null: Simulated | None = None
         self.laws: list[Simulated] = []
         self.decision = Decision(UNKNOWN)
+        self.basis: Basis | None = None  # of the decision
         self.final: Simulated | None = None
         self.ripple: Ripple | None = None
         self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
+        self.in_time = False  # whether all laws of the short list were fitted
 
     @property
     def is_confirmed(self) -> bool:
@@ -286,6 +289,7 @@ class Run:
                     f"No law was fitted by simulation; {' or '.join(self.decision.effects)} is a first draft."
                 )
                 self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
+            self.in_time = not self.deadline.is_over
         self.not_tried.update(fits.not_tried)
 
     def accept_noise(self) -> None:
@@ -447,6 +451,7 @@ class Run:
         """The verdict from the fits so far."""
         evidence = self.evidence().weighed()
         self.decision, self.final = decide(evidence), self.laws[evidence.laws.index(evidence.best())]
+        self.basis = basis_of(evidence)
         effects = self.decision.effects
         if effects and self.start is not None and is_linear(effects[0]):
             reason = (

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING
+from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
+from gsid.diagnosis.from_records.probability import Probabilities, probabilities
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.short_list import started
-from gsid.diagnosis.from_records.verdict import MISSING, Decision, Evidence
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, UNKNOWN, Decision, Evidence
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.diagnosis.next_experiment import advice
 from gsid.greybox.fit import PlantFit
@@ -42,13 +45,15 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         decision = _of_all(run, kept)
     law_model = final.model if kept and final else _law_model(run)
     found = [one.decision.effects for one in kept] or _found(run)
+    basis = _basis(shown) if len(kept) < 2 else None
+    known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
     return Diagnosis(
         verdict=decision.verdict,
         effects=decision.effects,
         unexplained_share=decision.unexplained_share,
         confirmed=run.is_confirmed,
         reasons=decision.reasons,
-        ranking=_ranking(shown),
+        ranking=_with_probabilities(_ranking(shown), basis, known),
         found=found,
         model=law_model if kept else _model(run),
         cost_per_dof=null,
@@ -68,9 +73,45 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_of(run, final).other_delay_s if run.given and run.null else None,
         remarks=run.notes,
+        basis=basis,
+        probabilities=known,
         interrupted=run.interrupted,
         ripple=run.ripple,
     )
+
+
+def _basis(run: Run) -> Basis | None:
+    """What is known of the best law, by simulation or by the first stage."""
+    if run.laws:
+        return run.basis
+    is_unknown = run.null is not None and run.draft is not None and run.decision.verdict == UNKNOWN
+    return basis_of_draft(run.draft.stage) if is_unknown else None
+
+
+def _is_like_trials(run: Run, decision: Decision) -> bool:
+    """Whether the trials of the calibration tell how probable the best law is.
+
+    That nothing is missing has a p-value instead: how often a weak effect is present no record tells.
+    """
+    return decision.verdict != ADEQUATE and run.in_time and not (run.in_closed_loop or run.known)
+
+
+def _with_probabilities(
+    ranking: list[RankedLaw], basis: Basis | None, known: Probabilities | None
+) -> list[RankedLaw]:
+    """Members of the first group share its probability evenly, the other laws theirs: they sum to 1."""
+    if basis is None or known is None:
+        return ranking
+    first = [one for one in ranking if one.effects and one.effects[0] in basis.effects]
+    others = [one for one in ranking if one.effects and one not in first]
+    none = known.none if others else 1 - known.best
+
+    def probability(one: RankedLaw) -> float:
+        if not one.effects:
+            return none
+        return known.best / len(first) if one in first else known.other / len(others)
+
+    return [replace(one, probability=probability(one)) for one in ranking]
 
 
 def _of_all(run: Run, kept: Sequence[Run]) -> Decision:
