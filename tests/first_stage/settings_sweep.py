@@ -39,6 +39,7 @@ from gsid.spectrum.realisation import spectra_of
 
 TARGET = "diagnosis-settings-study"
 FACTORS = (0.5, 2.0)
+LISTED = 10  # constants that are not run yet, with their names
 # Seed, kind, index, and whether the family of the effect is taken out.
 PROBLEMS = (
     (21710, "single", 0, False),
@@ -165,10 +166,16 @@ def table(rows: Sequence[dict]) -> str:
                 lines.append([f"`{name}`", str(getattr(settings, name)), *(cell or "none" for cell in cells)])
             else:
                 silent.append(f"`{name}`")
-        text += [f"{title}. Verdicts that change:", ""]
-        text += study.markdown(["constant", "value", "halved", "doubled"], lines)
-        text += [f"In neither direction: {', '.join(silent) or 'none'}.", ""]
-        text += [f"Not run yet: {', '.join(later)}.", ""] if later else []
+        unchanged = f"No verdict changes: {', '.join(silent) or 'none'}."
+        if lines:
+            text += [f"{title}. Verdicts that change:", ""]
+            text += study.markdown(["constant", "value", "halved", "doubled"], lines)
+            text += [unchanged, ""]
+        else:
+            text += [f"{title}. {unchanged}", ""]
+        if later:
+            left = ", ".join(later) if len(later) <= LISTED else f"the other {len(later)} constants"
+            text += [f"Not run yet: {left}.", ""]
     return "\n".join(text).rstrip()
 
 

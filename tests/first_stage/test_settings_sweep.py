@@ -41,5 +41,15 @@ def test_the_table_has_what_changes_and_lists_what_does_not():
         in text
     )
     assert "ValueError: no" in text
-    assert "In neither direction: `images`" in text
+    assert "No verdict changes: `images`" in text
     assert "Not run yet: `stuck`." in text
+
+
+def test_a_group_of_constants_that_has_hardly_been_run_has_no_empty_table():
+    same = [["unknown"]] * len(sweep.PROBLEMS)
+    tasks = [task for task in sweep.tasks() if task[0] == sweep.DECISION or task[1] in ("", "images")]
+    text = sweep.table([{"task": list(task), "verdicts": same} for task in tasks])
+    n_left = len(fields(sweep.of_search.SearchSettings)) - 1
+    assert "| constant |" not in text
+    assert "the first stage. No verdict changes: `images`." in text
+    assert f"Not run yet: the other {n_left} constants." in text
