@@ -3,8 +3,8 @@
 Each trial is drawn, its key sealed and the key's SHA-256 put in the manifest before the tool sees the
 records; the keys are opened when all trials have run. A run that was broken off goes on where it stopped.
 
-"First group" is the most probable one of the first round of the search, "found" what the tool adds in all its
-rounds. An effect counts as named only when the verdict is that a catalogue effect is missing.
+"First group" is what the verdict names first, "found" all that was found. An effect counts as named only when
+the verdict is that a catalogue effect is missing.
 """
 
 from __future__ import annotations

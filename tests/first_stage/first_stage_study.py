@@ -17,19 +17,23 @@ import json
 import statistics
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import trials
 
 from gsid.diagnosis.missing_torque.catalogue import family
-from gsid.diagnosis.missing_torque.stage import FirstStage, first_stage
+from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
 from gsid.models.load import load_model
+from gsid.plant.model import PlantModel
 from gsid.records.files import read_record
 from gsid.spectrum.realisation import spectra_of
+from gsid.spectrum.spectra import Spectra
 
+TARGET = "first-stage-study"
 SEED = 16161
+SIZES = {"singles": 60, "nulls": 20, "foreign": 20}  # trials of each kind
 BEGIN, END = "<!-- made by `make {}` -->", "<!-- end -->"
 CLEAR = 64.0  # predicted drop from which an effect has to be found
 Row = dict
@@ -64,17 +68,17 @@ def judged(place: Path, kind: str, index: int, seed: int) -> list[Row]:
         "hidden": hidden,
         "drop": sum(key["predicted_drop"] or [0]),
     }
-    rows = [row | answer(first_stage, measured, model, ())]
+    rows = [row | answer(measured, model, ())]
     if kind == "single" and row["drop"] >= CLEAR:
         out = {e.id for e in catalogue().values() if family(e) == family(catalogue()[hidden[0]])}
-        rows.append(row | {"kind": "removed"} | answer(first_stage, measured, model, out))
+        rows.append(row | {"kind": "removed"} | answer(measured, model, out))
     return rows
 
 
-def answer(stage, measured, model, without) -> Row:
+def answer(measured: list[Spectra], model: PlantModel, without: Collection[str]) -> Row:
     """What the first stage says, and its processor time."""
     begin = time.process_time()
-    found: FirstStage = stage(measured, model, without=without)
+    found = first_stage(measured, model, without=without)
     return {
         "kind of conclusion": found.conclusion.kind,
         "effects": list(found.conclusion.effects),
@@ -145,8 +149,11 @@ def table(rows: list[Row], command: str) -> str:
     weak = [r for r in by["single"] if r["drop"] < CLEAR]
     places = Counter(place_of(r) for r in clear)
     of_family = sum(family(catalogue()[r["order"][0]]) == family(catalogue()[r["hidden"][0]]) for r in clear)
-    times = [r["processor_s"] for r in rows]
-    steps = {step: statistics.median(r["seconds"][step] for r in rows) for step in rows[0]["seconds"]}
+    processor_s = [r["processor_s"] for r in rows]
+    steps: dict[str, list[float]] = {}
+    for r in rows:
+        for step, seconds in r["seconds"].items():
+            steps.setdefault(step, []).append(seconds)
     wrong = [r for r in rows if outcome(r) in ("named wrong", "named family")]
     head = ["trials", "n", *COLUMNS]
     return "\n".join(
@@ -166,9 +173,9 @@ def table(rows: list[Row], command: str) -> str:
             f"{sum(places[k] for k in places if k > 3)}, and not in the ranking in {places[0]}; "
             f"its family is first in {of_family}.",
             "",
-            f"Processor time: median {statistics.median(times):.2f} s, worst {max(times):.2f} s. "
+            f"Processor time: median {statistics.median(processor_s):.2f} s, worst {max(processor_s):.2f} s. "
             "Median by step: "
-            + ", ".join(f"{step} {1e3 * value:.0f} ms" for step, value in steps.items())
+            + ", ".join(f"{step} {1e3 * statistics.median(times):.0f} ms" for step, times in steps.items())
             + ".",
             "",
             "Names that are not the hidden law (seed and index):",
@@ -200,51 +207,22 @@ def put_into(page: Path, text: str, target: str) -> None:
     page.write_text(f"{before}{begin}\n\n{text}\n\n{END}{after}")
 
 
-def study(
-    target: str,
-    make_rows: Callable,
-    make_table: Callable,
-    arguments: Iterable[str] | None,
-    seed: int,
-    **sizes: int,
-) -> None:
-    """Run a study from its command line and write its table.
-
-    Parameters
-    ----------
-    target : str
-        Of make.
-    make_rows : callable
-        Rows of a folder, a seed and the number of trials of each kind.
-    make_table : callable
-        Text of the rows and the command.
-    arguments : iterable of str or None
-    seed : int
-        Default.
-    sizes : int
-        Default number of trials: singles, nulls, foreign.
-    """
+def main(arguments: Iterable[str] | None = None) -> None:
+    """Run the study of the first stage and write its table."""
     parser = argparse.ArgumentParser(description="Run the study and write its table.")
-    parser.add_argument("--seed", type=int, default=seed, help="1 to 999 while developing")
-    for name, size in sizes.items():
+    parser.add_argument("--seed", type=int, default=SEED, help="1 to 999 while developing")
+    for name, size in SIZES.items():
         parser.add_argument(f"--{name}", type=int, default=size)
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--page", type=Path, help="page to put the table into")
     args = parser.parse_args(arguments)
-    drawn = {name: getattr(args, name) for name in sizes}
-    kinds = {name.removesuffix("s"): n for name, n in drawn.items()}
-    command = f"make {target} SEED={args.seed} " + " ".join(
-        f"{name.upper()}={n}" for name, n in drawn.items()
-    )
-    text = make_table(make_rows(args.folder, args.seed, kinds), command)
+    sizes = {name: getattr(args, name) for name in SIZES}
+    words = " ".join(f"{name.upper()}={n}" for name, n in sizes.items())
+    rows = run(args.folder, args.seed, {name.removesuffix("s"): n for name, n in sizes.items()})
+    text = table(rows, f"make {TARGET} SEED={args.seed} {words}")
     print(text)
     if args.page:
-        put_into(args.page, text, target)
-
-
-def main(arguments: Iterable[str] | None = None) -> None:
-    """Run the study of the first stage."""
-    study("first-stage-study", run, table, arguments, SEED, singles=60, nulls=20, foreign=20)
+        put_into(args.page, text, TARGET)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import argparse
 import json
 import statistics
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
@@ -78,8 +78,18 @@ def answer(trial: axes.Trial, percent: int) -> Row:
 
 def is_named(row: Row) -> bool:
     """Whether the missing effect was named, a lag by either name."""
+    return row["verdict"] == "missing_effect" and _is_right(row, row["effects"])
+
+
+def has_another_name(row: Row) -> bool:
+    """Whether something was named that is not missing, also beside the right name."""
+    named = row["verdict"] == "missing_effect"
+    return named and not all(_is_right(row, effects) for effects in [row["effects"], *row["found"]])
+
+
+def _is_right(row: Row, effects: Collection[str]) -> bool:
     right = LAGS if row["effect"] == "lag" else (row["effect"],)
-    return row["verdict"] == "missing_effect" and bool(set(right) & set(row["effects"]))
+    return bool(set(right) & set(effects))
 
 
 def described(row: Row) -> str:
@@ -105,7 +115,7 @@ def table(rows: list[Row], command: str) -> str:
         for percent in OFF:
             some = [row for row in own if row["percent"] == percent]
             cells.append(f"{sum(map(is_named, some))} of {len(some)}")
-        wrong = sum(row["verdict"] == "missing_effect" and not is_named(row) for row in own)
+        wrong = sum(map(has_another_name, own))
         drops, times = [row["drop"] for row in own], [row["processor_s"] for row in own]
         cells += [str(wrong), f"{statistics.median(drops):.2g} ({min(drops):.0f})"]
         cells += [f"{statistics.median(times):.1f}", f"{max(times):.0f}"]

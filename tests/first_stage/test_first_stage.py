@@ -27,3 +27,10 @@ def test_the_study_goes_on_where_it_stopped_and_writes_its_table(tmp_path):
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "| nothing hidden | 1 |" in text
+
+
+def test_bug_the_times_of_the_table_needed_the_same_steps_in_all_trials():
+    row = {"kind": "null", "hidden": [], "drop": 0.0, "kind of conclusion": "none", "effects": []}
+    row |= {"order": ["coulomb_friction"], "processor_s": 1.0}
+    rows = [row | {"seconds": {"scan": 0.1, "model error": 0.5}}, row | {"seconds": {"scan": 0.3}}]
+    assert "scan 200 ms, model error 500 ms" in study.table(rows, "make it")

@@ -148,6 +148,12 @@ def test_either_lag_counts(named):
     assert not study.is_named({"effect": "lag", "verdict": "nearest_effect", "effects": list(named)})
 
 
+def test_bug_a_second_name_hid_behind_the_right_one():
+    row = {"effect": "cable_spring", "verdict": "missing_effect", "effects": ["cable_spring"]}
+    assert not study.has_another_name(row | {"found": [["cable_spring"]]})
+    assert study.has_another_name(row | {"found": [["cable_spring"], ["coulomb_friction"]]})
+
+
 def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
     """The images of the lines at four times the sample rate were taken for a misfit."""
     stack = {

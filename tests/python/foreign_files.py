@@ -1,7 +1,6 @@
 """Sound binary records of each kind, small, and copies of them with wrong bytes."""
 
 import struct
-import zlib
 
 import h5py
 import numpy as np
@@ -71,12 +70,3 @@ def npy_claiming(shape, descr="<f8", body=b""):
     head = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".encode()
     head = head.ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + body
-
-
-def zeros_zipped(n_bytes):
-    """Raw deflate stream and CRC of zeros, made without holding them."""
-    packer, crc, block, parts = zlib.compressobj(9, zlib.DEFLATED, -15), 0, bytes(2**20), []
-    for _ in range(n_bytes // len(block)):
-        parts.append(packer.compress(block))
-        crc = zlib.crc32(block, crc)
-    return b"".join([*parts, packer.flush()]), crc

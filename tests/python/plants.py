@@ -1,10 +1,7 @@
 """Plants and records of the tests: made by the simulated axis, which shares no code with the plants."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
-from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.rig.axis import SimulatedAxis
@@ -20,18 +17,6 @@ OFF = {
 }
 OFF |= {"command_limit": 0, "command_bits": 0, "coulomb_level": 0, "viscous_rate": 0, "spring_stiffness": 0}
 OFF |= {"delay_s": 0, "fs_hz": FS_HZ}
-
-
-class BareStack(SimpleNamespace):
-    """As much of a PlantModel as a search changes: its effects."""
-
-    with_effect, without_effect = PlantModel.with_effect, PlantModel.without_effect
-
-
-class BareFit(SimpleNamespace):
-    """As much of a PlantFit as a search reads: its records, and what follows from them."""
-
-    residual, jacobian = PlantFit.residual, PlantFit.jacobian
 
 
 def plant(stack, **more):
