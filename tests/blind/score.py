@@ -59,9 +59,7 @@ def gsid_tool(place: Path) -> dict:
     # The answer shall not depend on what else runs.
     diagnosis = diagnose(load_model(place / "null.json"), fit, time_s=600.0)
     seconds = time.perf_counter() - begin
-    entries = [one.to_dict() for one in diagnosis.ranking if one.effects[:1] == diagnosis.effects[:1]]
-    probability = entries[0].get("probability") if entries else None
-    group = [{"effects": list(diagnosis.effects), "probability": probability}]
+    group = [{"effects": list(diagnosis.effects), "probability": diagnosis.probability}]
     return {
         "adequate": diagnosis.adequate,
         "p_value": diagnosis.p_value,

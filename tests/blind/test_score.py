@@ -13,8 +13,6 @@ import truth
 from hidden import CONTAINED
 from unexplained import unexplained_by_cogging
 
-from gsid.diagnosis.from_records.result import RankedLaw
-
 
 def says(verdict, *found, probability=0.99, p_value=0.3):
     """A tool's answer: groups found, the first of them first in the ranking too."""
@@ -126,24 +124,14 @@ def test_names_without_a_stated_probability_are_not_called_confident():
     score.page(figures, "make blind")
 
 
-def test_the_tool_states_the_probability_of_the_law_that_it_names(monkeypatch, tmp_path):
-    laws = [RankedLaw((name,), {}, 1.0, 1.0, 9.0, 0.0, True) for name in ("cubic_spring", "coulomb_friction")]
-    named = SimpleNamespace(
-        adequate=False,
-        p_value=0.0,
-        verdict="missing_effect",
-        effects=("coulomb_friction",),
-        ranking=laws,
-        found=[],
-        model=None,
-    )
-    monkeypatch.setattr(
-        RankedLaw, "to_dict", lambda law: {"probability": {"coulomb_friction": 0.9}.get(law.effects[0], 0.1)}
-    )
+def test_the_tool_states_the_probability_of_the_group_that_it_names(monkeypatch, tmp_path):
+    group = ("coulomb_friction", "stribeck_friction")
+    facts = {"adequate": False, "p_value": 0.0, "verdict": "missing_effect", "found": [group], "model": None}
+    named = SimpleNamespace(effects=group, probability=0.9, **facts)
     monkeypatch.setattr("gsid.diagnosis.from_records.diagnose.diagnose", lambda *_, **__: named)
     monkeypatch.setattr("gsid.models.load.load_model", lambda path: None)
     monkeypatch.setattr(score, "error_over_floor", lambda *_: 1.0)
-    assert score.gsid_tool(tmp_path)["ranking"] == [{"effects": ["coulomb_friction"], "probability": 0.9}]
+    assert score.gsid_tool(tmp_path)["ranking"] == [{"effects": list(group), "probability": 0.9}]
 
 
 @pytest.mark.parametrize(("n_rejected", "kept"), [(5, True), (0, False), (40, False)])

@@ -174,7 +174,7 @@ def table(rows: list[Row], command: str) -> str:
             f"its family is first in {of_family}.",
             "",
             f"Processor time: median {statistics.median(processor_s):.2f} s, worst {max(processor_s):.2f} s. "
-            "Median by step: "
+            "Median clock time by step: "
             + ", ".join(f"{step} {1e3 * statistics.median(times):.0f} ms" for step, times in steps.items())
             + ".",
             "",
