@@ -62,8 +62,8 @@ def diagnose_records(
     time_s : float, optional
         Budget [s]: then the running step is stopped, and the result is the best so far. Default 60.
     alpha : float
-        With a model: probability of noise alone below which the model is rejected though no effect explains
-        what it leaves.
+        With a model: p-value of what the model leaves, below which it is rejected though no effect explains
+        that.
     settings : DecisionSettings
     on_step : callable
         Called with a short description of each step before it starts: its number, and the time left.

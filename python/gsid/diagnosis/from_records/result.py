@@ -89,7 +89,7 @@ class Diagnosis(Plottable):
     cost_per_dof, cost_per_dof_after : float
         Of the linear stack, and of `model`; 1 where only noise is left.
     p_value : float or None
-        Probability of a misfit this large by chance if no effect is missing; None for a first draft.
+        Probability of a misfit this large or larger if no effect is missing; None for a first draft.
     assumed : list of str
         What the result relies on and the data do not show.
     not_tried : dict of str

@@ -344,7 +344,7 @@ class Run:
 
     @property
     def noise_p_value(self) -> float:
-        """Probability of noise alone: of the simulated linear part, or of its response.
+        """p-value of what is left by the simulated linear part, or by its response: the larger one.
 
         The simulation of an input without hold has images of the lines at four times the sample rate: with
         very little noise they are larger than it.
@@ -371,7 +371,7 @@ class Run:
 
     @property
     def p_least(self) -> float:
-        """Probability of noise below which something is missing though no law explains it.
+        """p-value below which something is missing though no law explains it.
 
         A given model is a hypothesis that is tested. A structure that was selected from the data leaves a
         little more than noise.

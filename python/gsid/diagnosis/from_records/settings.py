@@ -34,7 +34,7 @@ class DecisionSettings:
         Corner [lowest lines], lag and delay [samples] below which an element is dropped before a simulation:
         it changes no line by 1e-3.
     linear_rounds : int
-        Linear effects that are added to the stack before a law is judged. The prototype never needed more
+        Linear effects that are added to the stack before a law is judged: no development trial needed more
         than two.
     linear_fall : float
         Share of the kept-out misfit that a linear effect has to explain to be added.
@@ -45,7 +45,8 @@ class DecisionSettings:
     effects_most : int
         Effects that a given model may lack: each needs rounds of its own.
     share_of_next : float
-        Share of the kept-out misfit that a law has to explain for a search beside it: the prototype's.
+        Share of the kept-out misfit that a law has to explain for a search beside it. Of two missing effects
+        of similar size each explains about half; a quarter leaves room for a third one.
     chance : float
         Fall of the cost above ln n for each parameter that the best of many laws has by chance.
     structure_rounds : int
@@ -72,22 +73,25 @@ class DecisionSettings:
     hopeless : float
         A rival is given up if a slice lowers its cost by less than this share of what it has to catch up.
     p_least : float
-        Probability of noise alone below which something is missing though no law explains it.
+        p-value of what the linear part leaves, below which something is missing though no law explains it. A
+        structure that was selected from the data leaves a little more than noise.
     adequate : float
-        Cost per degree of freedom up to which only noise is left.
+        Cost per degree of freedom up to which only noise is left, set on the development trials. The noise is
+        estimated from few periods, so that a complete model may leave more than 1.
     null_gain, null_cost : float
         Drop of the cost that any law needs beside ln n per parameter, and cost per degree of freedom of the
         linear part up to which nothing may be missing: those of the first stage.
     named_share, named_margin : float
         Least share of the misfit explained, kept out, and least ratio of what the best rival leaves, both by
-        simulation, for a name where more than noise is left.
+        simulation, for a name where more than noise is left: those of the first stage.
     linear_share : float
         Least share of a linear effect: nothing but noise should be left of it.
     named_lead : float
         Drop of the cost against the best rival that is as good as the margin where only noise is left: a weak
         effect has no large ratio.
     nearest_share, nearest_scatter : float
-        Least share, and largest scatter of the coefficient, of a nearest law.
+        Least share, and largest scatter of the coefficient, of a nearest law: a law that explains less than
+        half is not the main effect.
     periods_least : int
         Fewest periods of a single record for a name: its thirds have two periods each.
     clear_misfit : float

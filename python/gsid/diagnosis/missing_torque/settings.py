@@ -88,14 +88,15 @@ class SearchSettings:
         the scatter of the cost, some 80 in 3000 numbers.
     named_share, named_margin, named_scatter : float
         Least share kept out, least margin over the best other family, and largest scatter of the coefficient
-        for a name. Below them the development trials have wrong names (missing-torque study).
+        for a name. With lower limits the development trials have wrong names (`make first-stage-study`).
     exact_share : float
         Least share of a law whose column does not depend on the measured motion: a mode that stands in for a
         lag explains 96 to 99 %.
     scatter_errors : float
         A scatter within this many standard errors is noise.
     nearest_share, nearest_scatter : float
-        Least share and largest scatter of a nearest law.
+        Least share and largest scatter of a nearest law: one that explains less than half is not the main
+        effect.
     enlarged_gain : float
         Drop of the cost by which an enlarged law, a rival from outside the catalogue, must not beat a name.
     free_functions : int
