@@ -61,6 +61,23 @@ def test_bug_a_catalogue_without_effects_ended_in_an_error_of_min(record):
         gsid.diagnose(plant(AXIS), record, without=list(catalogue()))
 
 
+def test_bug_an_unknown_effect_to_leave_out_was_ignored(record):
+    with pytest.raises(InputError, match="unknown effect"):
+        gsid.diagnose_records(record, without=["coulomb_frictoin"])
+
+
+@pytest.mark.parametrize("model", [None, plant(AXIS)])
+def test_bug_a_reference_of_spectra_ended_in_an_attribute_error(record, model):
+    with pytest.raises(ValueError, match="give records, not their spectra"):
+        gsid.diagnose_records(gsid.spectra(record), model, reference="r")
+
+
+@pytest.mark.parametrize("model", [None, plant(AXIS)])
+def test_bug_a_missing_reference_ended_in_a_key_error(record, model):
+    with pytest.raises(InputError, match="no column named r"):
+        gsid.diagnose_records(record, model, reference="r")
+
+
 def test_bug_a_third_mode_took_the_place_of_the_second():
     modes = [{"f_hz": f_hz, "zeta": 0.02, "residue": 0.3} for f_hz in (10.0, 20.0, 30.0)]
     part = linear_part(plant({"rigid_body": {"gain": 1.0}}))

@@ -65,8 +65,8 @@ def closed_loop_frf(
         The sequence is empty, or contains Spectra, which have no reference.
     """
     records = listed(records)
-    if any(isinstance(record, Spectra) for record in records):
-        raise ValueError("a closed loop needs the samples of its reference: give records, not their spectra")
+    for record in records:
+        require_reference(record, reference)
     each = [_spectra(record, reference, period, settle) for record in records]
     first, first_y = each[0]
     for to_u, to_y in each[1:]:
@@ -118,19 +118,23 @@ def loop_spectra(record: Record, reference: str) -> Spectra:
     return replace(to_y, U=to_u.Y, u_unit=record.u_unit, name=record.name)
 
 
-def require_reference(record: Record, reference: str) -> None:
+def require_reference(record: Record | Spectra, reference: str) -> None:
     """Refuse a record without the column of its reference.
 
     Parameters
     ----------
-    record : Record
+    record : Record or Spectra
     reference : str
 
     Raises
     ------
     InputError
         The column does not exist.
+    ValueError
+        Spectra have no reference.
     """
+    if isinstance(record, Spectra):
+        raise ValueError("a closed loop needs the samples of its reference: give records, not their spectra")
     if reference not in record.columns:
         names = [name for name in record.columns if np.ndim(record.columns[name]) == 1]
         hint = f"{choose(reference, names)}; select it with --r"

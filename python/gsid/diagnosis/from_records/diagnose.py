@@ -22,6 +22,7 @@ from gsid.diagnosis.from_records.run import ALPHA, Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.from_records.steps import BEFORE_FITS, Steps
 from gsid.diagnosis.from_records.summary import summarised
+from gsid.effects.types import find
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
 from gsid.spectrum.spectra import Spectra
@@ -76,14 +77,17 @@ def diagnose_records(
     Raises
     ------
     InputError
-        As `gsid.start`.
+        As `gsid.start`; an unknown effect in `without`; a given model without a free parameter; no effect is
+        left to look for.
     ValueError
-        No record, an unknown output, or a time that is not positive.
+        No record, an unknown output, a time that is not positive, or spectra with a reference.
     """
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     if time_s is not None and not time_s > 0:
         raise ValueError(f"time_s must be positive, got {time_s}")
+    for effect in without:
+        find(effect)
     budget_s = settings.time_s if time_s is None else time_s
     if model is not None:
         check_plant(model)

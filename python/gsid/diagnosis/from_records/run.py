@@ -51,6 +51,7 @@ from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
 from gsid.records.record import Record
+from gsid.response.closed_loop import require_reference
 from gsid.spectrum.realisation import listed, spectra_of
 from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_output
 from gsid.structure.start import Start, start
@@ -155,6 +156,8 @@ class Run:
 
     def find_loop(self, records: list[Record], reference: str) -> None:
         """The controller, from the reference, the output and the command."""
+        for record in records:
+            require_reference(record, reference)
         self.loop = identified_loop(records, self.measured, reference, self.settings)
         if self.loop is not None:
             self.by_reference = referenced(records, self.measured, reference)
