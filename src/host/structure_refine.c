@@ -7,8 +7,8 @@
 #include "../core/complex_math.h"
 #include "structure.h"
 
-#define SETTLED                                                                                                        \
-    1e-3 /* decrease of the cost in a step below which the values have converged; scores are compared at 7 */
+/* Decrease of the cost in a step below which the values have converged; scores are compared at 7. */
+#define SETTLED 1e-3
 #define STEP_MAX 0.7 /* largest change of a logarithm in one step: a factor of 2 */
 #define TINY 1e-12
 #define DAMPING_START 1e-3

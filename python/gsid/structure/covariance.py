@@ -8,10 +8,12 @@ import numpy as np
 
 from gsid.fitting.sandwich import sandwich
 from gsid.structure.elements import Values, columns
-from gsid.structure.projection import STEP_MAX, Data, Fitted
+from gsid.structure.projection import Data, Fitted
 
 POLISHED = 3
 """Gauss-Newton steps with exact slopes: the refinement takes the images of the hold as constant."""
+STEP_MAX = 0.7
+"""Largest change of a logarithm in one of them: a factor of 2."""
 STEP_LOG, STEP_DELAY = 1e-4, 1e-3
 """Steps of the central differences: of logarithms, and of the delay over 1/w_hi."""
 

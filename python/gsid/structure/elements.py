@@ -14,7 +14,7 @@ import numpy as np
 
 from gsid._lib import check, ffi, lib
 from gsid.base.cached import cached_property
-from gsid.structure.held import hold_response
+from gsid.base.zero_order_hold import hold_factor
 
 OUTPUTS = ("rate", "angle", "acceleration")
 BODIES = ("free", "viscous", "sprung")
@@ -214,7 +214,7 @@ class Lines:
     def __post_init__(self) -> None:
         self.w = 2 * np.pi * self.f_hz
         self.s = 1j * self.w
-        self.hold = hold_response(self.w, 1 / self.fs_hz) if self.held else np.ones(len(self.w), complex)
+        self.hold = hold_factor(self.f_hz, self.fs_hz) if self.held else np.ones(len(self.w), complex)
         fractions = self.fractions or []
         self._later = np.array([part for part, _ in fractions], float)
         self._share = np.array([share for _, share in fractions], complex)

@@ -15,8 +15,6 @@ from gsid._lib import check, ffi, lib
 from gsid.structure.elements import Lines, Values, columns
 
 STEPS = 30
-STEP_MAX = 0.7
-"""Largest change of a logarithm in one step: a factor of 2."""
 
 
 @dataclass(frozen=True, eq=False)

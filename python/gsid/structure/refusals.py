@@ -8,6 +8,9 @@ from gsid.structure.elements import Values, columns
 from gsid.structure.projection import Data, Fitted
 from gsid.structure.settings import StructureSettings
 
+NOT_ZERO = 1e-3
+"""Share of the largest response that counts where all lines near a mode are at an antiresonance."""
+
 
 def refusal(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
     """Reason to refuse a fitted structure, or an empty text.
@@ -67,9 +70,10 @@ def _not_shown(fitted: Fitted, data: Data, settings: StructureSettings) -> str:
     own = [w / (2 * np.pi) for w, _ in fitted.values.modes]
     for i, f_mode in enumerate(own, 1):
         near = np.abs(f - f_mode) <= settings.cancel_near * f_mode
-        largest = measured[near].max() if near.any() else measured.max()
-        if near.any() and size[near, i].max() > settings.cancel_size * max(largest, measured.max() * 1e-3):
-            return f"mode at {f_mode:.4g} Hz cancels against another element"
+        if near.any():
+            largest = max(measured[near].max(), NOT_ZERO * measured.max())
+            if size[near, i].max() > settings.cancel_size * largest:
+                return f"mode at {f_mode:.4g} Hz cancels against another element"
         at = int(np.argmin(np.abs(f - f_mode)))
         if size[at, i] < settings.standing_out * (total[at] - size[at, i]):
             return f"mode at {f_mode:.4g} Hz is small beside the other elements"
