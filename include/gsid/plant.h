@@ -33,6 +33,8 @@ typedef struct {
     int output_angle;             /* 0: y is the rate, 1: y is the angle */
     gsid_real unit_rad;           /* radians in a unit of angle, for laws with an angle inside a sine; 0: a degree */
     const volatile int *stop;     /* once it is not 0, a search for the steady state ends at its next sample; NULL: never */
+    uint64_t *moves_left; /* the same once it is 0: each sample takes its moves times the columns moved from it. It bounds the
+                             work on any computer by the same amount; NULL: no bound */
 } gsid_plant_cfg;
 
 typedef struct gsid_plant_layout gsid_plant_layout;

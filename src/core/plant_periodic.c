@@ -54,7 +54,16 @@ static void keep_largest(gsid_plant_layout *l) {
 }
 
 static int is_stopped(const shooting *s) {
-    return s->plant->cfg.stop != NULL && *s->plant->cfg.stop != 0;
+    const gsid_plant_cfg *cfg = &s->plant->cfg;
+    return (cfg->stop != NULL && *cfg->stop != 0) || (cfg->moves_left != NULL && *cfg->moves_left == 0);
+}
+
+static void count_moves(const shooting *s) {
+    uint64_t *left = s->plant->cfg.moves_left;
+    if (left != NULL) {
+        const uint64_t moves = (uint64_t)s->l->motion.n_moves * s->l->shape.n_active;
+        *left -= moves < *left ? moves : *left;
+    }
 }
 
 static gsid_status health(const shooting *s) {
@@ -82,6 +91,7 @@ static void run_period(shooting *s) {
             s->rate[n] = l->z[GSID_Z_RATE * l->shape.n_columns];
         }
         gsid_plant_sample(s->plant, s->u[n]);
+        count_moves(s);
     }
 }
 

@@ -468,6 +468,31 @@ static void a_search_is_stopped_by_the_callers_flag(void **state) {
     }
 }
 
+/* The bound does not depend on the clock: the same search takes the same number of moves, and one fewer stops it. */
+static void a_search_ends_when_its_moves_are_used_up(void **state) {
+    (void)state;
+    uint64_t left = UINT64_MAX;
+    start_rich_stack();
+    b.cfg.moves_left = &left;
+    bench_init(&b);
+    fill_command(50);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, y, NULL, NULL, NULL, NULL), GSID_OK);
+    const uint64_t taken = UINT64_MAX - left;
+    assert_true(taken >= 3 * (uint64_t)N); /* at least one move per sample of three periods */
+    left = taken + 1;
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, again, NULL, NULL, NULL, NULL), GSID_OK);
+    assert_true(left == 1);
+    for (int n = 0; n < N; n++) {
+        assert_true(y[n] == again[n]);
+    }
+    left = taken - 1;
+    bench_init(&b);
+    assert_int_equal(gsid_plant_periodic(&b.plant, N, u, 2, 10, again, NULL, NULL, NULL, NULL), GSID_E_STOPPED);
+    assert_true(left == 0);
+    b.cfg.moves_left = NULL;
+}
+
 /* Without laws the linear orbit is the periodic one; laws do not move where it begins. The axis was held by the friction in
  * which it rested. */
 static void the_linear_start_is_the_orbit_without_laws(void **state) {
@@ -645,6 +670,7 @@ int main(void) {
         cmocka_unit_test(in_closed_loop_periodic_sensitivities_are_those_by_differences),
 #endif
         cmocka_unit_test(a_search_is_stopped_by_the_callers_flag),
+        cmocka_unit_test(a_search_ends_when_its_moves_are_used_up),
         cmocka_unit_test(a_refused_linear_start_changes_nothing),
         cmocka_unit_test(a_linear_start_that_overflows_ends_at_rest),
         cmocka_unit_test(overflow_is_an_answer),

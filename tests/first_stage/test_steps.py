@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gsid.base.deadline import Deadline
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import draft as drafting
 from gsid.diagnosis.from_records import run as running
@@ -456,12 +456,49 @@ def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
 @pytest.mark.parametrize(("residual", "settles"), [(1.9e-3, True), (2.1e-3, False)])
 def test_a_simulation_settles_up_to_a_thousandth_of_its_rms(monkeypatch, residual, settles):
     answer = SimpleNamespace(settled=False, residual=residual, y=2.0 * np.array([1.0, -1.0]))
-    plant = SimpleNamespace(of=lambda *_: SimpleNamespace(run=lambda: answer))
-    monkeypatch.setattr(confirming, "PeriodicPlant", plant)
-    fits = SimpleNamespace(measured=[None], deadline=None, settings=DEFAULTS)
-    assert confirming.Simulations._settles(fits, None) is settles
+    plant = SimpleNamespace(run=lambda: answer, bound=lambda moves: None, moves=7)
+    monkeypatch.setattr(confirming, "PeriodicPlant", SimpleNamespace(of=lambda *_: plant))
+    fits, deadline = SimpleNamespace(measured=[None], settings=DEFAULTS), Deadline().bounded(10)
+    assert confirming.Simulations._settles(fits, None, deadline) is settles
+    assert deadline.moves_left == 3
     answer.settled = True
-    assert confirming.Simulations._settles(fits, None)
+    assert confirming.Simulations._settles(fits, None, deadline)
+
+
+@pytest.mark.parametrize(
+    ("to_beat", "most", "why"),
+    [
+        (None, 10 * DEFAULTS.moves_of_rival, "fitted"),
+        (1.0, 10 * DEFAULTS.moves_of_rival, "its simulation takes too long"),
+        (None, 5 * DEFAULTS.moves_of_rival, "fitted"),
+        (None, 0.0, "the work of all simulations was used up before its fit"),
+    ],
+)
+def test_the_work_of_a_rival_and_that_of_all_fits_are_bounded(monkeypatch, to_beat, most, why):
+    """The winner may use the work of all fits, a rival only its own; both count."""
+    needed = 2 * DEFAULTS.moves_of_rival
+
+    def fit_plant(model, measured, *, band, max_iter, deadline):
+        is_enough = deadline.moves_left >= needed
+        deadline.spend(needed)
+        if not is_enough:
+            raise OutOfTime("")
+        return SimpleNamespace(cost=1.0, converged=True, unsettled=[], model=model)
+
+    monkeypatch.setattr(confirming, "fit_plant", fit_plant)
+    monkeypatch.setattr(confirming, "judged", lambda fit, effects, settings: simulated_law(fit, effects))
+    monkeypatch.setattr(confirming.Simulations, "_settles", lambda *_: True)
+    settings, deadline = replace(DEFAULTS, moves_most=most), Deadline().bounded(most)
+    fits = confirming.Simulations([None], None, deadline, settings, lambda text: None)
+    fitted = fits.fit(model(BODY), ("hard_stop",), to_beat)
+    assert (fitted is not None) is (why == "fitted")
+    assert fits.not_tried.get("hard_stop", "fitted") == why
+    spent = needed if to_beat is None else DEFAULTS.moves_of_rival
+    assert deadline.moves_left == max(most - spent, 0)
+
+
+def simulated_law(fit, effects):
+    return confirming.Simulated(effects, fit, True, 1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(1e-3, 2e-3), (5e-3, 0.0)])

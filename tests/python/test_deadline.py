@@ -76,3 +76,44 @@ def test_no_time_is_too_long():
     with Deadline(1e300) as deadline, Deadline() as endless:
         assert not deadline.is_over
         assert not endless.is_over
+
+
+# ---- a bound on the work, which does not depend on the clock ---------------------------------------
+
+
+def test_a_simulation_that_takes_too_many_moves_ends_without_a_clock(record):
+    """A bug: one fit of a wide hard stop took 200 s, and only the clock ended it."""
+    deadline = Deadline().bounded(1e5)
+    with pytest.raises(OutOfTime):
+        fit_plant(stiff(), record, deadline=deadline)
+    assert deadline.moves_left == 0
+    assert not deadline.is_over
+
+
+def test_the_work_of_a_fit_is_the_same_every_time_and_enough_of_it_changes_nothing(record):
+    deadline = Deadline().bounded(1e9)
+    fit = fit_plant(good(), record, deadline=deadline)
+    work = 1e9 - deadline.moves_left
+    assert work >= record.u.size / 4  # at least one move for each sample of a period
+    again = deadline.bounded(2 * work)
+    assert fit_plant(good(), record, deadline=again).cost == fit.cost == fit_plant(good(), record).cost
+    assert again.moves_left == work
+
+
+def test_a_fit_whose_work_is_used_up_has_the_best_values_so_far(record):
+    deadline = Deadline().bounded(1e9)
+    one = fit_plant(good(), record, deadline=deadline, max_iter=1)
+    work = 1e9 - deadline.moves_left
+    deadline = Deadline().bounded(work + 1)  # the second step is stopped
+    cut = fit_plant(good(), record, deadline=deadline)
+    assert not cut.converged
+    assert cut.cost == one.cost > fit_plant(good(), record).cost
+    assert deadline.moves_left == 0
+
+
+def test_a_bounded_deadline_is_stopped_with_the_other_and_never_has_more_work():
+    deadline = Deadline()
+    part = deadline.bounded(5).bounded(7)
+    assert part.moves_left == 5
+    deadline.stop()
+    assert part.is_over

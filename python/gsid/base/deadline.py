@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import threading
 import time
@@ -25,11 +26,15 @@ class Deadline:
     ----------
     flag : bytearray
         An int of C that becomes 1 at the deadline.
+    moves_left : float
+        Work that simulations may still do, in moves of one column (`gsid_plant_cfg.moves_left` of the C
+        library): a bound that is the same on every computer.
     """
 
     def __init__(self, seconds: float = math.inf) -> None:
         self._end = time.perf_counter() + seconds
         self.flag = bytearray(4)
+        self.moves_left = math.inf
         self._timer: threading.Timer | None = None
 
     @property
@@ -41,6 +46,27 @@ class Deadline:
     def is_over(self) -> bool:
         """Whether the time is over."""
         return self.left_s == 0
+
+    def bounded(self, moves: float) -> Deadline:
+        """The same deadline, for simulations with a bound on their work.
+
+        Parameters
+        ----------
+        moves : float
+            Largest value of `moves_left`; that of this deadline, if it is less.
+        """
+        other = copy.copy(self)
+        other.moves_left = min(moves, self.moves_left)
+        return other
+
+    def spend(self, moves: float) -> None:
+        """Take work from `moves_left`.
+
+        Parameters
+        ----------
+        moves : float
+        """
+        self.moves_left = max(self.moves_left - moves, 0.0)
 
     def check(self) -> None:
         """Raise OutOfTime when the time is over."""

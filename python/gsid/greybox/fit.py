@@ -384,9 +384,12 @@ def fit_plant(
     deadline = deadline or Deadline()
     with ThreadPoolExecutor(n_threads(len(measured))) as pool, _stopped_by_ctrl_c(deadline):
         problem = Problem(start, measured, band, tuple(per_record), pool, deadline)
-        if method == "nls-output":
-            return _least_error(problem, solver, max_iter)
-        minimum = minimise(problem, solver, max_iter)
+        try:
+            if method == "nls-output":
+                return _least_error(problem, solver, max_iter)
+            minimum = minimise(problem, solver, max_iter)
+        finally:
+            problem.spend()
         dof = min(part.dof for part in problem.parts)
         cov, pinned = _covariance(minimum.point.r)
         # The weights are estimates themselves, which increases the variance of the parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -113,6 +114,9 @@ class Problem:
         self.parts = [
             Part(model, s, v, band, has_drift, deadline) for s, v in zip(measured, variances, strict=True)
         ]
+        self.deadline = deadline or Deadline()
+        for part in self.parts:  # equal shares do not depend on the order of the threads
+            part.plant.bound(self.deadline.moves_left / len(self.parts))
         # With backlash, a response that does not settle soon usually never does: do not wait longer.
         self.has_backlash = any(effect.id == BACKLASH for effect in model.effects)
         self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
@@ -206,6 +210,11 @@ class Problem:
     def may_follow(self, point: Point, trial: Point) -> bool:
         """Whether the search may move to the trial. Without a steady state its cost is meaningless."""
         return trial.settled or not point.settled or not self.has_backlash
+
+    def spend(self) -> None:
+        """Take the work of all simulations from the deadline's bound."""
+        is_used_up = any(part.plant.is_used_up for part in self.parts)
+        self.deadline.spend(math.inf if is_used_up else sum(part.plant.moves for part in self.parts))
 
     def keep(self) -> None:
         """Continue the search from the point simulated last."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ OVERSAMPLING = 4
 SETTLE_PERIODS = 2  # before the first Newton step
 SETTLE_LONGER = 10  # periods, if the steady state was not reached
 NEWTON_STEPS = 8
+MOVES_MOST = 2**63  # no bound: moves of ten thousand years
 SETTLED = 1e-7  # largest change in a period, relative to the output's rms
 
 
@@ -89,7 +91,7 @@ def _check(status: int) -> None:
         hint = f"{delay}; look at the signs and units of springs, time constants and levels"
         raise SimulationError(status, what, hint)
     if status == lib.GSID_E_STOPPED:
-        raise OutOfTime("the time was over before the steady state was found")
+        raise OutOfTime("the time or the work was over before the steady state was found")
     if status == lib.GSID_E_NO_MEMORY:
         check(status, "simulating the plant")
     if status < 0:
@@ -151,7 +153,30 @@ class PeriodicPlant:
         if deadline is not None:
             self._stop = ffi.from_buffer("int[]", deadline.flag)
             self._cfg.stop = self._stop
+        self._moves_left = ffi.new("uint64_t *")
+        self._cfg.moves_left = self._moves_left
+        self.bound(math.inf)
         self._kept: np.ndarray | None = None
+
+    def bound(self, moves: float) -> None:
+        """End the next searches after so much work, in moves of one column.
+
+        Parameters
+        ----------
+        moves : float
+        """
+        self._moves_most = int(min(moves, MOVES_MOST))
+        self._moves_left[0] = self._moves_most
+
+    @property
+    def moves(self) -> int:
+        """Work since the bound was set."""
+        return self._moves_most - self._moves_left[0]
+
+    @property
+    def is_used_up(self) -> bool:
+        """Whether the bound was reached."""
+        return self._moves_left[0] == 0
 
     @classmethod
     def of(cls, model: Stack, measured: Spectra, deadline: Deadline | None = None) -> PeriodicPlant:
@@ -202,7 +227,7 @@ class PeriodicPlant:
         GsidError
             The values are refused, or the response overflows.
         OutOfTime
-            The deadline was reached before the steady state.
+            The deadline or the bound on the work was reached before the steady state.
         """
         for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
             self._items[i].value[j] = value

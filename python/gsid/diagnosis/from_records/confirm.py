@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,23 +106,49 @@ class Simulations:
             Cost of the winner: a fit that cannot reach it is given up.
         """
         name = " and ".join(effects) or "the linear part"
-        if self.deadline.is_over:
-            self.not_tried[name] = "the time was over before its fit by simulation"
+        if not self._may_begin(name):
             return None
         self.on_step(f"fitting {name} by simulation")
         model = self._completed(model)
+        moves = self.settings.moves_most if to_beat is None else self.settings.moves_of_rival
         try:
-            if not self._settles(model):
-                self.not_tried[name] = "its simulation reaches no steady state"
-                return None
-            fit, stalled = self._in_slices(model, to_beat)
+            with self._bounded(moves) as deadline:
+                if not self._settles(model, deadline):
+                    self.not_tried[name] = "its simulation reaches no steady state"
+                    return None
+                fit, stalled = self._in_slices(model, to_beat, deadline)
         except OutOfTime:
-            self.not_tried[name] = "the time was over before its first simulation had ended"
+            self.not_tried[name] = self._why_stopped()
             return None
         except (GsidError, InputError) as error:
             self.not_tried[name] = f"it cannot be simulated: {error}"
             return None
         return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
+
+    def _may_begin(self, name: str) -> bool:
+        """Whether there is time and work left for a fit; if not, it is noted."""
+        if self.deadline.is_over:
+            self.not_tried[name] = "the time was over before its fit by simulation"
+            return False
+        if self.deadline.moves_left == 0:
+            self.not_tried[name] = "the work of all simulations was used up before its fit"
+            return False
+        return True
+
+    def _why_stopped(self) -> str:
+        if self.deadline.is_over:
+            return "the time was over before its first simulation had ended"
+        return "its simulation takes too long"
+
+    @contextmanager
+    def _bounded(self, moves: float) -> Iterator[Deadline]:
+        """The deadline with a bound on the work of one fit, which is taken from that of all."""
+        deadline = self.deadline.bounded(moves)
+        first = deadline.moves_left
+        try:
+            yield deadline
+        finally:
+            self.deadline.spend(first - deadline.moves_left)
 
     def _completed(self, model: PlantModel) -> PlantModel:
         """The model with what every fit contains, and without what none does."""
@@ -142,36 +169,43 @@ class Simulations:
         beaten : float
             Least cost of the other laws.
         """
-        if self.deadline.is_over:
-            self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
+        if not self._may_begin(BACKLASH):
             return None
         self.on_step(f"fitting {BACKLASH} by simulation")
         try:
-            fit = fit_play(null, given, self.measured, self.band, beaten, self.deadline)
+            with self._bounded(self.settings.moves_of_rival) as deadline:
+                fit = fit_play(null, given, self.measured, self.band, beaten, deadline)
         except OutOfTime:
-            self.not_tried[BACKLASH] = "the time was over before its first simulation had ended"
+            self.not_tried[BACKLASH] = self._why_stopped()
             return None
         except (GsidError, InputError, np.linalg.LinAlgError) as error:
             self.not_tried[BACKLASH] = f"it cannot be simulated: {error}"
             return None
         return judged(fit, (BACKLASH,), self.settings) if fit else None
 
-    def _settles(self, model: PlantModel) -> bool:
+    def _settles(self, model: PlantModel, deadline: Deadline) -> bool:
         """Whether the simulation of the first record is periodic: a fit of one that is not takes minutes."""
-        answer = PeriodicPlant.of(model, self.measured[0], self.deadline).run()
+        plant = PeriodicPlant.of(model, self.measured[0], deadline)
+        plant.bound(deadline.moves_left)
+        try:
+            answer = plant.run()
+        finally:
+            deadline.spend(plant.moves)
         return answer.settled or answer.residual < self.settings.unsettled * float(np.std(answer.y))
 
-    def _in_slices(self, model: PlantModel, to_beat: float | None) -> tuple[PlantFit, bool]:
+    def _in_slices(
+        self, model: PlantModel, to_beat: float | None, deadline: Deadline
+    ) -> tuple[PlantFit, bool]:
         steps, before, fit = 1, np.inf, None
         slices = self.settings.slices if to_beat is None else self.settings.slices_of_rivals
         for _ in range(slices):
             try:
-                fit = fit_plant(model, self.measured, band=self.band, max_iter=steps, deadline=self.deadline)
+                fit = fit_plant(model, self.measured, band=self.band, max_iter=steps, deadline=deadline)
             except OutOfTime:
                 if fit is None:
                     raise
                 break
-            if has_converged(fit) or fit.unsettled or self.deadline.is_over:
+            if has_converged(fit) or fit.unsettled or deadline.is_over or deadline.moves_left == 0:
                 break
             if before - fit.cost < max(self.settings.stalled, 1e-4 * fit.cost):
                 return fit, True

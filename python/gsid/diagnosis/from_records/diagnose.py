@@ -96,7 +96,8 @@ def diagnose_records(
             model, records = in_closed_loop(model, records, reference)
             reference = None
     rounds = None
-    with Deadline(budget_s) as deadline:
+    with Deadline(budget_s) as whole:
+        deadline = whole.bounded(settings.moves_most)
         steps = Steps(on_step, deadline)
         if fast:
             steps.expect(BEFORE_FITS)

@@ -7,6 +7,7 @@ values come from the response and from the measured motion of the load (`gsid.di
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
@@ -66,7 +67,8 @@ def fit_play(
         if fit.cost < FORGIVEN * null.cost:
             fit = _beyond_the_walls(fit, measured, band, deadline)
         if fit.cost < beaten and not fit.converged:
-            fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
+            with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
+                fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
         return fit
     return None
 
