@@ -24,6 +24,7 @@ from gsid.diagnosis.from_records.probability import (
     probabilities,
 )
 from gsid.diagnosis.from_records.result import RankedLaw
+from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import Decision
 
 BASIS = {"effects": ("coulomb_friction",), "lead": 500.0, "share": 0.99, "margin": 20.0}
@@ -66,7 +67,7 @@ def test_a_free_function_counts_only_where_more_than_noise_is_left():
 
 def summary_of(of_laws, verdict="missing_effect", **changes):
     """The ranking with its probabilities, and whether there were trials like this diagnosis."""
-    run = {"in_time": True, "in_closed_loop": False, "known": []} | changes
+    run = {"cut": False, "interrupted": False, "in_closed_loop": False, "known": []} | changes
     names = [("coulomb_friction",), ("stribeck_friction",), (), ("cubic_spring",), ("hard_stop",)]
     ranking = [RankedLaw(name, {}, 1.0, 1.0, 1.0, 0.0, True) for name in names]
     basis = Basis(**BASIS | {"effects": ("coulomb_friction", "stribeck_friction")})
@@ -85,7 +86,7 @@ def test_the_entries_of_the_ranking_sum_to_one_and_members_of_a_group_share_thei
     assert found[()] == pytest.approx(0.06)
 
 
-WITHOUT = [{"in_time": False}, {"in_closed_loop": True}, {"known": ["a law"]}]
+WITHOUT = [{"cut": True}, {"interrupted": True}, {"in_closed_loop": True}, {"known": ["a law"]}]
 
 
 @pytest.mark.parametrize("case", [*WITHOUT, {"verdict": "adequate"}])
@@ -93,6 +94,24 @@ def test_without_trials_like_it_a_diagnosis_states_no_probability(case):
     found, like = summary_of(None, **case)
     assert not like
     assert set(found.values()) == {None}
+
+
+@pytest.mark.parametrize(("is_fitted", "is_over", "cut"), [(1, 1, False), (0, 1, True), (0, 0, False)])
+def test_bug_a_fit_that_the_time_stopped_hid_the_probability(is_fitted, is_over, cut):
+    """Only a law that was left out for lack of time hides it; a fit that was stopped was given up."""
+    fitted = SimpleNamespace(cost=1.0) if is_fitted else None
+    fits = SimpleNamespace(fit=lambda *_: fitted)
+    run = SimpleNamespace(
+        laws=[],
+        cut=False,
+        deadline=SimpleNamespace(is_over=bool(is_over)),
+        decide=lambda: None,
+        add_bias=lambda fits: None,
+        given=None,
+        null=None,
+    )
+    Run.fit_laws(run, fits, [SimpleNamespace(model=None, effect="coulomb_friction")])
+    assert run.cut is cut
 
 
 def synthetic(rng, n, slope):

@@ -445,7 +445,6 @@ def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
         noise_p_value=p_value,
         p_least=DEFAULTS.p_least,
         not_tried={},
-        deadline=SimpleNamespace(is_over=False),
     )
     run.check_adequate = lambda: Run.check_adequate(run)
     Run.confirm(run)

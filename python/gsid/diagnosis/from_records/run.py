@@ -98,7 +98,7 @@ class Run:
         self.final: Simulated | None = None
         self.ripple: Ripple | None = None
         self.interrupted, self.hold_assumed, self.in_closed_loop = False, False, False
-        self.in_time = False  # whether all laws of the short list were fitted
+        self.cut = False  # whether the time was over before a law of the short list was fitted
 
     @property
     def is_confirmed(self) -> bool:
@@ -292,7 +292,6 @@ class Run:
                     f"No law was fitted by simulation; {' or '.join(self.decision.effects)} is a first draft."
                 )
                 self.decision = Decision(UNKNOWN, (), (*self.decision.reasons, reason))
-            self.in_time = not self.deadline.is_over
         self.not_tried.update(fits.not_tried)
 
     def accept_noise(self) -> None:
@@ -386,6 +385,7 @@ class Run:
         to_beat = None
         for one in listed:
             fitted = fits.fit(one.model, (one.effect,), to_beat)
+            self.cut = self.cut or (fitted is None and self.deadline.is_over)
             if fitted is not None:
                 self.laws.append(fitted)
                 to_beat = min(fitted.cost, to_beat or fitted.cost)

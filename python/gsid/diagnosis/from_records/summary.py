@@ -93,7 +93,8 @@ def _is_like_trials(run: Run, decision: Decision) -> bool:
 
     That nothing is missing has a p-value instead: how often a weak effect is present no record tells.
     """
-    return decision.verdict != ADEQUATE and run.in_time and not (run.in_closed_loop or run.known)
+    is_whole = not (run.cut or run.interrupted)
+    return decision.verdict != ADEQUATE and is_whole and not (run.in_closed_loop or run.known)
 
 
 def _with_probabilities(
