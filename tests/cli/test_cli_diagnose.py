@@ -133,7 +133,7 @@ def test_in_words(gsid):
     result = gsid("diagnose", "--model", "null.json", *RECORDS[:3], "--y", "y", "--band", "2:100")
     lines = result.out.splitlines()
     assert lines[0].startswith("Missing is coulomb_friction (cost per degree of freedom ")
-    assert lines[1].startswith("Not adequate: ")
+    assert lines[1].startswith("Without an added effect: not adequate, ")
     assert "none of the catalogue" in result.out
     assert "deg/s^2 per command" in result.out
     # Bugs: the options by which the records were read were left out, and the command failed as it stood;

@@ -96,12 +96,13 @@ def diagnose(
 ) -> int:
     """Find the physical effects that a model of an axis lacks.
 
-    Without --model, the linear structure is found from the records. With --model, the free parameters of the
-    model are fitted; several effects may be missing from it.
+    No model is needed: without --model, the linear structure is found from the records. With --model, the
+    free parameters of this model are fitted; several effects may be missing from it.
 
     The laws of the catalogue are ranked by the missing torque that they explain, and the best ones are fitted
-    by simulation. A law is named if these fits confirm it, and is called the nearest or unknown otherwise.
-    Effects that the data cannot distinguish form one group. Ctrl-C prints the result reached so far.
+    by simulation. A law is named only if these fits confirm it. Otherwise it is reported as the nearest, or
+    the missing effect is unknown. Effects that the data cannot distinguish form one group. Ctrl-C prints the
+    result reached so far.
 
     Measure several realisations at two levels of the excitation for the best result.
     """
@@ -191,7 +192,8 @@ def _print(found: Diagnosis, before: Comparison | None, missing: TorqueResidual 
     for text in found.reasons:
         print(f"  {text}")
     if before is not None and before.where:
-        print(before.verdict)
+        verdict = before.verdict.replace(": ", ", ", 1)
+        print(f"Without an added effect: {verdict[0].lower()}{verdict[1:]}")
     if found.ranking:
         print()
         print_table(found.table())

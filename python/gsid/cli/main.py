@@ -65,7 +65,8 @@ class Verbs(click.Group):
 @click.group(
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
-    epilog="`-o -` writes to the standard output.\n\n"
+    epilog="`gsid demo` shows the whole loop; `gsid diagnose REC...` starts from your own records.\n\n"
+    "`-o -` writes to the standard output.\n\n"
     "Exit codes: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal error.",
 )
 @click.version_option(package_name="gsid", prog_name="gsid", message="%(prog)s %(version)s")
@@ -73,7 +74,7 @@ class Verbs(click.Group):
     "Load an effect compiled from C that a model file names. This runs its code.", "libraries", multiple=True
 )
 def gsid(libraries: Sequence[tuple[str, str]]) -> None:
-    """Measure a servo axis, fit a model, and show where the two differ."""
+    """Measure a servo axis, fit a model, and find the physical effects that the model lacks."""
     if libraries:
         from gsid.effects.custom import load
 
