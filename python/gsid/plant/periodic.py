@@ -79,6 +79,22 @@ def input_period(measured: Spectra, oversampling: int) -> np.ndarray:
     return period_of(fine, n * oversampling)
 
 
+def _oversampling(measured: Spectra, closed_loop: bool) -> int:
+    return 1 if measured.hold == "zoh" or closed_loop else OVERSAMPLING
+
+
+def longest_delay_s(measured: Spectra, closed_loop: bool) -> float:
+    """Longest delay of the command that a simulation of a record can have [s].
+
+    Parameters
+    ----------
+    measured : Spectra
+    closed_loop : bool
+    """
+    step_s = 1 / (measured.fs_hz * _oversampling(measured, closed_loop))
+    return (lib.GSID_PLANT_DELAY_MAX - 1) * step_s
+
+
 def _check(status: int) -> None:
     """Raise for a plant that cannot be simulated."""
     if status == lib.GSID_E_NONFINITE:
@@ -202,7 +218,7 @@ class PeriodicPlant:
                 "give the model the fs_hz of the record",
             )
         check_plant_units(model, measured)
-        oversampling = 1 if measured.hold == "zoh" or model.has_controller else OVERSAMPLING
+        oversampling = _oversampling(measured, model.has_controller)
         return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
 
     def run(

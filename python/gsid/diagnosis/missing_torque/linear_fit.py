@@ -14,6 +14,7 @@ from gsid.diagnosis.missing_torque.problem import (
     split,
 )
 
+DELAY = "transport_delay.delay_s"
 SHAPE_STEP = 1e-3  # relative step of the derivative by a shape: reversals lie between samples
 
 
@@ -86,7 +87,7 @@ def fit_linear_part(
     c = np.zeros(n_columns) if first is None else np.array(first, float)
     scale = np.concatenate([np.where(values != 0, np.abs(values), 1.0), np.where(c != 0, np.abs(c), 1.0)])
     least = np.concatenate([start.lower, np.full(n_columns, -np.inf) if lower is None else lower])
-    most = np.concatenate([start.upper, np.full(n_columns, np.inf)])
+    most = np.concatenate([_simulable(problem, start), np.full(n_columns, np.inf)])
 
     def total(coefficients: np.ndarray) -> list[np.ndarray] | None:
         return [coefficients @ t for t in columns] if n_columns else None
@@ -116,6 +117,13 @@ def fit_linear_part(
     )
     x = found.x * scale
     return LinearFit(start.at(x[:n]), x[n:], found.fun, found.jac / scale)
+
+
+def _simulable(problem: Problem, part: LinearPart) -> np.ndarray:
+    """Upper ends of the free values, with the longest delay that a simulation can have."""
+    is_delay = np.array([name == DELAY for name in part.names], bool)
+    longest = np.maximum(problem.longest_delay_s, part.lower)
+    return np.where(is_delay, np.minimum(part.upper, longest), part.upper)
 
 
 def fit_with_shape(
@@ -169,7 +177,7 @@ def fit_with_shape(
         return np.hstack([slopes, torque_columns(problem, part, columns), *by_shape]) * scale
 
     least = np.concatenate([start.part.lower, ends[0]]) / scale
-    most = np.concatenate([start.part.upper, ends[1]]) / scale
+    most = np.concatenate([_simulable(problem, start.part), ends[1]]) / scale
     found = least_squares(
         error,
         np.clip(x0 / scale, least, most),
@@ -242,10 +250,9 @@ def _without(part: LinearPart, labels: Sequence[str]) -> LinearPart:
 
 
 def _delayed(part: LinearPart, shares: Sequence[float]) -> list[LinearPart]:
-    name = "transport_delay.delay_s"
-    if name not in part.names:
+    if DELAY not in part.names:
         return [part]
-    i, values = part.names.index(name), part.values
+    i, values = part.names.index(DELAY), part.values
     return [part.at(np.where(np.arange(len(values)) == i, values * share, values)) for share in shares]
 
 

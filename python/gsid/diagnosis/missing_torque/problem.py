@@ -22,7 +22,7 @@ from gsid.effects.types import EffectType, catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
-from gsid.plant.periodic import input_period
+from gsid.plant.periodic import input_period, longest_delay_s
 from gsid.plant.units import RADIANS
 from gsid.response.sample_hold import MeanOutput
 from gsid.spectrum.spectra import Spectra
@@ -180,6 +180,11 @@ class Problem:
         self.n_groups = len(kinds)
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
+
+    @property
+    def longest_delay_s(self) -> float:
+        """Longest delay that the simulation of these records can have."""
+        return min(longest_delay_s(one.spectra, self.closed_loop) for one in self.first)
 
     # ---- responses ----
 
