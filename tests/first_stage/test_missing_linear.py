@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 import gsid
+from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import draft
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.missing_torque.linear_fit import fit_null
+from gsid.diagnosis.missing_torque.linear_fit import fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.other_start import lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as STAGE
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
+from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.realisation import spectra_of
 
 FS_HZ = 1000.0
@@ -34,6 +36,13 @@ def effects_of(stack, fixed=()):
 
 def part_of(stack, fixed=()):
     return linear_part(PlantModel(FS_HZ, effects_of(stack, fixed)))
+
+
+def first_stage_of(trial):
+    """The first stage of a trial, with values 5 % off."""
+    start = trial.start(np.random.default_rng([5, trial.period_samples]), 0.05)
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]
+    return first_stage(records, PlantModel(trial.fs_hz, effects_of(start), trial.output))
 
 
 def mode(f_hz):
@@ -114,6 +123,7 @@ def test_bug_a_fit_in_a_wrong_minimum_hid_what_is_missing():
         ("named", "cable_spring", 1.05, False),
         ("named", "cable_spring", 3.0, True),
         ("named", "coulomb_friction", 3.0, False),
+        ("named", "motor_cogging", 234.0, True),  # beside a null of 1860, for a missing spring
         ("unknown", "coulomb_friction", 3.0, True),
     ],
 )
@@ -133,6 +143,36 @@ def test_bug_a_law_without_a_shape_inside_its_bounds_stopped_the_scan():
     found = first_stage(gsid.Record(np.tile(1e-4 * u, 6), y, FS_HZ, 1000, 0, hold="zoh"), model)
     assert found.conclusion.kind == "none"
     assert "motor_cogging" not in [one.effects[0] for one in found.ranking]
+
+
+def test_bug_a_fit_ended_in_a_delay_that_no_simulation_has():
+    """Without the damping that the model lacks it was 465 samples; then nothing was fitted by simulation."""
+    model = PlantModel(FS_HZ, effects_of({"rigid_body": {"gain": 1.0}, "transport_delay": {"delay_s": 1.0}}))
+    rng = np.random.default_rng(4)
+    u, y = np.tile(rng.standard_normal((2, 500)), 4)
+    y += 0.1 * rng.standard_normal(len(y))
+    for hold, longest in (("zoh", 255), ("none", 63)):
+        measured = spectra_of(gsid.Record(u, y, FS_HZ, 500, 0, hold=hold))
+        problem = Problem(model, measured, None, STAGE)
+        found = fit_linear_part(problem, linear_part(model)).part.stack["transport_delay"]["delay_s"]
+        assert found <= (longest + 1) / FS_HZ
+        with_delay = model.with_values([1.0, found])
+        assert len(PeriodicPlant.of(with_delay, measured[0], Deadline(10)).run().y) == 500
+
+
+def test_bug_a_lag_was_fitted_only_from_the_minimum_without_it():
+    """There the mode was at 46 Hz with a damping ratio of 2.5 instead of 84 Hz, and a mode was nearest."""
+    found = first_stage_of(axes.drawn(61, "lag", 1))
+    drops = {one.effects[0]: one.drop for one in found.ranking}
+    assert drops["motor_lag"] > 90
+    assert drops["motor_lag"] > drops["flexible_mode"]
+
+
+def test_bug_a_mode_below_a_fiftieth_of_the_band_was_not_searched():
+    """It is at 16 Hz, five times the lowest line, and the highest is 866 Hz."""
+    found = first_stage_of(axes.drawn(61, "flexible_mode", 4))
+    assert found.conclusion.effects == ("flexible_mode",)
+    assert found.ranking[0].params["f_hz"] == pytest.approx(15.67, rel=1e-3)
 
 
 def test_drawn_effects_are_clear_and_drawn_again_alike():

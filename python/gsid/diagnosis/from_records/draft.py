@@ -108,11 +108,15 @@ def draft(
 
 
 def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:
-    """Whether the linear part may be in a wrong minimum: much is left, and no torque law is named."""
+    """Whether the linear part may be in a wrong minimum: more than noise is left.
+
+    Beside a linear part in a wrong minimum a law of the angle may explain most, but it leaves much.
+    """
     best = stage.ranking[0]
-    if stage.conclusion.kind == "none" or best.cost_per_dof <= settings.adequate:
+    if stage.conclusion.kind == "none":
         return False
-    return stage.conclusion.kind != "named" or is_linear(best.effects[0])
+    is_law = stage.conclusion.kind == "named" and not is_linear(best.effects[0])
+    return best.cost_per_dof > (settings.much_left if is_law else settings.adequate)
 
 
 def _values_from_data(

@@ -386,7 +386,10 @@ def _enlarged(part: LinearPart, effect: EffectType, params: dict[str, float]) ->
 def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float], error: np.ndarray) -> Candidate:
     f_hz = effect["f_hz"].grid
     first, last = f_hz.first * scales[f_hz.of], f_hz.last * scales[f_hz.of]
-    frequencies = np.geomspace(first, last, scan.problem.settings.mode_points)
+    settings = scan.problem.settings
+    lowest = min(first, settings.mode_lowest * scan.problem.first[0].f_hz[0])
+    n_points = settings.mode_points * np.log(last / lowest) / np.log(last / first)
+    first, frequencies = lowest, np.geomspace(lowest, last, int(n_points))
     best = Candidate(effect.id, effect_family(effect), effect, 0.0)
     for zeta in effect["zeta"].grid.points:
         columns = scan.freed(mode_columns(scan.problem, scan.fit.part, frequencies, zeta))

@@ -114,14 +114,21 @@ def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: Line
     one.fit = fit_linear_part(problem, one.start)
     for other in one.others:
         one.fit = min(one.fit, fit_linear_part(problem, other), key=lambda fit: fit.cost)
-    if null.cost_per_dof > good:
+    if null.cost_per_dof > good or _has_strayed(null.part, given, problem.settings.mode_spread):
         for point in one.points:
-            if one.fit.cost_per_dof <= good:
+            if one.fit.cost_per_dof <= good < null.cost_per_dof:
                 break
             again = fit_linear_part(problem, with_linear(given, one.effect, point))
             one.fit = min(one.fit, again, key=lambda fit: fit.cost)
     one.coefficients = one.fit.part.values[len(null.part.names) :]
     one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, one.fit.jacobian, 1)
+
+
+def _has_strayed(part: LinearPart, given: LinearPart, most: float) -> bool:
+    """Whether a fit has left the given values so far behind that they may imitate what is missing."""
+    before = given.values
+    known = before != 0
+    return bool(np.any(np.abs(np.log(np.maximum(part.values[known] / before[known], 1e-9))) > np.log(most)))
 
 
 def _refit_command(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:

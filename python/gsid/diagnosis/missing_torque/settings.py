@@ -41,6 +41,9 @@ class SearchSettings:
         the fit: far below that line they do not show.
     mode_points : int
         Frequencies at which a mode of the model is searched, where the fit from the given values fails.
+    mode_lowest : float
+        Lowest frequency of a mode that the model lacks, in lowest lines of the fit, where that is below the
+        grid of the effect: a lower one is a spring, or what a law does.
     mode_dampings : tuple of float
         Its damping ratios there.
     mode_spread : float
@@ -142,6 +145,7 @@ class SearchSettings:
     missing_delays: tuple[float, ...] = (1.0, 3.0, 8.0, 16.0)
     corners: tuple[float, ...] = (0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
     mode_points: int = 260
+    mode_lowest: float = 4.0
     mode_dampings: tuple[float, ...] = (0.005, 0.02, 0.08)
     mode_spread: float = 1.6
     good_cost: float = 1.5

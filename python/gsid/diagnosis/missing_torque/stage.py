@@ -324,6 +324,12 @@ def _fitted(
     refitted = _refitted(problem, null, moved, chosen, given)
     misfit = _misfit(problem, null)
     best = choose(refitted, misfit, problem.settings)
+    if best.law is None:  # all other linear effects are its rivals
+        others = [one for one in candidates if one.law is None and one not in chosen]
+        chosen += others
+        more = _refitted(problem, null, moved, others, given) if others else []
+        refitted += [one for one in more if not is_at_an_end(one)]
+        best = choose(refitted, misfit, problem.settings)
     clock.take("joint fits")
     too_late = [one for one in chosen if one.fit is None] if problem.deadline.is_over else []
     return _Fitted(problem, null, given, values, before, moved, candidates, refitted, misfit, best, too_late)
