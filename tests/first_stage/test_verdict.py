@@ -29,8 +29,8 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
     return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
 
 
-def decision(best, *others, null=100.0, beaten_by=()):
-    return decide(Evidence(fit("", null), [best, *others], beaten_by, DEFAULTS))
+def decision(best, *others, null=100.0, beaten_by=(), all_linear=True):
+    return decide(Evidence(fit("", null), [best, *others], beaten_by, DEFAULTS, (), all_linear))
 
 
 RIVAL = fit(OTHER_FAMILY, 60.0)
@@ -46,6 +46,54 @@ def test_bug_an_unbalance_over_small_angles_kept_a_spring_from_its_name():
 def test_an_unbalance_that_is_significantly_better_than_a_spring_is_named():
     found = decision(fit("cable_spring", 9.0), fit("mass_unbalance", 1.0))
     assert (found.verdict, found.effects) == ("missing_effect", ("mass_unbalance",))
+
+
+def above(cost, numbers):
+    """A cost per degree of freedom that is higher by so much in all."""
+    return cost + numbers / N_DOF
+
+
+def test_bug_a_mode_that_does_the_same_kept_a_lag_from_its_name():
+    """Its three parameters can take the place of any other linear effect: 98 of the cost were too little."""
+    found = decision(fit("flexible_mode", 1.0), fit("motor_lag", above(1.0, 5)), null=above(1.0, 98))
+    assert (found.verdict, found.effects) == ("missing_effect", ("motor_lag",))
+
+
+@pytest.mark.parametrize(
+    ("behind", "effects"),
+    [(14, ("motor_lag",)), (28, ("flexible_mode", "motor_lag")), (30, ("flexible_mode",))],
+)
+def test_a_mode_needs_odds_against_a_lag_that_pay_for_its_parameters(behind, effects):
+    """Two parameters more of ln 2000 each are 15.2, and odds of 1000 are 13.8."""
+    found = decision(fit("flexible_mode", 1.0), fit("motor_lag", above(1.0, behind)), null=1.5)
+    assert (found.verdict, found.effects) == ("missing_effect", effects)
+
+
+@pytest.mark.parametrize(("drop", "verdict"), [(39, "nearest_effect"), (41, "missing_effect")])
+def test_a_linear_effect_needs_a_drop_that_is_no_chance(drop, verdict):
+    rival = fit("cubic_spring", above(1.0, drop - 5))
+    assert decision(fit("motor_lag", 1.0), rival, null=above(1.0, drop)).verdict == verdict
+
+
+@pytest.mark.parametrize(("behind", "verdict"), [(13, "nearest_effect"), (15, "missing_effect")])
+def test_a_law_that_may_stand_for_a_linear_effect_keeps_it_from_its_name(behind, verdict):
+    """Odds of 1000 are 13.8."""
+    rival = fit("quadratic_drag", above(1.0, behind))
+    assert decision(fit("cable_spring", 1.0), rival, null=1.2).verdict == verdict
+
+
+@pytest.mark.parametrize(("behind", "group"), [(13, True), (15, False)])
+def test_linear_effects_that_the_data_do_not_distinguish_form_a_group(behind, group):
+    found = decision(fit("cable_spring", 1.0), fit("viscous_friction", above(1.0, behind)), null=1.2)
+    assert found.verdict == "missing_effect"
+    assert found.effects == ("cable_spring", *["viscous_friction"] * group)
+
+
+def test_a_linear_effect_needs_the_large_lead_where_others_were_left_out():
+    """A lag that was left out is imitated by a mode to some percent, which are less than noise."""
+    mode, rival = fit("flexible_mode", 1.0), fit("cubic_spring", above(1.0, 80))
+    assert decision(mode, rival, null=above(1.1, 0)).verdict == "missing_effect"
+    assert decision(mode, rival, null=above(1.1, 0), all_linear=False).verdict == "nearest_effect"
 
 
 def test_a_law_that_leaves_little_is_named():

@@ -465,7 +465,8 @@ class Run:
     def evidence(self, laws: Sequence[Simulated] | None = None) -> Evidence:
         """What the verdict is made from."""
         drafted = self.draft.stage.conclusion
-        rivals = drafted.beaten_by, self.settings, drafted.taken_over_by
+        all_linear = self.start is None and not any(is_linear(effect) for effect in self.without)
+        rivals = drafted.beaten_by, self.settings, drafted.taken_over_by, all_linear
         return Evidence(self.null, laws or self.laws, *rivals)
 
     def add_bias(self, fits: Simulations) -> None:

@@ -94,6 +94,12 @@ class DecisionSettings:
     named_lead : float
         Drop of the cost against the best rival that is as good as the margin where only noise is left: a weak
         effect has no large ratio.
+    linear_drop : float
+        The same of a linear effect against nothing missing. Chance reaches 30, with the three parameters of a
+        mode at the best of some hundred frequencies.
+    linear_odds : float
+        Least odds of a linear effect against other linear effects, and against laws, where only noise is
+        left: those of the linear structure. Its rivals are complete, and were fitted as well.
     nearest_share, nearest_scatter : float
         Least share, and largest scatter of the coefficient, of a nearest law: a law that explains less than
         half is not the main effect.
@@ -150,6 +156,8 @@ class DecisionSettings:
     named_margin: float = 6.0
     linear_share: float = 0.995
     named_lead: float = 100.0
+    linear_drop: float = 40.0
+    linear_odds: float = 1000.0
     nearest_share: float = 0.5
     nearest_scatter: float = 0.3
     periods_least: int = 6

@@ -26,8 +26,8 @@ def short_list(
 ) -> list[Candidate]:
     """The winner of the first stage, the best of another family, and relatives of the winner.
 
-    The law that the winner becomes at one end of its shapes is always among them. Laws that explain too
-    little to catch up are left out.
+    The law that the winner becomes at one end of its shapes is always among them, and so are linear effects
+    that are nearly as good. Laws that explain too little to catch up are left out.
 
     Parameters
     ----------
@@ -46,6 +46,7 @@ def short_list(
     rivals = [one for one in fitted if _family(one) != own][: settings.rivals]
     members = [one for one in fitted[1:] if _family(one) == own][: settings.members]
     chosen = [winner, *rivals, *members]
+    chosen += [one for one in fitted if one not in chosen and _is_close(one, winner, settings)]
     listed = [Candidate(one.effects[0], started(draft, one, pruned)) for one in chosen]
     simpler = find(winner.effects[0]).simpler
     if simpler and simpler not in [one.effect for one in listed]:
@@ -68,6 +69,11 @@ def started(draft: Draft, one: Ranked, pruned: Callable[[PlantModel], PlantModel
     base = pruned(with_stack(draft.model, one.linear))
     effect = one.effects[0]
     return base if is_linear(effect) else base.with_effect(effect, one.params)
+
+
+def _is_close(one: Ranked, winner: Ranked, settings: DecisionSettings) -> bool:
+    """Whether a linear effect, whose simulation takes little time, may be as good as the winner."""
+    return is_linear(one.effects[0]) and one.drop > winner.drop - settings.named_lead
 
 
 def _family(one: Ranked) -> str:

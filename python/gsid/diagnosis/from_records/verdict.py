@@ -67,6 +67,8 @@ class Evidence:
     settings : DecisionSettings
     taken_over_by : tuple of str
         Free functions that explained most of what the best law left in the first stage.
+    all_linear : bool
+        Whether a linear effect may be missing and all of them were tried: else one may stand for another.
     """
 
     null: Simulated
@@ -74,6 +76,7 @@ class Evidence:
     beaten_by: tuple[str, ...]
     settings: DecisionSettings
     taken_over_by: tuple[str, ...] = ()
+    all_linear: bool = True
 
     @property
     def has_model_error(self) -> bool:
@@ -148,7 +151,19 @@ class Evidence:
         one : Simulated
         """
         others = [other for other in self.laws if family_of(other) != family_of(one)]
-        return [other for other in others if not contains(other, one)]
+        return [other for other in others if not contains(other, one) and not self.is_settled(other, one)]
+
+    def is_settled(self, other: Simulated, best: Simulated) -> bool:
+        """Whether a linear effect is in the group of the best one, or does the same with more parameters.
+
+        Parameters
+        ----------
+        other, best : Simulated
+        """
+        if not (self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)):
+            return False
+        more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
+        return more or other.effects[0] in self.group(best)
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
@@ -178,6 +193,46 @@ class Evidence:
         """
         return all(other.cost >= self.null.cost for other in self.rivals(one))
 
+    def is_clear(self, one: Simulated) -> bool:
+        """Whether a law that leaves only noise is better than nothing missing and all rivals.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        if not self.is_among_linear(one):
+            return self.lead(one) >= self.settings.named_lead
+        if self.null.cost - one.cost < self.settings.linear_drop:
+            return False
+        return all(self.is_less_likely(other, one) for other in self.rivals(one))
+
+    def is_among_linear(self, one: Simulated) -> bool:
+        """Whether a fit is that of a linear effect, and all linear effects were its rivals.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return is_linear(one.effects[0]) and self.all_linear
+
+    def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
+        """Whether the odds of a fit against another, with a price for each parameter, exclude it.
+
+        Parameters
+        ----------
+        one, other : Simulated
+        """
+        return self.priced(one) - self.priced(other) > 2 * math.log(self.settings.linear_odds)
+
+    def priced(self, one: Simulated) -> float:
+        """Cost of a fit with ln n for each parameter.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return one.cost + n_parameters(one) * math.log(self.null.fit.n_dof)
+
     def is_worse(self, one: Simulated, best: Simulated) -> bool:
         """Whether a law is significantly worse than the best of its family.
 
@@ -201,7 +256,23 @@ class Evidence:
         members = [one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)]
         top = min(members, key=lambda one: one.cost)
         good = [one for one in members if not self.is_worse(one, top)]
-        return min(good, key=lambda one: (n_parameters(one), one.cost))
+        best = min(good, key=lambda one: (n_parameters(one), one.cost))
+        return self.likeliest(best)
+
+    def likeliest(self, best: Simulated) -> Simulated:
+        """A linear effect instead of the best law, if it is likelier and only noise is left.
+
+        A mode of three parameters can take the place of any other linear effect.
+
+        Parameters
+        ----------
+        best : Simulated
+            Of all laws.
+        """
+        if not self.is_adequate(best):
+            return best
+        linear = [one for one in self.laws if self.is_among_linear(one) and self.is_adequate(one)]
+        return min([best, *linear], key=self.priced)
 
     def group(self, best: Simulated) -> tuple[str, ...]:
         """The best law and others of its family that are as simple and not significantly worse.
@@ -213,12 +284,22 @@ class Evidence:
         others = [
             one.effects[0]
             for one in self.laws
-            if one is not best
-            and family_of(one) == family_of(best)
-            and n_parameters(one) <= n_parameters(best)
-            and not self.is_worse(one, best)
+            if one is not best and n_parameters(one) <= n_parameters(best) and self.is_alike(one, best)
         ]
         return (best.effects[0], *others)
+
+    def is_alike(self, one: Simulated, best: Simulated) -> bool:
+        """Whether the data do not tell a law from the best: one of its family, or both are linear.
+
+        Parameters
+        ----------
+        one, best : Simulated
+        """
+        if family_of(one) == family_of(best):
+            return not self.is_worse(one, best)
+        if not (self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best)):
+            return False
+        return self.is_adequate(one) and not self.is_less_likely(one, best)
 
 
 def contains(one: Simulated, other: Simulated) -> bool:
@@ -340,7 +421,7 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
         reasons.append("The fit without a law is as good.")
     if share < settings.named_share:
         reasons.append(too_small(share, settings.named_share))
-    if margin < settings.named_margin and not (adequate and lead >= settings.named_lead):
+    if margin < settings.named_margin and not (adequate and evidence.is_clear(best)):
         reasons.append(too_close(margin, lead, evidence.is_beaten_by_none(best)))
     if not adequate and is_linear(best.effects[0]) and share < settings.linear_share:
         reasons.append(inexact("linear effect", share, settings.linear_share))
