@@ -89,6 +89,25 @@ def test_linear_effects_that_the_data_do_not_distinguish_form_a_group(behind, gr
     assert found.effects == ("cable_spring", *["viscous_friction"] * group)
 
 
+@pytest.mark.parametrize("drag", [-5, 13])
+def test_bug_a_drag_that_the_data_do_not_distinguish_hid_a_damping(drag):
+    """It was the nearest alone, where its cost was 1 lower."""
+    found = decision(fit("viscous_friction", 1.0), fit("quadratic_drag", above(1.0, drag)), null=1.2)
+    assert (found.verdict, found.effects) == ("missing_effect", ("viscous_friction", "quadratic_drag"))
+
+
+def test_a_group_with_a_law_needs_the_large_lead():
+    """A law outside the catalogue may be imitated by both."""
+    found = decision(fit("viscous_friction", 1.0), fit("quadratic_drag", above(1.0, 5)), null=above(1.0, 98))
+    assert (found.verdict, found.effects) == ("nearest_effect", ("viscous_friction", "quadratic_drag"))
+
+
+@pytest.mark.parametrize(("law", "named"), [("quadratic_drag", -15), ("stribeck_friction", -45)])
+def test_a_law_that_is_clearly_better_than_a_damping_is_not_grouped_with_it(law, named):
+    found = decision(fit("viscous_friction", 1.0), fit(law, above(1.0, named)), null=1.2)
+    assert found.effects == (law,)
+
+
 def test_a_linear_effect_needs_the_large_lead_where_others_were_left_out():
     """A lag that was left out is imitated by a mode to some percent, which are less than noise."""
     mode, rival = fit("flexible_mode", 1.0), fit("cubic_spring", above(1.0, 80))

@@ -43,7 +43,10 @@ def short_list(
         return []
     winner = fitted[0]
     own = _family(winner)
-    rivals = [one for one in fitted if _family(one) != own][: settings.rivals]
+    others = [one for one in fitted if _family(one) != own]
+    if is_linear(winner.effects[0]):  # its linear rivals follow
+        others = [one for one in others if not is_linear(one.effects[0])]
+    rivals = others[: settings.rivals]
     members = [one for one in fitted[1:] if _family(one) == own][: settings.members]
     chosen = [winner, *rivals, *members]
     chosen += [one for one in fitted if one not in chosen and _is_close(one, winner, settings)]

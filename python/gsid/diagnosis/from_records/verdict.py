@@ -27,6 +27,8 @@ from gsid.diagnosis.missing_torque.conclusion import (
 from gsid.diagnosis.missing_torque.stage import FirstStage
 from gsid.effects.types import find
 
+# Families of laws that a linear effect does the work of, where the amplitudes do not differ enough.
+COUNTERPARTS = {"damping": ("drag", "dry friction"), "spring": ("position",)}
 ADEQUATE, MISSING, NEAREST, UNKNOWN = "adequate", "missing_effect", "nearest_effect", "unknown_effect"
 
 
@@ -154,16 +156,15 @@ class Evidence:
         return [other for other in others if not contains(other, one) and not self.is_settled(other, one)]
 
     def is_settled(self, other: Simulated, best: Simulated) -> bool:
-        """Whether a linear effect is in the group of the best one, or does the same with more parameters.
+        """Whether a law is in the group of the best one, or linear as it and with more parameters.
 
         Parameters
         ----------
         other, best : Simulated
         """
-        if not (self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)):
-            return False
+        both = self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)
         more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
-        return more or other.effects[0] in self.group(best)
+        return (both and more) or other in self.alike(best)
 
     def margin(self, one: Simulated) -> float:
         """What the best rival of another family leaves, over what the law leaves.
@@ -200,7 +201,7 @@ class Evidence:
         ----------
         one : Simulated
         """
-        if not self.is_among_linear(one):
+        if not (self.is_among_linear(one) and all(map(_is_linear, self.alike(one)))):
             return self.lead(one) >= self.settings.named_lead
         if self.null.cost - one.cost < self.settings.linear_drop:
             return False
@@ -260,7 +261,7 @@ class Evidence:
         return self.likeliest(best)
 
     def likeliest(self, best: Simulated) -> Simulated:
-        """A linear effect instead of the best law, if it is likelier and only noise is left.
+        """A linear effect instead of the best law, if it is likelier or simpler, and only noise is left.
 
         A mode of three parameters can take the place of any other linear effect.
 
@@ -272,24 +273,44 @@ class Evidence:
         if not self.is_adequate(best):
             return best
         linear = [one for one in self.laws if self.is_among_linear(one) and self.is_adequate(one)]
-        return min([best, *linear], key=self.priced)
+        likeliest = min([best, *linear], key=self.priced)
+        as_good = [one for one in linear if self.is_counterpart(one, likeliest)]
+        return min(as_good, key=self.priced, default=likeliest)
+
+    def is_counterpart(self, one: Simulated, law: Simulated) -> bool:
+        """Whether a linear effect does the same as a law of as many parameters.
+
+        Parameters
+        ----------
+        one, law : Simulated
+        """
+        kind = find(one.effects[0]).linear_part
+        if family_of(law) not in COUNTERPARTS.get(kind, ()) or not self.is_among_linear(one):
+            return False
+        alike = self.is_adequate(one) and self.is_adequate(law) and n_parameters(one) == n_parameters(law)
+        return alike and not (self.is_less_likely(one, law) or self.is_less_likely(law, one))
 
     def group(self, best: Simulated) -> tuple[str, ...]:
-        """The best law and others of its family that are as simple and not significantly worse.
+        """The best law and others that are as simple and not significantly worse.
 
         Parameters
         ----------
         best : Simulated
         """
-        others = [
-            one.effects[0]
-            for one in self.laws
-            if one is not best and n_parameters(one) <= n_parameters(best) and self.is_alike(one, best)
-        ]
-        return (best.effects[0], *others)
+        return (best.effects[0], *(one.effects[0] for one in self.alike(best)))
+
+    def alike(self, best: Simulated) -> list[Simulated]:
+        """The other laws of the best one's group.
+
+        Parameters
+        ----------
+        best : Simulated
+        """
+        simple = [one for one in self.laws if one is not best and n_parameters(one) <= n_parameters(best)]
+        return [one for one in simple if self.is_alike(one, best)]
 
     def is_alike(self, one: Simulated, best: Simulated) -> bool:
-        """Whether the data do not tell a law from the best: one of its family, or both are linear.
+        """Whether the data do not tell a law from the best: one of its family, or one of them is linear.
 
         Parameters
         ----------
@@ -297,9 +318,15 @@ class Evidence:
         """
         if family_of(one) == family_of(best):
             return not self.is_worse(one, best)
+        if self.is_counterpart(best, one):
+            return True
         if not (self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best)):
             return False
         return self.is_adequate(one) and not self.is_less_likely(one, best)
+
+
+def _is_linear(one: Simulated) -> bool:
+    return is_linear(one.effects[0])
 
 
 def contains(one: Simulated, other: Simulated) -> bool:
