@@ -217,7 +217,7 @@ class Evidence:
         return is_linear(one.effects[0]) and self.all_linear
 
     def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
-        """Whether the odds of a fit against another, with a price for each parameter, exclude it.
+        """Whether the odds of a fit against another, with a price for each parameter, exclude it (DIA-12).
 
         Parameters
         ----------
