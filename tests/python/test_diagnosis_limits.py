@@ -10,12 +10,12 @@ import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError, SimulationError
 from gsid.diagnosis.from_records import draft as drafting
-from gsid.diagnosis.from_records import drive_laws, hold_check
+from gsid.diagnosis.from_records import drive_laws, hold_check, play, summary
 from gsid.diagnosis.from_records import run as running
 from gsid.diagnosis.from_records.confirm import Simulations
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import MISSING, Decision
+from gsid.diagnosis.from_records.verdict import MISSING, NEAREST, Decision
 from gsid.diagnosis.missing_torque import ranking
 from gsid.diagnosis.missing_torque.problem import linear_part
 from gsid.diagnosis.missing_torque.stage import first_stage
@@ -151,6 +151,30 @@ def test_a_check_of_the_hold_without_time_is_stated(monkeypatch):
     monkeypatch.setattr(hold_check, "linear_start", lambda model, measured: model)
     assert hold_check._fit(run, plant(AXIS), "zoh") is None
     assert "time was over" in run.not_tried["the check with the input held over each sample"]
+
+
+def test_bug_two_effects_of_which_neither_had_a_name_alone_lost_the_other_delay():
+    """The delay under the other hold is that of the model with both; the given model's was looked for."""
+    both, given = SimpleNamespace(other_delay_s=2e-3), SimpleNamespace(other_delay_s=None)
+    run = SimpleNamespace(null=SimpleNamespace(fit=given), decision=Decision(NEAREST))
+    kept = [SimpleNamespace(final=SimpleNamespace(fit=both))]
+    assert summary._fit_shown(run, kept) is both
+    assert summary._fit_shown(run, ()) is given
+
+
+def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):
+    first = SimpleNamespace(cost=80.0, converged=False, model=None)
+    fits = iter([first])
+
+    def fit_plant(*_, **__):
+        for fit in fits:
+            return fit
+        raise OutOfTime("the time is over")
+
+    monkeypatch.setattr(play, "joint_start", lambda null, given: "a start")
+    monkeypatch.setattr(play, "fit_plant", fit_plant)
+    null = SimpleNamespace(cost=100.0)
+    assert play.fit_play(null, None, [], None, 90.0, Deadline()) is first
 
 
 # ---- the linear structure ----------------------------------------------------------------------------

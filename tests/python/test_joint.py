@@ -8,7 +8,7 @@ import pytest
 from plants import FS_HZ, plant
 
 from gsid.diagnosis.joint_fit import fit_joint, twist_of
-from gsid.diagnosis.joint_start import joint_starts
+from gsid.diagnosis.joint_start import joint_start
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra
@@ -121,7 +121,7 @@ def test_a_mode_that_was_bent_away_does_not_mislead_the_start():
         line=np.arange(1, 400), weight=np.full(399, 1e3), prediction=None, spectra=measured
     )
     fit = SimpleNamespace(model=plant(bent), records=[record])
-    ((start, _),) = joint_starts(fit, plant(linear))
+    start = joint_start(fit, plant(linear))
     # A few per cent of error are the method's own; astray it came to 450 Hz and a play of 0.043.
     assert start["flexible_mode.f_hz"].value == pytest.approx(mode["f_hz"], rel=0.01)
     assert start["gear_backlash.gap_deg"].value == pytest.approx(joint["gap_deg"], rel=0.1)

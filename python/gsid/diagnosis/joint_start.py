@@ -32,8 +32,8 @@ DAMPING = 0.1  # damping ratio
 FALL = 0.9  # largest error of the response with backlash, relative to that without, for backlash to be fitted
 
 
-def joint_starts(fit: PlantFit, given: PlantModel) -> list[tuple[PlantModel, float]]:
-    """Models with backlash added, and how much each lowers the error of the response.
+def joint_start(fit: PlantFit, given: PlantModel) -> PlantModel | None:
+    """The model with backlash at the best of `FREQUENCIES`; None if it does not improve the response.
 
     Parameters
     ----------
@@ -45,8 +45,7 @@ def joint_starts(fit: PlantFit, given: PlantModel) -> list[tuple[PlantModel, flo
 
     Returns
     -------
-    list of (PlantModel, float)
-        At most one model, with the best of `FREQUENCIES`; none if backlash does not improve the response.
+    PlantModel or None
     """
     measured = [record.spectra for record in fit.records]
     largest = max(float(np.linalg.norm(one.u)) for one in measured)
@@ -60,15 +59,15 @@ def joint_starts(fit: PlantFit, given: PlantModel) -> list[tuple[PlantModel, flo
             trials.append((linear_error(model, loud), origin, share, model))
     least, origin, share, soft = min(trials, key=lambda one: one[0])
     if not least < FALL * before:
-        return []
+        return None
     others = [linear_start(_with_joint(origin, share * highest, ratio), loud) for ratio in RATIOS[1:]]
     if not (
         fit.model.has_controller or any(effect.id == "sensor_sample_hold" for effect in fit.model.effects)
     ):
         starts = [one for model in (soft, *others) for one in _with_play(fit, model)]
-        return [(fit_joint(starts, fit), before - least)]
+        return fit_joint(starts, fit)
     looked = [start for model in (soft, *others) if (start := _best_gap(fit, model)) is not None]
-    return [(min(looked, key=lambda one: one[0])[1], before - least)] if looked else []
+    return min(looked, key=lambda one: one[0])[1] if looked else None
 
 
 def _as_given(model: PlantModel, given: PlantModel) -> PlantModel:

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
-from gsid.diagnosis.joint_start import joint_starts
+from gsid.diagnosis.joint_start import joint_start
 from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
@@ -62,15 +62,16 @@ def fit_play(
         Least cost of the other laws.
     deadline : Deadline
     """
-    for start, _ in joint_starts(null, given):
-        fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
-        if fit.cost < FORGIVEN * null.cost:
-            fit = _beyond_the_walls(fit, measured, band, deadline)
-        if fit.cost < beaten and not fit.converged:
-            with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
-                fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
-        return fit
-    return None
+    start = joint_start(null, given)
+    if start is None:
+        return None
+    fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
+    if fit.cost < FORGIVEN * null.cost:
+        fit = _beyond_the_walls(fit, measured, band, deadline)
+    if fit.cost < beaten and not fit.converged:
+        with suppress(OutOfTime):  # the first fit has not converged, but is the best so far
+            fit = fit_plant(fit.model, measured, band=band, max_iter=FURTHER, deadline=deadline)
+    return fit
 
 
 def _beyond_the_walls(

@@ -71,7 +71,7 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         law_model=law_model,
         without_law=_without_law(run, kept, law_model),
         next_experiment=_next_experiment(shown),
-        other_delay_s=_fit_of(run, final).other_delay_s if run.given and run.null else None,
+        other_delay_s=_fit_shown(run, kept).other_delay_s if run.given and run.null else None,
         remarks=run.notes,
         basis=basis,
         probabilities=known,
@@ -129,8 +129,9 @@ def _not_tried(run: Run) -> dict[str, str]:
     return {effect: why for effect, why in of_stage.items() if effect not in run.tried} | run.not_tried
 
 
-def _fit_of(run: Run, final: Simulated | None) -> PlantFit:
-    return final.fit if final and run.decision.verdict == MISSING else run.null.fit
+def _fit_shown(run: Run, kept: Sequence[Run]) -> PlantFit:
+    """Of the model with all effects found, else of the given one: what the hold was checked with."""
+    return kept[-1].final.fit if kept and kept[-1].final else run.null.fit
 
 
 def _without_law(run: Run, kept: Sequence[Run], law_model: PlantModel | None) -> PlantModel | None:
