@@ -442,8 +442,8 @@ class Run:
                 fit = fit_plant(self.final.model, self.measured, **how)
             except (GsidError, InputError, OutOfTime):
                 return
-            if not fit.converged and self.deadline.is_over:
-                return  # its values lie between those of two criteria
+            if not fit.converged and (self.deadline.is_over or self.deadline.moves_left == 0):
+                return  # it was cut: its values lie between those of two criteria
             other = replace(self.final, fit=fit)
             self.laws = [other if one is self.final else one for one in self.laws]
             self.final = other
