@@ -15,13 +15,31 @@ a trial is drawn from (seed, index) and its kind alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import trials
 import truth
-from hidden import CATALOGUE, FOREIGN, FS_HZ, SINGLE, Axis, Hidden, Params, Rng, _log_uniform, _signed
+from hidden import (
+    CATALOGUE,
+    FOREIGN,
+    FS_HZ,
+    SINGLE,
+    Axis,
+    Hidden,
+    Hiding,
+    Params,
+    Rng,
+    cogging,
+    log_uniform,
+    mode,
+    presliding,
+    signed,
+    stop,
+    stribeck,
+    unbalance,
+    uniform,
+)
 from nulls import Bench, Nulls
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
@@ -33,53 +51,15 @@ N_EACH = 2  # realisations of each level
 N_PERIODS = (2, 4, 8)  # of a null; other trials have the last
 
 
-# ---- hidden effects --------------------------------------------------------------------------------
-
-
-def _stribeck(rng: Rng, axis: Axis) -> Hidden:
-    extra, velocity = rng.uniform(0.2, 1.5), _log_uniform(rng, 0.2, 12.0)
-    return Hidden(
-        lambda s: {"coulomb_level": s, "stribeck_extra": s * extra, "stribeck_velocity": velocity}, 0.1, 50.0
-    )
-
-
-def _presliding(rng: Rng, axis: Axis) -> Hidden:
-    stiffness = _log_uniform(rng, 0.3, 600.0)
-    return Hidden(lambda s: {"presliding_level": s, "presliding_stiffness": stiffness}, 0.1, 50.0)
-
-
-def _unbalance(rng: Rng, axis: Axis) -> Hidden:
-    angle = rng.uniform(-180.0, 180.0)
-    return Hidden(lambda s: {"unbalance_level": s, "unbalance_angle_deg": angle}, 1.0, 2000.0)
-
-
-def _cogging(rng: Rng, axis: Axis) -> Hidden:
-    cycles, phase = float(np.rint(_log_uniform(rng, 12, 1500))), rng.uniform(-np.pi, np.pi)
-    return Hidden(
-        lambda s: {"cogging_level": s, "cogging_cycles": cycles, "cogging_phase_rad": phase}, 0.1, 50.0
-    )
-
-
-def _stop(rng: Rng, axis: Axis) -> Hidden:
-    stiffness = _log_uniform(rng, 30, 3000)
-    return Hidden(
-        lambda s: {"stop_angle_deg": axis.peak_angle / (1 + s), "stop_stiffness": stiffness}, 0.003, 0.9
-    )
-
-
-def _mode(rng: Rng, axis: Axis) -> Hidden:
-    f_hz, zeta = _log_uniform(rng, 10, 190), _log_uniform(rng, 0.004, 0.1)
-    sign = float(rng.choice([-1.0, 1.0]))
-    return Hidden(lambda s: {"mode_hz": f_hz, "mode_zeta": zeta, "mode_residue": sign * s}, 1e-4, 0.8)
-
-
-WIDE: dict[str, Callable[[Rng, Axis], Hidden]] = SINGLE | {
-    "stribeck_friction": _stribeck,
-    "presliding_friction": _presliding,
-    "mass_unbalance": _unbalance,
-    "motor_cogging": _cogging,
-    "hard_stop": _stop,
-    "flexible_mode": _mode,
+WIDE: dict[str, Hiding] = SINGLE | {
+    "stribeck_friction": stribeck(uniform(0.2, 1.5), log_uniform(0.2, 12.0)),
+    "presliding_friction": presliding(log_uniform(0.3, 600.0)),
+    "mass_unbalance": unbalance(uniform(-180.0, 180.0)),
+    "motor_cogging": cogging(lambda rng: float(np.rint(log_uniform(12, 1500)(rng)))),
+    "hard_stop": stop(log_uniform(30, 3000), 0.9),
+    "flexible_mode": mode(
+        log_uniform(10, 190), log_uniform(0.004, 0.1), lambda rng: float(rng.choice([-1.0, 1.0])), 0.8
+    ),
 }
 
 
@@ -105,9 +85,9 @@ class HardNoise(trials.Noise):
             **vars(plain),
             colour=str(rng.choice(["axis", "sensitivity"])),
             colour_share=rng.uniform(0.5, 1.5),
-            bump_hz=_log_uniform(rng, 8.0, 80.0),
+            bump_hz=log_uniform(8.0, 80.0)(rng),
             bump_zeta=rng.uniform(0.15, 0.5),
-            slope=_signed(rng, 0.0, 0.5) * plain.std,
+            slope=signed(0.0, 0.5)(rng) * plain.std,
             walk=rng.uniform(0.0, 0.5) * plain.std,
             axis=base,
         )
@@ -160,10 +140,10 @@ def hard_base(rng: Rng, without: str | None) -> Params:
     """The axis of a blind trial with wider ranges."""
     base = trials.draw_base(rng, without)
     wide = {
-        "viscous_rate": _log_uniform(rng, 0.6, 8.0),
-        "spring_stiffness": _log_uniform(rng, 12.0, 60.0),
+        "viscous_rate": log_uniform(0.6, 8.0)(rng),
+        "spring_stiffness": log_uniform(12.0, 60.0)(rng),
         "mode_hz": rng.uniform(90.0, 185.0),
-        "mode_zeta": _log_uniform(rng, 0.005, 0.05),
+        "mode_zeta": log_uniform(0.005, 0.05)(rng),
         "mode_residue": rng.uniform(0.05, 0.4),
         "sensor_lag_s": 1 / (2 * np.pi * rng.uniform(60, 240)),
     }
@@ -208,7 +188,7 @@ def _draw(rng: Rng, kind: str) -> HardTrial:
         records = [records[rng.integers(len(records))]]
     key = {
         "kind": kind,
-        "effects": [trials._named(effect, added) for effect in effects],
+        "effects": [trials.named(effect, added) for effect in effects],
         "predicted_drop": drops,
         "n_periods": n_periods,
         "n_realisations": len(records),
@@ -223,7 +203,7 @@ def _offset(rng: Rng, base: Params, peak_angle: float) -> Params:
     """A constant torque of the drive, which shifts a sprung axis by up to a third of its travel."""
     if "spring_stiffness" not in base or rng.random() < 0.3:
         return {}
-    return {"bias_level": base["spring_stiffness"] * peak_angle * _signed(rng, 0.0, 0.35)}
+    return {"bias_level": base["spring_stiffness"] * peak_angle * signed(0.0, 0.35)(rng)}
 
 
 def _sized(

@@ -85,32 +85,85 @@ class Axis:
     peak_angle: float
 
 
-def _plain(name: str, size: float, size_max: float) -> Callable[[Rng, Axis], Hidden]:
+Hiding = Callable[[Rng, Axis], Hidden]
+Draw = Callable[[Rng], float]
+
+
+def uniform(low: float, high: float) -> Draw:
+    return lambda rng: rng.uniform(low, high)
+
+
+def log_uniform(low: float, high: float) -> Draw:
+    return lambda rng: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def signed(low: float, high: float) -> Draw:
+    return lambda rng: float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+
+
+# ---- effects by the distributions of what is not their size ----------------------------------------
+
+
+def _plain(name: str, size: float, size_max: float) -> Hiding:
     return lambda rng, axis: Hidden(lambda s: {name: s}, size, size_max)
 
 
-def _signed(rng: Rng, low: float, high: float) -> float:
-    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+def stribeck(extra: Draw, velocity: Draw) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        share, at = extra(rng), velocity(rng)
+        return Hidden(
+            lambda s: {"coulomb_level": s, "stribeck_extra": s * share, "stribeck_velocity": at}, 0.1, 50.0
+        )
+
+    return hiding
 
 
-def _log_uniform(rng: Rng, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+def presliding(stiffness: Draw) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        stiff = stiffness(rng)
+        return Hidden(lambda s: {"presliding_level": s, "presliding_stiffness": stiff}, 0.1, 50.0)
+
+    return hiding
 
 
-def _stribeck(rng: Rng, axis: Axis) -> Hidden:
-    extra, velocity = rng.uniform(0.3, 1.0), rng.uniform(0.5, 3.0)
-    return Hidden(
-        lambda s: {"coulomb_level": s, "stribeck_extra": s * extra, "stribeck_velocity": velocity}, 0.1, 50.0
-    )
+def unbalance(angle_deg: Draw) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        angle = angle_deg(rng)
+        return Hidden(lambda s: {"unbalance_level": s, "unbalance_angle_deg": angle}, 1.0, 2000.0)
+
+    return hiding
 
 
-def _presliding(rng: Rng, axis: Axis) -> Hidden:
-    stiffness = _log_uniform(rng, 10, 100)
-    return Hidden(lambda s: {"presliding_level": s, "presliding_stiffness": stiffness}, 0.1, 50.0)
+def cogging(cycles: Draw) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        n, phase = cycles(rng), rng.uniform(-np.pi, np.pi)
+        return Hidden(
+            lambda s: {"cogging_level": s, "cogging_cycles": n, "cogging_phase_rad": phase}, 0.1, 50.0
+        )
+
+    return hiding
+
+
+def stop(stiffness: Draw, size_max: float) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        stiff = stiffness(rng)
+        return Hidden(
+            lambda s: {"stop_angle_deg": axis.peak_angle / (1 + s), "stop_stiffness": stiff}, 0.003, size_max
+        )
+
+    return hiding
+
+
+def mode(f_hz: Draw, zeta: Draw, sign: Draw, size_max: float) -> Hiding:
+    def hiding(rng: Rng, axis: Axis) -> Hidden:
+        f, z, side = f_hz(rng), zeta(rng), sign(rng)
+        return Hidden(lambda s: {"mode_hz": f, "mode_zeta": z, "mode_residue": side * s}, 1e-4, size_max)
+
+    return hiding
 
 
 def lugre(rng: Rng, axis: Axis) -> Hidden:
-    stiffness, extra, velocity = _log_uniform(rng, 10, 60), rng.uniform(0.1, 0.4), rng.uniform(0.5, 2.0)
+    stiffness, extra, velocity = log_uniform(10, 60)(rng), rng.uniform(0.1, 0.4), rng.uniform(0.5, 2.0)
     damping = rng.uniform(0.05, 0.3)
     return Hidden(
         lambda s: {
@@ -125,26 +178,6 @@ def lugre(rng: Rng, axis: Axis) -> Hidden:
     )
 
 
-def _unbalance(rng: Rng, axis: Axis) -> Hidden:
-    angle = _signed(rng, 20, 80)
-    return Hidden(lambda s: {"unbalance_level": s, "unbalance_angle_deg": angle}, 1.0, 2000.0)
-
-
-def _cogging(rng: Rng, axis: Axis) -> Hidden:
-    cycles, phase = float(rng.integers(24, 145)), rng.uniform(-np.pi, np.pi)
-    return Hidden(
-        lambda s: {"cogging_level": s, "cogging_cycles": cycles, "cogging_phase_rad": phase}, 0.1, 50.0
-    )
-
-
-def _stop(rng: Rng, axis: Axis) -> Hidden:
-    # A stiff stop without losses bounces: whether the axis touches or rattles depends on how it got there.
-    stiffness = _log_uniform(rng, 100, 1000)
-    return Hidden(
-        lambda s: {"stop_angle_deg": axis.peak_angle / (1 + s), "stop_stiffness": stiffness}, 0.003, 0.6
-    )
-
-
 def _backlash(rng: Rng, axis: Axis) -> Hidden:
     """Play of a size that gears have, between motor and load: large or small, it is never a faint effect."""
     ratio, f_hz, zeta = rng.uniform(0.1, 0.6), rng.uniform(100, 350), rng.uniform(0.1, 0.2)
@@ -156,16 +189,11 @@ def _backlash(rng: Rng, axis: Axis) -> Hidden:
         "gear_inertia_ratio": ratio,
         "gear_damping": 2 * zeta * rad_s * reduced,
     }
-    size = _log_uniform(rng, 0.002, 0.03)
+    size = log_uniform(0.002, 0.03)(rng)
     return Hidden(lambda s: gear | {"gear_gap_deg": s}, size, size, size)
 
 
-def _mode(rng: Rng, axis: Axis) -> Hidden:
-    f_hz, zeta = rng.uniform(60, 185), rng.uniform(0.01, 0.03)
-    return Hidden(lambda s: {"mode_hz": f_hz, "mode_zeta": zeta, "mode_residue": s}, 1e-4, 2.0)
-
-
-SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
+SINGLE: dict[str, Hiding] = {
     "transport_delay": _plain("delay_s", 1e-5, 0.012),
     "motor_lag": _plain("motor_lag_s", 1e-5, 0.02),
     "drive_quantization": _plain("quantization_step", 0.5, 8.0),
@@ -175,16 +203,17 @@ SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
     ),
     "viscous_friction": _plain("viscous_rate", 1e-2, 20.0),
     "coulomb_friction": _plain("coulomb_level", 0.1, 50.0),
-    "stribeck_friction": _stribeck,
-    "presliding_friction": _presliding,
+    "stribeck_friction": stribeck(uniform(0.3, 1.0), uniform(0.5, 3.0)),
+    "presliding_friction": presliding(log_uniform(10, 100)),
     "quadratic_drag": _plain("quadratic_drag_rate", 1e-3, 2.0),
     "cable_spring": _plain("spring_stiffness", 1e-1, 60.0),
     "cubic_spring": _plain("cubic_stiffness", 1e-1, 50.0),
-    "mass_unbalance": _unbalance,
-    "motor_cogging": _cogging,
-    "hard_stop": _stop,
+    "mass_unbalance": unbalance(signed(20, 80)),
+    "motor_cogging": cogging(lambda rng: float(rng.integers(24, 145))),
+    # A stiff stop without losses bounces: whether the axis touches or rattles depends on how it got there.
+    "hard_stop": stop(log_uniform(100, 1000), 0.6),
     "gear_backlash": _backlash,
-    "flexible_mode": _mode,
+    "flexible_mode": mode(uniform(60, 185), uniform(0.01, 0.03), lambda rng: 1.0, 2.0),
     "sensor_lag": _plain("sensor_lag_s", 1e-5, 0.02),
     # A rate whose refreshes repeat with the period, 2000 Hz at most: near the loop's own there is no hold.
     "sensor_sample_hold": lambda rng, axis: Hidden(
@@ -194,7 +223,7 @@ SINGLE: dict[str, Callable[[Rng, Axis], Hidden]] = {
 
 
 def _snap(rng: Rng, axis: Axis) -> Hidden:
-    angle, width = _signed(rng, 0, 1), rng.uniform(0.1, 0.4)
+    angle, width = signed(0, 1)(rng), rng.uniform(0.1, 0.4)
     return Hidden(lambda s: {"snap_level": s, "snap_angle_deg": angle, "snap_width_deg": width}, 0.1, 100.0)
 
 
@@ -217,7 +246,7 @@ def _friction_of_angle(rng: Rng, axis: Axis) -> Hidden:
     )
 
 
-FOREIGN: dict[str, Callable[[Rng, Axis], Hidden]] = {
+FOREIGN: dict[str, Hiding] = {
     "magnetic_snap": _snap,
     "eddy_brake_by_command": _plain("eddy_rate", 1e-3, 1.0),
     "creep": _creep,

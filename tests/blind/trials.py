@@ -262,7 +262,7 @@ def _draw_kind(rng: Rng, kinds: dict[str, float]) -> str:
     return str(rng.choice(list(kinds), p=share / share.sum()))
 
 
-def _named(effect: str, params: Params) -> dict:
+def named(effect: str, params: Params) -> dict:
     names = CATALOGUE.get(effect) or {name: name for name in params}
     return {"id": effect, "params": {n: params[p] for n, p in names.items() if p in params}}
 
@@ -343,7 +343,7 @@ def _draw(rng: Rng, name: str, kind: str) -> Trial:
     key = {
         "name": name,
         "kind": kind,
-        "effects": [_named(effect, extra) for effect, extra in zip(effects, added, strict=True)],
+        "effects": [named(effect, extra) for effect, extra in zip(effects, added, strict=True)],
         "predicted_drop": drops,
         "unexplained": unexplained,
         "n_periods": n_periods,
