@@ -87,6 +87,18 @@ def test_bug_a_third_mode_took_the_place_of_the_second():
     assert len(set(part.names)) == len(part.names) == len(part.values) == 10
 
 
+def test_bug_a_wrong_unit_stayed_in_the_records_of_a_closed_loop(record, monkeypatch):
+    """An angle in deg/s: the fits by simulation inside the loop were refused."""
+    found = plant(AXIS, output="angle")
+    start = SimpleNamespace(has_model=True, model=lambda: found, measured=SimpleNamespace(f_hz=[1.0]))
+    monkeypatch.setattr(running, "start", lambda *_, **__: start)
+    run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
+    run.find_loop = lambda records, reference: setattr(run, "by_reference", [gsid.spectra(record)])
+    run.keep_resonances = lambda: None
+    run.find_structure(record, None, None, "r")
+    assert [one.y_unit for one in (*run.measured, *run.by_reference)] == ["", ""]
+
+
 # ---- the steps after it -----------------------------------------------------------------------------
 
 

@@ -152,6 +152,7 @@ class Run:
         else:
             self.stack = canonical_stack(self.start.model(), self.f_lo_hz, self.settings)
             self.measured = self.judged = without_wrong_unit(self.measured, self.stack)
+            self.by_reference = without_wrong_unit(self.by_reference, self.stack)
             self.keep_resonances()
 
     def find_loop(self, records: list[Record], reference: str) -> None:
