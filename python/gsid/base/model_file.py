@@ -27,7 +27,7 @@ def read_model_file(path: str | Path) -> Any:
     InputError
         The file cannot be read, or is not JSON.
     """
-    hint = "`gsid fit -o` writes one"
+    hint = "`gsid start -o` or `gsid fit -o` writes one"
     try:
         return read_json(path)
     except OSError as error:
