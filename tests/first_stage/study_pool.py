@@ -73,7 +73,9 @@ class _Running:
     def begin(self, task: Task, rows: list[Row]) -> None:
         if self.process is None or not self.process.is_alive():
             self.pipe, theirs = multiprocessing.Pipe()
-            self.process = multiprocessing.Process(target=_serve, args=(self.work, theirs, self.core))
+            self.process = multiprocessing.Process(
+                target=_serve, args=(self.work, theirs, self.pipe, self.core)
+            )
             self.process.daemon = True
             self.process.start()
             theirs.close()
@@ -95,8 +97,9 @@ class _Running:
         self.process = None
 
 
-def _serve(work: Work, pipe: Connection, core: int | None) -> None:
-    """Work on trials until the pipe is closed."""
+def _serve(work: Work, pipe: Connection, of_parent: Connection, core: int | None) -> None:
+    """Work on trials until the pipe is closed, also because the parent was killed."""
+    of_parent.close()  # a copy of its end, which would keep the pipe open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if core is not None:

@@ -4,7 +4,11 @@ import itertools
 import json
 import os
 import re
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import from_records_study as study
 import pytest
@@ -17,6 +21,8 @@ def counted(task, n_done):
         yield "begin", {"part": part}
         if part == 1 and task[1] == "hangs":
             time.sleep(60)
+        if part == 1 and task[1] == "waits":
+            time.sleep(2)
         if part == 1 and task[1] == "dies":
             os._exit(1)
         yield "row", {"part": part, "verdict": "done"}
@@ -68,6 +74,53 @@ def test_an_interruption_ends_the_processes_and_keeps_the_file(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         study_pool.run(counted, [(1, "works", i, "5") for i in range(4)], path, **settings)
     assert len(study_pool.read_lines(path)) == 1
+
+
+KILLED = """
+import sys
+from pathlib import Path
+import study_pool
+from test_from_records_study import counted
+
+done = lambda task, rows, left_s: print("done", flush=True)
+tasks = [(1, "waits" if i == 1 else "works", i) for i in range(3)]
+study_pool.run(counted, tasks, Path(sys.argv[1]), bound_s=99, n_processes=1, on_done=done)
+"""
+
+
+def children(pid):
+    listed = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(child) for child in listed]
+
+
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs the process table of Linux")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_bug_the_processes_of_a_killed_study_stayed(tmp_path, number):
+    path = tmp_path / "results.jsonl"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", KILLED, str(path)]
+    study_process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+    assert study_process.stdout.readline() == "done\n"
+    workers = children(study_process.pid)
+    assert workers
+    study_process.send_signal(number)
+    study_process.wait(30)
+    end = time.monotonic() + 30
+    while any(map(is_running, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(map(is_running, workers))
+    kept = [line["task"] for line in study_pool.read_lines(path)]
+    assert kept[0] == [1, "works", 0]
+    assert sorted(run(path, [(1, "works", i) for i in range(3)])) == [
+        (1, "works", i) for i in range(3) if [1, "works", i] not in kept
+    ]
 
 
 def row(
