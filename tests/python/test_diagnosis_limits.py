@@ -189,6 +189,17 @@ def test_bug_play_that_was_cut_in_its_last_fit_lost_the_fit_before(monkeypatch):
     assert play.fit_play(null, None, [], None, 90.0, Deadline()) is first
 
 
+def test_bug_a_structure_beside_the_law_that_fails_numerically_ended_the_diagnosis(record, monkeypatch):
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(running, "start", fails)
+    monkeypatch.setattr(running, "without_laws", lambda measured, model, deadline: measured)
+    run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
+    run.final, run.start = SimpleNamespace(model=plant(AXIS)), SimpleNamespace(output="rate")
+    assert not run.mended()
+
+
 # ---- the linear structure ----------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from gsid.base.deadline import Deadline
+from gsid.base.errors import InputError
 from gsid.fitting.sandwich import correlation_of
 from gsid.models.rational import RationalModel
 from gsid.response.sample_hold import lag_fractions
@@ -305,7 +306,8 @@ class _Search:
     def _choose(self) -> tuple[Candidate, list[Candidate]]:
         ordered = self._ordered()
         if not ordered:
-            raise ValueError("no structure could be fitted")
+            hint = "check the records, or fit a rational model with gsid fit"
+            raise InputError("no structure could be fitted", self.measured.name, None, hint)
         best = ordered[0]
         likely = [
             one

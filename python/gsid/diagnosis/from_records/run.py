@@ -524,7 +524,7 @@ class Run:
         try:
             rest = without_laws(self.measured, self.final.model, self.deadline)
             found = start(rest, output=self.start.output, band=self.band, deadline=self.deadline)
-        except (GsidError, InputError, OutOfTime):
+        except (GsidError, InputError, np.linalg.LinAlgError, OutOfTime):
             return False
         if not found.has_model or found.effects.keys() == self.start.effects.keys():
             return False
