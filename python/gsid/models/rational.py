@@ -446,7 +446,7 @@ class RationalModel(Plottable):
                 "not a model file",
                 where,
                 None,
-                f'a model file is JSON with "gsid_model": {FORMAT}; `gsid start -o` or `gsid fit -o` writes one',
+                f'a model file is JSON with "gsid_model": {FORMAT}; `gsid start` or `gsid fit` writes one',
             )
         if "rational" not in data:
             hint = 'a fitted transfer function ("rational") is required here'
