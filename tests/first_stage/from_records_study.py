@@ -364,7 +364,7 @@ def _reliability(rows: Sequence[Row]) -> list[str]:
     text = []
     for of in (reliability.FIRST, reliability.NONE):
         some = reliability.pairs(rows, of)
-        text += [f"Stated probability of the {of}: {len(some)} of {len(rows)} diagnoses state one."]
+        text += [f"Stated probability of {of}: {len(some)} of {len(rows)} diagnoses state one."]
         text += [f"Brier score {reliability.brier(some):.3f}.", ""]
         text += markdown(reliability.HEAD, reliability.lines(some))
     counts = Counter((row["kind"], row["start"]) for row in rows if row.get("probability"))

@@ -15,7 +15,7 @@ from gsid.diagnosis.from_records.probability import probabilities
 
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 1.0)
 LAGS = {"motor_lag", "sensor_lag"}  # a linear axis does not show the order of its lags
-FIRST, NONE = "first group", "none of the catalogue"
+FIRST, NONE = "the first group", "none of the catalogue"
 
 Pair = tuple[float, bool]  # a stated probability, and whether it came true
 
