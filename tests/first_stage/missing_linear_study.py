@@ -27,6 +27,7 @@ TARGET = "missing-linear-study"
 SEED, TRIALS = 5300, 100
 OFF = (5, 30)  # percent
 BUDGET_S = 600.0  # the answer shall not depend on what else runs
+WEAK = 100.0  # drop below which an effect is hardly above noise
 LAGS = ("motor_lag", "sensor_lag")
 Row = dict
 
@@ -88,8 +89,11 @@ def has_another_name(row: Row) -> bool:
 
 
 def _is_right(row: Row, effects: Collection[str]) -> bool:
-    right = LAGS if row["effect"] == "lag" else (row["effect"],)
-    return bool(set(right) & set(effects))
+    return bool(set(_right(row)) & set(effects))
+
+
+def _right(row: Row) -> Collection[str]:
+    return LAGS if row["effect"] == "lag" else (row["effect"],)
 
 
 def described(row: Row) -> str:
@@ -121,6 +125,12 @@ def table(rows: list[Row], command: str) -> str:
         cells += [f"{statistics.median(times):.1f}", f"{max(times):.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     missed = [row for row in rows if not is_named(row)]
+    weak = [row for row in rows if row["drop"] < WEAK]
+    lines += ["", f"{len(weak)} of the {len(rows)} diagnoses are of an effect with a drop below {WEAK:g}."]
+    lines[-1] += f" Of these {sum(map(is_named, weak))} named it."
+    named = [row for row in rows if is_named(row)]
+    wide = [row for row in named if set(row["effects"]) - set(_right(row))]
+    lines[-1] += f" {len(wide)} of the {len(named)} names are groups with another effect in them."
     return "\n".join(
         [*lines, "", "Not named:", "", *([f"- {described(row)}" for row in missed] or ["- none"])]
     )

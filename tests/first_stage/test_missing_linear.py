@@ -123,13 +123,14 @@ def test_bug_a_fit_in_a_wrong_minimum_hid_what_is_missing():
         ("named", "cable_spring", 1.05, False),
         ("named", "cable_spring", 3.0, True),
         ("named", "coulomb_friction", 3.0, False),
+        ("named", "flexible_mode", 1.05, True),  # it was the one that had moved away
         ("named", "motor_cogging", 234.0, True),  # beside a null of 1860, for a missing spring
         ("unknown", "coulomb_friction", 3.0, True),
     ],
 )
 def test_the_structure_is_searched_only_where_the_linear_part_may_be_wrong(kind, best, cost, doubtful):
     ranking = [SimpleNamespace(effects=(best,), cost_per_dof=cost)]
-    stage = SimpleNamespace(ranking=ranking, conclusion=SimpleNamespace(kind=kind))
+    stage = SimpleNamespace(ranking=ranking, conclusion=SimpleNamespace(kind=kind), cost_per_dof=200.0)
     assert draft._is_doubtful(stage, DEFAULTS) == doubtful
 
 
@@ -192,6 +193,24 @@ def test_bug_a_second_name_hid_behind_the_right_one():
     row = {"effect": "cable_spring", "verdict": "missing_effect", "effects": ["cable_spring"]}
     assert not study.has_another_name(row | {"found": [["cable_spring"]]})
     assert study.has_another_name(row | {"found": [["cable_spring"], ["coulomb_friction"]]})
+
+
+def test_the_table_counts_the_effects_that_are_hardly_above_noise():
+    rows = [
+        {"seed": 2, "effect": "lag", "index": i, "percent": percent, "drop": drop, "output": "rate"}
+        | {"hold": "zoh", "declared": True, "cost": [2.0, 1.0], "seconds": 1.0, "processor_s": 1.0}
+        | {"verdict": verdict, "effects": effects, "found": []}
+        for i, percent, drop, verdict, effects in [
+            (0, 5, 99.0, "missing_effect", ["motor_lag", "sensor_lag"]),
+            (0, 30, 99.0, "nearest_effect", ["motor_lag"]),
+            (1, 5, 101.0, "missing_effect", ["motor_lag", "transport_delay"]),
+        ]
+    ]
+    text = study.table(rows, "make missing-linear-study")
+    assert "| lag | 2 of 2 | 0 of 1 | 0 |" in text
+    assert "2 of the 3 diagnoses are of an effect with a drop below 100. Of these 1 named it." in text
+    assert "1 of the 2 names are groups with another effect in them." in text
+    assert "- 2 lag 0, 30 %: drop 99" in text
 
 
 def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():

@@ -184,7 +184,7 @@ def test_a_unit_that_the_output_contradicts_is_removed(output, unit, left):
 )
 def test_a_linear_effect_that_explains_a_quarter_enters_the_stack(effect, share, kind, added):
     best = SimpleNamespace(effects=(effect,), share_kept_out=share)
-    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind))
+    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind), cost_per_dof=200.0)
     assert drafting._adds_linear(stage, DEFAULTS) is added
 
 
@@ -352,7 +352,7 @@ def test_the_linear_part_is_doubtful_where_much_is_left_and_no_torque_law_is_nam
     kind, effect, cost, doubtful
 ):
     best = SimpleNamespace(effects=(effect,), cost_per_dof=cost)
-    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind))
+    stage = SimpleNamespace(ranking=[best], conclusion=SimpleNamespace(kind=kind), cost_per_dof=200.0)
     assert drafting._is_doubtful(stage, DEFAULTS) is doubtful
 
 

@@ -108,13 +108,16 @@ def draft(
 
 
 def _is_doubtful(stage: FirstStage, settings: DecisionSettings) -> bool:
-    """Whether the linear part may be in a wrong minimum: more than noise is left.
+    """Whether the linear part may be in a wrong minimum: more than noise is left, or was left without a mode.
 
-    Beside a linear part in a wrong minimum a law of the angle may explain most, but it leaves much.
+    Beside a linear part in a wrong minimum a law of the angle may explain most, but it leaves much. A mode
+    may take the place of one that has moved to where another linear effect is missing.
     """
     best = stage.ranking[0]
     if stage.conclusion.kind == "none":
         return False
+    if find(best.effects[0]).linear_part == "mode" and stage.cost_per_dof > settings.much_left:
+        return True
     is_law = stage.conclusion.kind == "named" and not is_linear(best.effects[0])
     return best.cost_per_dof > (settings.much_left if is_law else settings.adequate)
 
