@@ -12,8 +12,13 @@
 
 enum { POLES_MAX = GSID_STRUCTURE_LAGS_MAX + 3 + 2 * GSID_STRUCTURE_MODES_MAX };
 
-uint32_t gsid_structure_n_columns(const gsid_structure *s) {
+/* Columns of the command: the only ones with hold, delay and images. */
+static uint32_t n_driven(const gsid_structure *s) {
     return 1 + s->n_modes + (s->has_residual ? 1 : 0);
+}
+
+uint32_t gsid_structure_n_columns(const gsid_structure *s, const gsid_structure_lines *lines) {
+    return n_driven(s) + (lines->torque != NULL ? 1 : 0);
 }
 
 uint32_t gsid_structure_n_theta(const gsid_structure *s) {
@@ -73,9 +78,9 @@ static gsid_cplx turned(double angle) {
     return gsid_cplx_make(cos(angle), sin(angle));
 }
 
-/* exp(-s T) hold / prod(1 + tau s), integrated q times. */
-static gsid_cplx common_at(const gsid_structure *s, const values *v, double w, gsid_cplx hold) {
-    gsid_cplx common = gsid_cplx_mul(turned(-w * v->delay_s), hold);
+/* x / prod(1 + tau s), integrated q times. */
+static gsid_cplx sensed_at(const gsid_structure *s, const values *v, double w, gsid_cplx x) {
+    gsid_cplx common = x;
     if (s->integrations != 0) {
         common = s->integrations > 0 ? times_s(-1 / (w * w), w, common) : times_s(1, w, common);
     }
@@ -208,7 +213,7 @@ static void expand(const gsid_structure *s, const values *v, double w_lo, expans
     memset(e, 0, sizeof *e);
     collect_poles(s, v, e);
     move_apart(e, w_lo);
-    for (uint32_t c = 0; c < gsid_structure_n_columns(s); c++) {
+    for (uint32_t c = 0; c < n_driven(s); c++) {
         find_residues(e, c);
     }
 }
@@ -268,7 +273,7 @@ static void add_images(expansion *e, uint32_t n_columns, const gsid_structure_li
 /* Factors of all columns, [n_columns][n]. */
 static void fill_factors(const gsid_structure *s, const values *v, const gsid_structure_lines *lines,
                          gsid_cplx *factor) {
-    const uint32_t n_columns = gsid_structure_n_columns(s);
+    const uint32_t n_columns = n_driven(s);
     expansion e;
     expand(s, v, lines->w[0], &e);
     memset(factor, 0, (size_t)n_columns * lines->n * sizeof *factor);
@@ -296,28 +301,37 @@ gsid_status gsid_structure_columns(const gsid_structure *structure, const gsid_s
     }
     for (uint32_t l = 0; l < n; l++) {
         const double w = lines->w[l];
-        const gsid_cplx common = common_at(structure, &v, w, lines->hold[l]), by_s = times_s(1, w, common);
+        const gsid_cplx drive = gsid_cplx_mul(turned(-w * v.delay_s), lines->hold[l]);
+        const gsid_cplx common = sensed_at(structure, &v, w, drive), by_s = times_s(1, w, common);
         gsid_cplx plain[GSID_STRUCTURE_COLUMNS_MAX];
         plain[0] = gsid_cplx_mul(common, body_at(&v, w));
         for (uint32_t i = 0; i < structure->n_modes; i++) {
             plain[1 + i] = gsid_cplx_div(by_s, mode_below(&v, i, w));
         }
         plain[structure->n_modes + 1] = by_s; /* the array has room for it in any case */
-        for (uint32_t c = 0; c < gsid_structure_n_columns(structure); c++) {
+        for (uint32_t c = 0; c < n_driven(structure); c++) {
             gsid_cplx *to = column + c * n + l;
             *to = lines->has_images ? gsid_cplx_mul(plain[c], *to) : plain[c];
+        }
+        if (lines->torque != NULL) {
+            const gsid_cplx torque = sensed_at(structure, &v, w, gsid_cplx_scale(-1, lines->torque[l]));
+            column[n_driven(structure) * n + l] = gsid_cplx_mul(torque, body_at(&v, w));
         }
     }
     return GSID_OK;
 }
 
-/* The slopes at one line, [n_theta]. */
-static void slopes_at(const gsid_structure *s, const values *v, double w, const gsid_cplx *each, gsid_cplx *slope) {
-    gsid_cplx response = {0, 0};
-    for (uint32_t c = 0; c < gsid_structure_n_columns(s); c++) {
-        response = gsid_cplx_add(response, each[c]);
+/* The slopes at one line, [n_theta].
+ * @param[in] each    columns of the command, times their gains
+ * @param[in] torque  that of the torque, 0 without */
+static void slopes_at(const gsid_structure *s, const values *v, double w, const gsid_cplx *each, gsid_cplx torque,
+                      gsid_cplx *slope) {
+    gsid_cplx driven = {0, 0};
+    for (uint32_t c = 0; c < n_driven(s); c++) {
+        driven = gsid_cplx_add(driven, each[c]);
     }
-    const gsid_cplx body = gsid_cplx_mul(body_at(v, w), each[0]);
+    const gsid_cplx response = gsid_cplx_add(driven, torque);
+    const gsid_cplx body = gsid_cplx_mul(body_at(v, w), gsid_cplx_add(each[0], torque));
     if (s->n_body > 0) {
         *slope++ = gsid_cplx_scale(-v->rate, body);
     }
@@ -333,7 +347,7 @@ static void slopes_at(const gsid_structure *s, const values *v, double w, const 
     for (uint32_t i = 0; i < s->n_lags; i++) {
         *slope++ = gsid_cplx_div(times_s(-v->tau[i], w, response), gsid_cplx_make(1, v->tau[i] * w));
     }
-    *slope = times_s(-1, w, response);
+    *slope = times_s(-1, w, driven);
 }
 
 gsid_status gsid_structure_slopes(const gsid_structure *structure, const gsid_structure_lines *lines,
@@ -346,10 +360,12 @@ gsid_status gsid_structure_slopes(const gsid_structure *structure, const gsid_st
     const size_t n = lines->n;
     for (uint32_t l = 0; l < n; l++) {
         gsid_cplx each[GSID_STRUCTURE_COLUMNS_MAX], found[GSID_STRUCTURE_THETA_MAX];
-        for (uint32_t c = 0; c < gsid_structure_n_columns(structure); c++) {
+        const uint32_t n_columns = gsid_structure_n_columns(structure, lines);
+        for (uint32_t c = 0; c < n_columns; c++) {
             each[c] = gsid_cplx_scale(gain[c], column[c * n + l]);
         }
-        slopes_at(structure, &v, lines->w[l], each, found);
+        const gsid_cplx none = {0, 0};
+        slopes_at(structure, &v, lines->w[l], each, lines->torque != NULL ? each[n_columns - 1] : none, found);
         for (uint32_t i = 0; i < gsid_structure_n_theta(structure); i++) {
             slope[i * n + l] = found[i];
         }

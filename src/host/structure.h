@@ -4,7 +4,7 @@
 
 #include "gsid/host/structure.h"
 
-uint32_t gsid_structure_n_columns(const gsid_structure *s);
+uint32_t gsid_structure_n_columns(const gsid_structure *s, const gsid_structure_lines *lines);
 uint32_t gsid_structure_n_theta(const gsid_structure *s);
 
 /* GSID_OK; GSID_E_NULL; GSID_E_CONFIG */
@@ -12,7 +12,7 @@ gsid_status gsid_structure_check(const gsid_structure *s, const gsid_structure_l
 
 /** Derivatives of the response by theta, with the images as constant factors.
  *  @param[in]  column  of gsid_structure_columns at theta
- *  @param[in]  gain    [1 + n_modes + has_residual]
+ *  @param[in]  gain    of each column
  *  @param[out] slope   [n_theta][n]
  *  @return as gsid_structure_columns */
 gsid_status gsid_structure_slopes(const gsid_structure *structure, const gsid_structure_lines *lines,

@@ -249,7 +249,7 @@ gsid_status gsid_structure_refine(const gsid_structure *structure, const gsid_st
         return status != GSID_OK ? status : GSID_E_NULL;
     }
     search s = {.structure = structure, .lines = lines, .weight = weight};
-    s.n_columns = gsid_structure_n_columns(structure);
+    s.n_columns = gsid_structure_n_columns(structure, lines);
     s.n_theta = gsid_structure_n_theta(structure);
     s.rows = 2 * (size_t)lines->n;
     const size_t n = s.rows * (2 * (2 * (size_t)s.n_columns + 1) + 1 + 2 * (size_t)s.n_theta);

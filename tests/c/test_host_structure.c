@@ -16,12 +16,12 @@ enum { N = 120, COLUMNS = 3, THETA = 5 };
 
 static const double sample_s = 1e-3;
 static double w[N], weight[N];
-static gsid_cplx hold[N], column[COLUMNS * N], g[N];
-static gsid_structure_lines lines = {N, w, hold, 1e-3, 0, 0, NULL, NULL};
+static gsid_cplx hold[N], column[(COLUMNS + 1) * N], g[N], torque[N];
+static gsid_structure_lines lines = {N, w, hold, 1e-3, 0, 0, NULL, NULL, NULL};
 
 /* Viscous body, a mode, a lag, modes above the band; the output is the angle. */
 static const gsid_structure rich = {1, 1, 1, 1, 1};
-static const double truth[THETA] = {2.3, 5.9, -3.5, -6.5, 1.3e-3}, gains[COLUMNS] = {7, -2, 0.01};
+static const double truth[THETA] = {2.3, 5.9, -3.5, -6.5, 1.3e-3}, gains[COLUMNS + 1] = {7, -2, 0.01, 3};
 
 static int on_lines(void **state) {
     (void)state;
@@ -29,8 +29,10 @@ static int on_lines(void **state) {
         w[l] = 2 * PI * (1 + 2.5 * l);
         hold[l] = (gsid_cplx){1, 0};
         weight[l] = 1;
+        torque[l] = (gsid_cplx){cos(3.0 * l), sin(5.0 * l)};
     }
     lines.has_images = 0;
+    lines.torque = NULL;
     return 0;
 }
 
@@ -74,7 +76,7 @@ static void images_make_the_sampled_response(void **state) {
 }
 
 static void respond(const gsid_structure *structure, const double *theta, double complex *response) {
-    const int n_columns = 1 + (int)structure->n_modes + structure->has_residual;
+    const int n_columns = (int)gsid_structure_n_columns(structure, &lines);
     assert_int_equal(gsid_structure_columns(structure, &lines, theta, column), GSID_OK);
     for (int l = 0; l < N; l++) {
         response[l] = 0;
@@ -116,10 +118,29 @@ static void slopes_are_those_of_differences(void **state) {
     }
 }
 
-static void a_refinement_finds_the_values(void **state) {
+/* No hold, delay or image: the torque is that of the measured motion. */
+static void a_torque_has_the_response_of_body_and_lags(void **state) {
     (void)state;
+    for (int has_images = 0; has_images <= 1; has_images++) {
+        lines.has_images = has_images;
+        lines.torque = torque;
+        assert_int_equal(gsid_structure_n_columns(&rich, &lines), COLUMNS + 1);
+        assert_int_equal(gsid_structure_columns(&rich, &lines, truth, column), GSID_OK);
+        for (int l = 0; l < N; l++) {
+            const double complex s = I * w[l];
+            near(at(&column[COLUMNS * N + l]), -at(&torque[l]) / s / (1 + exp(truth[3]) * s) / (s + exp(truth[0])),
+                 1e-12);
+        }
+    }
+    lines.has_images = 0;
+    check_slopes(&rich, THETA, truth);
+    check_slopes(&(gsid_structure){1, 2, 1, 1, 0}, 6, (const double[]){3.0, 6.8, 5.9, -3.5, -6.5, 1.3e-3});
+}
+
+static void a_refinement_finds_the_values(void **state) {
     static double complex response[N];
-    double theta[THETA], gain[COLUMNS], cost;
+    double theta[THETA], gain[COLUMNS + 1], cost;
+    lines.torque = *state;
     respond(&rich, truth, response);
     for (int l = 0; l < N; l++) {
         g[l] = (gsid_cplx){creal(response[l]), cimag(response[l])};
@@ -137,9 +158,15 @@ static void a_refinement_finds_the_values(void **state) {
     for (int i = 0; i < THETA; i++) {
         assert_true(fabs(theta[i] - truth[i]) < 1e-4);
     }
-    for (int c = 0; c < COLUMNS; c++) {
+    for (uint32_t c = 0; c < gsid_structure_n_columns(&rich, &lines); c++) {
         assert_true(fabs(gain[c] / gains[c] - 1) < 1e-3);
     }
+}
+
+static void a_refinement_finds_the_values_beside_a_torque(void **state) {
+    (void)state;
+    void *with = torque;
+    a_refinement_finds_the_values(&with);
 }
 
 /* Two modes at one frequency are one: the second gets no gain. */
@@ -185,7 +212,9 @@ int main(void) {
         cmocka_unit_test_setup(columns_are_those_of_the_formula, on_lines),
         cmocka_unit_test_setup(images_make_the_sampled_response, on_lines),
         cmocka_unit_test_setup(slopes_are_those_of_differences, on_lines),
+        cmocka_unit_test_setup(a_torque_has_the_response_of_body_and_lags, on_lines),
         cmocka_unit_test_setup(a_refinement_finds_the_values, on_lines),
+        cmocka_unit_test_setup(a_refinement_finds_the_values_beside_a_torque, on_lines),
         cmocka_unit_test_setup(columns_that_are_alike_do_not_end_a_refinement, on_lines),
         cmocka_unit_test_setup(a_start_without_a_response_has_an_infinite_cost, on_lines),
         cmocka_unit_test_setup(wrong_arguments_are_refused, on_lines),

@@ -14,7 +14,7 @@ extern "C" {
 
 #define GSID_STRUCTURE_MODES_MAX 10
 #define GSID_STRUCTURE_LAGS_MAX 4
-#define GSID_STRUCTURE_COLUMNS_MAX (GSID_STRUCTURE_MODES_MAX + 2)
+#define GSID_STRUCTURE_COLUMNS_MAX (GSID_STRUCTURE_MODES_MAX + 3)
 #define GSID_STRUCTURE_THETA_MAX (2 + 2 * GSID_STRUCTURE_MODES_MAX + GSID_STRUCTURE_LAGS_MAX + 1)
 
 /* theta, of which there are n_body + 2 n_modes + n_lags + 1: ln c [1/s], ln k [1/s^2] of the body; ln w [rad/s], ln z of each mode;
@@ -36,11 +36,13 @@ typedef struct {
     uint32_t n_fractions;  /* of a sensor that is refreshed between samples; 0: none */
     const double *later;   /* [n_fractions] samples by which the delay is longer */
     const gsid_cplx *share; /* [n_fractions][n] */
+    const gsid_cplx *torque; /* [n] torque along the measured motion over the command, at the output's time; NULL: none.
+                                It adds a column: minus its response, of the body and the lags alone (STR-6) */
 } gsid_structure_lines;
 
-/** Response of each gain: body, modes, residual term.
+/** Response of each gain: body, modes, residual term, torque along the motion.
  *  @param[in]  theta   nonlinear values
- *  @param[out] column  [1 + n_modes + has_residual][n]
+ *  @param[out] column  [1 + n_modes + has_residual + (1 with a torque)][n]
  *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG too many elements, no line, or a sample time that is not positive */
 gsid_status gsid_structure_columns(const gsid_structure *structure, const gsid_structure_lines *lines,
                                    const double *theta, gsid_cplx *column);
@@ -51,7 +53,7 @@ gsid_status gsid_structure_columns(const gsid_structure *structure, const gsid_s
  *  @param[in]     weight   [n] 1 / standard deviation
  *  @param[in]     n_steps  at most; 0: only the gains are found
  *  @param[in,out] theta    start; values of least cost
- *  @param[out]    gain     [1 + n_modes + has_residual]
+ *  @param[out]    gain     [1 + n_modes + has_residual + (1 with a torque)]
  *  @param[out]    cost     sum of the squared weighted errors; INFINITY where the start has no finite response
  *  @return as gsid_structure_columns; GSID_E_NO_MEMORY */
 gsid_status gsid_structure_refine(const gsid_structure *structure, const gsid_structure_lines *lines,

@@ -68,6 +68,8 @@ class TotalVariance:
         Variance of `g` by noise and distortion: the largest of the sources.
     n_realisations : (F,) int
         Realisations that excite the line.
+    share : (M, F)
+        Weight of each realisation in `g`; 0 where it does not excite the line. They sum to 1.
     sources : dict of (F,) arrays
         Variance from each source: "noise", "realisations", "local_model", "detection_lines", "floor".
     smooth_phases : bool
@@ -90,6 +92,7 @@ class TotalVariance:
     var_noise: np.ndarray
     var_total: np.ndarray
     n_realisations: np.ndarray
+    share: np.ndarray
     sources: dict[str, np.ndarray]
     smooth_phases: bool
     fs_hz: float
@@ -142,7 +145,8 @@ class TotalVariance:
         """At some of its lines only: use, (F,) bool."""
         names = ("line", "f_hz", "g", "var_noise", "var_total", "n_realisations")
         picked = {name: getattr(self, name)[use] for name in names}
-        return replace(self, **picked, sources={name: var[use] for name, var in self.sources.items()})
+        sources = {name: var[use] for name, var in self.sources.items()}
+        return replace(self, **picked, share=self.share[:, use], sources=sources)
 
     def over(self, response: np.ndarray) -> TotalVariance:
         """Divided by a known response, (F,) complex, such as that of a sensor."""
@@ -293,6 +297,7 @@ def _combined(
         var_noise=np.maximum(noise, np.finfo(float).tiny),
         var_total=np.max(list(sources.values()), axis=0),
         n_realisations=n_each,
+        share=weight,
         sources=sources,
         smooth_phases=is_open and not by_scatter and all(map(_is_smooth, phases)),
         fs_hz=first.fs_hz,

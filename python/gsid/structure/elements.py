@@ -203,6 +203,8 @@ class Lines:
         Whether the images of the hold are evaluated.
     fractions : list of (float, (F,) complex ndarray), optional
         Of a sensor that is refreshed between samples: `gsid.response.sample_hold.lag_fractions`.
+    torque : (F,) complex ndarray, optional
+        Torque along the measured motion over the command: adds a column (STR-6).
     """
 
     f_hz: np.ndarray
@@ -210,6 +212,7 @@ class Lines:
     held: bool
     images: bool = True
     fractions: list[tuple[float, np.ndarray]] | None = None
+    torque: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self.w = 2 * np.pi * self.f_hz
@@ -218,6 +221,7 @@ class Lines:
         fractions = self.fractions or []
         self._later = np.array([part for part, _ in fractions], float)
         self._share = np.array([share for _, share in fractions], complex)
+        torque = None if self.torque is None else np.ascontiguousarray(self.torque, complex)
         self.c = ffi.new(
             "gsid_structure_lines *",
             {
@@ -229,19 +233,30 @@ class Lines:
                 "n_fractions": len(fractions),
                 "later": ffi.from_buffer("double[]", self._later),
                 "share": ffi.from_buffer("gsid_cplx[]", self._share),
+                "torque": ffi.NULL if torque is None else ffi.from_buffer("gsid_cplx[]", torque),
             },
         )
+        self._torque = torque  # keeps its memory
+
+    def n_columns(self, structure: Structure) -> int:
+        """Columns of a structure at these lines, with that of the torque.
+
+        Parameters
+        ----------
+        structure : Structure
+        """
+        return structure.n_columns + (self.torque is not None)
 
 
 def columns(values: Values, lines: Lines) -> np.ndarray:
-    """Response of each gain: body, modes, residual term, (F, n_columns) complex.
+    """Response of each gain: body, modes, residual term, torque along the motion, (F, n_columns) complex.
 
     Parameters
     ----------
     values : Values
     lines : Lines
     """
-    found = np.empty((values.structure.n_columns, len(lines.w)), complex)
+    found = np.empty((lines.n_columns(values.structure), len(lines.w)), complex)
     theta = ffi.from_buffer("double[]", np.ascontiguousarray(values.theta))
     status = lib.gsid_structure_columns(
         values.structure.c, lines.c, theta, ffi.from_buffer("gsid_cplx[]", found)

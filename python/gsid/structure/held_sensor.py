@@ -15,7 +15,7 @@ import numpy as np
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_output, held_rate, held_response, mean_outputs
 from gsid.response.total_variance import TotalVariance, is_one_period, total_variance
-from gsid.spectrum.realisation import listed, spectra_of
+from gsid.spectrum.realisation import Realisation, listed, realisations, spectra_of
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.elements import Lines
 from gsid.structure.projection import Fitted
@@ -59,6 +59,16 @@ class Measurement:
             mean_outputs(self.records, period=self.period, settle=self.settle, reference=self.reference)
         )
 
+    @property
+    def has_periods(self) -> bool:
+        """Whether the phases of input and output are known: in open loop, with two periods or more."""
+        single = (is_one_period(one, self.period, self.settle) for one in self.records)
+        return self.reference is None and not any(single)
+
+    def realisations(self) -> list[Realisation]:
+        """The records divided into periods."""
+        return realisations(self.records, period=self.period, settle=self.settle)
+
     def without_images(self, model: Fitted, rate_hz: float, hold: str) -> TotalVariance | None:
         """Best linear approximation without the images of lines on other lines.
 
@@ -76,9 +86,7 @@ class Measurement:
         TotalVariance or None
             None where the phases of the output are not known: in a closed loop, or with single periods.
         """
-        if self.reference is not None:
-            return None
-        if any(is_one_period(one, self.period, self.settle) for one in self.records):
+        if not self.has_periods:
             return None
         measured = spectra_of(self.records, period=self.period, settle=self.settle)
         return self._estimated([_less_images(one, model, rate_hz, hold) for one in measured])

@@ -46,7 +46,7 @@ class Fitted:
     ----------
     values : Values
     gains : (n_columns,) ndarray
-        Of body, modes and residual term.
+        Of body, modes, residual term and torque along the motion.
     cost : float
         V, sum of squared errors over their variance.
     """
@@ -83,7 +83,8 @@ def refine(values: Values, data: Data, *, n_steps: int = STEPS) -> Fitted:
     data : Data
     n_steps : int
     """
-    theta, gains, cost = np.array(values.theta), np.empty(values.structure.n_columns), ffi.new("double *")
+    theta, cost = np.array(values.theta), ffi.new("double *")
+    gains = np.empty(data.lines.n_columns(values.structure))
     doubles = (ffi.from_buffer("double[]", x) for x in (data.weight, theta, gains))
     weight, theta_c, gains_c = doubles
     status = lib.gsid_structure_refine(

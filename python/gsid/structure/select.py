@@ -69,6 +69,9 @@ class Selection:
         The rational fits that the search started from.
     complete : bool
         Whether the search ended before its deadline.
+    friction : float or None
+        Level of the dry friction that decided between the likely structures, in the unit of the command
+        (`gsid.structure.friction`); None where it did not.
     """
 
     chosen: Candidate
@@ -81,6 +84,7 @@ class Selection:
     settings: StructureSettings
     rational: list[RationalModel] = field(default_factory=list)
     complete: bool = True
+    friction: float | None = None
 
 
 def select(
@@ -119,6 +123,33 @@ def select(
         The deadline was reached before any structure was fitted.
     """
     return _Search(measured, hold, outputs, settings, expected_output, deadline, fits).run()
+
+
+def price(structure: Structure, n_lines: int, correlation: float) -> float:
+    """L [p/2 ln(2 F/L) + n_modes ln(F/L)]: what the elements of a structure have to lower the cost by.
+
+    Eq: STR-4
+
+    Parameters
+    ----------
+    structure : Structure
+    n_lines : int
+    correlation : float
+        L, lines that count as one.
+    """
+    effective = n_lines / correlation
+    of_parameters = structure.n_parameters / 2 * np.log(2 * effective)
+    return float(correlation * (of_parameters + structure.n_modes * np.log(effective)))
+
+
+def simplest(likely: list[Candidate]) -> Candidate:
+    """The fewest parameters, and the best score among those.
+
+    Parameters
+    ----------
+    likely : list of Candidate
+    """
+    return min(likely, key=lambda one: (one.structure.n_parameters, one.score))
 
 
 def rescored(
@@ -200,7 +231,7 @@ class _Search:
             represents,
             self.settings,
             self.rational,
-            not self.deadline.is_over,
+            complete=not self.deadline.is_over,
         )
 
     def weigh(self) -> None:
@@ -289,15 +320,14 @@ class _Search:
             self.found[fitted.structure] = new
 
     def score(self, fitted: Fitted) -> float:
-        """V + L [p/2 ln(2 F/L) + n_modes ln(F/L)], and the odds against unusual axes.  Eq: STR-4"""
-        effective, structure = len(self.measured) / self.correlation, fitted.structure
-        price = structure.n_parameters / 2 * np.log(2 * effective) + structure.n_modes * np.log(effective)
+        """V, the price of the elements, and the odds against unusual axes."""
+        structure = fitted.structure
         unusual = self.settings.slow_lag_odds * has_slow_lag(fitted.values, self.lines)
         if len(self.outputs) > 1 and structure.output == "acceleration":
             unusual += self.settings.acceleration_odds
         if self.expected_output not in (None, structure.output):
             unusual += self.settings.unit_odds
-        return fitted.cost + self.correlation * price + unusual
+        return fitted.cost + price(structure, len(self.measured), self.correlation) + unusual
 
     def _ordered(self) -> list[Candidate]:
         """Candidates, those that are not refused first, the best score first."""
@@ -314,9 +344,7 @@ class _Search:
             for one in ordered
             if bool(one.refused) == bool(best.refused) and one.score <= best.score + self.settings.odds
         ]
-        fewest = min(one.structure.n_parameters for one in likely)
-        simplest = [one for one in likely if one.structure.n_parameters == fewest]
-        return min(simplest, key=lambda one: one.score), likely
+        return simplest(likely), likely
 
     def _allow(self, chosen: Candidate) -> None:
         """Error at which the chosen structure leaves what is expected, scale of the variance, correlation."""

@@ -30,6 +30,18 @@ class StructureSettings:
         against the acceleration as output, and against an output that the unit of y contradicts.
     correlation_max : float
         Largest number of lines that count as one where residuals are smooth over frequency.
+    stuck : float
+        Rate below which an axis with dry friction may stick, in standard deviations of its measured rate; its
+        sign is noise there.
+    motion_band, motion_samples : float
+        Highest line of the motion, in highest excited lines: friction moves the axis above the excitation.
+        Samples per period of that line: the harmonics of a torque that jumps fold back, at 6 below the noise.
+    friction_left : float
+        Least standard deviation that the comparison with friction leaves of that without it: at changes of
+        direction the measured motion is not known better, and its errors are not independent over lines.
+    friction_rounds : int
+        Repetitions of motion and fit at most. Most reach a fixed point in 5, with a weakly damped mode near
+        the body in 12.
     poles_max : int
         Highest order of the rational fits that the search starts from. More poles cost time, and moves add
         what is missing.
@@ -88,6 +100,11 @@ class StructureSettings:
     unit_odds: float = float(np.log(1000.0))
     lines_min: int = 10
     correlation_max: float = 10.0
+    stuck: float = 4.0
+    motion_band: float = 6.0
+    motion_samples: float = 6.0
+    friction_left: float = 0.1
+    friction_rounds: int = 30
     poles_max: int = 7
     n_refined: int = 14
     n_moved: int = 2

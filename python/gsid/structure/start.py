@@ -27,7 +27,8 @@ from gsid.response.total_variance import TotalVariance
 from gsid.spectrum.spectra import Spectra
 from gsid.structure.covariance import Estimate, estimate
 from gsid.structure.elements import OUTPUTS
-from gsid.structure.held_sensor import EFFECT, RATE, before_sensor, measurement
+from gsid.structure.friction import with_friction
+from gsid.structure.held_sensor import EFFECT, RATE, Measurement, before_sensor, measurement
 from gsid.structure.readings import first_fits
 from gsid.structure.select import Selection, rescored, select
 from gsid.structure.settings import StructureSettings
@@ -260,13 +261,13 @@ def start(
     outputs = OUTPUTS if output is None else (output,)
     rate_hz = source.sensor_rate_hz()
     axis = before_sensor(measured, rate_hz)
-    best, found = _likeliest(axis, outputs, settings, deadline)
+    best, found = _likeliest(axis, source, outputs, settings, deadline)
     if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
         model = best.selection.chosen.fitted
         cleared = source.without_images(model, rate_hz, best.hold)
         if cleared is not None:
             try:
-                best, found = _likeliest(before_sensor(cleared, rate_hz), outputs, settings, deadline)
+                best, found = _likeliest(before_sensor(cleared, rate_hz), source, outputs, settings, deadline)
                 measured, axis = cleared, before_sensor(cleared, rate_hz)
             except OutOfTime:
                 best.selection.complete = False
@@ -275,12 +276,13 @@ def start(
 
 def _likeliest(
     axis: TotalVariance,
+    source: Measurement,
     outputs: tuple[str, ...],
     settings: StructureSettings,
     deadline: Deadline | None,
 ) -> tuple[_Found, dict[str, _Found]]:
     """The structure under the likelier hold of the input, and under each."""
-    found = _under_each_hold(axis, outputs, settings, deadline)
+    found = _under_each_hold(axis, source, outputs, settings, deadline)
     return found[_likelier_hold(found, axis)], found
 
 
@@ -296,6 +298,7 @@ class _Found:
 
 def _under_each_hold(
     measured: TotalVariance,
+    source: Measurement,
     outputs: tuple[str, ...],
     settings: StructureSettings,
     deadline: Deadline | None,
@@ -312,6 +315,7 @@ def _under_each_hold(
             if not found:
                 raise
             break
+        selection = with_friction(selection, measured, source, deadline)
         exact = estimate(selection.chosen.fitted, selection.data, measured.var_noise, selection.correlation)
         found[hold] = _Found(hold, selection, exact, as_stack(exact, float(measured.f_hz[-1])))
     return found
@@ -470,6 +474,12 @@ def _assumed(
             "one realisation with smooth phases does not show its distortion: a response error of "
             f"{100 * best.selection.relative_error:.0f} % was allowed; measure a second realisation with "
             "random phases"
+        )
+    if represented and best.selection.friction is not None:
+        texts.append(
+            f"dry friction of {best.selection.friction:.3g} {measured.u_unit}".rstrip()
+            + " along the measured motion decided between structures; the values are those of the best "
+            "linear approximation"
         )
     if represented and best.estimate.fitted.structure.residual:
         texts.append("modes above the band are one mode at a fixed frequency above it")
