@@ -8,7 +8,7 @@ import pytest
 from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.diagnosis.missing_torque import catalogue as laws_of
-from gsid.diagnosis.missing_torque import stage
+from gsid.diagnosis.missing_torque import linear_fit, stage
 from gsid.diagnosis.missing_torque.conclusion import Misfit, choose, conclude, equals
 from gsid.diagnosis.missing_torque.kept_out import keep_out
 from gsid.diagnosis.missing_torque.law_columns import Law, dissipated
@@ -170,6 +170,30 @@ def test_nothing_is_missing_where_nothing_is_hidden():
     found = first_stage(records(), plant(TRUE, 0.05))
     assert found.conclusion.kind == "none"
     assert found.conclusion.effects == ()
+
+
+def test_fits_of_the_linear_part_that_are_known_are_not_repeated(monkeypatch):
+    """A bug: the fits that compared two stacks were made again for the first draft on one of them."""
+    measured, model = spectra_of(records({"coulomb_friction": {"level": 3.0}})), plant(TRUE, 0.05)
+    problem, part, known = Problem(model, measured, None, DEFAULTS), linear_part(model), {}
+    fresh = fit_null(problem, part, known=known)
+    assert len(known) > 10  # from several delays and springs
+    made, fit_again = [], linear_fit.fit_linear_part
+
+    def counted(*arguments):
+        made.append(arguments)
+        return fit_again(*arguments)
+
+    monkeypatch.setattr(linear_fit, "fit_linear_part", counted)
+    assert fit_null(problem, part, known=known) is fresh
+    assert not made
+    other = fit_null(problem, linear_part(plant(TRUE, 0.06)), known=known)  # other values, other fits
+    assert made
+    assert other is not fresh
+    without_hold = [dataclasses.replace(one, hold="none") for one in measured]
+    n_known = len(known)
+    fit_null(Problem(model, without_hold, None, DEFAULTS), part, known=known)
+    assert len(known) > n_known
 
 
 def test_a_model_with_play_is_refused():

@@ -157,7 +157,7 @@ def _mode(parts: Parts, s: np.ndarray) -> np.ndarray | float:
 
 def _nonzero(divisor: np.ndarray) -> np.ndarray:
     """A divisor that is exactly zero, on the frequency of an undamped resonance, replaced by a tiny one."""
-    return np.where(divisor == 0, TINY, divisor)
+    return divisor if np.all(divisor) else np.where(divisor == 0, TINY, divisor)
 
 
 def _feedback(parts: Parts, f_hz: np.ndarray, fs_hz: float) -> np.ndarray | float:

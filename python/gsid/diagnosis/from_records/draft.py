@@ -12,7 +12,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.base.hold import READINGS
 from gsid.diagnosis.from_records.settings import DecisionSettings
-from gsid.diagnosis.missing_torque.linear_fit import fit_null
+from gsid.diagnosis.missing_torque.linear_fit import KnownFits, fit_null
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import HOLD, FirstStage, first_stage, in_time
@@ -56,6 +56,7 @@ def draft(
     without: Collection[str] = (),
     from_data: bool = False,
     along: list[Spectra] | None = None,
+    known: KnownFits | None = None,
     settings: DecisionSettings,
     on_step: Callable[[str], None],
     deadline: Deadline,
@@ -68,7 +69,7 @@ def draft(
     measured : list of Spectra
     model : PlantModel
         Linear.
-    band, without, along, on_step
+    band, without, along, known, on_step
         As `first_stage`.
     from_data : bool
         Whether the values of the model were found from these records. If not, and the first stage leaves more
@@ -81,7 +82,7 @@ def draft(
     """
     added: list[tuple[str, ...]] = []
     how: dict[str, Any] = {"band": band, "without": without, "on_step": on_step, "deadline": deadline}
-    how["along"] = along
+    how |= {"along": along, "known": {} if known is None else known}
     first = stage = first_stage(measured, model, **how)
     by_effects = not model.has_controller and not any(e.type.linear_part == "dynamics" for e in model.effects)
     if not from_data and by_effects and _is_doubtful(stage, settings) and not deadline.is_over:
@@ -139,7 +140,11 @@ def _values_from_data(
 
 
 def null_cost(
-    measured: list[Spectra], model: PlantModel, band: tuple[float, float] | None, deadline: Deadline
+    measured: list[Spectra],
+    model: PlantModel,
+    band: tuple[float, float] | None,
+    deadline: Deadline,
+    known: KnownFits,
 ) -> float:
     """Cost per degree of freedom of a linear stack alone, under the likelier hold.
 
@@ -150,10 +155,12 @@ def null_cost(
     band : (lo, hi) or None
         Hz.
     deadline : Deadline
+    known : dict
+        Fits that were made before with these records and this band; in place.
     """
     readings = READINGS if is_open(measured) else READINGS[:1]
     problems = [Problem(model, read_as(measured, reading), band, DEFAULTS, deadline) for reading in readings]
-    return min(fit_null(problem, linear_part(model)).cost_per_dof for problem in problems)
+    return min(fit_null(problem, linear_part(model), known=known).cost_per_dof for problem in problems)
 
 
 def _adds_linear(stage: FirstStage, settings: DecisionSettings) -> bool:

@@ -45,6 +45,7 @@ from gsid.diagnosis.from_records.verdict import (
     is_simpler_of_angle,
     n_parameters,
 )
+from gsid.diagnosis.missing_torque.linear_fit import KnownFits
 from gsid.greybox.fit import fit_plant, require_motion
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.effect import Effect
@@ -84,6 +85,7 @@ class Run:
         self.open: list[bool] = []  # whether each record states no hold
         self.judged: list[Spectra] = []  # without the part of the laws that are known
         self.known: list[Effect] = []  # these laws
+        self.known_fits: KnownFits = {}  # of the linear part to `judged`
         self.given: PlantModel | None = None
         self.is_further = False  # a round beside effects that were found
         self.loop: Effect | None = None  # the controller of a closed loop
@@ -170,7 +172,8 @@ class Run:
             return
         with_modes = canonical_stack(found, self.f_lo_hz, self.settings, merged=False)
         costs = [
-            null_cost(self.measured, each, self.band, self.deadline) for each in (self.stack, with_modes)
+            null_cost(self.measured, each, self.band, self.deadline, self.known_fits)
+            for each in (self.stack, with_modes)
         ]
         if costs[0] > self.settings.merged_cost * costs[1]:
             self.stack = with_modes
@@ -197,6 +200,7 @@ class Run:
         self.stack = linear_only(model)
         self.known = [effect for effect in model.effects if not is_of_linear_part(effect)]
         self.judged = without_laws(self.measured, model, self.deadline) if self.known else self.measured
+        self.known_fits = {}
 
     def beside(self, model: PlantModel, null: Simulated | None = None) -> Run:
         """A further round: what is missing beside a fitted model, such as one with the effects found so far.
@@ -248,6 +252,7 @@ class Run:
             without={*self.without, *(effect.id for effect in self.known)},
             from_data=self.start is not None or self.is_further,
             along=self.measured if self.known else None,
+            known=self.known_fits,
             settings=self.settings,
             on_step=self.on_step,
             deadline=self.deadline,

@@ -15,6 +15,7 @@ from gsid.diagnosis.missing_torque.problem import (
 )
 
 DELAY = "transport_delay.delay_s"
+KnownFits = dict[tuple, "LinearFit"]  # by the hold of the records and the start
 SHAPE_STEP = 1e-3  # relative step of the derivative by a shape: reversals lie between samples
 
 
@@ -209,7 +210,9 @@ def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndar
 # ---- starts --------------------------------------------------------------------------------------------
 
 
-def fit_null(problem: Problem, start: LinearPart, other: LinearPart | None = None) -> LinearFit:
+def fit_null(
+    problem: Problem, start: LinearPart, other: LinearPart | None = None, known: KnownFits | None = None
+) -> LinearFit:
     """Fit the linear part alone; where the given values lead to a bad fit, from other starts as well.
 
     The fit without its modes begins at several delays, and from the best of them at several springs: a spring
@@ -222,24 +225,34 @@ def fit_null(problem: Problem, start: LinearPart, other: LinearPart | None = Non
     start : LinearPart
     other : LinearPart, optional
         The same structure with other values, which the fit begins from as well.
+    known : dict, optional
+        Fits that were made before with the same records and weights; in place.
 
     Returns
     -------
     LinearFit
     """
+    known = {} if known is None else known
+
+    def fitted(part: LinearPart) -> LinearFit:
+        key = (tuple(r.spectra.hold for r in problem.records), *part.key)
+        if key not in known:
+            known[key] = fit_linear_part(problem, part)
+        return known[key]
+
     starts = [start] if other is None else [start, other]
-    direct = min((fit_linear_part(problem, each) for each in starts), key=lambda fit: fit.cost)
+    direct = min((fitted(each) for each in starts), key=lambda fit: fit.cost)
     if direct.cost_per_dof <= problem.settings.good_cost:
         return direct
     modes = [label for label in start.stack if label.partition("#")[0] == "flexible_mode"]
     bare = _without(start, modes)
-    fits = [fit_linear_part(problem, each) for each in _delayed(bare, problem.settings.delays)]
+    fits = [fitted(each) for each in _delayed(bare, problem.settings.delays)]
     best = min(fits, key=lambda fit: fit.cost)
-    fits = [fit_linear_part(problem, each) for each in _sprung(best.part, problem)]
+    fits = [fitted(each) for each in _sprung(best.part, problem)]
     part = min([best, *fits], key=lambda fit: fit.cost).part
     for label in modes:
         part = _scanned(problem, part, start, label)
-    again = fit_linear_part(problem, start.at([part.stack[a][b] for a, b in map(split, start.names)]))
+    again = fitted(start.at([part.stack[a][b] for a, b in map(split, start.names)]))
     return min(direct, again, key=lambda fit: fit.cost)
 
 

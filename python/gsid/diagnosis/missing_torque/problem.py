@@ -87,6 +87,12 @@ class LinearPart:
         """(n,) values of `names`."""
         return np.array([self.stack[label][name] for label, name in map(split, self.names)])
 
+    @property
+    def key(self) -> tuple:
+        """What a fit that begins from these values depends on, hashable."""
+        stack = tuple((label, *params.items()) for label, params in self.stack.items())
+        return (stack, self.names, self.lower.tobytes(), self.upper.tobytes())
+
     def at(self, values: np.ndarray) -> LinearPart:
         """The same structure with other values.
 

@@ -19,7 +19,7 @@ from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
 from gsid.diagnosis.missing_torque.free_functions import FreeFunction, beside
 from gsid.diagnosis.missing_torque.kept_out import keep_out
-from gsid.diagnosis.missing_torque.linear_fit import LinearFit, fit_linear_part, fit_null
+from gsid.diagnosis.missing_torque.linear_fit import KnownFits, LinearFit, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.other_start import Stack, lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
@@ -170,6 +170,7 @@ def first_stage(
     without: Collection[str] = (),
     values: Stack | None = None,
     along: Sequence[Spectra] | None = None,
+    known: KnownFits | None = None,
     settings: SearchSettings = DEFAULTS,
     on_step: Callable[[str], None] = lambda text: None,
     deadline: Deadline | None = None,
@@ -192,6 +193,8 @@ def first_stage(
     along : sequence of Spectra, optional
         The same records as measured, where the part of known laws was subtracted from the output: the laws
         act along this motion.
+    known : dict, optional
+        Fits of the linear part that were made before with these records, band and settings; in place.
     settings : SearchSettings
     on_step : callable
         Called with a short description of each step before it starts.
@@ -226,7 +229,7 @@ def first_stage(
         Problem(model, read_as(measured, reading), band, settings, deadline, along) for reading in readings
     ]
     other = None if values is None else with_values_of(given, values)
-    nulls = [(problem, fit_null(problem, given, other)) for problem in problems]
+    nulls = [(problem, fit_null(problem, given, other, known)) for problem in problems]
     clock.take("linear part")
     found = []
     for each in _possible(nulls, settings):
