@@ -331,7 +331,7 @@ def test_a_low_mode_stays_if_the_stack_without_it_costs_ten_times_as_much(monkey
     )
     start = SimpleNamespace(model=lambda: found)
     facts = {"measured": [], "band": None, "deadline": None, "f_lo_hz": F_LO, "settings": DEFAULTS}
-    run = SimpleNamespace(start=start, stack=merged, **facts)
+    run = SimpleNamespace(start=start, stack=merged, known_fits={}, **facts)
     Run.keep_resonances(run)
     assert ("flexible_mode" in run.stack.stack()) is kept
 
@@ -466,21 +466,21 @@ def test_a_simulation_settles_up_to_a_thousandth_of_its_rms(monkeypatch, residua
 
 
 @pytest.mark.parametrize(
-    ("to_beat", "most", "why"),
+    ("needed", "left", "why"),
     [
-        (None, 10 * DEFAULTS.moves_of_rival, "fitted"),
-        (1.0, 10 * DEFAULTS.moves_of_rival, "its simulation takes too long"),
-        (None, 5 * DEFAULTS.moves_of_rival, "fitted"),
-        (None, 0.0, "the work of all simulations was used up before its fit"),
+        (0.9, 5.0, "fitted"),
+        (1.1, 5.0, "its simulation takes too long"),
+        (0.9, 0.5, "its simulation takes too long"),
+        (0.9, 0.0, "the work of all simulations was used up before its fit"),
     ],
 )
-def test_the_work_of_a_rival_and_that_of_all_fits_are_bounded(monkeypatch, to_beat, most, why):
-    """The winner may use the work of all fits, a rival only its own; both count."""
-    needed = 2 * DEFAULTS.moves_of_rival
+def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed, left, why):
+    """In units of the work of one fit. A fit that takes too long leaves work for the others."""
+    unit = DEFAULTS.moves_of_fit
 
     def fit_plant(model, measured, *, band, max_iter, deadline):
-        is_enough = deadline.moves_left >= needed
-        deadline.spend(needed)
+        is_enough = deadline.moves_left >= needed * unit
+        deadline.spend(needed * unit)
         if not is_enough:
             raise OutOfTime("")
         return SimpleNamespace(cost=1.0, converged=True, unsettled=[], model=model)
@@ -488,13 +488,22 @@ def test_the_work_of_a_rival_and_that_of_all_fits_are_bounded(monkeypatch, to_be
     monkeypatch.setattr(confirming, "fit_plant", fit_plant)
     monkeypatch.setattr(confirming, "judged", lambda fit, effects, settings: simulated_law(fit, effects))
     monkeypatch.setattr(confirming.Simulations, "_settles", lambda *_: True)
-    settings, deadline = replace(DEFAULTS, moves_most=most), Deadline().bounded(most)
-    fits = confirming.Simulations([None], None, deadline, settings, lambda text: None)
-    fitted = fits.fit(model(BODY), ("hard_stop",), to_beat)
+    deadline = Deadline().bounded(left * unit)
+    fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
+    fitted = fits.fit(model(BODY), ("hard_stop",))
     assert (fitted is not None) is (why == "fitted")
     assert fits.not_tried.get("hard_stop", "fitted") == why
-    spent = needed if to_beat is None else DEFAULTS.moves_of_rival
-    assert deadline.moves_left == max(most - spent, 0)
+    assert deadline.moves_left == pytest.approx(unit * max(left - min(needed, 1.0), 0.0))
+
+
+def test_play_has_work_of_its_own(monkeypatch):
+    """It is tried last, when the other laws may have used up theirs."""
+    given = []
+    monkeypatch.setattr(confirming, "fit_play", lambda *how: given.append(how[-1].moves_left))
+    deadline = Deadline().bounded(0.0)
+    fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
+    assert fits.fit_play(None, None, 0.0) is None
+    assert given == [DEFAULTS.moves_of_play]
 
 
 def simulated_law(fit, effects):

@@ -111,9 +111,10 @@ def test_a_fit_whose_work_is_used_up_has_the_best_values_so_far(record):
     assert deadline.moves_left == 0
 
 
-def test_a_bounded_deadline_is_stopped_with_the_other_and_never_has_more_work():
+def test_a_bounded_deadline_is_stopped_with_the_other_and_has_work_of_its_own():
     deadline = Deadline()
-    part = deadline.bounded(5).bounded(7)
-    assert part.moves_left == 5
+    part = deadline.bounded(5)
+    part.spend(3)
+    assert (part.moves_left, deadline.moves_left) == (2, np.inf)
     deadline.stop()
     assert part.is_over

@@ -48,15 +48,15 @@ class Deadline:
         return self.left_s == 0
 
     def bounded(self, moves: float) -> Deadline:
-        """The same deadline, for simulations with a bound on their work.
+        """The same deadline, for simulations with a bound of their own on their work.
 
         Parameters
         ----------
         moves : float
-            Largest value of `moves_left`; that of this deadline, if it is less.
+            Its `moves_left`.
         """
         other = copy.copy(self)
-        other.moves_left = min(moves, self.moves_left)
+        other.moves_left = moves
         return other
 
     def spend(self, moves: float) -> None:

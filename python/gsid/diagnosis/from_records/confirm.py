@@ -110,9 +110,8 @@ class Simulations:
             return None
         self.on_step(f"fitting {name} by simulation")
         model = self._completed(model)
-        moves = self.settings.moves_most if to_beat is None else self.settings.moves_of_rival
         try:
-            with self._bounded(moves) as deadline:
+            with self._bounded() as deadline:
                 if not self._settles(model, deadline):
                     self.not_tried[name] = "its simulation reaches no steady state"
                     return None
@@ -126,7 +125,7 @@ class Simulations:
         return replace(judged(fit, tuple(effects), self.settings), stalled=stalled)
 
     def _may_begin(self, name: str) -> bool:
-        """Whether there is time and work left for a fit; if not, it is noted."""
+        """Whether there is time and work left for a fit; if not, that is noted."""
         if self.deadline.is_over:
             self.not_tried[name] = "the time was over before its fit by simulation"
             return False
@@ -141,14 +140,14 @@ class Simulations:
         return "its simulation takes too long"
 
     @contextmanager
-    def _bounded(self, moves: float) -> Iterator[Deadline]:
-        """The deadline with a bound on the work of one fit, which is taken from that of all."""
+    def _bounded(self) -> Iterator[Deadline]:
+        """The deadline with the bound on the work of one fit, which is taken from that of all."""
+        moves = min(self.settings.moves_of_fit, self.deadline.moves_left)
         deadline = self.deadline.bounded(moves)
-        first = deadline.moves_left
         try:
             yield deadline
         finally:
-            self.deadline.spend(first - deadline.moves_left)
+            self.deadline.spend(moves - deadline.moves_left)
 
     def _completed(self, model: PlantModel) -> PlantModel:
         """The model with what every fit contains, and without what none does."""
@@ -169,12 +168,13 @@ class Simulations:
         beaten : float
             Least cost of the other laws.
         """
-        if not self._may_begin(BACKLASH):
+        if self.deadline.is_over:
+            self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
             return None
         self.on_step(f"fitting {BACKLASH} by simulation")
+        deadline = self.deadline.bounded(self.settings.moves_of_play)
         try:
-            with self._bounded(self.settings.moves_of_rival) as deadline:
-                fit = fit_play(null, given, self.measured, self.band, beaten, deadline)
+            fit = fit_play(null, given, self.measured, self.band, beaten, deadline)
         except OutOfTime:
             self.not_tried[BACKLASH] = self._why_stopped()
             return None

@@ -59,11 +59,11 @@ class DecisionSettings:
     slices, slices_of_rivals : int
         Most slices of the winner's fit and of the others: most fits of the trials need three. The first slice
         is one iteration: a law that cannot catch up often shows it there.
-    moves_most, moves_of_rival : float
-        Most work of all fits by simulation, and of that of one rival or of play, in moves of one column
-        (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns: they bound the time on any computer without a
-        clock. Most fits of the trials take 2e6 to 2e8, the hysteretic benchmark 2e7; stiff hysteresis and
-        wide stops took up to 7e9.
+    moves_most, moves_of_fit, moves_of_play : float
+        Most work of all fits by simulation, of one of them, and of play between motor and load, which is
+        tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns: they bound
+        the time on any computer without a clock. Most fits of the trials take 2e6 to 2e8, the hysteretic
+        benchmark 2e7; stiff hysteresis and wide stops took up to 7e9.
     rival_share : float
         Least share kept out, by the first stage, of a law that is fitted by simulation: a law that explains
         less cannot catch up.
@@ -140,8 +140,9 @@ class DecisionSettings:
     slice_steps: int = 4
     slices: int = 10
     slices_of_rivals: int = 4
-    moves_most: float = 7e8
-    moves_of_rival: float = 2e8
+    moves_most: float = 6e8
+    moves_of_fit: float = 2.5e8
+    moves_of_play: float = 4e8
     rival_share: float = 0.25
     rivals: int = 1
     members: int = 2
