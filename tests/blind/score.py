@@ -66,6 +66,7 @@ def gsid_tool(place: Path) -> dict:
         "verdict": diagnosis.verdict,
         "ranking": group if diagnosis.effects else [],
         "found": [list(effects) for effects in diagnosis.found],
+        "nearest": [list(effects) for effects in diagnosis.nearest],
         "seconds": seconds,
         "error_over_floor": error_over_floor(lambda u: diagnosis.model.simulate(u).y, held),
     }
@@ -99,6 +100,7 @@ NOTHING_SAID = {
     "verdict": "broken",
     "ranking": [],
     "found": [],
+    "nearest": [],
     "seconds": None,
     "error_over_floor": None,
 }
@@ -218,6 +220,12 @@ class Row:
     @property
     def all_found(self) -> bool:
         return all(any(effect in group for group in self.result["found"]) for effect in self.hidden)
+
+    @property
+    def all_in_answer(self) -> bool:
+        """At least one hidden effect is named, and the others are named or the nearest beside it."""
+        answer = [*self.result["found"], *self.result["nearest"]]
+        return self.right and all(any(effect in group for group in answer) for effect in self.hidden)
 
     @property
     def flagged(self) -> bool:
@@ -354,6 +362,7 @@ def summary(rows: list[Row]) -> dict:
         "wrong": share(row.wrong for row in kind("single", "two", "form", "dirty")),
         "confidently_wrong": confidently_wrong(kind("single", "two", "form", "dirty")),
         "both_found": share(row.all_found for row in kind("two")),
+        "both_in_answer": share(row.all_in_answer for row in kind("two")),
         "nothing_else_added": share(row.all_found and len(row.result["found"]) == 2 for row in kind("two")),
         "foreign_flagged": share(row.flagged for row in kind("foreign")),
         "very_foreign_flagged": share(
@@ -461,6 +470,7 @@ def page(figures: dict, command: str) -> str:
         ("alone in the first group, drop >= 64", figures["alone"]),
         ("wrong name, of one or two hidden effects", figures["wrong"]),
         ("an effect named in a null file", alarms["effect_named"]),
+        ("two hidden: one named, the other named or nearest beside it", figures["both_in_answer"]),
         ("two hidden: both found and nothing else added", figures["nothing_else_added"]),
         ("presliding as LuGre: presliding in the first group", figures["other_form_named"]),
         ("an unlisted effect at -50 dB beside: effect in the first group", figures["dirty_named"]),

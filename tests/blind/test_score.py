@@ -157,6 +157,13 @@ def test_two_effects_count_when_both_are_found():
     )
     assert figures["both_found"]["hits"] == 2
     assert figures["nothing_else_added"]["hits"] == 1
+    near = two("cubic_spring")
+    near.result["nearest"] = [["coulomb_friction"]]
+    wrong = two("quadratic_drag")
+    wrong.result["nearest"] = [["coulomb_friction"], ["cubic_spring"]]
+    figures = score.summary([two("cubic_spring", "coulomb_friction"), near, wrong])
+    assert figures["both_found"]["hits"] == 1
+    assert figures["both_in_answer"]["hits"] == 2
 
 
 def test_foreign_effects_have_to_be_flagged():

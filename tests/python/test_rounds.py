@@ -7,7 +7,7 @@ from plants import plant
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, Decision
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 
 GIVEN = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}}
 VALUES = {
@@ -20,46 +20,73 @@ VALUES = {
 
 
 class Run:
-    """A round beside the effects of a model; `answers` are (verdict, effect, share) by the effects known."""
+    """A round beside the effects of a model; `answers` are (verdict, effect, share) by the effects known.
+
+    An answer without an effect of the catalogue has this effect, with a minus, among those known.
+    """
 
     settings, deadline, is_significant = DEFAULTS, Deadline(), True
 
     def __init__(self, answers, known=()):
-        self.answers, self.known, self.notes, self.not_tried = answers, known, [], {}
-        verdict, effect, self.share = answers[frozenset(known)]
+        self.answers, self.known, self.notes = answers, known, []
+        self.without, self.not_tried = set(), {}
+
+    def draw_up(self):
+        known = self.known
+        verdict, effect, self.share = self.answers[frozenset([*known, *(f"-{one}" for one in self.without)])]
+        if verdict == OVER:  # the laws that are known are simulated first
+            raise OutOfTime("the time is over")
         self.decision = Decision(verdict, (effect,) if effect else ())
         model = plant(GIVEN | {name: VALUES[name] for name in (*known, *([effect] if effect else []))})
         self.final = SimpleNamespace(effects=(effect,), model=model) if effect else None
-        self.null = SimpleNamespace(model=plant(GIVEN | {name: VALUES[name] for name in known}), effects=())
+        null = plant(GIVEN | {name: VALUES[name] for name in known})
+        self.null = SimpleNamespace(model=null, effects=(), cost=3.0)
         self.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="named")))
 
     def beside(self, model, null=None):
-        further = Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
-        if further.decision.verdict == OVER:  # the laws that are known are simulated first
-            raise OutOfTime("the time is over")
-        return further
+        return Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
 
-    def draw_up(self):
+    def confirm(self):
         pass
-
-    confirm = draw_up
 
     def fit_play(self):
         self.notes.append("play")
 
     def evidence(self):
-        share = SimpleNamespace(share=lambda one: self.share)
-        return SimpleNamespace(**vars(share), is_adequate=lambda one: True, is_worse=lambda one, other: False)
+        """The best rival of each law is a dead zone."""
+        model = plant(GIVEN | {name: VALUES[name] for name in {*self.known, "drive_dead_zone"}})
+        rival = SimpleNamespace(model=model, cost=2.0, effects=("drive_dead_zone",))
+        return SimpleNamespace(
+            share=lambda one: self.share,
+            is_adequate=lambda one: True,
+            is_worse=lambda one, other: False,
+            rivals=lambda one: [rival],
+        )
+
+    def simulations(self):
+        return SimpleNamespace(fit=lambda model, effects: SimpleNamespace(model=model, effects=effects))
+
+
+def judged(**answers):
+    """The rounds; keys are the effects known, joined by "_and_", or "alone"."""
+    by = {frozenset() if k == "alone" else frozenset(k.split("_and_")): v for k, v in answers.items()}
+    first = Run(by)
+    first.draw_up()
+    rounds = Rounds(first)
+    rounds.run()
+    return rounds
+
+
+def names(runs):
+    return [one.decision.effects[0] for one in runs]
 
 
 def found(**answers):
-    """Effects found; keys are the effects known, joined by "_and_", or "alone"."""
-    by = {frozenset() if k == "alone" else frozenset(k.split("_and_")): v for k, v in answers.items()}
-    rounds = Rounds(Run(by))
-    rounds.run()
-    if any(verdict == OVER for verdict, *_ in by.values()):
+    """Effects found, and the notes."""
+    rounds = judged(**answers)
+    if any(verdict == OVER for verdict, *_ in answers.values()):
         assert rounds.first.not_tried == {"further effects": "the time was over"}
-    return [one.decision.effects[0] for one in rounds.kept], rounds.first.notes
+    return names(rounds.kept), rounds.first.notes
 
 
 OVER = "the time is over"
@@ -99,13 +126,55 @@ def test_an_effect_that_later_ones_explain_is_dropped():
     assert found(**answers) == (["cubic_spring", "drive_dead_zone"], [])
 
 
-def test_an_effect_that_is_not_confirmed_beside_the_others_leaves_the_first():
+def test_an_unknown_effect_beside_the_first_leaves_the_first():
     answers = {
         "alone": COULOMB,
-        "coulomb_friction": (NEAREST, "cubic_spring", 0.6),
+        "coulomb_friction": (UNKNOWN, "cubic_spring", 0.6),
         "coulomb_friction_and_cubic_spring": NOTHING,
     }
     assert found(**answers) == (["coulomb_friction"], [])
+
+
+NEAREST_CUBIC = {
+    "alone": (NEAREST, "coulomb_friction", 0.6),
+    "coulomb_friction": (NEAREST, "cubic_spring", 0.9),
+    "cubic_spring": COULOMB,
+    "coulomb_friction_and_cubic_spring": NOTHING,
+}
+WITHOUT, DEAD_ZONE = "-cubic_spring", "drive_dead_zone_and_-cubic_spring"
+
+
+def test_a_nearest_effect_beside_a_named_one_stays_in_the_answer():
+    """A bug: a second effect without a name took the name of the first with it."""
+    rounds = judged(**NEAREST_CUBIC, **{WITHOUT: COULOMB, DEAD_ZONE: COULOMB})
+    assert (names(rounds.kept), names(rounds.near)) == (["coulomb_friction"], ["cubic_spring"])
+    assert [effect.id for effect in rounds.final.model.effects if effect.id not in GIVEN] == [
+        "coulomb_friction"
+    ]
+    joint = {effect.id for effect in rounds.joint.model.effects}
+    assert {"coulomb_friction", "cubic_spring"} < joint
+
+
+def test_a_name_does_not_depend_on_which_law_a_nearest_effect_is():
+    """The nearest effect may be its best rival, a dead zone: beside that Coulomb friction is not named."""
+    for doubt in (WITHOUT, DEAD_ZONE):
+        answers = {WITHOUT: COULOMB, DEAD_ZONE: COULOMB} | {doubt: (NEAREST, "coulomb_friction", 0.8)}
+        rounds = judged(**NEAREST_CUBIC, **answers)
+        assert rounds.kept == []
+        assert names(rounds.near) == ["coulomb_friction", "cubic_spring"]
+
+
+def test_a_first_effect_that_others_replace_loses_its_name():
+    """A bug: where two effects are missing, a law that stands for both kept the name that it has alone."""
+    answers = {
+        "alone": (MISSING, "motor_cogging", 0.9),
+        "motor_cogging": (NEAREST, "coulomb_friction", 0.9),
+        "coulomb_friction": (NEAREST, "cubic_spring", 0.9),
+        "cubic_spring": (NEAREST, "coulomb_friction", 0.9),
+        "coulomb_friction_and_motor_cogging": NOTHING,
+    }
+    rounds = judged(**answers)
+    assert (rounds.kept, names(rounds.near)) == ([], ["cubic_spring", "coulomb_friction"])
 
 
 def test_two_laws_of_one_family_stand_for_a_third():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,16 +69,17 @@ def missing_torque(found: Diagnosis) -> Figure:
     measured, by_law = found.missing_torque()
     figure = new_figure(3.4)
     laws = by_law.curves[:3] if by_law else [None] * 3
+    names = " and ".join(" or ".join(effects) for effects in found.laws)
     axes = figure.subplots(1, 3, sharey=True)
     for ax, curve, law in zip(axes, measured.curves[:3], laws, strict=True):
         _draw_curve(ax, curve, EXCESS if curve is measured.best else MEASURED, "measured, ±2 σ")
         if law is not None:
-            ax.plot(law.at, law.torque, color=MODEL, linewidth=1.6, label=" or ".join(found.effects))
+            ax.plot(law.at, law.torque, color=MODEL, linewidth=1.6, label=names)
         ax.set_title(f"against {curve.name}: {100 * curve.explained:.0f} %")
         ax.set_xlabel(with_unit(curve.name, plain_text(curve.unit)))
     axes[0].set_ylabel(with_unit("missing torque / inertia", plain_text(measured.unit)))
     axes[int(np.argmax([curve.explained for curve in measured.curves[:3]]))].legend(loc="best")
-    figure.suptitle(found.sentence.partition(" (")[0].removesuffix(".") + ".", fontsize=9.5)
+    figure.suptitle(re.sub(r" \([^()]*\)", "", found.sentence), fontsize=9.5)
     return figure
 
 

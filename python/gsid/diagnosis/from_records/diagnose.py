@@ -113,7 +113,7 @@ def diagnose_records(
                         rounds = Rounds(run)
                         rounds.run()
                         check_hold(rounds)
-                    if rounds is None or len(rounds.kept) <= 1:
+                    if rounds is None or len(rounds.kept) + len(rounds.near) <= 1:
                         run.weigh_model_error()
         except KeyboardInterrupt:
             if run.draft is None:
@@ -121,7 +121,7 @@ def diagnose_records(
             run.interrupted = True
         except OutOfTime:
             run.give_up()
-    return summarised(run, rounds.kept if rounds else ())
+    return summarised(run, rounds)
 
 
 def diagnose(

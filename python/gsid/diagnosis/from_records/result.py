@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -84,8 +85,8 @@ class Diagnosis(Plottable):
         All effects found: linear ones that a given model lacked, a sensor that is sampled and held, and the
         law.
     model : PlantModel or None
-        The stack with the law, if it is named, else the linear stack. None where no stack represents the
-        data.
+        The stack with the effects found, if a law is named, else the linear stack. None where no stack
+        represents the data.
     cost_per_dof, cost_per_dof_after : float
         Of the linear stack, and of `model`; 1 where only noise is left.
     p_value : float or None
@@ -109,9 +110,9 @@ class Diagnosis(Plottable):
     linear : PlantModel or None
         The linear stack alone, or the given model, fitted.
     law_model : PlantModel or None
-        The stack with the law that is named or nearest.
+        The stack with the laws that are named or nearest.
     without_law : PlantModel or None
-        The same without the effects found.
+        The same without these laws.
     interrupted : bool
         Whether the diagnosis was interrupted: this is the state that it had reached.
     ripple : Ripple or None
@@ -129,6 +130,8 @@ class Diagnosis(Plottable):
         Of the best law, of the other laws, and of none of the catalogue, calibrated on simulated trials. None
         without a basis, if nothing is missing, if the time was over, in a closed loop, and beside laws of a
         given model: there were no such trials.
+    nearest : list of tuple of str
+        Effects that are missing but not named: beside those found, or alone (verdict "nearest_effect").
     """
 
     verdict: str
@@ -160,6 +163,7 @@ class Diagnosis(Plottable):
     remarks: list[str] = field(default_factory=list)
     basis: Basis | None = None
     probabilities: Probabilities | None = None
+    nearest: list[tuple[str, ...]] = field(default_factory=list)
 
     @property
     def adequate(self) -> bool:
@@ -183,18 +187,36 @@ class Diagnosis(Plottable):
         """The verdict as a sentence."""
         if not self.ranking:
             return "No law was judged."
-        several = self.found if self.named and self.effects in self.found else [self.effects]
-        names = ", then ".join(" or ".join(effects) for effects in several)
+        names = _listed(self._named)
         draft = "" if self.confirmed else "First draft, not confirmed by simulation: "
         if self.adequate:
             text = "these data show no missing effect."
         elif self.named:
-            text = f"missing is {names} ({self._cost}{self._unexplained})."
+            text = f"missing is {names} ({self._cost}{self._unexplained}){self._beside}."
         elif self.verdict == NEAREST:
-            text = f"an effect is missing; the nearest is {names} ({self._cost}{self._unexplained})."
+            text = f"{self._nearest} ({self._cost}{self._unexplained})."
         else:
             text = "an effect is missing; these data confirm no law of the catalogue."
         return draft + text if draft else text[0].upper() + text[1:]
+
+    @property
+    def laws(self) -> list[tuple[str, ...]]:
+        """Effects of `law_model`: those named, and the nearest."""
+        return [*self._named, *self.nearest] if self.named else self.nearest or [self.effects]
+
+    @property
+    def _named(self) -> list[tuple[str, ...]]:
+        return self.found if self.named and self.effects in self.found else [self.effects]
+
+    @property
+    def _beside(self) -> str:
+        return f"; beside it {self._nearest}" if self.nearest else ""
+
+    @property
+    def _nearest(self) -> str:
+        if len(self.nearest) > 1:
+            return f"several effects are missing; the nearest are {_listed(self.nearest)}"
+        return f"an effect is missing; the nearest is {_listed(self.nearest or [self.effects])}"
 
     @property
     def _cost(self) -> str:
@@ -296,12 +318,17 @@ class Diagnosis(Plottable):
             "ranking": [one.to_dict() for one in self.ranking],
             "ripple": None if self.ripple is None else vars(self.ripple),
             "found": [{"effects": list(effects)} for effects in self.found],
+            "nearest": [{"effects": list(effects)} for effects in self.nearest],
             "model": None if self.model is None else self.model.to_dict(),
         }
 
     def __repr__(self) -> str:
         lines = [self.sentence, self.table().text() if self.ranking else ""]
         return "\n".join([*lines, *self.notes])
+
+
+def _listed(several: Sequence[tuple[str, ...]]) -> str:
+    return ", then ".join(" or ".join(effects) for effects in several)
 
 
 def _percent(share: float | None) -> str:

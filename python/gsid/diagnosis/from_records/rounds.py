@@ -3,22 +3,42 @@
 Each round runs the first stage and the fits by simulation beside the effects found so far. Of two missing
 effects the larger one alone is not confirmed: the best law of a round is taken for the time being if it
 explains much. At the end each effect is judged again beside all others. One that is no longer significant is
-dropped, and all others have to be confirmed.
+dropped. One that is not confirmed is the nearest beside those that are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gsid.base.deadline import OutOfTime
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
+
+
+@dataclass(frozen=True, eq=False)
+class Review:
+    """Effects that were judged again, each beside all others.
+
+    Attributes
+    ----------
+    kept : list of Run
+        Of the effects that are confirmed.
+    near : list of Run
+        Of the others: each is the nearest beside the rest.
+    final : Simulated
+        The fit with all of them.
+    """
+
+    kept: list[Run]
+    near: list[Run]
+    final: Simulated
 
 
 class Rounds:
@@ -30,11 +50,17 @@ class Rounds:
         The given model alone.
     kept : list of Run
         One for each effect found, in their order; each was judged beside all others.
+    near : list of Run
+        One for each effect that is missing beside them, but is only the nearest.
+    joint : Simulated or None
+        The fit with the nearest effects as well; None if there are none.
     """
 
     def __init__(self, first: Run) -> None:
         self.first, self.settings = first, first.settings
         self.kept: list[Run] = [first] if first.decision.verdict == MISSING else []
+        self.near: list[Run] = []
+        self.joint: Simulated | None = None
 
     @property
     def final(self) -> Simulated | None:
@@ -50,11 +76,14 @@ class Rounds:
             if following is None or not self._explains(following):
                 break
             taken.append(following)
-        self.kept = self._confirmed(taken)
+        self._confirm(taken)
         if not self.kept and self.first.decision.verdict != ADEQUATE:
             self.first.fit_play()
-            self.kept = [self.first] if self.first.decision.verdict == MISSING else []
-        if self.kept and not self.first.evidence().is_adequate(self.final):
+            decision = self.first.decision
+            if decision.verdict == MISSING and BACKLASH in decision.effects:
+                self.kept, self.near, self.joint = [self.first], [], None
+        left = self.joint or self.final
+        if self.kept and left and not self.first.evidence().is_adequate(left):
             self.first.notes.append("More than noise is left, and no further effect is confirmed.")
 
     def drop(self, rounds: Sequence[Run], final: Simulated) -> None:
@@ -66,6 +95,7 @@ class Rounds:
         final : Simulated
         """
         self.kept = [one for one in self.kept if one not in rounds]
+        self.near, self.joint = [], None  # they were judged beside these effects
         if self.kept:
             self.kept[-1].final = final
         else:
@@ -87,44 +117,103 @@ class Rounds:
             return True
         return run.evidence().share(run.final) >= self.settings.share_of_next and run.is_significant
 
-    def _confirmed(self, taken: list[Run]) -> list[Run]:
-        """The rounds whose effects are confirmed, each beside all others."""
-        for n in range(len(taken), 1, -1):
-            reviewed = self._reviewed(taken[:n])
-            if reviewed:
-                return reviewed
-        return taken[:1] if self.first.decision.verdict == MISSING else []
+    def _confirm(self, taken: list[Run]) -> None:
+        """Keep the effects that are confirmed, each beside all others, and the nearest beside them.
 
-    def _reviewed(self, taken: list[Run]) -> list[Run]:
-        """Each effect judged again beside all others; empty if one of them is not confirmed."""
-        if taken[-1].decision.verdict != MISSING:
-            return []
+        If none is, the first one keeps the name that it has alone, unless other effects took its place.
+        """
+        self.kept, most = taken[:1] if self.first.decision.verdict == MISSING else [], None
+        for n in range(len(taken), 1, -1):
+            review = self._reviewed(taken[:n])
+            if review is not None and review.kept:
+                self._keep(review)
+                return
+            most = most or review
+        if most is not None and most.near:
+            names = [one.final.effects[0] for one in most.near]
+            self.kept = [one for one in self.kept if one.final.effects[0] in names]
+            known = [one.final.effects[0] for one in self.kept]
+            self.near = [one for one in most.near if one.final.effects[0] not in known]
+            self.joint = most.final if self.near else None
+
+    def _keep(self, review: Review) -> None:
+        """Keep the effects of a review, with the fit of those that are named."""
+        self.kept, self.near = review.kept, review.near
+        if not self.near:
+            return
+        names = [one.final.effects[0] for one in self.near]
+        fits = self.first.simulations()
+        named = fits.fit(without(review.final.model, names), self.kept[-1].final.effects)
+        self.kept[-1].final, self.joint = named or self.near[-1].null, review.final
+
+    def _reviewed(self, taken: list[Run]) -> Review | None:
+        """Each effect judged again beside all others; None if one of them is unknown.
+
+        One that is not significant is dropped.
+        """
+        if taken[-1].decision.verdict not in (MISSING, NEAREST):
+            return None
         final = taken[-1].final
-        left, kept = [one.final.effects[0] for one in taken], []
+        left, review = [one.final.effects[0] for one in taken], []
         while left:
             effect, *left = left
             # Two laws of one family may stand for a third.
             alike = [other for other in left if same_family(other, effect)]
             again = judged(taken[0], without(final.model, [effect, *alike]))
             if again is None:
-                return []
+                return None
             if again.decision.verdict == MISSING and not (alike and self._is_worse(again.final, final)):
                 left = [other for other in left if other not in alike]
             elif alike:
                 again = judged(taken[0], without(final.model, [effect]))
             if again is None:
-                return []
+                return None
             if again.decision.verdict == ADEQUATE:  # the others explain what it did
                 final = again.null
-            elif again.decision.verdict == MISSING:
-                kept.append(again)
+            elif again.decision.verdict == MISSING or (_is_near(again) and again.is_significant):
+                review.append(again)
                 final = again.final
             else:
-                return []
-        return kept
+                return None
+        return self._divided(review, final)
+
+    def _divided(self, review: list[Run], final: Simulated) -> Review:
+        """The effects that are named, and those that are only the nearest beside the others.
+
+        A nearest effect may be another one in truth. A name must not depend on it: the effect has to be
+        confirmed also without the nearest one, and with the best rival in its place.
+        """
+        near = [one for one in review if one.decision.verdict == NEAREST]
+        named = [one for one in review if one not in near]
+        kept = [one for one in named if all(self._is_named_without(one, of) for of in near)]
+        return Review(kept, [one for one in review if one not in kept], final)
+
+    def _is_named_without(self, one: Run, near: Run) -> bool:
+        """Whether an effect is named without a nearest one, and with its best rival, but not itself, instead.
+
+        Something is missing where nothing takes its place, which may change the shape of the effect: there a
+        name of the same family is enough. A rival of that family would take the place of the effect.
+        """
+        name = one.final.effects[0]
+        if not any(same_family(each, name) for each in self._named_beside(name, near.null.model, near)):
+            return False
+        rivals = [
+            each for each in near.evidence().rivals(near.final) if not same_family(each.effects[0], name)
+        ]
+        best = sorted(rivals, key=lambda each: each.cost)[:1]
+        return all(name in self._named_beside(name, each.model, near) for each in best)
+
+    def _named_beside(self, name: str, model: PlantModel, near: Run) -> tuple[str, ...]:
+        """What is named in the place of an effect of a model, where a nearest effect is not tried."""
+        again = judged(self.first, without(model, [name]), left_out=near.decision.effects)
+        return again.decision.effects if again and again.decision.verdict == MISSING else ()
 
     def _is_worse(self, one: Simulated, other: Simulated) -> bool:
         return self.first.evidence().is_worse(one, other)
+
+
+def _is_near(run: Run) -> bool:
+    return run.decision.verdict == NEAREST and run.final is not None
 
 
 def same_family(one: str, other: str) -> bool:
@@ -137,7 +226,9 @@ def same_family(one: str, other: str) -> bool:
     return family(find(one)) == family(find(other))
 
 
-def judged(before: Run, model: PlantModel, null: Simulated | None = None) -> Run | None:
+def judged(
+    before: Run, model: PlantModel, null: Simulated | None = None, left_out: Sequence[str] = ()
+) -> Run | None:
     """A round beside a fitted model, with its verdict; None if there was no time for one.
 
     Parameters
@@ -145,9 +236,12 @@ def judged(before: Run, model: PlantModel, null: Simulated | None = None) -> Run
     before : Run
     model, null
         As `Run.beside`.
+    left_out : sequence of str
+        Effects that are not tried.
     """
     try:
         run = before.beside(model, null)
+        run.without = {*run.without, *left_out}
         run.draw_up()
     except OutOfTime:
         before.not_tried["further effects"] = "the time was over"

@@ -15,37 +15,42 @@ from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
 from gsid.diagnosis.from_records.probability import Probabilities, probabilities
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.short_list import started
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, UNKNOWN, Decision, Evidence
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision, Evidence
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.diagnosis.next_experiment import advice
 from gsid.greybox.fit import PlantFit
 from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
+    from gsid.diagnosis.from_records.rounds import Rounds
     from gsid.diagnosis.from_records.run import Run
 
 NAN = float("nan")
 
 
-def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
+def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
     """The result of a diagnosis in its present state.
 
     Parameters
     ----------
     run : Run
         Of the linear structure from the data, or of the given model.
-    kept : sequence of Run
+    rounds : Rounds, optional
         With a given model: one round for each effect found.
     """
+    kept, near, joint = (rounds.kept, rounds.near, rounds.joint) if rounds else ([], [], None)
     decision, draft = run.decision, run.draft
     stage = draft.stage if draft else None
     null = run.null.fit.cost_per_dof if run.null else stage.cost_per_dof if stage else NAN
-    shown, final = (kept[0], kept[-1].final) if kept else (run, run.final)
+    shown, final = [*kept, *near, run][0], kept[-1].final if kept else run.final
     if kept:
-        decision = _of_all(run, kept)
-    law_model = final.model if kept and final else _law_model(run)
+        decision = _of_all(run, kept, near)
+    elif near:
+        decision = _of_near(run, near, joint)
+    found_model = final.model if kept and final else _law_model(run)
+    law_model = joint.model if joint else found_model
     found = [one.decision.effects for one in kept] or _found(run)
-    basis = _basis(shown) if len(kept) < 2 else None
+    basis = _basis(shown) if len(kept) + len(near) < 2 else None
     known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
     return Diagnosis(
         verdict=decision.verdict,
@@ -55,9 +60,10 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         reasons=decision.reasons,
         ranking=_with_probabilities(_ranking(shown), basis, known),
         found=found,
-        model=law_model if kept else _model(run),
+        nearest=_nearest(decision, near),
+        model=found_model if kept else _model(run),
         cost_per_dof=null,
-        cost_per_dof_after=final.fit.cost_per_dof if kept and final else _after(run, null),
+        cost_per_dof_after=_cost_per_dof(final if kept else joint) or _after(run, null),
         p_value=run.null.fit.noise_p_value if run.null else None,
         assumed=_assumed(run),
         not_tried=_not_tried(run),
@@ -69,7 +75,7 @@ def summarised(run: Run, kept: Sequence[Run] = ()) -> Diagnosis:
         band=run.band,
         linear=run.null.model if run.null else draft.model if draft else None,
         law_model=law_model,
-        without_law=_without_law(run, kept, law_model),
+        without_law=_without_law(run, [*kept, *near], law_model),
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.given and run.null else None,
         remarks=run.notes,
@@ -115,13 +121,33 @@ def _with_probabilities(
     return [replace(one, probability=probability(one)) for one in ranking]
 
 
-def _of_all(run: Run, kept: Sequence[Run]) -> Decision:
+def _of_all(run: Run, kept: Sequence[Run], near: Sequence[Run]) -> Decision:
     """Verdict of several effects: each is missing."""
     final, evidence = kept[-1].final, run.evidence(run.laws)
-    if final is None or len(kept) == 1:
+    if final is None or len(kept) + len(near) == 1:
         return kept[0].decision
     left = 1 - evidence.share(final) if evidence.excess(run.null) > 0 else None
-    return Decision(MISSING, kept[0].decision.effects, (), left)
+    return Decision(MISSING, kept[0].decision.effects, _against(near), left)
+
+
+def _of_near(run: Run, near: Sequence[Run], joint: Simulated) -> Decision:
+    """Verdict of effects that are missing together, none of which is named."""
+    evidence = run.evidence(run.laws)
+    left = 1 - evidence.share(joint) if evidence.excess(run.null) > 0 else None
+    return Decision(NEAREST, near[0].decision.effects, _against(near), left)
+
+
+def _against(near: Sequence[Run]) -> tuple[str, ...]:
+    """What keeps effects from being named."""
+    reasons = [(" or ".join(one.decision.effects), text) for one in near for text in one.decision.reasons]
+    return tuple(f"{names}: {text}" for names, text in reasons)
+
+
+def _nearest(decision: Decision, near: Sequence[Run]) -> list[tuple[str, ...]]:
+    """Effects that are missing but only the nearest: beside those named, or alone."""
+    if decision.verdict == NEAREST and not near:
+        return [decision.effects]
+    return [one.decision.effects for one in near]
 
 
 def _not_tried(run: Run) -> dict[str, str]:
@@ -169,6 +195,10 @@ def _model(run: Run) -> PlantModel | None:
     if run.null is not None:
         return run.null.model
     return run.draft.model if run.draft else run.stack
+
+
+def _cost_per_dof(fit: Simulated | None) -> float | None:
+    return fit.fit.cost_per_dof if fit else None
 
 
 def _after(run: Run, before: float) -> float:
