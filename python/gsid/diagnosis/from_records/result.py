@@ -194,7 +194,8 @@ class Diagnosis(Plottable):
         elif self.named:
             text = f"missing is {names} ({self._cost}{self._unexplained}){self._beside}."
         elif self.verdict == NEAREST:
-            text = f"{self._nearest} ({self._cost}{self._unexplained})."
+            what = "several effects are missing" if len(self.nearest) > 1 else "an effect is missing"
+            text = f"{what}; {self._nearest} ({self._cost}{self._unexplained})."
         else:
             text = "an effect is missing; these data confirm no law of the catalogue."
         return draft + text if draft else text[0].upper() + text[1:]
@@ -210,13 +211,16 @@ class Diagnosis(Plottable):
 
     @property
     def _beside(self) -> str:
-        return f"; beside it {self._nearest}" if self.nearest else ""
+        if not self.nearest:
+            return ""
+        return (
+            f"; another effect is missing beside {'them' if len(self._named) > 1 else 'it'}, {self._nearest}"
+        )
 
     @property
     def _nearest(self) -> str:
-        if len(self.nearest) > 1:
-            return f"several effects are missing; the nearest are {_listed(self.nearest)}"
-        return f"an effect is missing; the nearest is {_listed(self.nearest or [self.effects])}"
+        several = self.nearest or [self.effects]
+        return f"the nearest {'are' if len(several) > 1 else 'is'} {_listed(several)}"
 
     @property
     def _cost(self) -> str:
