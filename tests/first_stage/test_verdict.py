@@ -208,6 +208,11 @@ def test_a_law_from_outside_that_explains_more_leaves_it_unknown():
     assert found.reasons == ("c*w^3 explains more, and is not in the catalogue.",)
 
 
+def test_a_law_that_leaves_only_noise_is_the_nearest_beside_one_from_outside():
+    found = decision(fit(LAW, 1.0), RIVAL, beaten_by=("c*w^3",))
+    assert (found.verdict, found.effects) == ("nearest_effect", (LAW,))
+
+
 @pytest.mark.parametrize(("simpler", "named"), [(1.004, SIMPLER), (1.008, LAW)])
 def test_the_simpler_law_is_named_unless_it_is_significantly_worse(simpler, named):
     """12 units of the cost are 0.006 per degree of freedom."""

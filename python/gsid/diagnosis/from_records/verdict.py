@@ -406,12 +406,13 @@ def decide(evidence: Evidence) -> Decision:
     reasons = tuple(against(evidence, best))
     if not reasons:
         return Decision(MISSING, effects, (), left)
-    steady = evidence.is_adequate(best) or is_steady(best, settings.nearest_scatter, settings)
+    adequate = evidence.is_adequate(best)
+    steady = adequate or is_steady(best, settings.nearest_scatter, settings)
     if (
         share < settings.nearest_share
         or best.cost >= evidence.null.cost
         or not steady
-        or evidence.beaten_by
+        or (evidence.beaten_by and not adequate)  # by little, along the measured motion with its errors
         or not (best.converged or best.stalled)
     ):
         return Decision(UNKNOWN, (), reasons, left)
