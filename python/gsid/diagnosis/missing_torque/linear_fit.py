@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -16,6 +17,9 @@ from gsid.diagnosis.missing_torque.problem import (
 
 DELAY = "transport_delay.delay_s"
 KnownFits = dict[tuple, "LinearFit"]  # by the hold of the records and the start
+BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
+LAGS = ("sensor_lag", "motor_lag")
+SAME_COST = 0.01  # relative difference of two costs that is no reason for a slow lag
 SHAPE_STEP = 1e-3  # relative step of the derivative by a shape: reversals lie between samples
 
 
@@ -232,6 +236,12 @@ def fit_null(
     -------
     LinearFit
     """
+    return _with_fast_lag(problem, start, _least_cost(problem, start, other, known))
+
+
+def _least_cost(
+    problem: Problem, start: LinearPart, other: LinearPart | None, known: KnownFits | None
+) -> LinearFit:
     known = {} if known is None else known
 
     def fitted(part: LinearPart) -> LinearFit:
@@ -254,6 +264,46 @@ def fit_null(
         part = _scanned(problem, part, start, label)
     again = fitted(start.at([part.stack[a][b] for a, b in map(split, start.names)]))
     return min(direct, again, key=lambda fit: fit.cost)
+
+
+def _with_fast_lag(problem: Problem, start: LinearPart, fit: LinearFit) -> LinearFit:
+    """The fit with the fastest real pole as its lag, unless the start has a slow lag.
+
+    A body with friction, a spring and a lag have the same response whichever of their real poles is the lag,
+    but a torque acts on the body: with the wrong pole no law explains what is missing.
+    """
+    swapped = with_fast_lag(fit.part.stack)
+    if swapped is None or with_fast_lag(start.stack) is not None:
+        return fit
+    again = fit_linear_part(problem, start.at([swapped[a][b] for a, b in map(split, start.names)]))
+    return again if again.cost <= (1 + SAME_COST) * fit.cost else fit
+
+
+def with_fast_lag(stack: dict[str, dict[str, float]]) -> dict[str, dict[str, float]] | None:
+    """A stack with the fastest real pole as its lag; None where it is, or has no such poles.
+
+    Parameters
+    ----------
+    stack : dict of dict of float
+        {effect: {parameter: value}}; exact without modes.
+    """
+    lags = [label for label in LAGS if label in stack]
+    if len(lags) != 1 or not {BODY, DAMPING} <= stack.keys():
+        return None
+    (lag,) = lags
+    tau, rate = stack[lag]["time_constant_s"], stack[DAMPING]["rate"]
+    stiffness = stack.get(SPRING, {"stiffness": 0.0})["stiffness"]
+    square = rate**2 - 4 * stiffness
+    if square <= 0 or tau <= 0 or tau * (rate + math.sqrt(square)) / 2 <= 1:
+        return None
+    poles = sorted([(rate - math.sqrt(square)) / 2, (rate + math.sqrt(square)) / 2, 1 / tau])
+    swapped = {label: dict(params) for label, params in stack.items()}
+    swapped[BODY]["gain"] /= tau * poles[2]
+    swapped[DAMPING]["rate"] = poles[0] + poles[1]
+    swapped[lag]["time_constant_s"] = 1 / poles[2]
+    if SPRING in stack:
+        swapped[SPRING]["stiffness"] = poles[0] * poles[1]
+    return swapped
 
 
 def _without(part: LinearPart, labels: Sequence[str]) -> LinearPart:
