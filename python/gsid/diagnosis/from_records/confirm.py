@@ -13,6 +13,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.law_part import label_of
 from gsid.diagnosis.from_records.play import fit_play
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.leave_out import leave_out
 from gsid.greybox.fit import PlantFit, RecordFit, fit_plant
 from gsid.plant.effect import Effect
 from gsid.plant.linear_response import BACKLASH
@@ -258,19 +259,12 @@ def judged(
     size = np.linalg.norm(fit.jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)
     parts = [(j / size, r) for j, r in _parts(fit, settings, factors)]
-    grams = [rows.T @ rows for rows, _ in parts]
-    slopes = [rows.T @ error for rows, error in parts]
-    squares, alone, errors = 0.0, [], []
-    for (rows, error), gram, slope in zip(parts, grams, slopes, strict=True):
-        moved = -_solve(sum(grams) - gram, sum(slopes) - slope)
-        squares += float(np.sum((error + rows @ moved) ** 2))
-        alone.append(values - (_solve(gram, slope) / size)[chosen])
-        variance = np.diag(np.linalg.pinv(gram, rcond=1e-10)) / size**2
-        errors.append(np.sqrt(np.maximum(variance, 0.0))[chosen])
-    n_rows = sum(len(error) for _, error in parts)
-    scatter, noise = _scatter(np.array(alone), np.array(errors), values)
+    left = leave_out(parts, rcond=1e-10)
+    alone = np.array([values + (moved / size)[chosen] for moved in left.moves])
+    errors = np.array([np.sqrt(np.maximum(one / size**2, 0.0))[chosen] for one in left.variances])
+    scatter, noise = _scatter(alone, errors, values)
     weighed = None if factors is None else _linearised_cost(parts)
-    return Simulated(effects, fit, has_converged(fit), squares / n_rows, scatter, noise, weighed=weighed)
+    return Simulated(effects, fit, has_converged(fit), left.kept, scatter, noise, weighed=weighed)
 
 
 def _linearised_cost(parts: list[tuple[np.ndarray, np.ndarray]]) -> float:
@@ -312,7 +306,3 @@ def _part(one: RecordFit, periods: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weight = np.sqrt(len(periods) / one.spectra.n_periods)  # of noise that is larger
     change = one.whitened(periods.mean(axis=0) - one.spectra.y)
     return weight * one.jacobian, weight * (one.residual + change)
-
-
-def _solve(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return np.linalg.lstsq(gram, right, rcond=1e-12)[0]
