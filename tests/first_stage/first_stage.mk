@@ -15,6 +15,12 @@ from-records-study: all $(TRUTH) ## how often the diagnosis from records is righ
 	    $(NULLS:%=--nulls %) $(FOREIGN:%=--foreign %) --page docs/explanation/from_records.md \
 	    --picture docs/pictures/reliability.png
 
+.PHONY: from-records-times
+from-records-times: all $(TRUTH) ## time of each step of the diagnosis from records, on a computer that does nothing else, into docs/explanation/from_records.md (20 minutes; resumes; SEED=5150 N=100 BEFORE=FILE)
+	PYTHONPATH=tests/blind:tests/first_stage $(PY) tests/first_stage/times_study.py --results $(BUILD)/from_records_times.jsonl \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--n $(N)) \
+	    $(BEFORE:%=--before %) --page docs/explanation/from_records.md
+
 .PHONY: diagnosis-probability-study
 diagnosis-probability-study: all $(TRUTH) ## the coefficients of the stated probabilities, from development trials, into docs/explanation/from_records.md (half an hour; resumes; SEED=501 N=80 NULLS=12 FOREIGN=20)
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/probability_study.py \
