@@ -30,6 +30,9 @@ from first_stage_study import put_into
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import settings as of_decision
 from gsid.diagnosis.from_records import verdict
+from gsid.diagnosis.from_records.draw_up import draw_up
+from gsid.diagnosis.from_records.find_structure import find_structure
+from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import Evidence, decide
 from gsid.diagnosis.missing_torque import settings as of_search
@@ -92,9 +95,9 @@ def _evidence(at: int) -> Evidence | None:
     """The fits by simulation of a problem; None where no law was fitted."""
     measured, _, out = _problem(at)
     run = Run(Deadline(study.BUDGET_S), of_decision.DEFAULTS, None, out, lambda step: None)
-    run.find_structure(measured, None, None, None)
-    run.draw_up()
-    run.confirm()
+    find_structure(run, measured, None, None, None)
+    draw_up(run)
+    confirm(run)
     return run.evidence().weighed() if run.laws else None
 
 

@@ -11,7 +11,10 @@ import pytest
 
 import gsid
 from gsid.base.deadline import Deadline
-from gsid.diagnosis.from_records import run as steps
+from gsid.diagnosis.from_records import find_structure as finding
+from gsid.diagnosis.from_records.draw_up import draw_up
+from gsid.diagnosis.from_records.fit_laws import confirm
+from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.records.files import read_record
 from gsid.records.record import Record
@@ -83,12 +86,12 @@ def test_without_time_nothing_is_judged(friction):
 
 def test_a_draft_that_no_simulation_confirmed_in_time_is_unknown(friction):
     """The time ends between the draft and the first fit by simulation."""
-    run = steps.Run(Deadline(), DecisionSettings(), None, (), lambda text: None)
-    run.find_structure(friction[0], None, None, None)
-    run.draw_up()
+    run = Run(Deadline(), DecisionSettings(), None, (), lambda text: None)
+    finding.find_structure(run, friction[0], None, None, None)
+    draw_up(run)
     assert run.decision.effects == ("coulomb_friction",)
     run.deadline.stop()
-    run.confirm()
+    confirm(run)
     assert (run.decision.verdict, run.decision.effects) == ("unknown_effect", ())
     assert "coulomb_friction is a first draft" in run.decision.reasons[-1]
     assert "time was over" in run.not_tried["the linear part"]
@@ -144,7 +147,7 @@ def test_a_structure_that_cannot_be_found_is_unknown(friction, monkeypatch):
     def fail(*_, **__):
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr(steps, "start", fail)
+    monkeypatch.setattr(finding, "start", fail)
     found = gsid.diagnose_records(friction[0])
     assert (found.verdict, found.model) == ("unknown_effect", None)
     assert "numerically" in found.reasons[0]

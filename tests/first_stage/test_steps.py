@@ -10,7 +10,8 @@ import pytest
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import confirm as confirming
 from gsid.diagnosis.from_records import draft as drafting
-from gsid.diagnosis.from_records import run as running
+from gsid.diagnosis.from_records import find_structure as finding
+from gsid.diagnosis.from_records import fit_laws, mend_structure
 from gsid.diagnosis.from_records.canonical import (
     canonical_stack,
     has_low_mode,
@@ -317,7 +318,7 @@ def test_an_element_that_may_be_zero_is_dropped_unless_the_cost_rises_by_eight(r
     fits = Costs({frozenset({"rigid_body", "cable_spring"}): 100.0 + rise})
     final = SimpleNamespace(model=plant, cost=100.0, effects=("coulomb_friction",))
     run = SimpleNamespace(simulations=lambda: fits, final=final, settings=DEFAULTS)
-    Run.drop_zeros(run)
+    mend_structure._drop_zeros(run)
     assert fits.asked == [frozenset({"rigid_body", "cable_spring"})]
     assert ("viscous_friction" not in run.final.model.stack()) is dropped
 
@@ -327,12 +328,12 @@ def test_a_low_mode_stays_if_the_stack_without_it_costs_ten_times_as_much(monkey
     found = model(BODY, VISCOUS, mode(5.0))
     merged = canonical_stack(found, F_LO, DEFAULTS)
     monkeypatch.setattr(
-        running, "null_cost", lambda measured, plant, *_: 1.0 if "flexible_mode" in plant.stack() else cost
+        finding, "null_cost", lambda measured, plant, *_: 1.0 if "flexible_mode" in plant.stack() else cost
     )
     start = SimpleNamespace(model=lambda: found)
     facts = {"measured": [], "band": None, "deadline": None, "f_lo_hz": F_LO, "settings": DEFAULTS}
     run = SimpleNamespace(start=start, stack=merged, known_fits={}, **facts)
-    Run.keep_resonances(run)
+    finding._keep_resonances(run)
     assert ("flexible_mode" in run.stack.stack()) is kept
 
 
@@ -448,7 +449,7 @@ def test_without_a_law_the_linear_part_has_to_leave_noise(p_value, verdict):
         not_tried={},
     )
     run.check_adequate = lambda: Run.check_adequate(run)
-    Run.confirm(run)
+    fit_laws.confirm(run)
     assert run.decision.verdict == verdict
     assert len(run.decision.reasons) == (verdict != "adequate")
 

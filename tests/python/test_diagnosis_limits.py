@@ -10,8 +10,8 @@ import gsid
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError, SimulationError
 from gsid.diagnosis.from_records import draft as drafting
-from gsid.diagnosis.from_records import drive_laws, hold_check, play, summary
-from gsid.diagnosis.from_records import run as running
+from gsid.diagnosis.from_records import drive_laws, equal_weights, hold_check, mend_structure, play, summary
+from gsid.diagnosis.from_records import find_structure as finding
 from gsid.diagnosis.from_records.confirm import Simulations
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.settings import DEFAULTS
@@ -91,11 +91,12 @@ def test_bug_a_wrong_unit_stayed_in_the_records_of_a_closed_loop(record, monkeyp
     """An angle in deg/s: the fits by simulation inside the loop were refused."""
     found = plant(AXIS, output="angle")
     start = SimpleNamespace(has_model=True, model=lambda: found, measured=SimpleNamespace(f_hz=[1.0]))
-    monkeypatch.setattr(running, "start", lambda *_, **__: start)
+    monkeypatch.setattr(finding, "start", lambda *_, **__: start)
     run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
-    run.find_loop = lambda records, reference: setattr(run, "by_reference", [gsid.spectra(record)])
-    run.keep_resonances = lambda: None
-    run.find_structure(record, None, None, "r")
+    run.by_reference = [gsid.spectra(record)]
+    monkeypatch.setattr(finding, "_find_loop", lambda *_: None)
+    monkeypatch.setattr(finding, "_keep_resonances", lambda run: None)
+    finding.find_structure(run, record, None, None, "r")
     assert [one.y_unit for one in (*run.measured, *run.by_reference)] == ["", ""]
 
 
@@ -113,8 +114,8 @@ def test_bug_a_fit_with_equal_weights_that_was_cut_gave_its_values(monkeypatch):
         run.deadline.stop()
         return SimpleNamespace(converged=False)
 
-    monkeypatch.setattr(running, "fit_plant", cut)
-    run.weigh_model_error()
+    monkeypatch.setattr(equal_weights, "fit_plant", cut)
+    equal_weights.weigh_model_error(run)
     assert run.final is final
     assert run.laws == [final]
 
@@ -127,8 +128,8 @@ def test_bug_a_fit_with_equal_weights_that_cannot_be_simulated_ended_the_diagnos
     def refuse(*_, **__):
         raise SimulationError(-7, "the plant cannot be simulated", "")
 
-    monkeypatch.setattr(running, "fit_plant", refuse)
-    run.weigh_model_error()
+    monkeypatch.setattr(equal_weights, "fit_plant", refuse)
+    equal_weights.weigh_model_error(run)
     assert run.final is final
 
 
@@ -193,11 +194,11 @@ def test_bug_a_structure_beside_the_law_that_fails_numerically_ended_the_diagnos
     def fails(*_, **__):
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr(running, "start", fails)
-    monkeypatch.setattr(running, "without_laws", lambda measured, model, deadline: measured)
+    monkeypatch.setattr(mend_structure, "start", fails)
+    monkeypatch.setattr(mend_structure, "without_laws", lambda measured, model, deadline: measured)
     run = Run(Deadline(), DEFAULTS, None, (), lambda text: None)
     run.final, run.start = SimpleNamespace(model=plant(AXIS)), SimpleNamespace(output="rate")
-    assert not run.mended()
+    assert not mend_structure._mended(run)
 
 
 # ---- the linear structure ----------------------------------------------------------------------------

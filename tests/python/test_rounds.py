@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+import pytest
 from plants import plant
 
 from gsid.base.deadline import Deadline, OutOfTime
+from gsid.diagnosis.from_records import rounds as rounds_of
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
@@ -46,12 +48,6 @@ class Run:
     def beside(self, model, null=None):
         return Run(self.answers, tuple(e.id for e in model.effects if e.id not in GIVEN))
 
-    def confirm(self):
-        pass
-
-    def fit_play(self):
-        self.notes.append("play")
-
     def evidence(self):
         """The best rival of each law is a dead zone."""
         model = plant(GIVEN | {name: VALUES[name] for name in {*self.known, "drive_dead_zone"}})
@@ -65,6 +61,14 @@ class Run:
 
     def simulations(self):
         return SimpleNamespace(fit=lambda model, effects: SimpleNamespace(model=model, effects=effects))
+
+
+@pytest.fixture(autouse=True)
+def steps(monkeypatch):
+    """Drafts whose answers are given; play leaves a note."""
+    monkeypatch.setattr(rounds_of, "draw_up", Run.draw_up)
+    monkeypatch.setattr(rounds_of, "confirm", lambda run: None)
+    monkeypatch.setattr(rounds_of, "fit_play", lambda run: run.notes.append("play"))
 
 
 def judged(**answers):

@@ -15,7 +15,12 @@ from dataclasses import replace
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.closed_loop import in_closed_loop
+from gsid.diagnosis.from_records.draw_up import draw_up, give_up
+from gsid.diagnosis.from_records.equal_weights import weigh_model_error
+from gsid.diagnosis.from_records.find_structure import find_structure
+from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.hold_check import check_hold
+from gsid.diagnosis.from_records.mend_structure import mend_structure
 from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import ALPHA, Run
@@ -103,24 +108,24 @@ def diagnose_records(
             steps.expect(BEFORE_FITS)
         run = Run(deadline, settings, band, without, steps, alpha)
         try:
-            run.find_structure(records, model, output, reference)
+            find_structure(run, records, model, output, reference)
             if run.stack is not None:
-                run.draw_up()
+                draw_up(run)
                 if not fast:
-                    run.confirm()
-                    run.mend_structure()
+                    confirm(run)
+                    mend_structure(run)
                     if model is not None:
                         rounds = Rounds(run)
                         rounds.run()
                         check_hold(rounds)
                     if rounds is None or len(rounds.kept) + len(rounds.near) <= 1:
-                        run.weigh_model_error()
+                        weigh_model_error(run)
         except KeyboardInterrupt:
             if run.draft is None:
                 raise
             run.interrupted = True
         except OutOfTime:
-            run.give_up()
+            give_up(run)
     return summarised(run, rounds)
 
 

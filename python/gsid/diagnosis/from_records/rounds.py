@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 from gsid.base.deadline import OutOfTime
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.draw_up import draw_up
+from gsid.diagnosis.from_records.fit_laws import confirm, fit_play
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST
@@ -78,7 +80,7 @@ class Rounds:
             taken.append(following)
         self._confirm(taken)
         if not self.kept and self.first.decision.verdict != ADEQUATE:
-            self.first.fit_play()
+            fit_play(self.first)
             decision = self.first.decision
             if decision.verdict == MISSING and BACKLASH in decision.effects:
                 self.kept, self.near, self.joint = [self.first], [], None
@@ -242,10 +244,10 @@ def judged(
     try:
         run = before.beside(model, null)
         run.without = {*run.without, *left_out}
-        run.draw_up()
+        draw_up(run)
     except OutOfTime:
         before.not_tried["further effects"] = "the time was over"
         return None
     if run.null is None or run.draft.stage.conclusion.kind != "none":
-        run.confirm()
+        confirm(run)
     return run

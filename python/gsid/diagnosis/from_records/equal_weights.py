@@ -1,0 +1,39 @@
+"""Values of a law that leaves more than noise, from a fit with equal weights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gsid.base.deadline import OutOfTime
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.ripple import remaining_ripple
+from gsid.diagnosis.from_records.run import Run
+from gsid.greybox.fit import fit_plant
+
+
+def weigh_model_error(run: Run) -> None:
+    """The values of the law with equal weights, and a ripple, where it leaves more than noise.
+
+    The weights of noise then put the model's error on the lines where the output is largest.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    if run.final is None or run.evidence().is_adequate(run.final):
+        return
+    with run.timed("fit with equal weights"):
+        run.on_step("fitting with equal weights")
+        how = {"band": run.band, "method": "nls-output", "deadline": run.deadline}
+        try:
+            run.deadline.check()
+            fit = fit_plant(run.final.model, run.measured, **how)
+        except (GsidError, InputError, OutOfTime):
+            return
+        if not fit.converged and (run.deadline.is_over or run.deadline.moves_left == 0):
+            return  # it was cut: its values lie between those of two criteria
+        other = replace(run.final, fit=fit)
+        run.laws = [other if one is run.final else one for one in run.laws]
+        run.final = other
+        if run.decision.effects and not run.deadline.is_over:
+            run.ripple = remaining_ripple(other.model, run.measured, run.band)

@@ -1,0 +1,133 @@
+"""Fits by simulation of the short list, and the laws that the first stage has no column for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsid.diagnosis.from_records.canonical import (
+    SPRING,
+)
+from gsid.diagnosis.from_records.confirm import Simulations
+from gsid.diagnosis.from_records.drive_laws import drive_starts
+from gsid.diagnosis.from_records.play import may_have_play
+from gsid.diagnosis.from_records.run import Run
+from gsid.diagnosis.from_records.short_list import Candidate, short_list
+from gsid.diagnosis.from_records.verdict import (
+    ADEQUATE,
+    NEAREST,
+    UNKNOWN,
+    Decision,
+    is_simpler_of_angle,
+)
+from gsid.plant.linear_response import BACKLASH
+
+BIAS = "torque_bias"
+
+
+def confirm(run: Run) -> None:
+    """Fit the short list by simulation, and decide again.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    if run.in_closed_loop and not _close_loop(run):
+        return
+    with run.timed("simulation"):
+        fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
+        listed = short_list(run.draft, run.pruned, run.settings) if missing else []
+        run.on_step.expect(len(listed) + (run.null is None))
+        run.null = run.null or fits.fit(run.pruned(run.draft.model), ())
+        if run.null is not None and missing:
+            _fit_laws(run, fits, listed)
+        run.accept_noise()
+        if run.null is not None and run.decision.verdict == ADEQUATE:
+            run.check_adequate()
+        if not run.laws and run.decision.verdict == NEAREST:
+            reason = f"No law was fitted by simulation; {' or '.join(run.decision.effects)} is a first draft."
+            run.decision = Decision(UNKNOWN, (), (*run.decision.reasons, reason))
+    run.not_tried.update(fits.not_tried)
+
+
+def _close_loop(run: Run) -> bool:
+    """Simulate with the reference as the input, and the controller around the axis, if it is known.
+
+    The measured command would let the simulated axis drift away from the measured motion. The lines are
+    those of the command: a reference of slow moves excites few of them distinctly, the friction all.
+    """
+    if run.loop is None or run.stack.output != "angle":
+        run.not_tried["fits by simulation"] = "the controller is not known (closed loop)"
+        return False
+    if run.band is None:
+        f_hz = np.concatenate([one.f_hz[one.excited] for one in run.measured])
+        run.band = float(f_hz.min()), float(f_hz.max())
+    run.measured, run.known = run.by_reference, [*run.known, run.loop]
+    return True
+
+
+def _fit_laws(run: Run, fits: Simulations, listed: list[Candidate]) -> None:
+    """The laws of the short list, and the verdict."""
+    to_beat = None
+    for one in listed:
+        fitted = fits.fit(one.model, (one.effect,), to_beat)
+        run.cut = run.cut or (fitted is None and run.deadline.is_over)
+        if fitted is not None:
+            run.laws.append(fitted)
+            to_beat = min(fitted.cost, to_beat or fitted.cost)
+            run.decide()
+    if run.given and run.given.has_controller:
+        _fit_drive(run, fits)
+    if run.laws:
+        _add_bias(run, fits)
+    is_noise = run.null is not None and run.noise_p_value >= run.alpha
+    if run.given and run.laws and is_noise and not run.is_significant:
+        run.decision, run.final = Decision(ADEQUATE), None
+
+
+def _fit_drive(run: Run, fits: Simulations) -> None:
+    """Laws of the drive inside a loop, which the first stage has no column for."""
+    for effect, model in drive_starts(run.null.fit, run.without, run.deadline):
+        fitted = fits.fit(model, (effect,), min((one.cost for one in run.laws), default=None))
+        run.tried.add(effect)
+        if fitted is not None:
+            run.laws.append(fitted)
+            run.decide()
+
+
+def fit_play(run: Run) -> None:
+    """Play between motor and load, which the first stage has no column for.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    if BACKLASH in run.without or run.null is None or not may_have_play(run.null.model):
+        return
+    fits, least = run.simulations(), min((one.cost for one in run.laws), default=np.inf)
+    with run.timed("simulation"):
+        fitted = fits.fit_play(run.null.fit, run.given, least)
+    run.not_tried.update(fits.not_tried)
+    run.tried.add(BACKLASH)
+    if fitted is not None:
+        run.laws.append(fitted)
+        run.decide()
+
+
+def _add_bias(run: Run, fits: Simulations) -> None:
+    """A constant torque beside each law that it helps, where the best leaves more than noise.
+
+    The offset of a drive shifts the working point of a law. Where the best leaves only noise, it is tried
+    beside simpler laws of the angle: cogging with its phase is any of them at another working point.
+    """
+    evidence = run.evidence()
+    best = evidence.best()
+    if not any(effect.id == SPRING for effect in best.model.effects):
+        return
+    adequate = evidence.is_adequate(best)
+    for i, one in enumerate(run.laws):
+        if adequate and not is_simpler_of_angle(one, best):
+            continue
+        fitted = fits.fit(one.model.with_effect(BIAS, {"level": 0.0}), one.effects, best.cost)
+        if fitted is not None and evidence.is_worse(one, fitted):
+            run.laws[i] = fitted
+    run.decide()
