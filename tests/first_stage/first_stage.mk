@@ -33,6 +33,11 @@ missing-linear-study: all $(TRUTH) ## how often a linear effect that a model lac
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/missing_linear_study.py --folder $(BUILD)/missing_linear \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--trials $(N)) --processes 2 --page docs/explanation/missing_torque.md
 
+.PHONY: linear-names-study
+linear-names-study: all $(TRUTH) ## how often a linear effect is named where none is missing, into docs/explanation/missing_torque.md (half an hour; resumes; SEED=5400 N=60)
+	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/linear_names_study.py --folder $(BUILD)/linear_names \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(filter-out file,$(origin N)),--trials $(N)) --page docs/explanation/missing_torque.md
+
 .PHONY: diagnosis-settings-study
 diagnosis-settings-study: all $(TRUTH) ## which verdicts change if a constant of the diagnosis is halved or doubled, into docs/explanation/from_records.md (half an hour; resumes)
 	PYTHONPATH=tests/blind:tests/first_stage nice -n 10 $(PY) tests/first_stage/settings_sweep.py \

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import linear_axes as axes
+import linear_names_study as names
 import missing_linear_study as study
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from gsid.plant.periodic import PeriodicPlant
 from gsid.spectrum.realisation import spectra_of
 
 FS_HZ = 1000.0
+LAWS_OF_ANGLE = names.LAWS.index("motor_cogging")
 
 
 def effects_of(stack, fixed=()):
@@ -211,6 +213,34 @@ def test_the_table_counts_the_effects_that_are_hardly_above_noise():
     assert "2 of the 3 diagnoses are of an effect with a drop below 100. Of these 1 named it." in text
     assert "1 of the 2 names are groups with another effect in them." in text
     assert "- 2 lag 0, 30 %: drop 99" in text
+
+
+@pytest.mark.parametrize(
+    ("law", "removed", "verdict", "found", "left", "expected"),
+    [
+        (None, False, "adequate", [], None, "none"),
+        (None, False, "missing_effect", ["cable_spring"], None, "LINEAR NAME"),
+        ("quadratic_drag", False, "missing_effect", ["viscous_friction", "quadratic_drag"], None, "the law"),
+        ("motor_cogging", True, "missing_effect", ["cable_spring"], 63.0, "equal linear effect"),
+        ("motor_cogging", True, "missing_effect", ["cable_spring"], 65.0, "LINEAR NAME"),
+        ("motor_cogging", True, "missing_effect", ["cubic_spring"], None, "another name"),
+        ("motor_cogging", True, "nearest_effect", ["cable_spring"], None, "nearest"),
+    ],
+)
+def test_a_linear_name_is_right_only_where_the_law_is_linear_to_the_data(
+    law, removed, verdict, found, left, expected
+):
+    row = {"law": law, "removed": removed, "verdict": verdict, "found": [found], "left": left}
+    assert names.outcome(row) == expected
+
+
+def test_what_a_linear_model_leaves_of_a_linear_axis_is_nothing_and_of_cogging_is_not():
+    trial, stack, law, noise, clean = names.drawn(3, LAWS_OF_ANGLE)
+    assert law == "motor_cogging"
+    fitted = names.model_of(stack, trial.fs_hz, trial.output)
+    linear = [(u, fitted.simulate(u).y) for u, _ in clean]
+    assert names.left_by(trial, fitted, linear, noise) < 0.01
+    assert names.left_by(trial, fitted, clean, noise) > 1.0
 
 
 def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
