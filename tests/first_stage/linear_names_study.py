@@ -1,6 +1,6 @@
 """How often a linear effect is named where none is missing: nothing, or a law that is not linear.
 
-Axes are those of linear_axes.py without their spring or their damping, and the model lacks nothing else. A law
+Axes are those of linear_axes.py without spring or damping, and the model lacks nothing else. A law
 of the catalogue acts on the axis, simulated by gsid, with a strength drawn by what it changes in noise units.
 In every second round of laws its family is taken out of the catalogue. A linear name is right only if that
 effect, fitted to the answer without noise, leaves less than CLEAR. Results stay in the folder; a study that
