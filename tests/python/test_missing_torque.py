@@ -20,6 +20,7 @@ from gsid.diagnosis.missing_torque.refit import refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
+from gsid.plant.linear_response import linear_view
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 from gsid.response.sample_hold import find_images, held_rate
@@ -194,6 +195,24 @@ def test_fits_of_the_linear_part_that_are_known_are_not_repeated(monkeypatch):
     n_known = len(known)
     fit_null(Problem(model, without_hold, None, DEFAULTS), part, known=known)
     assert len(known) > n_known
+
+
+@pytest.mark.parametrize("hold", ["zoh", "none"])
+def test_responses_that_are_known_change_no_bit(hold):
+    """The hold is evaluated once for each set of lines, the responses once for both parts of a Jacobian."""
+    measured = [dataclasses.replace(one, hold=hold) for one in spectra_of(records())]
+    problem, part = Problem(plant(TRUE), measured, None, DEFAULTS), linear_part(plant(TRUE))
+    lines = problem.first[0]
+    for images in (0, 2, 0):
+        f_hz = np.concatenate([lines.f_hz + i * FS_HZ for i in range(-images, images + 1)])
+        fresh = linear_view(part.stack, f_hz, FS_HZ, held=hold == "zoh")
+        assert np.array_equal(problem.view(part, 0, images).command, fresh.command)
+    here, torques = problem.responses(part), [r.U[None, :] for r in problem.records]
+    of_all = [t[0] for t in torques]
+    slopes = problem.tangent(part, problem.commands, of_all, here)
+    assert np.array_equal(slopes, problem.tangent(part, problem.commands, of_all))
+    columns = linear_fit.torque_columns(problem, part, torques, here)
+    assert np.array_equal(columns, linear_fit.torque_columns(problem, part, torques))
 
 
 def test_a_model_with_play_is_refused():

@@ -59,6 +59,7 @@ def linear_view(
     output_angle: bool = False,
     radians_per_unit: float = 1.0,
     held: bool = True,
+    hold: np.ndarray | None = None,
 ) -> LinearView:
     """Responses of a stack's linear part (DIA-4).
 
@@ -76,6 +77,8 @@ def linear_view(
         Radians in a unit of angle, for the slope of laws that contain the sine of an angle.
     held : bool
         Whether the command is held over each sample.
+    hold : (K,) complex ndarray, optional
+        The response of the hold (`hold_factor`), if it is known.
 
     Returns
     -------
@@ -91,7 +94,8 @@ def linear_view(
     body = 1 / _nonzero(s + _sum(parts["damping"]) + springs + reaction + _dynamics(parts, s))
     actuator = _sum(parts["gain"]) * _lag(parts["lag of the actuator"], s)
     actuator = actuator * np.exp(-s * _sum(parts["delay"]))
-    actuator = actuator * (hold_factor(f, fs_hz) if held else 1.0)
+    if held:
+        actuator = actuator * (hold_factor(f, fs_hz) if hold is None else hold)
     driven = actuator * transmitted
     sensor = _lag(parts["lag of the sensor"], s)
     for (rate_hz,) in parts["hold"]:

@@ -185,6 +185,8 @@ def torques(law: Law, values: np.ndarray, motion: Motion, radians: float) -> np.
         ffi.from_buffer("double[]", out),
     )
     check(status, f"torque of {law.name}")
+    if out.min() >= -ENDLESS and out.max() <= ENDLESS:  # not so with a NaN
+        return out
     return np.clip(np.nan_to_num(out, copy=False), -ENDLESS, ENDLESS, out=out)
 
 

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from gsid.diagnosis.missing_torque.problem import (
     LinearPart,
     Problem,
+    Responses,
     split,
 )
 
@@ -102,8 +103,9 @@ def fit_linear_part(
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         part = start.at(x[:n] * scale[:n])
-        slopes = problem.tangent(part, given, total(x[n:] * scale[n:]))
-        return np.hstack([slopes, torque_columns(problem, part, columns)]) * scale
+        here = problem.responses(part)
+        slopes = problem.tangent(part, given, total(x[n:] * scale[n:]), here)
+        return np.hstack([slopes, torque_columns(problem, part, columns, here)]) * scale
 
     x0 = np.clip(np.concatenate([values, c]), least, most) / scale
     if not len(x0):
@@ -171,15 +173,15 @@ def fit_with_shape(
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         part, c, shape = parted(x)
-        columns = torques(shape)
-        slopes = problem.tangent(part, problem.commands, [c @ t for t in columns])
+        columns, here = torques(shape), problem.responses(part)
+        slopes = problem.tangent(part, problem.commands, [c @ t for t in columns], here)
         step = SHAPE_STEP * np.max(np.abs(shape))
         changes = []
         for d in step * np.eye(len(shape)):
             pairs = zip(total(c, shape + d), total(c, shape - d), strict=True)
             changes.append([(more - less)[None, :] / (2 * step) for more, less in pairs])
-        by_shape = [torque_columns(problem, part, change) for change in changes]
-        return np.hstack([slopes, torque_columns(problem, part, columns), *by_shape]) * scale
+        by_shape = [torque_columns(problem, part, change, here) for change in changes]
+        return np.hstack([slopes, torque_columns(problem, part, columns, here), *by_shape]) * scale
 
     least = np.concatenate([start.part.lower, ends[0]]) / scale
     most = np.concatenate([_simulable(problem, start.part), ends[1]]) / scale
@@ -198,7 +200,9 @@ def fit_with_shape(
     return LinearFit(part, c, found.fun, found.jac / scale, shape)
 
 
-def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndarray]) -> np.ndarray:
+def torque_columns(
+    problem: Problem, part: LinearPart, torques: Sequence[np.ndarray], here: Responses | None = None
+) -> np.ndarray:
     """Derivative of the whitened E by the coefficients of torques, (n_rows, c).
 
     Parameters
@@ -206,8 +210,10 @@ def torque_columns(problem: Problem, part: LinearPart, torques: Sequence[np.ndar
     problem : Problem
     part : LinearPart
     torques : sequence of (c, K) complex ndarray
+    here : list, optional
+        `Problem.responses` of the part, if they are known.
     """
-    entries = [p for _, p in problem.responses(part)]
+    entries = [p for _, p in here or problem.responses(part)]
     return problem.whiten([entries[r.group] * t for r, t in zip(problem.records, torques, strict=True)]).T
 
 

@@ -12,11 +12,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
 
 from gsid.base.deadline import Deadline
+from gsid.base.zero_order_hold import hold_factor
 from gsid.diagnosis.missing_torque.settings import SearchSettings
 from gsid.effects.types import EffectType, catalogue
 from gsid.greybox.weights import lines_used, pooled_variance
@@ -28,6 +30,7 @@ from gsid.response.sample_hold import MeanOutput
 from gsid.spectrum.spectra import Spectra
 
 ONE_BY_ONE = {"backlash", "hold", "loop"}  # linear parts that take one value at a time
+Responses = list[tuple[np.ndarray, np.ndarray]]  # (Gd, P) of each group of records
 STEP = 1e-6  # relative step of a derivative: the responses are smooth, and rounding is 1e-10 of it
 
 
@@ -113,6 +116,7 @@ def linear_part_of(label: str) -> EffectType:
     return catalogue()[label.partition("#")[0]]
 
 
+@cache
 def split(name: str) -> tuple[str, str]:
     """Label of the effect, and name of the parameter."""
     label, _, parameter = name.rpartition(".")
@@ -184,6 +188,7 @@ class Problem:
                 kinds.append(kind)
             self.records.append(_lines(one, np.flatnonzero(used), variance, kinds.index(kind), y))
         self.n_groups = len(kinds)
+        self._known_lines: dict[tuple[int, int], tuple[np.ndarray, np.ndarray | None]] = {}
         self.first = [next(r for r in self.records if r.group == g) for g in range(self.n_groups)]
         self.n_rows = 2 * sum(len(r.line) for r in self.records)
 
@@ -204,19 +209,27 @@ class Problem:
         images : int
             On each side.
         """
-        lines = self.first[group]
-        fs_hz = lines.spectra.fs_hz
-        shifts = np.arange(-images, images + 1)
-        f_hz = (lines.f_hz + shifts[:, None] * fs_hz).ravel()
-        held = lines.spectra.hold != "none" or self.closed_loop
+        fs_hz = self.first[group].spectra.fs_hz
+        f_hz, hold = self._lines_of_view(group, images)
         return linear_view(
             part.stack,
             f_hz,
             fs_hz,
             output_angle=self.output_angle,
             radians_per_unit=self.radians,
-            held=held,
+            held=hold is not None,
+            hold=hold,
         )
+
+    def _lines_of_view(self, group: int, images: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Frequencies of `view`, and the response of the hold there, which is the same in all evaluations."""
+        if (group, images) not in self._known_lines:
+            lines = self.first[group]
+            fs_hz = lines.spectra.fs_hz
+            f_hz = (lines.f_hz + np.arange(-images, images + 1)[:, None] * fs_hz).ravel()
+            held = lines.spectra.hold != "none" or self.closed_loop
+            self._known_lines[group, images] = f_hz, hold_factor(f_hz, fs_hz) if held else None
+        return self._known_lines[group, images]
 
     def responses(self, part: LinearPart, images: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
         """(Gd, P) of each group: response to the sampled command, and to a torque.
@@ -349,7 +362,11 @@ class Problem:
         return self.whiten([r.Y - y for r, y in zip(self.records, answers, strict=True)])
 
     def tangent(
-        self, part: LinearPart, commands: Sequence[np.ndarray], torques: Sequence[np.ndarray] | None = None
+        self,
+        part: LinearPart,
+        commands: Sequence[np.ndarray],
+        torques: Sequence[np.ndarray] | None = None,
+        here: Responses | None = None,
     ) -> np.ndarray:
         """Derivative of the whitened E by the free values, (n_rows, n); the images move with their line.
 
@@ -357,6 +374,8 @@ class Problem:
         ----------
         part, commands, torques
             As `error`.
+        here : list, optional
+            `responses` of the part, if they are known.
         """
         values = part.values
         if not len(values):
@@ -366,7 +385,9 @@ class Problem:
         slopes = [
             ((g - a) / step[:, None], (p - b) / step[:, None])
             for (g, p), (a, b) in zip(
-                self._several_responses(part, values + np.diag(step)), self.responses(part), strict=True
+                self._several_responses(part, values + np.diag(step)),
+                here or self.responses(part),
+                strict=True,
             )
         ]
         parts = [-slopes[r.group][0] * u for r, u in zip(self.records, commands, strict=True)]
