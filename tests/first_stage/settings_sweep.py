@@ -28,13 +28,14 @@ import study_pool
 from first_stage_study import put_into
 
 from gsid.base.deadline import Deadline
+from gsid.diagnosis.from_records import evidence, verdict
 from gsid.diagnosis.from_records import settings as of_decision
-from gsid.diagnosis.from_records import verdict
 from gsid.diagnosis.from_records.draw_up import draw_up
+from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.find_structure import find_structure
 from gsid.diagnosis.from_records.fit_laws import confirm
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.verdict import Evidence, decide
+from gsid.diagnosis.from_records.verdict import decide
 from gsid.diagnosis.missing_torque import settings as of_search
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.plant.model import PlantModel
@@ -63,7 +64,8 @@ SEARCH, DECISION = "search", "decision"
 
 def deciding() -> list[str]:
     """Constants that the decision on fits by simulation reads."""
-    read = set(re.findall(r"settings\.(\w+)", inspect.getsource(verdict)))
+    sources = inspect.getsource(evidence) + inspect.getsource(verdict)
+    read = set(re.findall(r"settings\.(\w+)", sources))
     return [field.name for field in fields(of_decision.DecisionSettings) if field.name in read]
 
 

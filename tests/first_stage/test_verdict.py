@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import pytest
 
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.evidence import Evidence, is_simpler_of_angle
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.from_records.verdict import Evidence, decide, is_simpler_of_angle
+from gsid.diagnosis.from_records.verdict import decide
 from gsid.diagnosis.missing_torque.conclusion import too_close
 
 N_DOF = 2000  # two standard deviations of the mean cost are 0.063

@@ -38,6 +38,7 @@ TARGETS = {
     "comparison": ["python/gsid/comparison.py"],
     "greybox": ["python/gsid/greybox/*.py"],
     "diagnosis": [
+        "python/gsid/diagnosis/from_records/evidence.py",
         "python/gsid/diagnosis/from_records/verdict.py",
         "python/gsid/diagnosis/from_records/confirm.py",
         "python/gsid/diagnosis/from_records/draft.py",

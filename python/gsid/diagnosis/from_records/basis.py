@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gsid.diagnosis.from_records.verdict import Evidence
+from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.missing_torque.stage import FirstStage
 
 

@@ -9,16 +9,11 @@ from gsid.diagnosis.from_records.canonical import (
 )
 from gsid.diagnosis.from_records.confirm import Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
+from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
-from gsid.diagnosis.from_records.verdict import (
-    ADEQUATE,
-    NEAREST,
-    UNKNOWN,
-    Decision,
-    is_simpler_of_angle,
-)
+from gsid.diagnosis.from_records.verdict import ADEQUATE, NEAREST, UNKNOWN, Decision
 from gsid.plant.linear_response import BACKLASH
 
 BIAS = "torque_bias"

@@ -13,10 +13,10 @@ import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING, other_reading
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.evidence import n_parameters
 from gsid.diagnosis.from_records.law_part import without
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import Run
-from gsid.diagnosis.from_records.verdict import n_parameters
 from gsid.greybox.fit import as_assumed
 from gsid.greybox.linear_start import linear_start
 from gsid.plant.model import PlantModel

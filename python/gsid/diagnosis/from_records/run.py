@@ -19,18 +19,12 @@ from gsid.diagnosis.from_records.canonical import (
 )
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, is_linear
+from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.from_records.steps import Steps
-from gsid.diagnosis.from_records.verdict import (
-    ADEQUATE,
-    UNKNOWN,
-    Decision,
-    Evidence,
-    decide,
-    n_parameters,
-)
+from gsid.diagnosis.from_records.verdict import ADEQUATE, UNKNOWN, Decision, decide
 from gsid.diagnosis.missing_torque.linear_fit import KnownFits
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel

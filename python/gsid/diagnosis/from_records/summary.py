@@ -11,11 +11,12 @@ import numpy as np
 from gsid.base.hold import DECLARE, MEANING
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
 from gsid.diagnosis.from_records.probability import Probabilities, probabilities
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.short_list import started
-from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision, Evidence
+from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
 from gsid.diagnosis.missing_torque.stage import HOLD, Ranked
 from gsid.diagnosis.next_experiment import advice
 from gsid.greybox.fit import PlantFit

@@ -1,0 +1,334 @@
+"""Fits by simulation that a decision compares: what each explains, and which is better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gsid.diagnosis.from_records.confirm import Simulated
+from gsid.diagnosis.from_records.draft import is_linear
+from gsid.diagnosis.from_records.model_error import weighed
+from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.missing_torque.catalogue import family
+from gsid.effects.types import find
+
+# Families of laws that a linear effect does the work of, where the amplitudes do not differ enough.
+COUNTERPARTS = {"damping": ("drag", "dry friction"), "spring": ("position",)}
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Fits by simulation that a decision compares.
+
+    Attributes
+    ----------
+    null : Simulated
+        The linear part alone.
+    laws : sequence of Simulated
+        With one law each.
+    beaten_by : tuple of str
+        Laws from outside the catalogue that explained more than the best one in the first stage.
+    settings : DecisionSettings
+    taken_over_by : tuple of str
+        Free functions that explained most of what the best law left in the first stage.
+    all_linear : bool
+        Whether a linear effect may be missing and all of them were tried: else one may stand for another.
+    """
+
+    null: Simulated
+    laws: Sequence[Simulated]
+    beaten_by: tuple[str, ...]
+    settings: DecisionSettings
+    taken_over_by: tuple[str, ...] = ()
+    all_linear: bool = True
+
+    @property
+    def has_model_error(self) -> bool:
+        """Whether the weights contain what the best law leaves: 1 is then this model error, not noise."""
+        return self.null.weighed is not None
+
+    @property
+    def floor(self) -> float:
+        """Kept-out cost that noise alone leaves; 0 where noise is none of it."""
+        return 0.0 if self.has_model_error else 1.0
+
+    @property
+    def noise(self) -> float:
+        """Two standard deviations of a mean of that many squares: less than this above 1 is noise."""
+        return 0.0 if self.has_model_error else 2 * math.sqrt(2 / self.null.fit.n_dof)
+
+    def weighed(self) -> Evidence:
+        """The same with the weights of what the best law leaves, where that is more than noise."""
+        best = self.best()
+        if best.fit.cost_per_dof < self.settings.much_left:
+            return self
+        null, laws = weighed(self.null, self.laws, best, self.settings)
+        return replace(self, null=null, laws=laws)
+
+    def excess(self, one: Simulated) -> float:
+        """Kept-out cost above noise.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return max(one.kept - self.floor - self.noise, 0.0)
+
+    def share(self, one: Simulated) -> float:
+        """Share of the misfit that a law explains, on what is kept out.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        left = self.excess(one)
+        if left == 0:
+            return 1.0
+        return 1 - left / (self.null.kept - self.floor) if self.null.kept > 1 else 0.0
+
+    def is_adequate(self, one: Simulated) -> bool:
+        """Whether a fit leaves only noise.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        small = one.fit.cost_per_dof <= self.settings.adequate
+        return not self.has_model_error and (self.excess(one) == 0 or small)
+
+    def is_nothing_missing(self) -> bool:
+        """Whether the linear part alone leaves only noise, and no law lowers its cost by more than chance.
+
+        The first stage takes a law along the measured motion, whose errors it may follow.
+        """
+        if self.null.fit.cost_per_dof >= self.settings.null_cost:
+            return False
+        unit = math.log(self.null.fit.n_dof)
+        gains = [self.null.cost - one.cost - n_parameters(one) * unit for one in self.laws]
+        return max(gains) < self.settings.null_gain
+
+    def rivals(self, one: Simulated) -> list[Simulated]:
+        """Fits of laws of other families; not of a law that contains it.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        others = [other for other in self.laws if family_of(other) != family_of(one)]
+        return [other for other in others if not contains(other, one) and not self.is_settled(other, one)]
+
+    def is_settled(self, other: Simulated, best: Simulated) -> bool:
+        """Whether a law is in the group of the best one, or linear as it and with more parameters.
+
+        Parameters
+        ----------
+        other, best : Simulated
+        """
+        both = self.is_among_linear(other) and self.is_among_linear(best) and self.is_adequate(best)
+        more = n_parameters(other) > n_parameters(best) and self.priced(other) > self.priced(best)
+        return (both and more) or other in self.alike(best)
+
+    def margin(self, one: Simulated) -> float:
+        """What the best rival of another family leaves, over what the law leaves.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        least = min(other.kept for other in [self.null, *self.rivals(one)])
+        return max(least - self.floor, 0.0) / max(one.kept - self.floor, self.noise / 2)
+
+    def lead(self, one: Simulated) -> float:
+        """Drop of the cost against the best rival of another family, or nothing missing.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return min(other.cost for other in [self.null, *self.rivals(one)]) - one.cost
+
+    def is_beaten_by_none(self, one: Simulated) -> bool:
+        """Whether the linear part alone costs less than each law of another family.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return all(other.cost >= self.null.cost for other in self.rivals(one))
+
+    def is_clear(self, one: Simulated) -> bool:
+        """Whether a law that leaves only noise is better than nothing missing and all rivals.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        if not (self.is_among_linear(one) and all(map(_is_linear, self.alike(one)))):
+            return self.lead(one) >= self.settings.named_lead
+        if self.null.cost - one.cost < self.settings.linear_drop:
+            return False
+        return all(self.is_less_likely(other, one) for other in self.rivals(one))
+
+    def is_among_linear(self, one: Simulated) -> bool:
+        """Whether a fit is that of a linear effect, and all linear effects were its rivals.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return is_linear(one.effects[0]) and self.all_linear
+
+    def is_less_likely(self, one: Simulated, other: Simulated) -> bool:
+        """Whether the odds of a fit against another, with a price for each parameter, exclude it (DIA-12).
+
+        Parameters
+        ----------
+        one, other : Simulated
+        """
+        return self.priced(one) - self.priced(other) > 2 * math.log(self.settings.linear_odds)
+
+    def priced(self, one: Simulated) -> float:
+        """Cost of a fit with ln n for each parameter.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        return one.cost + n_parameters(one) * math.log(self.null.fit.n_dof)
+
+    def is_worse(self, one: Simulated, best: Simulated) -> bool:
+        """Whether a law is significantly worse than the best of its family.
+
+        Where a model error is left, a simpler law is worse only if it leaves twice as much: what shapes
+        with more parameters take of the error is no evidence for them.
+
+        Parameters
+        ----------
+        one, best : Simulated
+        """
+        simpler = n_parameters(one) < n_parameters(best)
+        if self.has_model_error and simpler and one.kept < self.settings.member_ratio * best.kept:
+            return False
+        scale = max(best.cost / best.fit.n_dof, 1.0)
+        share = 0.0 if self.is_adequate(best) else self.settings.worse_share * best.fit.n_dof
+        return (one.cost - best.cost) / scale > self.settings.worse + share
+
+    def best(self) -> Simulated:
+        """The law that leaves least, or a simpler one of its family that is not significantly worse."""
+        least = min(self.laws, key=lambda one: one.kept)
+        members = [one for one in self.laws if family_of(one) == family_of(least) or contains(least, one)]
+        top = min(members, key=lambda one: one.cost)
+        good = [one for one in members if not self.is_worse(one, top)]
+        best = min(good, key=lambda one: (n_parameters(one), one.cost))
+        return self.likeliest(best)
+
+    def likeliest(self, best: Simulated) -> Simulated:
+        """A linear effect instead of the best law, if it is likelier or simpler, and only noise is left.
+
+        A mode of three parameters can take the place of any other linear effect.
+
+        Parameters
+        ----------
+        best : Simulated
+            Of all laws.
+        """
+        if not self.is_adequate(best):
+            return best
+        linear = [one for one in self.laws if self.is_among_linear(one) and self.is_adequate(one)]
+        likeliest = min([best, *linear], key=self.priced)
+        as_good = [one for one in linear if self.is_counterpart(one, likeliest)]
+        return min(as_good, key=self.priced, default=likeliest)
+
+    def is_counterpart(self, one: Simulated, law: Simulated) -> bool:
+        """Whether a linear effect does the same as a law of as many parameters.
+
+        Parameters
+        ----------
+        one, law : Simulated
+        """
+        kind = find(one.effects[0]).linear_part
+        if family_of(law) not in COUNTERPARTS.get(kind, ()) or not self.is_among_linear(one):
+            return False
+        alike = self.is_adequate(one) and self.is_adequate(law) and n_parameters(one) == n_parameters(law)
+        return alike and not (self.is_less_likely(one, law) or self.is_less_likely(law, one))
+
+    def group(self, best: Simulated) -> tuple[str, ...]:
+        """The best law and others that are as simple and not significantly worse.
+
+        Parameters
+        ----------
+        best : Simulated
+        """
+        return (best.effects[0], *(one.effects[0] for one in self.alike(best)))
+
+    def alike(self, best: Simulated) -> list[Simulated]:
+        """The other laws of the best one's group.
+
+        Parameters
+        ----------
+        best : Simulated
+        """
+        simple = [one for one in self.laws if one is not best and n_parameters(one) <= n_parameters(best)]
+        return [one for one in simple if self.is_alike(one, best)]
+
+    def is_alike(self, one: Simulated, best: Simulated) -> bool:
+        """Whether the data do not tell a law from the best: one of its family, or one of them is linear.
+
+        Parameters
+        ----------
+        one, best : Simulated
+        """
+        if family_of(one) == family_of(best):
+            return not self.is_worse(one, best)
+        if self.is_counterpart(best, one):
+            return True
+        if not (self.is_among_linear(one) and self.is_among_linear(best) and self.is_adequate(best)):
+            return False
+        return self.is_adequate(one) and not self.is_less_likely(one, best)
+
+
+def _is_linear(one: Simulated) -> bool:
+    return is_linear(one.effects[0])
+
+
+def contains(one: Simulated, other: Simulated) -> bool:
+    """Whether another fit's law is this one's over small angles: a spring and an unbalance.
+
+    Parameters
+    ----------
+    one, other : Simulated
+    """
+    parts = [find(each.effects[0]).linear_part if each.effects else None for each in (one, other)]
+    return parts == ["pendulum", "spring"]
+
+
+def family_of(one: Simulated) -> str:
+    """Family of a fit's law.
+
+    Parameters
+    ----------
+    one : Simulated
+    """
+    return family(find(one.effects[0]))
+
+
+def n_parameters(one: Simulated) -> int:
+    """Number of the law's parameters.
+
+    Parameters
+    ----------
+    one : Simulated
+    """
+    return len(find(one.effects[0]).parameters)
+
+
+def is_simpler_of_angle(one: Simulated, best: Simulated) -> bool:
+    """Whether a law of the angle stays simpler than the best one with a constant torque beside it.
+
+    Parameters
+    ----------
+    one, best : Simulated
+    """
+    of_angle = find(one.effects[0]).c.looks_at_angle and find(best.effects[0]).c.looks_at_angle
+    return bool(of_angle) and n_parameters(one) + 1 < n_parameters(best)
