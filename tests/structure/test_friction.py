@@ -58,6 +58,19 @@ def test_the_values_remain_those_of_the_best_linear_approximation():
     assert after.data is before.data
 
 
+def test_lags_and_modes_keep_the_scores_of_the_best_linear_approximation():
+    rng = np.random.default_rng([SEED, 0])
+    before, measured, source = selected([recorded(soft(), rng)], odds=ANY)
+    after = with_friction(before, measured, source)
+    plain = {one.structure: one.score for one in before.likely}
+    own = after.chosen.structure
+    assert own == Structure("rate", "sprung", 1, 0, False)
+    others = [one for one in after.likely if one.structure.body == "sprung" and one.structure != own]
+    assert others
+    for one in others:
+        assert one.score - after.chosen.score == pytest.approx(plain[one.structure] - plain[own])
+
+
 def test_a_viscous_body_with_friction_stays_viscous():
     rng = np.random.default_rng([SEED, 10])
     before, measured, source = selected([recorded(soft(stiffness=0.0, rate=15.0), rng)])
