@@ -175,10 +175,10 @@ def outcome(row: Row) -> str:
     """One of `OUTCOMES`."""
     if row["verdict"] != "missing_effect":
         return {"adequate": "none", "unknown_effect": "unknown", "nearest_effect": "nearest"}[row["verdict"]]
-    effects = [effect for one in row["found"] for effect in one]
-    if row["law"] in effects:
+    others = [effects for effects in row["found"] if row["law"] not in effects]
+    if not others:
         return "the law"
-    if not any(map(is_linear, effects)):
+    if not any(is_linear(effect) for effects in others for effect in effects):
         return "another name"
     left = row["left"]
     return "equal linear effect" if left is not None and left < axes.CLEAR else "LINEAR NAME"

@@ -234,6 +234,12 @@ def test_a_linear_name_is_right_only_where_the_law_is_linear_to_the_data(
     assert names.outcome(row) == expected
 
 
+def test_bug_a_linear_name_hid_behind_that_of_the_law():
+    row = {"law": "quadratic_drag", "removed": False, "verdict": "missing_effect", "left": None}
+    assert names.outcome(row | {"found": [["quadratic_drag"], ["cable_spring"]]}) == "LINEAR NAME"
+    assert names.outcome(row | {"found": [["quadratic_drag"], ["motor_cogging"]]}) == "another name"
+
+
 def test_what_a_linear_model_leaves_of_a_linear_axis_is_nothing_and_of_cogging_is_not():
     trial, stack, law, noise, clean = names.drawn(3, LAWS_OF_ANGLE)
     assert law == "motor_cogging"
