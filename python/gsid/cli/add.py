@@ -20,7 +20,7 @@ from gsid.cli.options import (
     picture_option,
     plant_option,
     reading_options,
-    reference_option_for,
+    reference_option,
 )
 from gsid.cli.output import (
     command_line,
@@ -64,10 +64,7 @@ class Start(Value):
 @click.argument("effect", metavar="EFFECT", required=False)
 @click.argument("records", metavar="REC...", nargs=-1, type=RECORD)
 @reading_options
-@reference_option_for(
-    "Column or array of the reference of a closed loop: the input of the simulation. [default: --u is the "
-    "input]"
-)
+@reference_option
 @plant_option("Stack of effects (model file) to extend.")
 @click.option(
     "--torque",

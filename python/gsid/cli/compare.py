@@ -16,7 +16,7 @@ from gsid.cli.options import (
     options_as_arguments,
     picture_option,
     record_options,
-    reference_option_for,
+    reference_option,
 )
 from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
 
@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Compare a model with records.")
 @record_options
-@reference_option_for(
-    "Column or array of the reference of a closed loop: the input of the simulation; for a transfer "
-    "function, the lines to compare. [default: --u is the input]"
-)
+@reference_option
 @click.option(
     "--model",
     "model_path",
@@ -74,7 +71,8 @@ def compare(
     adequate.
 
     With --r a stack of effects is simulated with the reference as its input. If it has no controller, the one
-    that reference, output and command show is put around it.
+    that reference, output and command show is put around it. A transfer function is compared at the lines of
+    the reference.
     """
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single

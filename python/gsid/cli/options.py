@@ -259,13 +259,11 @@ INPUT, RECORD = InputPath(), InputPath(with_meta=True)
 OUTPUT, FILE_OUTPUT = OutputPath(), OutputPath(streams=False)
 
 
-def reference_option_for(text: str) -> Callable:
-    """--r with the help text of a verb."""
-    return click.option("--r", "reference", metavar="NAME", help=text)
-
-
-reference_option = reference_option_for(
-    "Column or array of the reference, for a closed loop. [default: open loop]"
+reference_option = click.option(
+    "--r",
+    "reference",
+    metavar="NAME",
+    help="Column or array of the reference, for a closed loop. [default: open loop]",
 )
 
 
@@ -380,15 +378,15 @@ def library_option(text: str, name: str, *, multiple: bool) -> Callable:
     return click.option("--library", name, metavar=Library.name, type=Library(), multiple=multiple, help=text)
 
 
-def alpha_option(default: float, text: str = "Significance level: rate of false alarms.") -> Callable:
-    """--alpha, with the help text of a verb."""
+def alpha_option(default: float) -> Callable:
+    """--alpha."""
     return click.option(
         "--alpha",
         metavar="P",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         default=default,
         show_default=True,
-        help=text,
+        help="Significance level: rate of false alarms.",
     )
 
 
@@ -436,7 +434,7 @@ def record_options(command: Callable) -> Callable:
     return records_argument(reading_options(with_records))
 
 
-PICTURES = (".png", ".svg", ".pdf")
+PICTURES = (".png", ".svg", ".pdf", ".json")
 
 
 def picture_option(command: Callable) -> Callable:
@@ -448,7 +446,7 @@ def picture_option(command: Callable) -> Callable:
             raise click.UsageError(f"--plot draws {', '.join(PICTURES)} only", click.get_current_context())
         return command(*args, picture=picture, **kwargs)
 
-    text = "Draw the result to .png, .svg or .pdf."
+    text = "Draw the result to .png, .svg, .pdf, or as a plotly figure to .json."
     return click.option("--plot", "picture", metavar="FILE", type=FILE_OUTPUT, help=text)(with_picture)
 
 

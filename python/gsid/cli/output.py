@@ -11,6 +11,7 @@ import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -31,8 +32,17 @@ def draw(figure: Callable[[], Figure], picture: str | None) -> None:
     if picture:
         from gsid.base.files import write_atomically
 
-        write_atomically(picture, lambda part: figure().savefig(part))
+        write_atomically(picture, lambda part: _write_figure(figure(), part))
         print_message(f"wrote {picture}")
+
+
+def _write_figure(figure: Figure, path: Path) -> None:
+    if path.suffix != ".json":
+        figure.savefig(path)
+        return
+    from gsid.plots.interactive import interactive
+
+    path.write_text(json.dumps(interactive(figure), allow_nan=False), encoding="utf-8")
 
 
 def describe(records: Sequence[Record]) -> str:
