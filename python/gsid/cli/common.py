@@ -13,8 +13,15 @@ if TYPE_CHECKING:
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
 
 
-def with_ladder(given: PlantModel, found: Diagnosis) -> PlantModel:
-    """The model that a diagnosis found, with its ladder if there are enough data to hold some out."""
+def with_ladder(given: PlantModel | None, found: Diagnosis) -> PlantModel:
+    """The model that a diagnosis found, with its ladder if there are enough data to hold some out.
+
+    Parameters
+    ----------
+    given : PlantModel or None
+        The model with which the diagnosis started; None: the linear structure of the model that it found.
+    found : Diagnosis
+    """
     from gsid.base.errors import GsidError, InputError
     from gsid.diagnosis.add import with_history
 
@@ -23,7 +30,15 @@ def with_ladder(given: PlantModel, found: Diagnosis) -> PlantModel:
     print_message("-- judging each step on records that its fit did not use")
     try:
         order = [effects[0] for effects in found.found]
-        return with_history(given, found.model, found.measured, order=order, band=found.band)
+        first = _without_found(found) if given is None else given
+        return with_history(first, found.model, found.measured, order=order, band=found.band)
     except (InputError, GsidError) as error:
         print_message(f"note: no ladder in the model: {error}")
         return found.model
+
+
+def _without_found(found: Diagnosis) -> PlantModel:
+    model = found.model
+    for effects in found.found:
+        model = model.without_effect(effects[0])
+    return model

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 )
 @output_is_option
 @band_option("Lines from LO to HI [Hz] only.")
-@alpha_option(0.05, "With --model: significance level of the test whether the model is adequate.")
+@alpha_option(0.05)
 @click.option(
     "--fast", is_flag=True, help="Stop after the first draft: no fits by simulation, and no effect is named."
 )
@@ -97,7 +97,8 @@ def diagnose(
     """Find the physical effects that a model of an axis lacks.
 
     No model is needed: without --model, the linear structure is found from the records. With --model, the
-    free parameters of this model are fitted; several effects may be missing from it.
+    free parameters of this model are fitted; several effects may be missing from it, and --alpha is the level
+    of the test whether it is adequate.
 
     The laws of the catalogue are ranked by the missing torque that they explain, and the best ones are fitted
     by simulation. A law is named only if these fits confirm it. Otherwise it is reported as the nearest, or
@@ -160,7 +161,7 @@ def _saved(given: PlantModel | None, found: Diagnosis, path: str) -> PlantModel 
     if found.model is None:
         print_message(f"note: no stack of effects represents the data: {path} was not written")
         return None
-    final = with_ladder(given, found) if given is not None else found.model
+    final = with_ladder(given, found)
     final.save(path)
     which = "with the effects found" if found.named else "without an added effect"
     print_message(f"wrote {path}: the model {which}")
