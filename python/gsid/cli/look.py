@@ -1,0 +1,101 @@
+"""gsid look"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.base.tables import Table
+from gsid.cli.options import json_option, picture_option, record_options
+from gsid.cli.output import draw, print_json, print_message, print_table
+
+if TYPE_CHECKING:
+    from gsid.records.record import Record
+    from gsid.spectrum.spectra import Spectra
+
+
+@click.command(short_help="Show what is in a record.")
+@record_options
+@picture_option
+@json_option
+def look(*, records: list[Record], picture: str | None, as_json: bool) -> None:
+    """Show what is in each record: samples, rate, period, settling, lost samples and excited lines.
+
+    The picture shows input and output over the whole record, the part that is discarded as settling, and the
+    spectrum of the periods, if the input repeats.
+    """
+    from gsid.plots.record import records as figure
+
+    seen = [(record, _spectra(record)) for record in records]
+    draw(lambda: figure(seen), picture)
+    facts = [_facts(record, found) for record, found in seen]
+    if as_json:
+        print_json({"records": facts, "sentences": [_sentence(one) for one in facts]})
+        return
+    names = list(facts[0])
+    print_table(
+        Table(
+            ["", *(str(one["name"]) for one in facts)],
+            [[name, *(_text(one[name]) for one in facts)] for name in names if name != "name"],
+            left=[""],
+        )
+    )
+
+
+def _spectra(record: Record) -> Spectra | None:
+    """Its periods; None, with a note, if it has none."""
+    from gsid.base.errors import InputError
+    from gsid.spectrum.realisation import spectra
+
+    try:
+        return spectra(record)
+    except InputError as error:
+        print_message(f"note: {record.name}: {error}")
+        return None
+
+
+def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
+    n = len(record.u)
+    facts: dict[str, object] = {
+        "name": record.name,
+        "samples": n,
+        "fs_hz": record.fs_hz,
+        "time_s": n / record.fs_hz,
+        "lost_samples": int(n - record.valid.sum()),
+        "u_unit": record.u_unit,
+        "y_unit": record.y_unit,
+        "hold": record.hold or "not stated",
+        "other_columns": ", ".join(record.columns),
+    }
+    if found is None:
+        return facts | dict.fromkeys(
+            ("period_samples", "periods", "settle_samples", "excited_lines", "band_hz")
+        )
+    f_hz = found.f_hz[found.excited]
+    return facts | {
+        "period_samples": found.period_samples,
+        "periods": found.n_periods,
+        "settle_samples": found.settle_samples,
+        "excited_lines": len(f_hz),
+        "band_hz": f"{f_hz[0]:.4g} to {f_hz[-1]:.4g}",
+    }
+
+
+def _sentence(facts: dict[str, object]) -> str:
+    settling = facts["settle_samples"]
+    begin = (
+        f"{facts['name']}: {facts['samples']} samples at {facts['fs_hz']:g} Hz, {facts['lost_samples']} lost"
+    )
+    if facts["period_samples"] is None:
+        return f"{begin}; no period was found."
+    return (
+        f"{begin}; {facts['periods']} periods of {facts['period_samples']} samples after {settling} "
+        f"of settling; {facts['excited_lines']} excited lines from {facts['band_hz']} Hz."
+    )
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "not found"
+    return f"{value:g}" if isinstance(value, float) else str(value)
