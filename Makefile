@@ -189,6 +189,19 @@ test: setup ## all tests: C in double and float, the same sanitized and under va
 .PHONY: tests-built
 tests-built: all peers $(C_TESTS) sanitized-built
 
+$(VENV)/browser.stamp: tests/browser/requirements.txt $(VENV)/requirements.stamp
+	tools/setup browser
+	$(PY) -m pip install -q --disable-pip-version-check -r tests/browser/requirements.txt
+	@touch $@
+
+.PHONY: test-browser
+test-browser: all $(VENV)/browser.stamp ## the page of gsid studio in a real browser, by clicks alone
+	GSID_BROWSER=1 $(PY) -m pytest -q tests/browser
+
+.PHONY: studio
+studio: all ## open the page of gsid studio
+	$(VENV)/bin/gsid studio
+
 .PHONY: test-data
 test-data: all ## the tests on measured records, those of docs/how-to/real_data.md that take minutes too
 	GSID_SLOW_DATA=1 $(PY) -m pytest -q tests/build/test_real_data.py

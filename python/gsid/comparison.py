@@ -174,7 +174,10 @@ class Comparison(Plottable):
             "hold_assumed",
             "delay_hold_uncertainty_s",
         )
-        return {key: getattr(self, key) for key in keys} | {"n_realisations": self.n_records}
+        return {key: getattr(self, key) for key in keys} | {
+            "n_realisations": self.n_records,
+            "sentence": self.verdict,
+        }
 
     def __repr__(self) -> str:
         lines = [self.verdict]

@@ -21,6 +21,7 @@ VERBS = {
     "design": "Make a periodic excitation.",
     "simulate": "Serve a simulated gimbal axis on a serial line.",
     "run": "Drive an axis over a serial line and record it.",
+    "look": "Show what is in a record: samples, period, lost samples, excited lines.",
     "noise": "Measure the noise spectrum and find periodic disturbances.",
     "frf": "Measure the frequency response and its variance from records.",
     "distortion": "Separate noise from nonlinear distortion in a frequency response.",
@@ -33,6 +34,7 @@ VERBS = {
     "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
+    "studio": "Open a page to measure, identify and diagnose by clicks.",
     "demo": "Measure the simulated axis and find the effect hidden in it.",
     "doctor": "Check the installation: versions, missing parts, a known system.",
 }

@@ -87,7 +87,11 @@ class Addition:
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers of `gsid add --json`."""
-        own = {"converged": self.fit.converged, "undetermined": self.undetermined}
+        own = {
+            "sentence": self.rung.sentence,
+            "converged": self.fit.converged,
+            "undetermined": self.undetermined,
+        }
         own |= facts_of(self.model)
         return self.rung.to_dict() | own | {"ladder": [rung.to_dict() for rung in self.ladder.rungs]}
 

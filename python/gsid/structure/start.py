@@ -164,7 +164,8 @@ class Start(Plottable):
         known = {name: getattr(self, name) for name in names}
         rational = {"num": self.rational.num, "den": self.rational.den, "delay_s": self.rational.delay_s}
         lines = {"n_lines": len(self.measured), "variance_from": self.measured.largest_source}
-        return known | {"rational": rational} | lines
+        words = {"summary": self.summary(), "notes": self.notes()}
+        return known | {"rational": rational} | lines | words
 
     def table(self) -> Table:
         """Values with their standard deviations, and those by the noise only."""

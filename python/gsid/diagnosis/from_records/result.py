@@ -317,6 +317,7 @@ class Diagnosis(Plottable):
         known = {key: getattr(self, key) for key in keys}
         share = None if self.unexplained_share is None else 1 - self.unexplained_share
         return known | {
+            "sentence": self.sentence,
             "effects": list(self.effects),
             "explained": share,
             "ranking": [one.to_dict() for one in self.ranking],

@@ -1,0 +1,58 @@
+"""gsid studio"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from gsid.cli.options import RECORD
+from gsid.cli.output import print_message
+
+
+@click.command(short_help="Open a page to identify and diagnose by clicks.")
+@click.argument("files", metavar="[FILES]...", nargs=-1, type=RECORD)
+@click.option(
+    "--folder",
+    metavar="DIR",
+    type=click.Path(),
+    default="study",
+    show_default=True,
+    help="Folder of the files written.",
+)
+@click.option(
+    "--port",
+    metavar="N",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Port on 127.0.0.1. [default: any free port]",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address only, for example over ssh.")
+@click.option(
+    "--max-upload",
+    metavar="MB",
+    type=click.IntRange(1),
+    default=200,
+    show_default=True,
+    help="Largest file that the page accepts.",
+)
+def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, max_upload: int) -> None:
+    """Open a page in the browser: records in, then each step with its picture, by clicks.
+
+    Each step is a command of gsid, which the page shows and notes in commands.log of the study. The server
+    listens on 127.0.0.1 only and loads nothing from elsewhere. Ctrl-C ends it; the study stays.
+    """
+    from gsid.study.folder import Study
+    from gsid.webpage.server import Page, serve
+
+    study = Study(folder)
+    for path in files:
+        study.add_file(path)
+
+    def announce(address: str) -> None:
+        print(f"gsid studio: {address}", flush=True)
+        print_message("Ctrl-C ends the server; the study stays in " + str(study.folder))
+        if not no_browser:
+            click.launch(address)
+
+    serve(Page(study, max_upload << 20), port, announce)

@@ -1,0 +1,1 @@
+"""The page of `gsid studio`: a server on this computer only, which runs the commands of gsid in a study."""

@@ -1,0 +1,81 @@
+"""Chromium, driven by Playwright, on the page of a `gsid studio` of its own."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from gsid.excitation.multisine import Multisine
+from gsid.records.files import write_record
+from gsid.records.record import Record
+from gsid.rig.axis import SimulatedAxis
+
+STEP_MS = 180_000  # of the longest step, on a loaded computer
+N, PERIODS, SEED = 3000, 6, 20261123
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    if os.environ.get("GSID_BROWSER") != "1":
+        pytest.skip("`make test-browser` runs the tests of the page in a browser")
+    from playwright.sync_api import sync_playwright
+
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def record(tmp_path_factory):
+    """A CSV file of the simulated axis with friction that the linear model lacks."""
+    path = tmp_path_factory.mktemp("rig") / "axis.csv"
+    print("seed", SEED)
+    axis = SimulatedAxis(seed=SEED, mode_residue=0, fan_amplitude=0, noise_low_rms=0, coulomb_level=20.0)
+    u = np.tile(
+        Multisine.design(3000, N, (2, 250), rms=20.0, phases="random", seed=SEED).table(), PERIODS + 2
+    )
+    used, y, *_ = axis.step(u)
+    write_record(path, Record(used, y, 3000.0, N, 2 * N, hold="zoh", y_unit="deg/s"))
+    return path
+
+
+@pytest.fixture
+def address(tmp_path):
+    """The address of a running `gsid studio` of a new study."""
+    command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", "study"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    try:
+        yield re.search(r"http://\S+", process.stdout.readline()).group()
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=30)
+
+
+@pytest.fixture(params=[(1280, 800), (400, 800)], ids=["wide", "narrow"])
+def page(request, chromium, address):
+    """The page, opened. Any request off this computer, and any error of a script, fails the test."""
+    width, height = request.param
+    faults = []
+    page = chromium.new_page(viewport={"width": width, "height": height})
+    own = address.split("/?")[0]
+
+    def watch(sent):
+        if not sent.url.startswith((own, own.replace("http", "ws"), "data:", "blob:")):
+            faults.append(f"request to {sent.url}")
+
+    page.on("request", watch)
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
+    page.set_default_timeout(STEP_MS)
+    page.goto(address)
+    page.get_by_text("connected", exact=True).wait_for()
+    yield page
+    page.close()
+    assert not faults

@@ -1,0 +1,171 @@
+"""What strangers and broken pages may try: each is refused, and the server still runs."""
+
+import json
+import os
+import socket
+import time
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def still_running(server, ask):
+    yield
+    assert server.process.poll() is None
+    assert ask("GET", "/state").code == 200
+
+
+def test_the_token_is_exchanged_for_a_cookie_that_other_sites_cannot_send(server, ask):
+    answer = ask("GET", f"/?token={server.token}", cookie=None)
+    assert (answer.code, answer.headers["Location"]) == (303, "/")
+    cookie = answer.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=strict" in cookie
+    assert ask("GET", "/").code == 200
+
+
+@pytest.mark.parametrize("cookie", [None, "wrong", "ü"])
+@pytest.mark.parametrize(
+    "path", ["/", "/state", "/plotly.min.js", "/files/session.json", "/static/studio.js"]
+)
+def test_without_the_token_nothing_is_shown(ask, path, cookie):
+    answer = ask("GET", path, cookie=cookie and cookie.encode("utf-8").decode("latin-1"))
+    assert answer.code == 403
+    assert "gsid studio printed" in answer.text
+
+
+def test_a_wrong_token_is_refused(ask):
+    assert ask("GET", "/?token=wrong", cookie=None).code == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1", "[::1]:80", "127.0.0.1:1"])
+def test_a_foreign_host_is_refused(ask, host):
+    assert ask("GET", "/state", host=host).code == 403
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "null", "http://evil.example", "https://127.0.0.1", "http://127.0.0.1:1"]
+)
+@pytest.mark.parametrize("path", ["/steps", "/stop", "/records?name=a.csv"])
+def test_a_post_of_another_page_is_refused(ask, path, origin):
+    assert ask("POST", path, {}, origin=origin).code == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", None])
+def test_a_websocket_of_another_page_is_refused(server, origin):
+    answer = handshake(server, origin)
+    assert answer.split()[1] == b"403"
+
+
+def test_the_own_page_gets_its_websocket(server):
+    answer = handshake(server, f"http://127.0.0.1:{server.port}")
+    assert answer.split()[1] == b"101"
+
+
+def handshake(server, origin):
+    lines = [
+        "GET /changes HTTP/1.1",
+        f"Host: 127.0.0.1:{server.port}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        "Sec-WebSocket-Version: 13",
+        f"Cookie: gsid_studio={server.token}",
+    ]
+    lines += [f"Origin: {origin}"] if origin else []
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:
+        connection.sendall("\r\n".join([*lines, "", ""]).encode())
+        return connection.recv(4096)
+
+
+@pytest.mark.parametrize(
+    "path", ["/files/../secret", "/files/%2e%2e/secret", "/files//etc/hostname", "/static/../server.py"]
+)
+def test_files_outside_the_study_are_not_served(server, ask, path):
+    (server.folder.parent / "secret").write_text("the secret")
+    answer = ask("GET", path)
+    assert answer.code in (400, 404)
+    assert "the secret" not in answer.text
+
+
+def test_a_link_out_of_the_study_is_not_followed(server, ask):
+    (server.folder.parent / "secret").write_text("the secret")
+    (server.folder / "records/link.csv").symlink_to(server.folder.parent / "secret")
+    assert ask("GET", "/files/records/link.csv").code == 400
+
+
+def test_a_file_is_sent_to_be_saved_and_never_as_a_page(ask):
+    page = b"<script>alert(1)</script>"
+    assert ask("POST", "/records?name=page.html", page).code == 200
+    answer = ask("GET", "/files/records/page.html")
+    assert answer.headers["Content-Disposition"] == "attachment"
+    assert answer.headers["Content-Type"] == "application/octet-stream"
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_scripts_come_from_this_server_only(ask):
+    policy = ask("GET", "/").headers["Content-Security-Policy"]
+    assert "script-src 'self';" in policy
+    assert "default-src 'self'" in policy
+    assert "frame-ancestors 'none'" in policy
+
+
+def test_an_upload_over_the_limit_is_refused_and_leaves_nothing(server, ask):
+    answer = ask("POST", "/records?name=big.csv", b"0" * (1 << 20) + b"0")
+    assert answer.code == 400
+    assert "larger than 1 MB" in answer.text
+    assert not (server.folder / "records/big.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["", "..", "%2e%2e%2fsecret", ".hidden", "a%00b", "a%0ab"])
+def test_names_of_uploads_stay_in_the_study(server, ask, name):
+    ask("POST", f"/records?name={name}", b"u,y\n")
+    outside = {path.name for path in server.folder.parent.iterdir()}
+    assert outside <= {"st", "secret"}  # the second is of other tests
+    kept = {path.name for path in (server.folder / "records").iterdir()}
+    assert not any(one.startswith(".") or not one.isprintable() for one in kept)
+
+
+WISHES = [
+    {},
+    {"verb": "doctor"},
+    {"verb": "look", "records": ["--library=./evil.so:f"]},
+    {"verb": "look", "records": ["../secret"]},
+    {"verb": "look", "records": "records/a.csv"},
+    {"verb": "look", "records": ["records/a.csv"], "options": {"--library": "./evil.so:f"}},
+    {"verb": "look", "records": ["records/a.csv"], "options": {"--fs": "1e999"}},
+    {"verb": "look", "records": ["records/a.csv"], "options": {"--u": "a\u0000b"}},
+    {"verb": "look", "records": ["records/a.csv"], "options": ["--u"]},
+    {"verb": "compare", "records": ["records/a.csv"], "model": "../secret"},
+    {"verb": "add", "records": ["records/a.csv"], "effect": "--undo"},
+    {"verb": "add", "records": ["records/a.csv"], "effect": "__import__('os')"},
+]
+
+
+@pytest.mark.parametrize("wish", WISHES, ids=range(len(WISHES)))
+def test_wishes_that_are_not_offered_are_refused(server, ask, wish):
+    (server.folder.parent / "secret").write_text("")
+    ask("POST", "/records?name=a.csv", b"u,y\n1,2\n")
+    answer = ask("POST", "/steps", wish)
+    assert answer.code == 400
+    assert "error" in answer.text
+
+
+@pytest.mark.parametrize("body", [b"", b"[]", b"{", b"\xff", b"0" * 100_000])
+def test_a_body_that_is_no_wish_is_refused(ask, body):
+    assert ask("POST", "/steps", body).code == 400
+
+
+def test_a_pickled_array_is_not_loaded(server, ask, tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.system, (f"touch {tmp_path}/owned",)
+
+    np.savez(tmp_path / "evil.npz", u=np.array([Evil()], dtype=object), y=np.zeros(1))
+    ask("POST", "/records?name=evil.npz", (tmp_path / "evil.npz").read_bytes())
+    assert ask("POST", "/steps", {"verb": "look", "records": ["records/evil.npz"]}).code == 200
+    while (state := json.loads(ask("GET", "/state").text))["job"]:
+        time.sleep(0.1)
+    assert state["steps"][-1]["failed"]
+    assert not (tmp_path / "owned").exists()
