@@ -80,6 +80,19 @@ def test_a_viscous_body_with_friction_stays_viscous():
     assert after.friction == pytest.approx(LEVEL, rel=0.05)
 
 
+def test_bug_a_spring_without_stiffness_won_by_the_errors_of_its_motion():
+    """Each body had its own motion, and they did not converge together: a viscous body lost by 35 nats."""
+    rng = np.random.default_rng([18, 20, 45])
+    before, measured, source = selected([recorded(axes.drawn(rng, 0.2), rng)])
+    assert {one.structure.body for one in rivals(before)} == {"viscous", "sprung"}
+    after = with_friction(before, measured, source)
+    assert after.friction == pytest.approx(LEVEL, rel=0.05)
+    assert after.chosen.structure == Structure("rate", "viscous", 2, 0, False)
+    (other,) = [one for one in after.likely if one.structure.body == "sprung" and one.structure.n_lags == 0]
+    one_parameter = np.log(2 * len(measured)) / 2
+    assert other.score - after.chosen.score == pytest.approx(one_parameter, rel=0.5)
+
+
 def test_realisations_with_lines_and_levels_of_their_own_have_one_friction():
     rng = np.random.default_rng([SEED, 20])
     records = []

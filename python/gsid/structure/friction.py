@@ -29,6 +29,8 @@ from gsid.structure.settings import StructureSettings
 
 FIRST_LEFT = 0.3
 """Standard deviation with friction over that without, to begin with."""
+LEFT_MIN = 1e-3
+"""Least value of it in the iteration; the scores have `StructureSettings.friction_left`."""
 IMPROVED, PATIENCE = 0.05, 6
 """Least relative decrease of it that counts, and rounds without one that end the comparison."""
 
@@ -97,21 +99,26 @@ class _Comparison:
         self.torques = [self._torque(one, 0.0) for one in self.fits]
 
     def run(self, deadline: Deadline) -> None:
-        """Alternate fits, motion, and what friction leaves of the variance; keep the round of the least."""
-        least, kept, since = math.inf, (self.left, self.correlation, self.torques), 0
+        """Alternate fits, motion, and what friction leaves of the variance.
+
+        Each structure keeps the torque beside which it leaves the least, as they do not converge together.
+        """
+        least, since = [math.inf] * len(self.fits), 0
+        kept = list(self.torques)
         for _ in range(self.settings.friction_rounds):
             self._fit()
-            self.left = self._left()
+            since += 1
+            left = [self._left(one) for one in range(len(self.fits))]
+            for i in np.flatnonzero(np.array(left) < (1 - IMPROVED) * np.array(least)):
+                least[i], kept[i], since = left[i], self.torques[i], 0
+            self.left = left[self.best]
             error = self.fits[self.best].error(self.data[self.best])
             self.correlation = min(correlation_of(error), self.settings.correlation_max)
-            since += 1
-            if self.left < least * (1 - IMPROVED):
-                least, kept, since = self.left, (self.left, self.correlation, self.torques), 0
-            if since == PATIENCE or least == self.settings.friction_left or deadline.is_over:
+            if since == PATIENCE or deadline.is_over:
                 break
             self.torques = [self._torque(one, max(one.gains[-1], 0.0)) for one in self.fits]
-        self.left, self.correlation, self.torques = kept
-        self._fit()
+        self.left = max(min(least), self.settings.friction_left)
+        self._fit_beside_each(kept)
 
     def shows_friction(self) -> bool:
         """Whether the best fit has friction that the errors without it show."""
@@ -153,22 +160,34 @@ class _Comparison:
         """Without the odds against unusual axes."""
         return fitted.cost + price(fitted.structure, len(self.measured), correlation)
 
+    def _fit_beside_each(self, torques: list[np.ndarray]) -> None:
+        """Fit each structure beside the torque of its best score.
+
+        A body that has another one as its limit is then not better by the errors of its own motion.
+        """
+        results = []
+        for torque in torques:
+            self.torques = [torque] * len(self.fits)
+            self._fit()
+            results.append(list(zip(self.scores, self.fits, self.data, strict=True)))
+        best = [min(of_one, key=lambda each: each[0]) for of_one in zip(*results, strict=True)]
+        self.scores, self.fits, self.data = (list(each) for each in zip(*best, strict=True))
+
     def _variance_of(self, left: float) -> np.ndarray:
         return self.measured.var_noise + left**2 * self.variance
 
-    def _left(self) -> float:
-        """Share of the standard deviation at which the best structure leaves what is expected."""
-        best = self.fits[self.best]
-        rest2 = np.abs(self.measured.g - best.response(self.data[self.best].lines)) ** 2
-        expected = len(rest2) - (best.structure.n_parameters + 1) / 2
+    def _left(self, number: int) -> float:
+        """Share of the standard deviation at which a structure leaves what is expected."""
+        fitted, data = self.fits[number], self.data[number]
+        rest2 = np.abs(self.measured.g - fitted.response(data.lines)) ** 2
+        expected = len(rest2) - (fitted.structure.n_parameters + 1) / 2
 
         def excess(left: float) -> float:
             return float(np.sum(rest2 / self._variance_of(left)) - expected)
 
-        least = self.settings.friction_left
         if excess(1.0) > 0:
             return 1.0
-        return least if excess(least) < 0 else brentq(excess, least, 1.0, xtol=1e-4)
+        return LEFT_MIN if excess(LEFT_MIN) < 0 else brentq(excess, LEFT_MIN, 1.0, xtol=1e-4)
 
     def _level(self, fitted: Fitted) -> float:
         """Friction in the unit of the command."""
