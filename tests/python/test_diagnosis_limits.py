@@ -222,3 +222,13 @@ def test_bug_a_second_search_out_of_time_lost_the_first(record, monkeypatch):
     assert len(searches) == 2
     assert found.represented
     assert any("best one so far" in text for text in found.assumed)
+
+
+def test_bug_a_review_had_only_the_work_that_earlier_rounds_left():
+    """Its fits were refused, and both of two effects were lost."""
+    run = Run(Deadline().bounded(DEFAULTS.moves_most), DEFAULTS, None, (), lambda text: None)
+    run.deadline.spend(DEFAULTS.moves_most)
+    further = run.beside(plant(AXIS))
+    assert further.deadline.moves_left == DEFAULTS.moves_most
+    further.deadline.stop()
+    assert run.deadline.is_over

@@ -60,10 +60,10 @@ class DecisionSettings:
         Most slices of the winner's fit and of the others: most fits of the trials need three. The first slice
         is one iteration: a law that cannot catch up often shows it there.
     moves_most, moves_of_fit, moves_of_play : float
-        Most work of all fits by simulation, of one of them, and of play between motor and load, which is
-        tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns: they bound
-        the time on any computer without a clock. Most fits of the trials take 2e6 to 2e8, the hysteretic
-        benchmark 2e7; stiff hysteresis and wide stops took up to 7e9.
+        Most work of the fits by simulation of a round, of one fit, and of play between motor and load, which
+        is tried last, in moves of one column (`gsid_plant_cfg.moves_left`). A move takes 30 to 60 ns: they
+        bound the time on any computer without a clock. Most fits of the trials take 2e6 to 2e8, the
+        hysteretic benchmark 2e7; stiff hysteresis and wide stops took up to 7e9.
     rival_share : float
         Least share kept out, by the first stage, of a law that is fitted by simulation: a law that explains
         less cannot catch up.
