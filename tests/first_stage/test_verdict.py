@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from gsid.diagnosis.from_records.confirm import Simulated
-from gsid.diagnosis.from_records.evidence import Evidence, is_simpler_of_angle
+from gsid.diagnosis.from_records.evidence import Evidence, is_simpler_of_angle, may_be_noise
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import decide
@@ -184,12 +184,19 @@ def test_where_only_noise_is_left_the_cost_has_to_be_a_hundred_lower(rival, verd
     assert decision(fit(LAW, 1.02), fit(OTHER_FAMILY, rival), null=1.5).verdict == verdict
 
 
-@pytest.mark.parametrize(("gain", "verdict"), [(17.0, "adequate"), (19.0, "nearest_effect")])
+@pytest.mark.parametrize(("gain", "verdict"), [(32.0, "adequate"), (34.0, "nearest_effect")])
 def test_a_law_needs_more_than_the_drop_that_chance_gives_the_best_of_many(gain, verdict):
-    """A bug: a null became a nearest unbalance. 17.6 for one parameter: 10 and the logarithm of 2000."""
+    """A bug: a null became a nearest unbalance. 32.6 for one parameter: 25 and the logarithm of 2000."""
     found = decision(fit(SIMPLER, 1.0 - gain / N_DOF), fit(OTHER_FAMILY, 1.0), null=1.0)
     assert found.verdict == verdict
     assert bool(found.effects) == (verdict != "adequate")
+
+
+@pytest.mark.parametrize(("n_dof", "expected"), [(760, True), (2000, False)])
+def test_bug_a_null_of_few_lines_had_a_nearest_effect(n_dof, expected):
+    """A cost of 1.13 is 2.5 standard deviations of 760 numbers, and 4 of 2000."""
+    null = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.13, n_dof=n_dof))
+    assert may_be_noise(null, DEFAULTS) is expected
 
 
 @pytest.mark.parametrize(("null", "verdict"), [(1.09, "adequate"), (1.11, "nearest_effect")])

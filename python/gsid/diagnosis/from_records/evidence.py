@@ -102,7 +102,7 @@ class Evidence:
 
         The first stage takes a law along the measured motion, whose errors it may follow.
         """
-        if self.null.fit.cost_per_dof >= self.settings.null_cost:
+        if not may_be_noise(self.null, self.settings):
             return False
         unit = math.log(self.null.fit.n_dof)
         gains = [self.null.cost - one.cost - n_parameters(one) * unit for one in self.laws]
@@ -290,6 +290,18 @@ class Evidence:
 
 def _is_linear(one: Simulated) -> bool:
     return is_linear(one.effects[0])
+
+
+def may_be_noise(null: Simulated, settings: DecisionSettings) -> bool:
+    """Whether a linear part alone leaves so little that nothing may be missing.
+
+    Parameters
+    ----------
+    null : Simulated
+    settings : DecisionSettings
+    """
+    spread = math.sqrt(2 / null.fit.n_dof)
+    return null.fit.cost_per_dof < max(settings.null_cost, 1 + settings.null_spread * spread)
 
 
 def contains(one: Simulated, other: Simulated) -> bool:

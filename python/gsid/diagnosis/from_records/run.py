@@ -19,7 +19,7 @@ from gsid.diagnosis.from_records.canonical import (
 )
 from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.draft import Draft, is_linear
-from gsid.diagnosis.from_records.evidence import Evidence, n_parameters
+from gsid.diagnosis.from_records.evidence import Evidence, may_be_noise, n_parameters
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only, without_laws
 from gsid.diagnosis.from_records.ripple import Ripple
 from gsid.diagnosis.from_records.settings import DecisionSettings
@@ -130,7 +130,7 @@ class Run:
         """
         if self.null is None or self.laws or self.decision.verdict != UNKNOWN:
             return
-        if self.null.fit.cost_per_dof < self.settings.null_cost:
+        if may_be_noise(self.null, self.settings):
             self.decision = Decision(ADEQUATE)
 
     def pruned(self, model: PlantModel) -> PlantModel:
