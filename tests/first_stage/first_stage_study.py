@@ -182,7 +182,8 @@ def table(rows: list[Row], command: str) -> str:
             "",
             *([f"- {told(r)}" for r in wrong] or ["- none"]),
             "",
-            "Effects with a drop >= 64 that are not first, or that have no name:",
+            "Effects with a drop >= 64 that are not first in the ranking, or whose conclusion is unknown or "
+            "none:",
             "",
             *(f"- {told(r)}" for r in clear if place_of(r) != 1 or outcome(r) in ("unknown", "none")),
         ]

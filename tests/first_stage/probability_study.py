@@ -129,7 +129,9 @@ def table(rows: Sequence[Row], command: str) -> str:
     text += study.markdown(head, [*kinds, ["sum", *np.sum([line[1:] for line in kinds], axis=0)]])
     names = ("intercept", "lead", "margin", "share", "outside", "other", "n_trials")
     text += study.markdown(["coefficient", "value"], [[f"`{name}`", getattr(found, name)] for name in names])
-    text += [f"`source`: {source}. No probability is below {limit:.3f} or above {1 - limit:.3f}.", ""]
+    text += [f"`source`: {source}. The probability of the best group is between {limit:.3f} and "]
+    text[-1] += f"{1 - limit:.3f}."
+    text.append("")
     text += [f"Cross-validated in {N_FOLDS} parts, no trial in two of them. First group: Brier score"]
     text += [
         f"{reliability.brier(first):.3f} (of the share of right ones, {base:.2f}: {base * (1 - base):.3f})."

@@ -44,8 +44,8 @@ def predict(
     """Simulate a model with the input of each record and compare its steady-state output over time.
 
     FIT is 100 % (1 - rms of the error / rms of the output without its mean). The noise of the record bounds
-    it; this bound is printed beside it. The mean of the output is that of the record, except in a
-    position loop. `gsid compare` tests whether the error is more than noise.
+    it; this bound is printed beside it. The simulated output is given the mean of the
+    measured one, except in a position loop. `gsid compare` tests whether the error is more than noise.
     """
     from gsid.models.load import load_single
     from gsid.prediction import predict as predict_output

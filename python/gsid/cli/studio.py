@@ -37,10 +37,11 @@ from gsid.cli.output import print_message
     help="Largest file that the page accepts.",
 )
 def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, max_upload: int) -> None:
-    """Open a page in the browser: records in, then each step with its picture, by clicks.
+    """Open a page in the browser that runs each step on your records and shows its picture.
 
-    Each step is a command of gsid, which the page shows and notes in commands.log of the study. The server
-    listens on 127.0.0.1 only and loads nothing from elsewhere. Ctrl-C ends it; the study stays.
+    Each step is a command of gsid, which the page shows and writes to commands.log of the study. The server
+    listens on 127.0.0.1 only and loads nothing from elsewhere. Ctrl-C stops the server; the files of the
+    study are kept.
     """
     from gsid.study.folder import Study
     from gsid.webpage.server import Page, serve

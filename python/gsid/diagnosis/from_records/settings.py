@@ -114,7 +114,8 @@ class DecisionSettings:
     named_scatter, scatter_errors : float
         Largest scatter of the law's coefficient over realisations, or in standard errors.
     worse : float
-        Drop of the cost [noise units] by which a law with more parameters has to be better per parameter.
+        Rise of the cost [noise units; over the cost per degree of freedom where that is above 1] above which
+        a law is worse than the best of its family.
     member_ratio : float
         What a simpler law of the family has to leave, kept out, over what the best leaves, to be worse where
         a model error is left.
