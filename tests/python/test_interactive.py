@@ -69,6 +69,24 @@ def test_texts_are_never_markup(figure):
     assert interactive(figure)["data"][0]["name"] == "gain of &lt;b>a&lt;/b>"
 
 
+def test_units_and_categories_from_files_are_never_markup():
+    figure = Figure()
+    ax = figure.subplots()
+    ax.barh(["<b>a</b>", "price \\$", "two\nlines"], [1, 2, 3])
+    ax.set_xlabel("<a href=x>")
+    layout = interactive(figure)["layout"]
+    assert layout["xaxis"]["title"]["text"] == "&lt;a href=x>"
+    assert layout["yaxis"]["ticktext"] == ["&lt;b>a&lt;/b>", "price $", "two<br>lines"]
+    ax.set_xlabel(r"rate [\$/s]")
+    assert interactive(figure)["layout"]["xaxis"]["title"]["text"] == "rate [$/s]"
+
+
+def test_numbers_of_a_logarithmic_axis_are_no_categories():
+    figure = Figure()
+    figure.subplots().semilogy([1, 2, 3], [1, 100, 1e4])
+    assert "ticktext" not in interactive(figure)["layout"]["yaxis"]
+
+
 def test_a_name_stands_once_in_the_legend(figure):
     figure.axes[1].plot([1, 10], [1, 1], label="measured")
     shown = [one for one in interactive(figure)["data"] if one["showlegend"]]

@@ -28,6 +28,7 @@ SYMBOLS = {
     "D": "diamond",
     ".": "circle",
 }
+FORMULA = r"\mathdefault"  # in the labels of a logarithmic axis
 PIXELS_PER_POINT = 96 / 72
 PIXELS_PER_INCH = 96
 
@@ -80,7 +81,7 @@ def _axes_of(ax: Axes, number: int, shown: list[Axes]) -> dict[str, Any]:
         other = "y" if letter == "x" else "x"
         limits = np.asarray(getattr(ax, f"get_{letter}lim")(), float)
         is_log = axis.get_scale() == "log"
-        title = axis.get_label_text() if _has_labels(axis) else ""
+        title = _plain(axis.get_label_text()) if _has_labels(axis) else ""
         made[f"{letter}axis{_suffix(number)}"] = (
             {
                 "anchor": f"{other}{_suffix(number)}",
@@ -118,10 +119,10 @@ def _matched(ax: Axes, letter: str, number: int, shown: list[Axes]) -> dict[str,
 def _ticks(axis: Any) -> dict[str, Any]:
     """Names of categories; plotly places the ticks of numbers itself."""
     labels = [label.get_text() for label in axis.get_ticklabels()]
-    if not any(any(char.isalpha() for char in label) for label in labels):
+    if any(FORMULA in label for label in labels) or not any(char.isalpha() for char in "".join(labels)):
         return {}
     at = [float(place) for place in axis.get_ticklocs()]
-    return {"tickvals": at, "ticktext": [label.replace("\n", "<br>") for label in labels]}
+    return {"tickvals": at, "ticktext": [_plain(label) for label in labels]}
 
 
 # --- curves -----------------------------------------------------------------------------------------------
