@@ -34,7 +34,7 @@ VERBS = {
     "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
-    "studio": "Open a page to measure, identify and diagnose by clicks.",
+    "studio": "Open a page to identify and diagnose by clicks.",
     "demo": "Measure the simulated axis and find the effect hidden in it.",
     "doctor": "Check the installation: versions, missing parts, a known system.",
 }
