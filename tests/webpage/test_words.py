@@ -1,6 +1,7 @@
 """What a command found, in sentences, and the buttons that follow."""
 
 import json
+import signal
 
 import pytest
 
@@ -25,9 +26,39 @@ def test_a_named_effect_is_in_the_model_already():
     assert (found.effects, found.next) == ((), ("predict", "compare"))
 
 
-def test_laws_that_are_not_named_can_be_added():
+def test_the_search_goes_on_if_a_named_effect_is_not_all():
+    known = {"verdict": "missing_effect", "sentence": "Missing is x.", "notes": [], "ranking": RANKING}
+    found = outcome_of("diagnose", 0, answer(**known, nearest=[{"effects": ["hard_stop"]}]), [])
+    assert (found.effects, found.next) == ((), ("predict", "compare", "diagnose"))
+
+
+def test_all_members_of_the_nearest_group_can_be_added():
     known = {"verdict": "nearest_effect", "sentence": "The nearest is x.", "notes": [], "ranking": RANKING}
-    assert outcome_of("diagnose", 0, answer(**known), []).effects == ("cubic_spring", "hard_stop")
+    found = outcome_of("diagnose", 0, answer(**known, effects=["cubic_spring", "motor_cogging"]), [])
+    assert found.effects == ("cubic_spring", "motor_cogging")
+    assert found.next == ("predict", "compare")
+
+
+@pytest.mark.parametrize("verdict", ["adequate", "unknown_effect"])
+def test_no_law_is_offered_if_none_is_near(verdict):
+    known = {"verdict": verdict, "sentence": "Nothing.", "notes": [], "ranking": RANKING, "effects": []}
+    found = outcome_of("diagnose", 0, answer(**known), [])
+    assert (found.effects, found.next) == ((), ("predict", "compare"))
+
+
+def test_the_fit_of_a_constant_output_is_not_defined():
+    one = {"name": "a", "fit_percent": None, "fit_percent_of_noise": None}
+    found = outcome_of("predict", 0, answer(records=[one]), [])
+    nothing = "not defined (constant output)"
+    assert found.sentences == (f"a: FIT {nothing}, noise alone {nothing}.",)
+
+
+@pytest.mark.parametrize("verb", ["look", "frf", "start", "compare", "predict", "diagnose", "add"])
+@pytest.mark.parametrize("values", [{}, {"records": [3], "f_hz": [], "verdict": []}])
+def test_an_answer_without_the_expected_keys_is_reported(verb, values):
+    found = outcome_of(verb, 0, answer(**values), ["note: x", "wrote y"])
+    assert found.sentences == ("The command's answer could not be read.", "note: x")
+    assert (found.effects, found.next) == ((), ())
 
 
 def test_notes_of_the_command_follow_its_answer():
@@ -44,6 +75,29 @@ def test_a_failure_is_what_the_command_wrote(answered):
     assert found.sentences == ("error: no column u", "where: a.csv", "hint: name it with --u")
 
 
-def test_a_command_that_was_killed_or_silent_is_no_success():
-    assert outcome_of("look", -9, b"", []).sentences == ("The step was stopped.",)
+def test_the_error_is_first_and_its_hint_follows():
+    messages = ["warning: x", "error: no column u", "  where: a.csv", "  hint: name it"]
+    found = outcome_of("look", 3, b"", messages)
+    assert found.sentences == ("error: no column u", "where: a.csv", "hint: name it", "warning: x")
+
+
+@pytest.mark.parametrize(
+    ("code", "name"), [(-signal.SIGSEGV, "SIGSEGV"), (-signal.SIGKILL, "SIGKILL"), (-999, "signal 999")]
+)
+def test_a_crash_is_not_taken_for_a_stop(code, name):
+    found = outcome_of("look", code, b"", ["error: the answer is too long"])
+    assert found.sentences == (f"The command was ended by {name}.", "error: the answer is too long")
+
+
+@pytest.mark.parametrize("code", [-signal.SIGKILL, -signal.SIGINT, 130])
+def test_a_stopped_step_is_no_crash(code):
+    assert outcome_of("look", code, b"", [], stopped=True).sentences == ("The step was stopped.",)
+
+
+def test_a_stopped_step_shows_what_it_has_found():
+    known = {"sentence": "Adequate.", "adequate": True}
+    assert outcome_of("compare", 130, answer(**known), [], stopped=True).sentences == ("Adequate.",)
+
+
+def test_a_silent_command_is_no_success():
     assert outcome_of("look", 0, b"", []).sentences == ("The command ended without an answer.",)

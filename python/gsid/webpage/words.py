@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-GOOD, CRITERION = 0, 1
+GOOD, CRITERION, INTERRUPTED = 0, 1, 130
+UNREADABLE = "The command's answer could not be read."
 
 
 @dataclass(frozen=True)
@@ -29,35 +31,54 @@ class Outcome:
     next: tuple[str, ...] = ()
 
 
-def outcome_of(verb: str, exit_code: int, answer: bytes, messages: Sequence[str]) -> Outcome:
+def outcome_of(
+    verb: str, exit_code: int, answer: bytes, messages: Sequence[str], stopped: bool = False
+) -> Outcome:
     """Read the answer of a command.
 
     Parameters
     ----------
     verb : str
     exit_code : int
+        Negative: the number of the signal that ended it.
     answer : bytes
         Its standard output.
     messages : sequence of str
         What it wrote on stderr.
+    stopped : bool
+        Whether the user stopped it.
     """
-    if exit_code < 0:
-        return Outcome(("The step was stopped.",))
     try:
-        values = json.loads(answer) if exit_code in (GOOD, CRITERION, 130) else None
+        values = json.loads(answer) if exit_code in (GOOD, CRITERION, INTERRUPTED) else None
     except ValueError:
         values = None
     if not isinstance(values, dict):
-        return Outcome(_failure(messages))
+        return Outcome(_failure(exit_code, messages, stopped))
     notes = tuple(text for text in messages if text.startswith(("note:", "warning:")))
-    found = READERS[verb](values)
+    try:
+        found = READERS[verb](values)
+    except (LookupError, TypeError, ValueError):
+        return Outcome((UNREADABLE, *notes))
     return Outcome(found.sentences + notes, found.effects, found.next)
 
 
-def _failure(messages: Sequence[str]) -> tuple[str, ...]:
-    """The error of a command: what, where, and the hint."""
+def _failure(exit_code: int, messages: Sequence[str], stopped: bool) -> tuple[str, ...]:
+    """Why a command has no answer: its error with where and hint, before its warnings."""
     lines = [text.strip() for text in messages if not text.startswith(("note:", "wrote "))]
+    begin = next((i for i, text in enumerate(lines) if text.startswith("error:")), 0)
+    lines = lines[begin:] + lines[:begin]
+    if stopped:
+        return ("The step was stopped.", *lines)
+    if exit_code < 0:
+        return (f"The command was ended by {_signal_name(-exit_code)}.", *lines)
     return tuple(lines) or ("The command ended without an answer.",)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 def _look(values: Mapping[str, Any]) -> Outcome:
@@ -87,18 +108,25 @@ def _compare(values: Mapping[str, Any]) -> Outcome:
 
 def _predict(values: Mapping[str, Any]) -> Outcome:
     sentences = (
-        f"{one['name']}: FIT {one['fit_percent']:.4g} %, noise alone {one['fit_percent_of_noise']:.4g} %."
+        f"{one['name']}: FIT {_percent(one['fit_percent'])}, "
+        f"noise alone {_percent(one['fit_percent_of_noise'])}."
         for one in values["records"]
     )
     return Outcome(tuple(sentences), next=("compare", "diagnose"))
 
 
+def _percent(value: float | None) -> str:
+    return "not defined (constant output)" if value is None else f"{value:.4g} %"
+
+
 def _diagnose(values: Mapping[str, Any]) -> Outcome:
     words = (values["sentence"], *values["notes"])
-    if values["verdict"] == "missing_effect":  # the model that was written has the effect
+    if values["verdict"] == "adequate":
         return Outcome(words, next=("predict", "compare"))
-    effects = [one["effects"][0] for one in values["ranking"] if one["effects"]]
-    return Outcome(words, tuple(dict.fromkeys(effects)), ("start",))
+    if values["verdict"] == "missing_effect":  # the model that was written has the effect
+        more = ("diagnose",) if values.get("nearest") else ()
+        return Outcome(words, next=("predict", "compare", *more))
+    return Outcome(words, tuple(values["effects"]), ("predict", "compare"))
 
 
 def _add(values: Mapping[str, Any]) -> Outcome:
