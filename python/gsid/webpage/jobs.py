@@ -11,6 +11,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+# -P: the study, which is the working folder, is not searched for modules; a record may be named click.py
+COMMAND = (sys.executable, "-P", "-m", "gsid.cli.main")
 PROGRESS = "-- "  # begins a line on stderr that names the present step
 OUTPUT_MOST = 64 << 20  # bytes of one command's answer
 LINE_MOST = 1 << 16
@@ -53,7 +55,7 @@ class Job:
             Called after each line of progress.
         """
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "gsid.cli.main", *self.arguments,
+            *COMMAND, *self.arguments,
             cwd=folder,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
