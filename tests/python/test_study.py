@@ -1,13 +1,15 @@
 """The folder of a study."""
 
+import hashlib
 import json
 import os
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 import gsid
-from gsid.study.folder import FOLDERS, LOG, SESSION, Study
+from gsid.study.folder import FOLDERS, LOCK, LOG, SESSION, Study, usable_name
 
 
 @pytest.fixture
@@ -22,7 +24,7 @@ def file_of(folder, name, text):
 
 
 def test_a_new_study_has_its_folders(study):
-    assert {path.name for path in study.folder.iterdir()} == {*FOLDERS, SESSION}
+    assert {path.name for path in study.folder.iterdir()} - {LOCK} == {*FOLDERS, SESSION}
     assert json.loads((study.folder / SESSION).read_text())["gsid_study"] == 1
     assert (study.files, study.steps) == ({}, [])
 
@@ -70,14 +72,25 @@ def test_a_broken_session_is_refused_and_kept(study, text):
     assert (study.folder / SESSION).read_text() == text
 
 
-def test_a_later_version_is_refused(study):
-    (study.folder / SESSION).write_text('{"gsid_study": 2, "files": {}, "steps": []}')
+@pytest.mark.parametrize("rest", ['"files": {}, "steps": []', '"records": [], "steps": 3'])
+def test_another_version_is_refused_whatever_else_it_has(study, rest):
+    (study.folder / SESSION).write_text('{"gsid_study": 2, ' + rest + "}")
     with pytest.raises(gsid.InputError, match="another version"):
         Study(study.folder)
 
 
 @pytest.mark.parametrize(
-    "name", ["../secret", "/etc/hostname", "records/../../secret", "records", "records/none"]
+    "name",
+    [
+        "../secret",
+        "/etc/hostname",
+        "records/../../secret",
+        "records",
+        "records/none",
+        "records/a\0b",
+        "a" * 5000,
+        "",
+    ],
 )
 def test_paths_outside_the_study_are_refused(study, name):
     (study.folder.parent / "secret").write_text("secret")
@@ -88,5 +101,153 @@ def test_paths_outside_the_study_are_refused(study, name):
 def test_a_link_to_the_outside_is_refused(study):
     (study.folder.parent / "secret").write_text("secret")
     os.symlink(study.folder.parent / "secret", study.folder / "records/link.csv")
-    with pytest.raises(gsid.InputError, match="no such file in the study"):
-        study.path("records/link.csv")
+    os.symlink("loop.csv", study.folder / "records/loop.csv")
+    for name in ("records/link.csv", "records/loop.csv"):
+        with pytest.raises(gsid.InputError, match="no such file in the study"):
+            study.path(name)
+
+
+@pytest.mark.parametrize("name", [SESSION, LOG, LOCK, *FOLDERS])
+def test_nothing_is_written_through_links(study, tmp_path, name):
+    source = file_of(tmp_path / "a", "rec.csv", "u,y\n1,2\n")
+    place, outside = study.folder / name, tmp_path / "outside"
+    if place.exists():
+        place.rename(outside)
+    else:
+        outside.write_text("mine")
+    before = outside.read_text() if outside.is_file() else None
+    os.symlink(outside, place)
+    for attempt in (
+        lambda: Study(study.folder),
+        lambda: study.add_file(source),
+        lambda: study.add_step(["look"], 0),
+    ):
+        with pytest.raises(gsid.InputError, match="no symbolic links"):
+            attempt()
+    if before is None:
+        assert list(outside.iterdir()) == []
+    else:
+        assert outside.read_text() == before
+
+
+def test_a_study_whose_first_write_failed_can_begin_again(tmp_path):
+    for name in FOLDERS[:3]:
+        (tmp_path / "study" / name).mkdir(parents=True)
+    (tmp_path / "study" / LOCK).touch()
+    assert Study(tmp_path / "study").steps == []
+
+
+def test_a_folder_that_holds_a_file_in_records_is_not_taken(tmp_path):
+    file_of(tmp_path / "records", "mine.csv", "u,y\n")
+    with pytest.raises(gsid.InputError, match="holds files but no study"):
+        Study(tmp_path)
+
+
+def test_empty_folders_that_a_copy_has_lost_are_made_again(study):
+    (study.folder / "verdicts").rmdir()
+    Study(study.folder)
+    assert (study.folder / "verdicts").is_dir()
+
+
+@pytest.mark.parametrize("change", ["edit", "remove"])
+def test_a_known_file_that_has_changed_is_not_taken_for_the_content(study, tmp_path, change):
+    source = file_of(tmp_path / "a", "rec.csv", "u,y\n1,2\n")
+    kept = study.folder / study.add_file(source)
+    if change == "edit":
+        kept.write_text("u,y\n9,9\n")
+    else:
+        kept.unlink()
+    assert study.path(study.add_file(source)).read_text() == "u,y\n1,2\n"
+
+
+def test_the_digest_is_that_of_the_copy(study, tmp_path, monkeypatch):
+    source = file_of(tmp_path / "a", "rec.csv", "u,y\n1,2\n")
+    copyfile = shutil.copyfile
+
+    def still_growing(one, other):
+        with open(one, "a") as file:
+            file.write("3,4\n")
+        return copyfile(one, other)
+
+    monkeypatch.setattr("shutil.copyfile", still_growing)
+    name = study.add_file(source)
+    assert study.files[name] == hashlib.sha256((study.folder / name).read_bytes()).hexdigest()
+
+
+def test_a_copy_does_not_lock_the_study(study, tmp_path, monkeypatch):
+    source = file_of(tmp_path / "a", "rec.csv", "u,y\n1,2\n")
+    copyfile = shutil.copyfile
+
+    def slow(one, other):
+        Study(study.folder).add_step(["look"], 0)
+        return copyfile(one, other)
+
+    monkeypatch.setattr("gsid.study.folder.LOCK_TIME_S", 0.1)
+    monkeypatch.setattr("shutil.copyfile", slow)
+    assert study.add_file(source) == "records/rec.csv"
+    assert len(study.steps) == 1
+
+
+def test_a_failed_copy_leaves_nothing(study, tmp_path):
+    before = sorted(study.folder.rglob("*"))
+    with pytest.raises(FileNotFoundError):
+        study.add_file(tmp_path / "none.csv")
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(gsid.InputError, match="not a regular file"):
+        study.add_file(tmp_path / "pipe.csv")
+    assert sorted(study.folder.rglob("*")) == before
+
+
+def test_no_command_is_logged_that_the_session_lacks(study, monkeypatch):
+    def full(path, write):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("gsid.study.folder.write_atomically", full)
+    with pytest.raises(OSError, match="No space"):
+        study.add_step(["look"], 0)
+    assert not (study.folder / LOG).exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", "a/..", ".hidden", "a\nb", "a\0b", "a\x7f", "\udcff.csv", "ü" * 101]
+)
+def test_names_that_are_not_usable_are_refused(study, tmp_path, name):
+    with pytest.raises(gsid.InputError, match="no usable name"):
+        usable_name(name)
+    source = file_of(tmp_path / "a", "rec.csv", "")
+    if name:  # empty: that of the source
+        with pytest.raises(gsid.InputError, match="no usable name"):
+            study.add_file(source, name)
+
+
+@pytest.mark.parametrize("name", ["a b.csv", "-x.csv", "größe.csv", "a" * 200])
+def test_usable_names_are_kept(name):
+    assert usable_name(f"/some/where/{name}") == name
+
+
+def with_meta(folder, values, **more):
+    file_of(folder, "meta.json", json.dumps({"files": ["rec.csv", "other.csv"], **more}))
+    return file_of(folder, "rec.csv", "u,y\n" + "\n".join(f"{one},0" for one in values))
+
+
+def test_rate_and_units_in_a_meta_file_beside_a_record_are_kept(study, tmp_path):
+    channels = [{"name": "u", "unit": "A"}, {"name": "y", "unit": "rad/s"}]
+    one = study.add_file(with_meta(tmp_path / "a", range(9), fs_hz=500, channels=channels))
+    record = gsid.read_record(study.path(one))
+    assert (record.fs_hz, record.u_unit, record.y_unit) == (500, "A", "rad/s")
+    assert one in study.files
+
+
+def test_two_experiments_keep_their_own_rates(study, tmp_path):
+    kept = [
+        study.add_file(with_meta(tmp_path / name, range(9), fs_hz=rate))
+        for name, rate in (("a", 500), ("b", 1000), ("c", 500))
+    ]
+    assert [gsid.read_record(study.path(one)).fs_hz for one in kept] == [500, 1000, 500]
+    assert kept[0] == kept[2]
+
+
+def test_a_meta_file_of_another_purpose_is_not_copied(study, tmp_path):
+    file_of(tmp_path / "a", "meta.json", '{"files": ["other.csv"], "fs_hz": 3}')
+    assert study.add_file(file_of(tmp_path / "a", "rec.csv", "u,y\n")) == "records/rec.csv"
+    assert [path.name for path in (study.folder / "records").iterdir()] == ["rec.csv"]

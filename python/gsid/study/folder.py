@@ -1,10 +1,11 @@
-"""The folder of a study, which the page and the command line share.
+"""The folder of a study, which `gsid studio` writes; other commands neither read nor change its session.
 
     session.json    version, files with their hashes, steps in order
     commands.log    one command a line
     excitation/ records/ responses/ models/ verdicts/
 
 All paths in it are relative to the folder. It is changed under a lock; `session.json` is replaced as a whole.
+None of these files and folders is a symbolic link, so that nothing is written elsewhere.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import shlex
 import shutil
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,12 +26,15 @@ from filelock import FileLock, Timeout
 
 from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
+from gsid.base.json_files import read_json
 
 VERSION = 1
 SESSION, LOG, LOCK = "session.json", "commands.log", ".lock"
 FOLDERS = ("excitation", "records", "responses", "models", "verdicts")
 LOCK_TIME_S = 10.0
 BLOCK = 1 << 20
+META = "meta.json"  # rate, period and units of the records beside it that it lists
+NAME_MOST = 200  # bytes; file systems allow 255, and a number may follow
 
 
 @dataclass(frozen=True)
@@ -79,24 +85,38 @@ class Study:
     Raises
     ------
     InputError
-        The folder holds other files but no study, or a study of a later version.
+        The folder holds other files but no study, or a study of another version, or symbolic links.
     OSError
         It cannot be made or read.
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder).resolve()
+        self._refuse_links()
         if not (self.folder / SESSION).exists():
             self._begin()
         self._read()
+        self._make_folders()
 
     def _begin(self) -> None:
-        if self.folder.is_dir() and any(self.folder.iterdir()):
+        if self.folder.is_dir() and not all(map(_is_of_a_new_study, self.folder.iterdir())):
             hint = "name an empty or a new folder"
             raise InputError("the folder holds files but no study", str(self.folder), None, hint)
+        self._make_folders()
+        with self._lock():
+            if not (self.folder / SESSION).exists():  # another process may have begun it
+                self._write(_State())
+
+    def _make_folders(self) -> None:
+        """Those that are not there; copies of a study may lack empty folders."""
         for name in FOLDERS:
             (self.folder / name).mkdir(parents=True, exist_ok=True)
-        self._write(_State())
+
+    def _refuse_links(self) -> None:
+        for name in (SESSION, LOG, LOCK, *FOLDERS):
+            if (self.folder / name).is_symlink():
+                hint = "replace the link by what it leads to"
+                raise InputError("a study has no symbolic links", str(self.folder / name), None, hint)
 
     # ---- reading -------------------------------------------------------------------------------------
 
@@ -123,21 +143,24 @@ class Study:
         InputError
             It lies outside, or a symbolic link leads outside, or it does not exist.
         """
-        found = (self.folder / name).resolve()
-        if not found.is_relative_to(self.folder) or not found.is_file():
+        try:
+            found = (self.folder / name).resolve()
+            is_inside = found.is_relative_to(self.folder) and found.is_file()
+        except (OSError, ValueError, RuntimeError):  # too long, a NUL, a loop of links
+            is_inside = False
+        if not is_inside:
             raise InputError("no such file in the study", name, None, "open the file in the study first")
         return found
 
     def _read(self) -> _State:
         path = self.folder / SESSION
         try:
-            known = json.loads(path.read_text(encoding="utf-8"))
+            known = read_json(path)
             version = known["gsid_study"]
-            steps = [_step_of(entry) for entry in known["steps"]]
-            state = _State({str(name): str(digest) for name, digest in known["files"].items()}, steps)
+            state = _state_of(known) if version == VERSION else None
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError("not the session of a study", str(path), error, "name another folder") from error
-        if version != VERSION:
+        if state is None:
             hint = "use the version of gsid that wrote it"
             raise InputError("the study has another version", str(path), version, hint)
         return state
@@ -145,13 +168,12 @@ class Study:
     # ---- writing -------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
-    def _changing(self) -> Iterator[_State]:
-        """The state, to change; other processes wait."""
+    def _lock(self) -> Iterator[None]:
+        """Other processes wait."""
+        self._refuse_links()
         try:
             with FileLock(self.folder / LOCK, timeout=LOCK_TIME_S):
-                state = self._read()
-                yield state
-                self._write(state)
+                yield
         except Timeout as error:
             hint = "wait until the other command has ended"
             raise InputError("the study is in use", str(self.folder), None, hint) from error
@@ -163,6 +185,8 @@ class Study:
 
     def add_file(self, source: str | Path, name: str = "", kind: str = "records") -> str:
         """Copy a file into the study. The same content is kept once.
+
+        A file that a meta.json beside it lists gets a folder of its own, with this meta.json.
 
         Parameters
         ----------
@@ -176,23 +200,58 @@ class Study:
         -------
         str
             Path in the study.
+
+        Raises
+        ------
+        InputError
+            The name is not usable (`usable_name`), or the file is a device or a pipe.
+        OSError
+            It cannot be read or copied.
         """
         if kind not in FOLDERS:
             raise ValueError(f"kind must be one of {', '.join(FOLDERS)}, got {kind}")
-        own = Path(name or source).name
-        digest = _sha256(Path(source))
-        with self._changing() as state:
-            for known, other in state.files.items():
-                if (
-                    other == digest
-                    and known.startswith(f"{kind}/")
-                    and Path(known).suffix == Path(own).suffix
-                ):
-                    return known
+        source = Path(source)
+        own = usable_name(name or source.name)
+        if source.exists() and not source.is_file():
+            raise InputError("not a regular file", str(source), None, "name a file")
+        meta = _meta_of(source, own)
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".gsid-") as folder:
+            new = Path(folder) / "new"
+            new.mkdir()
+            write_atomically(new / own, lambda part: shutil.copyfile(source, part))
+            digest = _sha256(new / own)
+            if meta is not None:
+                text = json.dumps(meta, indent=1) + "\n"
+                write_atomically(new / META, lambda part: part.write_text(text, encoding="utf-8"))
+            with self._lock():
+                return self._keep(new, own, digest, meta, kind)
+
+    def _keep(self, new: Path, own: str, digest: str, meta: dict[str, Any] | None, kind: str) -> str:
+        """Rename what was copied to its place, unless the study has it."""
+        state = self._read()
+        for known, other in state.files.items():
+            is_alike = known.startswith(f"{kind}/") and Path(known).suffix == Path(own).suffix
+            if is_alike and other == digest and self._still_has(known, digest, meta):
+                return known
+        if meta is None:
             place = self._free(f"{kind}/{own}")
-            write_atomically(self.folder / place, lambda part: shutil.copyfile(source, part))
-            state.files[place] = digest
+            os.replace(new / own, self.folder / place)
+        else:
+            folder = self._free(f"{kind}/{Path(own).stem}")
+            os.replace(new, self.folder / folder)
+            place = f"{folder}/{own}"
+        state.files[place] = digest
+        self._write(state)
         return place
+
+    def _still_has(self, known: str, digest: str, meta: dict[str, Any] | None) -> bool:
+        """Whether a file has not changed since, and has what the new one's meta.json states."""
+        try:
+            path = self.path(known)
+        except InputError:
+            return False
+        is_alike = meta is None or _meta_of(path, "") == meta | {"files": [""]}
+        return is_alike and _sha256(path) == digest
 
     def _free(self, wanted: str) -> str:
         """This path, or with a number if the study has it."""
@@ -229,16 +288,64 @@ class Study:
         -------
         Step
         """
-        with self._changing() as state:
+        made = [one for one in outputs if (self.folder / one).is_file()]
+        digests = {one: _sha256(self.folder / one) for one in made}
+        with self._lock():
+            state = self._read()
             number = len(state.steps) + 1
-            made = [one for one in outputs if (self.folder / one).is_file()]
             step = Step(number, arguments[0], tuple(arguments), exit_code, tuple(words), tuple(made))
             state.steps.append(step)
-            for one in made:
-                state.files[one] = _sha256(self.folder / one)
+            state.files |= digests
+            self._write(state)
             with open(self.folder / LOG, "a", encoding="utf-8") as log:
                 log.write(step.command + "\n")
         return step
+
+
+def usable_name(name: str) -> str:
+    """The last part of a path, as the name of a file in a study.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        It is empty, begins with a dot, has control characters, or has more than 200 bytes.
+    """
+    own = Path(name).name
+    if not own or own.startswith(".") or not own.isprintable() or len(own.encode()) > NAME_MOST:
+        shown = own.encode("unicode_escape").decode()[:NAME_MOST]
+        hint = f"rename the file: no leading dot, no control characters, at most {NAME_MOST} bytes"
+        raise InputError("the file has no usable name", "", shown, hint)
+    return own
+
+
+def _is_of_a_new_study(path: Path) -> bool:
+    """The lock or an empty folder: all there is if the process ended before the session was written."""
+    if path.name == LOCK:
+        return path.is_file()
+    return path.name in FOLDERS and path.is_dir() and not any(path.iterdir())
+
+
+def _meta_of(source: Path, own: str) -> dict[str, Any] | None:
+    """What the meta.json beside a file states, for this file by its name in the study; None if nothing."""
+    try:
+        meta = read_json(source.parent / META)
+        is_listed = source.name in meta["files"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # there is none, or it has another purpose
+    return meta | {"files": [own]} if is_listed else None
+
+
+def _state_of(known: dict[str, Any]) -> _State:
+    files = {str(name): str(digest) for name, digest in known["files"].items()}
+    return _State(files, [_step_of(entry) for entry in known["steps"]])
 
 
 def _step_of(entry: dict[str, Any]) -> Step:
