@@ -46,25 +46,42 @@ def record(tmp_path_factory):
     return path
 
 
+class Studio:
+    """A running `gsid studio`, with a study in `folder`."""
+
+    def __init__(self, folder, port=0):
+        command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", "study"]
+        self.process = subprocess.Popen(
+            [*command, "--port", str(port)], cwd=folder, stdout=subprocess.PIPE, text=True
+        )
+        self.address = re.search(r"http://\S+", self.process.stdout.readline()).group()
+        self.port = int(re.search(r":(\d+)/", self.address).group(1))
+
+    def stop(self):
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(timeout=30)
+
+
 @pytest.fixture
-def address(tmp_path):
-    """The address of a running `gsid studio` of a new study."""
-    command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", "study"]
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
-    try:
-        yield re.search(r"http://\S+", process.stdout.readline()).group()
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(timeout=30)
+def studio(tmp_path):
+    """A running `gsid studio` of a new study."""
+    made = Studio(tmp_path)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def faults():
+    """What went wrong in the browser. A test that provokes faults clears it."""
+    return []
 
 
 @pytest.fixture(params=[(1280, 800), (400, 800)], ids=["wide", "narrow"])
-def page(request, chromium, address):
+def page(request, chromium, studio, faults):
     """The page, opened. Any request off this computer, and any error of a script, fails the test."""
     width, height = request.param
-    faults = []
     page = chromium.new_page(viewport={"width": width, "height": height})
-    own = address.split("/?")[0]
+    own = studio.address.split("/?")[0]
 
     def watch(sent):
         if not sent.url.startswith((own, own.replace("http", "ws"), "data:", "blob:")):
@@ -74,7 +91,7 @@ def page(request, chromium, address):
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
     page.set_default_timeout(STEP_MS)
-    page.goto(address)
+    page.goto(studio.address)
     page.get_by_text("connected", exact=True).wait_for()
     yield page
     page.close()
