@@ -50,12 +50,17 @@ class Studio:
     """A running `gsid studio`, with a study in `folder`."""
 
     def __init__(self, folder, port=0):
+        self.folder = folder
         command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", "study"]
         self.process = subprocess.Popen(
             [*command, "--port", str(port)], cwd=folder, stdout=subprocess.PIPE, text=True
         )
         self.address = re.search(r"http://\S+", self.process.stdout.readline()).group()
         self.port = int(re.search(r":(\d+)/", self.address).group(1))
+
+    def successor(self):
+        """Another server on the port of this one, which is stopped."""
+        return Studio(self.folder, self.port)
 
     def stop(self):
         self.process.send_signal(signal.SIGINT)

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from conftest import Studio
 
 WIDE = pytest.mark.parametrize("page", [(1280, 800)], indirect=True, ids=["wide"])
 pytestmark = WIDE
@@ -41,9 +40,9 @@ def test_a_lost_server_is_an_error_in_words(page, record, studio, faults):
     faults.clear()
 
 
-def test_a_new_server_on_the_port_asks_for_its_address(page, studio, tmp_path, faults):
+def test_a_new_server_on_the_port_asks_for_its_address(page, studio, faults):
     studio.stop()
-    other = Studio(tmp_path, studio.port)
+    other = studio.successor()
     try:
         page.get_by_text("open the address that gsid studio printed").wait_for()
     finally:
