@@ -28,6 +28,7 @@ _READERS = {
     ".hdf5": read_h5,
     ".ulg": read_ulog,
 }
+KINDS = tuple(_READERS)  # extensions that are read
 _WRITERS = {".csv": write_csv, ".npz": write_npz, ".mat": write_mat, ".h5": write_h5}
 
 
@@ -81,7 +82,7 @@ def read_record(
             "unknown kind of file",
             str(path),
             path.suffix or "no extension",
-            f"records are {', '.join(_READERS)}",
+            f"records are {', '.join(KINDS)}",
         )
     _check_readable(path)
     is_optional, u, y = zero_input and u is None, u or "u", y or "y"

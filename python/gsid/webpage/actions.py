@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from gsid.base.errors import InputError
 from gsid.effects.types import catalogue
+from gsid.records.files import KINDS
 from gsid.study.folder import Study
 
-READING = {"--u": str, "--y": str, "--r": str, "--fs": float, "--period": int, "--settle": int}
-HOLDS = ("zoh", "none")
-OUTPUTS = ("rate", "angle", "acceleration")
+TEXTS = ("--u", "--y", "--r")
+CHOICES = {"--hold": ("zoh", "none"), "--output": ("rate", "angle", "acceleration")}
+FORM = (*TEXTS, "--fs", "--period", "--settle", *CHOICES)  # what the page asks for
+RECORD = tuple(one for one in FORM if one not in ("--r", "--output"))
+LOOP = (*RECORD, "--r")  # with the reference of a closed loop
 NAME_MOST = 200  # characters
 
 
@@ -30,6 +34,8 @@ class Action:
     needs_model, may_have_model : bool
     writes : str
         Folder of the model that it writes; empty: none.
+    options : tuple of str
+        Those of `FORM` that the verb has.
     """
 
     verb: str
@@ -38,16 +44,31 @@ class Action:
     needs_model: bool = False
     may_have_model: bool = False
     writes: str = ""
+    options: tuple[str, ...] = LOOP
 
 
 ACTIONS = {
     action.verb: action
     for action in (
-        Action("look", "Look at the record", "Samples, period, settling, lost samples and excited lines."),
-        Action("frf", "Measure the response", "Frequency response with its noise."),
-        Action("distortion", "Noise and distortion", "Separates noise from what is not linear."),
         Action(
-            "start", "Find the linear model", "Body, damping, spring, modes, lags and delay.", writes="models"
+            "look",
+            "Look at the record",
+            "Samples, period, settling, lost samples and excited lines.",
+            options=RECORD,
+        ),
+        Action("frf", "Measure the response", "Frequency response with its noise."),
+        Action(
+            "distortion",
+            "Noise and distortion",
+            "Separates noise from what is not linear.",
+            options=RECORD,
+        ),
+        Action(
+            "start",
+            "Find the linear model",
+            "Body, damping, spring, modes, lags and delay.",
+            writes="models",
+            options=FORM,
         ),
         Action("compare", "Where does the model fail?", "Tests the model line by line.", needs_model=True),
         Action("predict", "Output over time", "Simulated and measured output.", needs_model=True),
@@ -57,12 +78,13 @@ ACTIONS = {
             "Ranks the physical effects that explain what is left.",
             may_have_model=True,
             writes="models",
+            options=FORM,
         ),
         Action(
             "add",
             "Add the effect",
             "Adds it, fits again, and shows how the error falls.",
-            True,
+            needs_model=True,
             writes="models",
         ),
     )
@@ -76,7 +98,8 @@ def command_of(study: Study, wish: Mapping[str, object]) -> tuple[list[str], lis
     ----------
     study : Study
     wish : mapping
-        verb; records: names in the study; model, effect; options: of `READING`, hold and output.
+        verb; records: names in the study; model, effect; options: of `FORM`. Those that the verb
+        lacks are left out.
 
     Returns
     -------
@@ -88,22 +111,31 @@ def command_of(study: Study, wish: Mapping[str, object]) -> tuple[list[str], lis
         The wish names something that is not there, or an option that is not known.
     """
     verb = wish.get("verb")
-    if verb not in ACTIONS:
+    if not isinstance(verb, str) or verb not in ACTIONS:
         raise InputError("the page has no such step", "", verb, f"one of {', '.join(ACTIONS)}")
     action = ACTIONS[verb]
     arguments = [
         action.verb,
         *_effect(action, wish),
         *_records(study, wish),
-        *_options(wish.get("options") or {}),
+        *_options(action, wish.get("options") or {}),
     ]
     arguments += _model(study, action, wish)
-    number = study.next_number()
-    outputs = [f"verdicts/{number}-{action.verb}.json"]
+    outputs = _outputs(study, action)
     if action.writes:
-        outputs.append(f"{action.writes}/{number}-{action.verb}.json")
         arguments += ["-o", outputs[-1]]
     return [*arguments, "--plot", outputs[0], "--json"], outputs
+
+
+def _outputs(study: Study, action: Action) -> list[str]:
+    """Picture and model; files of a step that was not noted, since the page ended, are not replaced."""
+    folders = ["verdicts", action.writes] if action.writes else ["verdicts"]
+    number = study.next_number()
+    while True:
+        outputs = [f"{folder}/{number}-{action.verb}.json" for folder in folders]
+        if not any((study.folder / one).exists() for one in outputs):
+            return outputs
+        number += 1
 
 
 def _records(study: Study, wish: Mapping[str, object]) -> list[str]:
@@ -112,6 +144,8 @@ def _records(study: Study, wish: Mapping[str, object]) -> list[str]:
         raise InputError("no record is chosen", "", None, "open a record and tick it")
     for name in names:
         _inside(study, name, "records/")
+        if Path(name).suffix.lower() not in KINDS:
+            raise InputError("not a record", name, None, f"records are {', '.join(KINDS)}")
     return [str(name) for name in names]
 
 
@@ -136,35 +170,45 @@ def _effect(action: Action, wish: Mapping[str, object]) -> list[str]:
     if action.verb != "add":
         return []
     effect = wish.get("effect")
-    if effect not in catalogue():
+    if not isinstance(effect, str) or effect not in catalogue():
         raise InputError("no such effect", "", effect, "choose one of the catalogue")
-    return [str(effect)]
+    return [effect]
 
 
-def _options(given: object) -> list[str]:
+def _options(action: Action, given: object) -> list[str]:
     """Options as `--name=value`, so that a value cannot be taken for another option."""
     if not isinstance(given, Mapping):
         raise InputError("the options are not an object", "", type(given).__name__)
     words = []
     for name, value in given.items():
-        if value in (None, ""):
-            continue
-        if (name == "--hold" and value in HOLDS) or (name == "--output" and value in OUTPUTS):
-            words.append(f"{name}={value}")
-        elif name in READING:
-            words.append(f"{name}={_checked(name, value)}")
-        else:
+        if name not in FORM:
             raise InputError("the page has no such option", str(name)[:NAME_MOST], value)
+        if name in action.options and value not in (None, ""):
+            words.append(f"{name}={_checked(name, value)}")
     return words
 
 
 def _checked(name: str, value: object) -> object:
+    if name in CHOICES:
+        if value not in CHOICES[name]:
+            raise InputError("not a valid choice", name, value, f"one of {', '.join(CHOICES[name])}")
+        return value
+    if name in TEXTS:
+        if not isinstance(value, str) or len(value) > NAME_MOST or not value.isprintable():
+            raise InputError("not a name of a column", name, str(value)[:NAME_MOST])
+        return value
+    return _number(name, value)
+
+
+def _number(name: str, value: object) -> float | int:
     try:
-        found = READING[name](value)
-    except (TypeError, ValueError) as error:
-        raise InputError("not a number", name, value) from error
-    if isinstance(found, str) and (len(found) > NAME_MOST or not found.isprintable()):
-        raise InputError("not a name of a column", name, found[:NAME_MOST])
-    if isinstance(found, float) and not math.isfinite(found):
-        raise InputError("not a finite number", name, value)
-    return found
+        found = float(value) if isinstance(value, (str, int, float)) else math.nan
+    except (ValueError, OverflowError):
+        found = math.nan
+    if isinstance(value, bool) or not math.isfinite(found):
+        raise InputError("not a finite number", name, str(value)[:NAME_MOST])
+    if name == "--fs":
+        return found
+    if found != int(found):
+        raise InputError("not a whole number of samples", name, value)
+    return int(found)

@@ -1,0 +1,143 @@
+"""Wishes of the page and their commands."""
+
+import click
+import pytest
+
+import gsid
+from gsid.cli.main import Verbs
+from gsid.study.folder import Study
+from gsid.webpage.actions import ACTIONS, FORM, command_of
+
+ALL = {
+    "--u": "i_q",
+    "--y": "rate",
+    "--r": "ref",
+    "--fs": "2000",
+    "--period": "4000",
+    "--settle": "0",
+    "--hold": "zoh",
+    "--output": "rate",
+}
+
+
+@pytest.fixture
+def study(tmp_path):
+    study = Study(tmp_path / "study")
+    (tmp_path / "rec.csv").write_text("u,y\n1,2\n")
+    study.add_file(tmp_path / "rec.csv")
+    (study.folder / "models/1-start.json").write_text("{}")
+    return study
+
+
+def wish_of(verb, **more):
+    action = ACTIONS[verb]
+    model = {"model": "models/1-start.json"} if action.needs_model else {}
+    effect = {"effect": "coulomb_friction"} if verb == "add" else {}
+    return {"verb": verb, "records": ["records/rec.csv"], **model, **effect, **more}
+
+
+def options_of(verb):
+    """Options of a command of gsid, that which names what y is as `--output` only."""
+    command = Verbs().get_command(None, verb)
+    return {
+        name
+        for option in command.params
+        if isinstance(option, click.Option)
+        for name in option.opts
+        if name != "--output" or isinstance(option.type, click.Choice)
+    }
+
+
+@pytest.mark.parametrize("verb", ACTIONS)
+def test_each_action_has_the_options_of_its_command(verb):
+    assert set(ACTIONS[verb].options) == options_of(verb) & set(FORM)
+
+
+@pytest.mark.parametrize("verb", ACTIONS)
+def test_options_that_a_verb_lacks_are_dropped(study, verb):
+    arguments, _ = command_of(study, wish_of(verb, options=ALL))
+    given = {word.partition("=")[0] for word in arguments if "=" in word}
+    assert given == set(ACTIONS[verb].options)
+    command = Verbs().get_command(None, verb)
+    command.make_parser(click.Context(command)).parse_args(arguments[1:])  # raises on an unknown option
+
+
+def test_values_follow_their_names(study):
+    arguments, _ = command_of(study, wish_of("start", options=ALL))
+    assert {"--u=i_q", "--fs=2000.0", "--period=4000", "--settle=0", "--hold=zoh"} <= set(arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("--period", 3.7),
+        ("--period", "3.7"),
+        ("--period", float("inf")),  # 1e400 in JSON
+        ("--period", "1e400"),
+        ("--period", 10**400),
+        ("--period", True),
+        ("--period", [4]),
+        ("--settle", "x"),
+        ("--fs", "nan"),
+        ("--fs", {}),
+        ("--fs", {"a": 1}),
+        ("--u", ["u"]),
+        ("--u", "a\0b"),
+        ("--u", "a" * 201),
+        ("--hold", "maybe"),
+        ("--hold", ["zoh"]),
+        ("--output", "m.json"),
+        ("--library", "./evil.so:f"),
+        ("--library", ""),
+    ],
+)
+def test_values_of_the_wrong_type_are_refused(study, name, value):
+    with pytest.raises(gsid.InputError):
+        command_of(study, wish_of("start", options={name: value}))
+
+
+@pytest.mark.parametrize("value", [None, "", "8", 8, 8.0])
+def test_an_empty_field_is_no_option(study, value):
+    arguments, _ = command_of(study, wish_of("look", options={"--period": value}))
+    assert ("--period=8" in arguments) == (value not in (None, ""))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"verb": ["look"]},
+        {"verb": {}},
+        {"verb": None},
+        {"effect": ["coulomb_friction"]},
+        {"effect": {}},
+        {"records": [["records/rec.csv"]]},
+        {"records": [None]},
+        {"model": ["models/1-start.json"]},
+        {"model": "models/a\0b"},
+        {"model": "records/rec.csv"},
+        {"options": "--u"},
+    ],
+)
+def test_wishes_of_the_wrong_type_are_refused(study, wrong):
+    with pytest.raises(gsid.InputError):
+        command_of(study, wish_of("add") | wrong)
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "meta.json", "page.html", "none"])
+def test_a_file_that_is_no_record_is_refused(study, name):
+    (study.folder / "records" / name).write_text("")
+    with pytest.raises(gsid.InputError, match="not a record"):
+        command_of(study, wish_of("look", records=[f"records/{name}"]))
+
+
+def test_the_case_of_the_extension_does_not_matter(study):
+    (study.folder / "records/REC.CSV").write_text("")
+    assert command_of(study, wish_of("look", records=["records/REC.CSV"]))
+
+
+@pytest.mark.parametrize("left", ["verdicts/1-start.json", "models/1-start.json"])
+def test_files_of_a_step_that_was_not_noted_are_kept(study, left):
+    (study.folder / "models/1-start.json").unlink()
+    (study.folder / left).write_text("{}")
+    _, outputs = command_of(study, wish_of("start"))
+    assert outputs == ["verdicts/2-start.json", "models/2-start.json"]
