@@ -13,6 +13,9 @@ import truth
 from hidden import CONTAINED
 from unexplained import unexplained_by_cogging
 
+from gsid.diagnosis.from_records import diagnose as from_records
+from gsid.models import load
+
 
 def says(verdict, *found, probability=0.99, p_value=0.3):
     """A tool's answer: groups found, the first of them first in the ranking too."""
@@ -127,9 +130,10 @@ def test_names_without_a_stated_probability_are_not_called_confident():
 def test_the_tool_states_the_probability_of_the_group_that_it_names(monkeypatch, tmp_path):
     group = ("coulomb_friction", "stribeck_friction")
     facts = {"adequate": False, "p_value": 0.0, "verdict": "missing_effect", "found": [group], "model": None}
+    facts["nearest"] = []
     named = SimpleNamespace(effects=group, probability=0.9, **facts)
-    monkeypatch.setattr("gsid.diagnosis.from_records.diagnose.diagnose", lambda *_, **__: named)
-    monkeypatch.setattr("gsid.models.load.load_model", lambda path: None)
+    monkeypatch.setattr(from_records, "diagnose", lambda *_, **__: named)
+    monkeypatch.setattr(load, "load_model", lambda path: None)
     monkeypatch.setattr(score, "error_over_floor", lambda *_: 1.0)
     assert score.gsid_tool(tmp_path)["ranking"] == [{"effects": list(group), "probability": 0.9}]
 

@@ -217,7 +217,7 @@ def test_start_and_records_to_judge_on(gsid):
         (
             ["add", "coulomb_friction", "r0.npz", "--plot", "ladder.txt"],
             2,
-            "--plot draws .png, .svg, .pdf only",
+            "--plot draws .png, .svg, .pdf, .json only",
         ),
     ],
 )

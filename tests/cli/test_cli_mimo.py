@@ -142,7 +142,7 @@ def test_an_order_found(gsid, experiments):
         (("--order", "4/3", "--method", "log"), "method must be one of iwls, nls, ml"),
         (("--order", "4/3", "--piecewise", "2"), "one input and one output"),
         (("--order", "4/3", "-o", "m.mat"), "written as .json"),
-        (("--order", "4/3", "--plot", "m.txt"), ".png, .svg, .pdf only"),
+        (("--order", "4/3", "--plot", "m.txt"), ".png, .svg, .pdf, .json only"),
     ],
 )
 def test_usage(gsid, experiments, options, said):

@@ -273,6 +273,8 @@ def test_nothing_writes_but_through_this_function():
         ("records/csv.py", "open"),
         ("cli/simulate.py", "path.open"),  # the log: called with the temporary name too
         ("report/pictures.py", "figure.savefig"),
+        ("study/folder.py", "open"),  # the log of commands: a line is appended
+        ("webpage/server.py", "open"),  # an upload, to a temporary file
     }, outside
 
 

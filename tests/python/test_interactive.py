@@ -94,4 +94,5 @@ def test_a_name_stands_once_in_the_legend(figure):
 
 
 def test_it_is_json_without_numbers_that_are_not_finite(figure):
-    json.dumps(interactive(figure), allow_nan=False)
+    text = json.dumps(interactive(figure), allow_nan=False)
+    assert json.loads(text) == interactive(figure)

@@ -420,7 +420,7 @@ def test_an_excitation_from_a_file(folder):
         (("--port", "nowhere", "-o", "no/such/rec.csv"), 3, "the folder does not exist"),
         (("--port", "nowhere", "--u", "u.csv", "--band", "1:2"), 2, "leave out --band"),
         (("--port", "nowhere", "--u", "none.csv"), 3, "none.csv"),
-        (("--port", "nowhere", "--plot", "a.txt"), 2, "--plot draws .png, .svg, .pdf only"),
+        (("--port", "nowhere", "--plot", "a.txt"), 2, "--plot draws .png, .svg, .pdf, .json only"),
         (("--port", "nowhere", "--plot", "a.png", "--periods", "1"), 2, "give --periods 2 or more"),
         ((), 2, "--port"),
     ],

@@ -36,13 +36,13 @@ def draw(figure: Callable[[], Figure], picture: str | None) -> None:
         print_message(f"wrote {picture}")
 
 
-def _write_figure(figure: Figure, path: Path) -> None:
-    if path.suffix != ".json":
-        figure.savefig(path)
+def _write_figure(figure: Figure, part: Path) -> None:
+    if part.suffix != ".json":
+        figure.savefig(part)
         return
     from gsid.plots.interactive import interactive
 
-    path.write_text(json.dumps(interactive(figure), allow_nan=False), encoding="utf-8")
+    part.write_text(json.dumps(interactive(figure), allow_nan=False), encoding="utf-8")
 
 
 def describe(records: Sequence[Record]) -> str:
