@@ -40,7 +40,7 @@ class Check:
 def doctor(ctx: click.Context, as_json: bool) -> None:
     """Report versions and missing parts with a remedy for each, and measure a known system.
 
-    The exit code is 1 if something is missing or wrong.
+    The exit code is 1 if a part that gsid needs is missing or wrong.
     """
     checks = [
         Check("gsid", True, importlib.metadata.version("gsid")),
@@ -63,10 +63,12 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
 def _packages() -> Iterator[Check]:
     for requirement in importlib.metadata.requires("gsid") or []:
         name = re.match(r"[\w.-]+", requirement).group()
+        extra = re.search(r"extra\s*==\s*['\"]([\w.-]+)", requirement)
+        hint = f"optional: `pip install 'gsid[{extra[1]}]'`" if extra else "run `make` in the clone"
         try:
             yield Check(name, True, importlib.metadata.version(name))
         except importlib.metadata.PackageNotFoundError:
-            yield Check(name, False, "not installed", "run `make` in the clone")
+            yield Check(name, extra is not None, "not installed", hint)
 
 
 def _core(precision: str, module: str) -> Check:
