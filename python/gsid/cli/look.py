@@ -66,7 +66,7 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
         "u_unit": record.u_unit,
         "y_unit": record.y_unit,
         "hold": record.hold or "not stated",
-        "other_columns": ", ".join(record.columns),
+        "other_columns": list(record.columns),
     }
     if found is None:
         return facts | dict.fromkeys(
@@ -78,7 +78,7 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
         "periods": found.n_periods,
         "settle_samples": found.settle_samples,
         "excited_lines": len(f_hz),
-        "band_hz": f"{f_hz[0]:.4g} to {f_hz[-1]:.4g}",
+        "band_hz": (float(f_hz[0]), float(f_hz[-1])),
     }
 
 
@@ -91,11 +91,15 @@ def _sentence(facts: dict[str, object]) -> str:
         return f"{begin}; no period was found."
     return (
         f"{begin}; {facts['periods']} periods of {facts['period_samples']} samples after {settling} "
-        f"of settling; {facts['excited_lines']} excited lines from {facts['band_hz']} Hz."
+        f"of settling; {facts['excited_lines']} excited lines from {_text(facts['band_hz'])} Hz."
     )
 
 
 def _text(value: object) -> str:
     if value is None:
         return "not found"
+    if isinstance(value, tuple):
+        return f"{value[0]:.4g} to {value[1]:.4g}"
+    if isinstance(value, list):
+        return ", ".join(value)
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -75,16 +75,18 @@ def _draw_signals(above: Axes, below: Axes, record: Record, found: Spectra | Non
 
 
 def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and values to draw: of long signals the extremes of each piece, which show spikes."""
+    """Samples and values to draw: of long signals the extremes and the first gap of each piece."""
     n = len(values)
-    size = -(-2 * n // MOST_POINTS)
-    if size < 2:
+    if n <= MOST_POINTS:
         return np.arange(n), values
+    size = -(-3 * n // MOST_POINTS)
     pieces = values[: n - n % size].reshape(-1, size)
-    held = np.where(np.isnan(pieces), 0.0, pieces)
-    columns = np.sort(np.column_stack([held.argmin(axis=1), held.argmax(axis=1)]), axis=1)
-    place = (columns + size * np.arange(len(pieces))[:, None]).ravel()
-    place = np.concatenate([place, np.arange(n - n % size, n)])
+    lost = np.isnan(pieces)
+    lowest = np.where(lost, np.inf, pieces).argmin(axis=1)
+    highest = np.where(lost, -np.inf, pieces).argmax(axis=1)
+    gap = np.where(lost.any(axis=1), lost.argmax(axis=1), lowest)
+    columns = np.column_stack([lowest, highest, gap]) + size * np.arange(len(pieces))[:, None]
+    place = np.unique(np.append(columns, np.arange(n - n % size, n)))
     return place, values[place]
 
 
