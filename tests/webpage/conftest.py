@@ -29,12 +29,14 @@ def server(tmp_path_factory):
         "1",
     ]
     tmp_path = tmp_path_factory.mktemp("page")
-    process = subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    with open(tmp_path / "server.log", "w") as log:
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=log, text=True)
     try:
         port, token = re.search(r"127\.0\.0\.1:(\d+)/\?token=(\S+)", process.stdout.readline()).groups()
-        yield SimpleNamespace(port=int(port), token=token, folder=Path(tmp_path) / "st", process=process)
+        cookie = cookie_of(int(port), token)
+        yield SimpleNamespace(
+            port=int(port), token=token, cookie=cookie, folder=Path(tmp_path) / "st", process=process
+        )
     finally:
         process.send_signal(signal.SIGINT)
         try:
@@ -42,6 +44,15 @@ def server(tmp_path_factory):
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
+
+
+def cookie_of(port, token):
+    """The cookie that the server gives for its token, as name=value."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=START_S)
+    connection.request("GET", f"/?token={token}")
+    cookie = connection.getresponse().headers["Set-Cookie"]
+    connection.close()
+    return cookie.split(";")[0]
 
 
 @pytest.fixture
@@ -54,7 +65,7 @@ def ask(server):
         if origin:
             headers["Origin"] = f"http://{own}" if origin == "own" else origin
         if cookie:
-            headers["Cookie"] = f"gsid_studio={server.token if cookie == 'own' else cookie}"
+            headers["Cookie"] = server.cookie if cookie == "own" else cookie
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=START_S)
         body = json.dumps(body) if isinstance(body, dict) else body
         connection.request(method, path, body, headers)
@@ -66,3 +77,27 @@ def ask(server):
         )
 
     return ask
+
+
+@pytest.fixture
+def studio(tmp_path):
+    """Begin servers on the study `st`, each with its stderr in a file; all are ended with the test."""
+    begun = []
+
+    def studio(*more, waits=True, browser=False):
+        words = [*more] if browser else ["--no-browser", *more]
+        command = [sys.executable, "-m", "gsid.cli.main", "studio", "--folder", "st", *words]
+        log = tmp_path / f"server-{len(begun)}.log"
+        with open(log, "w") as errors:
+            process = subprocess.Popen(
+                command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=errors, text=True
+            )
+        begun.append(process)
+        if waits:
+            process.address = re.search(r"http://\S+", process.stdout.readline()).group()
+        return process, log
+
+    yield studio
+    for process in begun:
+        process.kill()
+        process.communicate()

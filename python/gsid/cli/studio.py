@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
+import webbrowser
 from collections.abc import Sequence
+from pathlib import Path
 
 import click
 
@@ -44,16 +47,21 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
     study are kept.
     """
     from gsid.study.folder import Study
+    from gsid.webpage.safety import file_that_opens
     from gsid.webpage.server import Page, serve
 
     study = Study(folder)
     for path in files:
         study.add_file(path)
 
-    def announce(address: str) -> None:
-        print(f"gsid studio: {address}", flush=True)
-        print_message("Ctrl-C ends the server; the study stays in " + str(study.folder))
-        if not no_browser:
-            click.launch(address)
+    with tempfile.TemporaryDirectory(prefix="gsid-studio-") as private:
 
-    serve(Page(study, max_upload << 20), port, announce)
+        def announce(address: str) -> None:
+            print(f"gsid studio: {address}", flush=True)
+            print_message("Ctrl-C ends the server; the study stays in " + str(study.folder))
+            if not no_browser:
+                place = file_that_opens(address, Path(private))
+                if click.launch(str(place)) != 0:  # no program of the desktop opens files
+                    webbrowser.open(place.as_uri())
+
+        serve(Page(study, max_upload << 20), port, announce)
