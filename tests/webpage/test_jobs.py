@@ -1,29 +1,294 @@
 """The commands of the page: how they begin, end and are stopped, and what is kept of them."""
 
 import asyncio
+import os
+import signal
+import sys
+import time
 
+import pytest
+
+from gsid.base.errors import InputError
 from gsid.study.folder import Study
+from gsid.webpage import jobs, server
+from gsid.webpage.jobs import Job
 from gsid.webpage.server import Page
 
 DEADLINE_S = 60
+LOOK = {"verb": "look", "records": ["records/a.csv"]}
+# A command that writes each Ctrl-C it gets, and judges for a while after the first.
+SLOW = """
+import signal, sys, time
+def stopped(*_):
+    print("interrupt", flush=True)
+    if not ending:
+        ending.append(time.monotonic() + 0.5)
+ending = []
+signal.signal(signal.SIGINT, stopped)
+print("-- ready", file=sys.stderr, flush=True)
+while not ending or time.monotonic() < ending[0]:
+    time.sleep(0.01)
+sys.exit(130)
+"""
+DEAF = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print("-- ready", file=sys.stderr, flush=True)
+time.sleep(600)
+"""
 
 
-def study_with_a_record(tmp_path):
+@pytest.fixture
+def study(tmp_path):
     study = Study(tmp_path / "st")
     (tmp_path / "a.csv").write_text("u,y\n" + "1,2\n2,1\n" * 50)
     study.add_file(tmp_path / "a.csv")
     return study
 
 
+@pytest.fixture
+def command(monkeypatch):
+    """Run a script in place of gsid."""
+    return lambda script: monkeypatch.setattr(jobs, "COMMAND", (sys.executable, "-c", script))
+
+
 async def look(page):
     """One step, to its end."""
-    await page.wish({"verb": "look", "records": ["records/a.csv"]})
+    page.request_step(LOOK)
+    await ended(page)
+
+
+async def ended(page):
     await asyncio.wait_for(page._running, DEADLINE_S)
 
 
-def test_a_module_in_the_study_is_not_run(tmp_path):
-    study = study_with_a_record(tmp_path)
+async def until(condition):
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end
+        await asyncio.sleep(0.01)
+
+
+async def ready(page):
+    """One step that runs and can be stopped."""
+    page.request_step(LOOK)
+    await until(lambda: page.job.step == "ready")
+
+
+def fail(*_, **__):
+    raise KeyError("no such field")
+
+
+# ---- begin and end ---------------------------------------------------------------------------------------
+
+
+def test_a_module_in_the_study_is_not_run(study):
     (study.folder / "click.py").write_text("open('owned', 'w').close()\n")
     asyncio.run(look(Page(study)))
     assert len(study.steps) == 1
     assert not (study.folder / "owned").exists()
+
+
+def test_a_second_step_is_refused_from_the_first_moment(study):
+    async def both():
+        page = Page(study)
+        page.request_step(LOOK)
+        with pytest.raises(InputError, match="another step is running"):
+            page.request_step(LOOK)
+        await ended(page)
+
+    asyncio.run(both())
+    assert len(study.steps) == 1
+
+
+def test_the_command_is_shown_as_it_is_typed():
+    assert Job(("look", "records/a b.csv")).command == "gsid look 'records/a b.csv'"
+
+
+def test_an_answer_that_cannot_be_read_does_not_lose_the_step(study, monkeypatch):
+    monkeypatch.setattr(server, "outcome_of", fail)
+    page = Page(study)
+    asyncio.run(look(page))
+    (step,) = page.state()["steps"]
+    assert "KeyError: 'no such field'" in step["words"][0]
+    assert page.state()["job"] is None
+
+
+@pytest.mark.parametrize("where", [(Study, "add_step"), (Job, "run")])
+def test_a_fault_of_the_server_is_shown_until_the_next_step(study, monkeypatch, where):
+    async def twice():
+        page = Page(study)
+        with monkeypatch.context() as patch:
+            patch.setattr(*where, fail)
+            await look(page)
+        faulty = page.state()
+        await look(page)
+        return faulty, page.state()
+
+    faulty, repaired = asyncio.run(twice())
+    assert "KeyError: 'no such field'" in faulty["error"]
+    assert faulty["job"] is None
+    assert repaired["error"] is None
+    assert len(repaired["steps"]) == 1
+
+
+def test_a_watcher_that_fails_does_not_end_the_command(study, command):
+    command("import sys; print('-- one', file=sys.stderr); print('{}')")
+    job = Job(("look",))
+    asyncio.run(asyncio.wait_for(job.run(study.folder, fail), DEADLINE_S))
+    assert (job.exit_code, job.stdout, job.step) == (0, b"{}\n", "one")
+
+
+def test_progress_does_not_read_the_study_again(study, monkeypatch):
+    page = Page(study)
+    before = page.state()
+    monkeypatch.setattr(Study, "_read", fail)
+    assert page.state() == before
+
+
+# ---- stop ------------------------------------------------------------------------------------------------
+
+
+def test_stop_sends_one_interrupt_and_the_command_ends_by_itself(study, command, monkeypatch):
+    seen = []
+    read = server.outcome_of
+    monkeypatch.setattr(
+        server, "outcome_of", lambda *given, stopped: seen.append((given, stopped)) or read(*given, stopped)
+    )
+
+    async def stop_three_times():
+        page = Page(study)
+        await ready(page)
+        assert page.state()["job"]["stopping"] is False
+        for _ in range(3):
+            page.stop()
+            await asyncio.sleep(0.05)
+        assert page.state()["job"] | {"command": ""} == {
+            "command": "",
+            "verb": "look",
+            "step": "stopping",
+            "stopping": True,
+        }
+        await ended(page)
+        return page.state()
+
+    command(SLOW)
+    state = asyncio.run(stop_three_times())
+    ((_, exit_code, stdout, _), stopped), *_ = seen
+    assert (exit_code, stdout, stopped) == (130, b"interrupt\n", True)
+    assert state["steps"][-1]["failed"] is False
+
+
+def test_a_command_that_does_not_stop_is_ended_by_force(study, command, monkeypatch):
+    monkeypatch.setattr(jobs, "STOP_S", 0.2)
+
+    async def stop():
+        page = Page(study)
+        await ready(page)
+        page.stop()
+        await ended(page)
+
+    command(DEAF)
+    asyncio.run(stop())
+    assert study.steps[-1].exit_code == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(("script", "exit_code"), [(SLOW, 130), (DEAF, -signal.SIGKILL)])
+def test_the_end_of_the_server_stops_the_command_and_keeps_the_step(
+    study, command, monkeypatch, script, exit_code
+):
+    monkeypatch.setattr(server, "CLOSE_S", 3.0 if script == SLOW else 0.2)
+
+    async def close():
+        page = Page(study)
+        await ready(page)
+        await asyncio.wait_for(page.close(), DEADLINE_S)
+
+    command(script)
+    asyncio.run(close())
+    assert study.steps[-1].exit_code == exit_code
+
+
+# ---- watchers --------------------------------------------------------------------------------------------
+
+
+class Watcher:
+    """A websocket of a page; `reads` is awaited before each state is taken."""
+
+    def __init__(self, page, reads):
+        self.app = type("App", (), {"state": type("State", (), {"page": page})})
+        self.reads, self.states = reads, []
+
+    async def accept(self):
+        pass
+
+    async def receive(self):
+        await asyncio.Event().wait()
+
+    async def send_text(self, text):
+        await self.reads()
+        self.states.append(text)
+
+
+def test_a_page_that_does_not_read_stops_no_command(study):
+    async def watched():
+        page = Page(study)
+        stuck, reading = Watcher(page, asyncio.Event().wait), Watcher(page, lambda: asyncio.sleep(0))
+        watching = [asyncio.create_task(server._changes(one)) for one in (stuck, reading)]
+        await until(lambda: len(page.watchers) == 2)
+        await look(page)
+        await until(lambda: reading.states and '"job": null' in reading.states[-1])
+        for one in watching:
+            one.cancel()
+        await asyncio.gather(*watching, return_exceptions=True)
+        assert not page.watchers
+        assert not stuck.states
+        assert '"number": 1' in reading.states[-1]
+
+    asyncio.run(watched())
+
+
+# ---- the process of the server ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT], ids=lambda one: one.name)
+def test_a_signal_ends_the_server(studio, number):
+    process, _ = studio()
+    process.send_signal(number)
+    assert process.wait(timeout=20) == (130 if number == signal.SIGINT else 0)
+
+
+def test_two_servers_on_one_study_are_refused(studio):
+    studio()
+    process, log = studio(waits=False)
+    assert process.wait(timeout=DEADLINE_S) == 3
+    assert "the study is open in another gsid studio" in log.read_text()
+
+
+def test_a_port_in_use_has_a_hint(studio, server):
+    process, log = studio("--port", str(server.port), waits=False)
+    assert process.wait(timeout=DEADLINE_S) == 3
+    assert "choose another --port" in log.read_text()
+
+
+def test_the_browser_gets_the_address_in_a_file_of_its_user(studio, tmp_path, monkeypatch):
+    browser = tmp_path / "bin/xdg-open"
+    browser.parent.mkdir()
+    browser.write_text(
+        f'#!/bin/sh\necho "$@" >{tmp_path}/words\nstat -c %a "$1" >{tmp_path}/mode\n'
+        f'cp "$1" {tmp_path}/part.html\nmv {tmp_path}/part.html {tmp_path}/page.html\n'
+    )
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{browser.parent}{os.pathsep}{os.environ['PATH']}")
+    process, log = studio(browser=True)
+    end = time.monotonic() + DEADLINE_S
+    while not (tmp_path / "page.html").exists():
+        assert time.monotonic() < end, log.read_text()
+        time.sleep(0.05)
+    words = (tmp_path / "words").read_text()
+    assert "token" not in words
+    assert (tmp_path / "mode").read_text() == "600\n"
+    assert f"url={process.address}" in (tmp_path / "page.html").read_text()
+    process.send_signal(signal.SIGTERM)
+    process.wait(timeout=20)
+    assert not os.path.exists(words.strip())  # a file of the token stays nowhere

@@ -5,18 +5,19 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import shlex
 import signal
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-# -P: the study, which is the working folder, is not searched for modules; a record may be named click.py
+# -P: the study, which is the working folder, is not searched for modules; a file in it may be named click.py
 COMMAND = (sys.executable, "-P", "-m", "gsid.cli.main")
 PROGRESS = "-- "  # begins a line on stderr that names the present step
-OUTPUT_MOST = 64 << 20  # bytes of one command's answer
-LINE_MOST = 1 << 16
-PATIENCE_S = 5.0  # between Ctrl-C and the end by force
+MAX_STDOUT = 64 << 20  # bytes of one command
+MAX_LINE = 1 << 16
+STOP_S = 60.0  # between Ctrl-C and the end by force: a diagnosis still judges and draws
 
 
 @dataclass
@@ -31,27 +32,35 @@ class Job:
         What it does now.
     messages : list of str
         Notes, warnings and errors so far.
-    answer : bytes
+    stdout : bytes
         Its standard output, once it has ended.
     exit_code : int or None
         None while it runs.
+    is_stopping : bool
+        Whether it was asked to stop.
     """
 
     arguments: tuple[str, ...]
     step: str = "starting"
     messages: list[str] = field(default_factory=list)
-    answer: bytes = b""
+    stdout: bytes = b""
     exit_code: int | None = None
+    is_stopping: bool = False
     _process: asyncio.subprocess.Process | None = None
-    _is_cancelled: bool = False
+    _force: asyncio.TimerHandle | None = None
 
-    async def run(self, folder: Path, on_change: Callable[[], Awaitable[None]]) -> None:
+    @property
+    def command(self) -> str:
+        """The command as typed in the folder of the study."""
+        return shlex.join(["gsid", *self.arguments])
+
+    async def run(self, folder: Path, on_change: Callable[[], None]) -> None:
         """Run the command in this folder until it ends.
 
         Parameters
         ----------
         folder : Path
-        on_change : coroutine function
+        on_change : callable
             Called after each line of progress.
         """
         self._process = await asyncio.create_subprocess_exec(
@@ -61,28 +70,30 @@ class Job:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
-            limit=LINE_MOST,
+            limit=MAX_LINE,
             env=os.environ | {"NO_COLOR": "1", "COLUMNS": "120"},
         )  # fmt: skip
-        if self._is_cancelled:
+        if self.is_stopping:
             self._signal(signal.SIGINT)
         try:
-            self.answer, _ = await asyncio.gather(self._read_answer(), self._follow(on_change))
+            self.stdout, _ = await asyncio.gather(self._read_stdout(), self._follow(on_change))
             self.exit_code = await self._process.wait()
         finally:
-            self._signal(signal.SIGKILL)
+            self.kill()
+            if self._force is not None:
+                self._force.cancel()
 
-    async def _read_answer(self) -> bytes:
-        answer = b""
-        while block := await self._process.stdout.read(LINE_MOST):
-            answer += block
-            if len(answer) > OUTPUT_MOST:
+    async def _read_stdout(self) -> bytes:
+        found = bytearray()
+        while block := await self._process.stdout.read(MAX_LINE):
+            found += block
+            if len(found) > MAX_STDOUT:
                 self.messages.append("error: the answer is too long")
-                self._signal(signal.SIGKILL)
+                self.kill()
                 return b""
-        return answer
+        return bytes(found)
 
-    async def _follow(self, on_change: Callable[[], Awaitable[None]]) -> None:
+    async def _follow(self, on_change: Callable[[], None]) -> None:
         while True:
             try:
                 line = await self._process.stderr.readline()
@@ -91,19 +102,24 @@ class Job:
             if not line:
                 return
             text = line.decode("utf-8", "replace").rstrip()
-            if text.startswith(PROGRESS):
+            if not text.startswith(PROGRESS):
+                self.messages += [text] if text else []
+            elif not self.is_stopping:
                 self.step = text.removeprefix(PROGRESS)
-            elif text:
-                self.messages.append(text)
-            await on_change()
+            with contextlib.suppress(Exception):  # a fault of who watches does not end the command
+                on_change()
 
-    async def cancel(self) -> None:
-        """End the command as Ctrl-C does; after five seconds by force."""
-        self._is_cancelled = True
+    def stop(self) -> None:
+        """End the command as Ctrl-C does; after a minute by force. Further calls change nothing."""
+        if self.is_stopping or self.exit_code is not None:
+            return
+        self.is_stopping, self.step = True, "stopping"
         self._signal(signal.SIGINT)
-        await asyncio.sleep(PATIENCE_S)
-        if self.exit_code is None:
-            self._signal(signal.SIGKILL)
+        self._force = asyncio.get_running_loop().call_later(STOP_S, self.kill)
+
+    def kill(self) -> None:
+        """End the command and all its processes by force."""
+        self._signal(signal.SIGKILL)
 
     def _signal(self, number: int) -> None:
         if self._process is not None and self.exit_code is None:

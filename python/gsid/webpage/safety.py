@@ -2,9 +2,9 @@
 
 A server on 127.0.0.1 can be reached by every page that the browser has open. A foreign page is refused by the
 Host header (DNS rebinding), by the Origin header (forged posts and websockets), and by a cookie that is not
-sent across sites. The token is in the address that `gsid studio` prints, and is exchanged for the cookie, which
-is another secret. The browser gets the address in a file that only its user can read: the words of a command
-can be read by all users of the computer.
+sent across sites. The token is in the address that `gsid studio` prints, and is exchanged for the cookie,
+which is another secret. The browser gets the address in a file that only its user can read: the words of a
+command can be read by all users of the computer.
 """
 
 from __future__ import annotations

@@ -5,20 +5,22 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import signal
 import socket
 import tempfile
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import uvicorn
+from filelock import FileLock, Timeout
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from gsid.base.errors import InputError
 from gsid.base.tables import templates
@@ -26,10 +28,14 @@ from gsid.study.folder import Step, Study
 from gsid.webpage.actions import ACTIONS, command_of
 from gsid.webpage.jobs import Job
 from gsid.webpage.safety import Guard, new_token
-from gsid.webpage.words import outcome_of
+from gsid.webpage.words import Outcome, outcome_of
 
-WISH_MOST = 1 << 16  # bytes of a posted wish
+MAX_REQUEST = 1 << 16  # bytes of a requested step
 MAX_UPLOAD = 200 << 20
+CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
+LOCK = ".server.lock"
+INVALID = (OSError, ValueError, TypeError, OverflowError, RecursionError)  # by a value of a request
+GOOD_ENDS = (0, 1, 130)  # 1: a criterion is not met; 130: stopped, with what was found until then
 
 
 class Page:
@@ -45,85 +51,133 @@ class Page:
     def __init__(self, study: Study, max_upload: int = MAX_UPLOAD) -> None:
         self.study, self.max_upload = study, max_upload
         self.job: Job | None = None
+        self.error: str | None = None  # of the server itself, while it ran or recorded a step
         self.outputs: list[str] = []
         self.followups: dict[int, dict] = {}
-        self.watchers: set[WebSocket] = set()
+        self.watchers: set[asyncio.Event] = set()
         self._running: asyncio.Task | None = None
+        self._study = self._study_state()
 
     # ---- what is shown -------------------------------------------------------------------------------
 
     def state(self) -> dict:
         """Everything that the page shows, but the pictures."""
+        return self._study | {
+            "job": None if self.job is None else self._job(self.job),
+            "error": self.error,
+            "actions": {verb: vars(action) for verb, action in ACTIONS.items()},
+        }
+
+    def _study_state(self) -> dict:
+        """The part that only a new file or a new step changes: each line of progress sends it again."""
         steps = self.study.steps
         return {
             "folder": self.study.folder.name,
             "records": sorted(name for name in self.study.files if name.startswith("records/")),
             "models": [name for one in steps for name in one.outputs if name.startswith("models/")],
             "steps": [self._shown(one) for one in steps],
-            "job": None if self.job is None else self._job(),
-            "actions": {verb: vars(action) for verb, action in ACTIONS.items()},
         }
 
     def _shown(self, step: Step) -> dict:
         pictures = [name for name in step.outputs if name.startswith("verdicts/")]
         own = {"number": step.number, "verb": step.verb, "command": step.command, "words": step.words}
         more = self.followups.get(step.number, {"effects": [], "next": []})
-        return own | more | {"failed": step.exit_code != 0, "picture": pictures[0] if pictures else None}
+        failed = step.exit_code not in GOOD_ENDS
+        return own | more | {"failed": failed, "picture": pictures[0] if pictures else None}
 
-    def _job(self) -> dict:
+    @staticmethod
+    def _job(job: Job) -> dict:
         return {
-            "command": " ".join(["gsid", *self.job.arguments]),
-            "step": self.job.step,
-            "verb": self.job.arguments[0],
+            "command": job.command,
+            "step": job.step,
+            "verb": job.arguments[0],
+            "stopping": job.is_stopping,
         }
 
-    async def send_state(self) -> None:
-        """Send the state to every page that watches."""
-        text = json.dumps(self.state())
-        for watcher in list(self.watchers):
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
-                await watcher.send_text(text)
+    def changed(self) -> None:
+        """Have the state sent to every page that watches, when it next reads."""
+        for watcher in self.watchers:
+            watcher.set()
 
     # ---- what is done --------------------------------------------------------------------------------
 
-    async def wish(self, wanted: dict) -> None:
+    def request_step(self, wanted: dict) -> None:
         """Begin the step that the page asks for.
 
         Raises
         ------
         InputError
-            Another one runs, or the wish is not understood.
+            Another one runs, or the request is not understood.
         """
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
         arguments, self.outputs = command_of(self.study, wanted)
-        self.job = Job(tuple(arguments))
+        self.job, self.error = Job(tuple(arguments)), None
         self._running = asyncio.create_task(self._run(self.job))
-        await self.send_state()
+        self.changed()
 
     async def _run(self, job: Job) -> None:
         try:
-            await job.run(self.study.folder, self.send_state)
-            found = outcome_of(job.arguments[0], job.exit_code, job.answer, job.messages)
-            step = self.study.add_step(
-                job.arguments, job.exit_code, words=found.sentences, outputs=self.outputs
-            )
-            self.followups[step.number] = {"effects": found.effects, "next": found.next}
+            try:
+                await job.run(self.study.folder, self.changed)
+            finally:
+                if job.exit_code is not None:
+                    await self._record(job)
+        except Exception as error:
+            self.error = f"{job.command}: {type(error).__name__}: {error}"
         finally:
             self.job = None
-            await self.send_state()
+            self.changed()
 
-    async def cancel(self) -> None:
+    async def _record(self, job: Job) -> None:
+        """Note the step; an answer that cannot be read does not lose it."""
+        verb, exit_code = job.arguments[0], job.exit_code
+        try:
+            found = outcome_of(verb, exit_code, job.stdout, job.messages, stopped=job.is_stopping)
+        except Exception as error:
+            text = f"The answer of the command cannot be read: {type(error).__name__}: {error}"
+            found = Outcome((text, *job.messages))
+        step = await asyncio.to_thread(
+            self.study.add_step, job.arguments, exit_code, words=found.sentences, outputs=self.outputs
+        )
+        self.followups[step.number] = {"effects": found.effects, "next": found.next}
+        self._study = self._study_state()
+
+    async def add_file(self, source: Path, name: str) -> str:
+        """Copy a record into the study.
+
+        Parameters
+        ----------
+        source : Path
+        name : str
+            Name in the study.
+
+        Returns
+        -------
+        str
+            Path in the study.
+        """
+        kept = await asyncio.to_thread(self.study.add_file, source, name)
+        self._study = self._study_state()
+        self.changed()
+        return kept
+
+    def stop(self) -> None:
         """Stop the step that runs; it keeps what it has found."""
         if self.job is not None:
-            await self.job.cancel()
+            self.job.stop()
+            self.changed()
 
     async def close(self) -> None:
-        """End what runs, when the server ends."""
-        if self._running is not None and not self._running.done():
-            self._running.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._running
+        """Stop what runs, and note it, when the server ends."""
+        if self._running is None or self._running.done():
+            return
+        if self.job is not None:
+            self.job.stop()
+            await asyncio.wait([self._running], timeout=CLOSE_S)
+        if self.job is not None:
+            self.job.kill()
+        await asyncio.wait([self._running])
 
 
 # ---- routes ----------------------------------------------------------------------------------------------
@@ -143,19 +197,19 @@ async def _state(request: Request) -> Response:
     return JSONResponse(_page_of(request).state())
 
 
-async def _wish(request: Request) -> Response:
+async def _request_step(request: Request) -> Response:
     try:
-        wanted = json.loads(await _body(request, WISH_MOST))
+        wanted = json.loads(await _body(request, MAX_REQUEST))
     except ValueError as error:
-        raise InputError("the wish is not JSON", "", error) from error
+        raise InputError("the request is not JSON", "", error) from error
     if not isinstance(wanted, dict):
-        raise InputError("the wish is not an object", "", type(wanted).__name__)
-    await _page_of(request).wish(wanted)
+        raise InputError("the request is not an object", "", type(wanted).__name__)
+    _page_of(request).request_step(wanted)
     return JSONResponse({"begun": True})
 
 
-async def _cancel(request: Request) -> Response:
-    await _page_of(request).cancel()
+async def _stop(request: Request) -> Response:
+    _page_of(request).stop()
     return JSONResponse({"stopped": True})
 
 
@@ -165,7 +219,7 @@ async def _upload(request: Request) -> Response:
     name = Path(request.query_params.get("name", "")).name
     if not name or name.startswith(".") or not name.isprintable():
         raise InputError("the file has no usable name", "", name, "rename the file")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=page.study.folder, prefix=".upload-") as folder:
         place = Path(folder) / "upload"
         size = 0
         with open(place, "wb") as file:
@@ -179,18 +233,17 @@ async def _upload(request: Request) -> Response:
                         "give --max-upload MB",
                     )
                 file.write(block)
-        kept = await asyncio.to_thread(page.study.add_file, place, name)
-    await page.send_state()
+        kept = await page.add_file(place, name)
     return JSONResponse({"record": kept})
 
 
 async def _body(request: Request, most: int) -> bytes:
-    body = b""
+    body = bytearray()
     async for block in request.stream():
         body += block
         if len(body) > most:
             raise InputError("the request is too long", "", f"more than {most} bytes")
-    return body
+    return bytes(body)
 
 
 async def _file(request: Request) -> Response:
@@ -204,18 +257,28 @@ async def _file(request: Request) -> Response:
 async def _changes(watcher: WebSocket) -> None:
     page = _page_of(watcher)
     await watcher.accept()
-    page.watchers.add(watcher)
+    changed = asyncio.Event()
+    changed.set()
+    page.watchers.add(changed)
+    sender = asyncio.create_task(_send_changes(page, watcher, changed))
     try:
-        await watcher.send_text(json.dumps(page.state()))
-        while True:
-            await watcher.receive_text()
-    except WebSocketDisconnect:
-        pass
+        while (await watcher.receive())["type"] != "websocket.disconnect":
+            pass
     finally:
-        page.watchers.discard(watcher)
+        page.watchers.discard(changed)
+        sender.cancel()
+        await asyncio.gather(sender, return_exceptions=True)
 
 
-async def _left(_: Request, error: Exception) -> Response:
+async def _send_changes(page: Page, watcher: WebSocket, changed: asyncio.Event) -> None:
+    """Send the newest state; a watcher that does not read misses those between and delays no other."""
+    while True:
+        await changed.wait()
+        changed.clear()
+        await watcher.send_text(json.dumps(page.state()))
+
+
+async def _disconnected(_: Request, error: Exception) -> Response:
     """The browser went away in the middle of an upload."""
     return Response(status_code=400)
 
@@ -224,6 +287,12 @@ async def _refused(_: Request, error: Any) -> Response:
     """Bad input as JSON: what, where, the value and what to do."""
     place = ": ".join(str(part) for part in (error.where, error.value) if part not in (None, ""))
     return JSONResponse({"error": error.what, "where": place, "hint": error.hint or ""}, 400)
+
+
+async def _invalid(_: Request, error: Exception) -> Response:
+    """A request with a value of the wrong type, a name that no file can have, or too deep a nesting."""
+    place = f"{type(error).__name__}: {error}"
+    return JSONResponse({"error": "the request is not valid", "where": place, "hint": ""}, 400)
 
 
 def application(page: Page, port: int, token: str) -> Guard:
@@ -252,15 +321,16 @@ def application(page: Page, port: int, token: str) -> Guard:
         routes=[
             Route("/", _index),
             Route("/state", _state),
-            Route("/steps", _wish, methods=["POST"]),
-            Route("/stop", _cancel, methods=["POST"]),
+            Route("/steps", _request_step, methods=["POST"]),
+            Route("/stop", _stop, methods=["POST"]),
             Route("/records", _upload, methods=["POST"]),
             Route("/files/{name:path}", _file),
             Route("/plotly.min.js", _plotly),
             WebSocketRoute("/changes", _changes),
             Mount("/static", StaticFiles(directory=str(static))),
         ],
-        exception_handlers={InputError: _refused, ClientDisconnect: _left},
+        exception_handlers={InputError: _refused, ClientDisconnect: _disconnected}
+        | dict.fromkeys(INVALID, _invalid),
         lifespan=lifespan,
     )
     app.state.page = page
@@ -280,18 +350,50 @@ def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
 
     Raises
     ------
-    OSError
-        The port is in use.
+    InputError
+        The port cannot be opened, or another server has the study.
     """
+    with _locked(page.study.folder), _listener(port) as listener:
+        own = listener.getsockname()[1]
+        token = new_token()
+        config = uvicorn.Config(
+            application(page, own, token),
+            log_level="warning",
+            ws_max_size=MAX_REQUEST,
+            lifespan="on",
+            timeout_graceful_shutdown=2,
+        )
+        server = uvicorn.Server(config)
+        for number in (signal.SIGTERM, signal.SIGHUP):  # the second: the terminal was closed
+            signal.signal(number, server.handle_exit)
+        on_address(f"http://127.0.0.1:{own}/?token={token}")
+        server.run(sockets=[listener])
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """One server for a study: two would run commands that write the same files."""
+    lock = FileLock(folder / LOCK, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        hint = "use its page, or name another --folder"
+        raise InputError("the study is open in another gsid studio", str(folder), None, hint) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _listener(port: int) -> socket.socket:
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listener.bind(("127.0.0.1", port))
-    listener.listen()
-    own = listener.getsockname()[1]
-    token = new_token()
-    config = uvicorn.Config(
-        application(page, own, token), log_level="warning", ws_max_size=WISH_MOST, lifespan="on"
-    )
-    on_address(f"http://127.0.0.1:{own}/?token={token}")
-    with listener:
-        uvicorn.Server(config).run(sockets=[listener])
+    try:
+        listener.bind(("127.0.0.1", port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise InputError(
+            "the port cannot be opened", f"127.0.0.1:{port}", error.strerror, "choose another --port"
+        ) from error
+    return listener
