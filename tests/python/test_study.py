@@ -235,7 +235,19 @@ def test_rate_and_units_in_a_meta_file_beside_a_record_are_kept(study, tmp_path)
     one = study.add_file(with_meta(tmp_path / "a", range(9), fs_hz=500, channels=channels))
     record = gsid.read_record(study.path(one))
     assert (record.fs_hz, record.u_unit, record.y_unit) == (500, "A", "rad/s")
-    assert one in study.files
+    assert list(study.files) == [one]
+    hashed = json.loads((study.folder / SESSION).read_text())["files"]
+    assert set(hashed) == {one, "records/rec/meta.json"}
+
+
+def test_what_a_meta_file_states_of_each_record_is_kept(study, tmp_path):
+    source = file_of(tmp_path / "a", "rec.csv", "u,y\n1,2\n")
+    files = {"rec.csv": {"level": 2}, "other.csv": {"level": 3}}
+    file_of(tmp_path / "a", "meta.json", json.dumps({"files": files, "fs_hz": 50}))
+    one = study.add_file(source)
+    kept = json.loads((study.folder / one).with_name("meta.json").read_text())
+    assert kept == {"files": {"rec.csv": {"level": 2}}, "fs_hz": 50}
+    assert study.add_file(source) == one
 
 
 def test_two_experiments_keep_their_own_rates(study, tmp_path):

@@ -122,8 +122,8 @@ class Study:
 
     @property
     def files(self) -> dict[str, str]:
-        """Path in the study and SHA-256 of each file that was opened."""
-        return self._read().files
+        """Path in the study and SHA-256 of each file that was opened or made; without each `META`."""
+        return {name: digest for name, digest in self._read().files.items() if Path(name).name != META}
 
     @property
     def steps(self) -> list[Step]:
@@ -231,7 +231,7 @@ class Study:
         state = self._read()
         for known, other in state.files.items():
             is_alike = known.startswith(f"{kind}/") and Path(known).suffix == Path(own).suffix
-            if is_alike and other == digest and self._still_has(known, digest, meta):
+            if is_alike and other == digest and self._still_has(known, digest, own, meta):
                 return known
         if meta is None:
             place = self._free(f"{kind}/{own}")
@@ -240,17 +240,18 @@ class Study:
             folder = self._free(f"{kind}/{Path(own).stem}")
             os.replace(new, self.folder / folder)
             place = f"{folder}/{own}"
+            state.files[f"{folder}/{META}"] = _sha256(self.folder / folder / META)
         state.files[place] = digest
         self._write(state)
         return place
 
-    def _still_has(self, known: str, digest: str, meta: dict[str, Any] | None) -> bool:
+    def _still_has(self, known: str, digest: str, own: str, meta: dict[str, Any] | None) -> bool:
         """Whether a file has not changed since, and has what the new one's meta.json states."""
         try:
             path = self.path(known)
         except InputError:
             return False
-        is_alike = meta is None or _meta_of(path, "") == meta | {"files": [""]}
+        is_alike = meta is None or _meta_of(path, own) == meta
         return is_alike and _sha256(path) == digest
 
     def _free(self, wanted: str) -> str:
@@ -337,10 +338,12 @@ def _meta_of(source: Path, own: str) -> dict[str, Any] | None:
     """What the meta.json beside a file states, for this file by its name in the study; None if nothing."""
     try:
         meta = read_json(source.parent / META)
-        is_listed = source.name in meta["files"]
+        listed = meta["files"]
+        if source.name not in listed:
+            return None
     except (OSError, ValueError, KeyError, TypeError):
         return None  # there is none, or it has another purpose
-    return meta | {"files": [own]} if is_listed else None
+    return meta | {"files": {own: listed[source.name]} if isinstance(listed, dict) else [own]}
 
 
 def _state_of(known: dict[str, Any]) -> _State:
