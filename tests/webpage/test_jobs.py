@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 import time
 
@@ -256,6 +257,17 @@ def test_a_signal_ends_the_server(studio, number):
     process, _ = studio()
     process.send_signal(number)
     assert process.wait(timeout=20) == (130 if number == signal.SIGINT else 0)
+
+
+def test_under_nohup_the_end_of_the_terminal_does_not_end_the_server(studio):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does
+    try:
+        process, _ = studio()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    process.send_signal(signal.SIGHUP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=1)
 
 
 def test_two_servers_on_one_study_are_refused(studio):

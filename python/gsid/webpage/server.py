@@ -365,7 +365,8 @@ def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
         )
         server = uvicorn.Server(config)
         for number in (signal.SIGTERM, signal.SIGHUP):  # the second: the terminal was closed
-            signal.signal(number, server.handle_exit)
+            if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+                signal.signal(number, server.handle_exit)
         on_address(f"http://127.0.0.1:{own}/?token={token}")
         server.run(sockets=[listener])
 
