@@ -180,6 +180,21 @@ def test_stop_sends_one_interrupt_and_the_command_ends_by_itself(study, command,
     assert state["steps"][-1]["failed"] is False
 
 
+def test_a_command_that_is_stopped_while_it_loads_has_not_failed(study, command):
+    async def stop():
+        page = Page(study)
+        await ready(page)
+        page.stop()
+        await ended(page)
+        return page.state()
+
+    command(SLOW.replace("signal.signal(", "signal.signal(signal.SIGINT, signal.SIG_DFL) or ("))
+    (step,) = asyncio.run(stop())["steps"]
+    assert study.steps[-1].exit_code == 130
+    assert step["words"][0] == "The step was stopped."
+    assert not step["failed"]
+
+
 def test_a_command_that_does_not_stop_is_ended_by_force(study, command, monkeypatch):
     monkeypatch.setattr(jobs, "STOP_S", 0.2)
 

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gsid.webpage.words import INTERRUPTED
+
 # -P: the study, which is the working folder, is not searched for modules; a file in it may be named click.py
 COMMAND = (sys.executable, "-P", "-m", "gsid.cli.main")
 PROGRESS = "-- "  # begins a line on stderr that names the present step
@@ -77,7 +79,8 @@ class Job:
             self._signal(signal.SIGINT)
         try:
             self.stdout, _ = await asyncio.gather(self._read_stdout(), self._follow(on_change))
-            self.exit_code = await self._process.wait()
+            code = await self._process.wait()
+            self.exit_code = INTERRUPTED if code == -signal.SIGINT else code  # as a shell reports it
         finally:
             self.kill()
             if self._force is not None:

@@ -28,14 +28,14 @@ from gsid.study.folder import Step, Study
 from gsid.webpage.actions import ACTIONS, command_of
 from gsid.webpage.jobs import Job
 from gsid.webpage.safety import Guard, new_token
-from gsid.webpage.words import Outcome, outcome_of
+from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, outcome_of
 
 MAX_REQUEST = 1 << 16  # bytes of a requested step
 MAX_UPLOAD = 200 << 20
 CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
 LOCK = ".server.lock"
 INVALID = (OSError, ValueError, TypeError, OverflowError, RecursionError)  # by a value of a request
-GOOD_ENDS = (0, 1, 130)  # 1: a criterion is not met; 130: stopped, with what was found until then
+GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 
 
 class Page:
