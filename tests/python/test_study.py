@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import gsid
+from gsid.study import folder as study_folder
 from gsid.study.folder import FOLDERS, LOCK, LOG, SESSION, Study, usable_name
 
 
@@ -182,7 +183,7 @@ def test_a_copy_does_not_lock_the_study(study, tmp_path, monkeypatch):
         Study(study.folder).add_step(["look"], 0)
         return copyfile(one, other)
 
-    monkeypatch.setattr("gsid.study.folder.LOCK_TIME_S", 0.1)
+    monkeypatch.setattr(study_folder, "LOCK_TIME_S", 0.1)
     monkeypatch.setattr("shutil.copyfile", slow)
     assert study.add_file(source) == "records/rec.csv"
     assert len(study.steps) == 1
@@ -202,7 +203,7 @@ def test_no_command_is_logged_that_the_session_lacks(study, monkeypatch):
     def full(path, write):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("gsid.study.folder.write_atomically", full)
+    monkeypatch.setattr(study_folder, "write_atomically", full)
     with pytest.raises(OSError, match="No space"):
         study.add_step(["look"], 0)
     assert not (study.folder / LOG).exists()
