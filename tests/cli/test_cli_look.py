@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS
 
-from gsid.plots.record import MOST_POINTS, _extremes
+from gsid.plots.style import MOST_POINTS, extremes
 from gsid.records.files import write_record
 
 F_HZ = LINES * FS_HZ / N_PERIOD
@@ -77,7 +77,7 @@ LONG = [MOST_POINTS + 1, 10 * MOST_POINTS, 10 * MOST_POINTS + 7, 1_000_003]
 
 @pytest.mark.parametrize("n", [1, 7, MOST_POINTS])
 def test_a_short_signal_is_drawn_as_it_is(n):
-    place, shown = _extremes(np.arange(n) + 5.0)
+    place, shown = extremes(np.arange(n) + 5.0)
     np.testing.assert_array_equal(place, np.arange(n))
     np.testing.assert_array_equal(shown, np.arange(n) + 5.0)
 
@@ -89,7 +89,7 @@ def test_a_spike_in_a_long_record_is_drawn(n, where, spike):
     values = 5 + np.sin(np.arange(n))
     at = round(where * (n - 1))
     values[at] += spike
-    place, shown = _extremes(values)
+    place, shown = extremes(values)
     assert shown[place == at] == values[at]
     assert len(place) <= MOST_POINTS + 100
 
@@ -97,7 +97,7 @@ def test_a_spike_in_a_long_record_is_drawn(n, where, spike):
 @pytest.mark.parametrize("n", LONG)
 def test_points_are_samples_in_order_to_the_end(n):
     values = np.random.default_rng(32).standard_normal(n)
-    place, shown = _extremes(values)
+    place, shown = extremes(values)
     assert np.all(np.diff(place) > 0)
     assert place[-1] >= n - 2 * (3 * n // MOST_POINTS + 1)
     np.testing.assert_array_equal(shown, values[place])
@@ -111,7 +111,7 @@ def test_a_gap_is_drawn_and_hides_no_spike_beside_it(length, offset):
     begin = 123_456
     values[begin : begin + length] = np.nan
     values[begin - 1], values[begin + length] = offset - 3, offset + 3
-    place, shown = _extremes(values)
+    place, shown = extremes(values)
     in_gap = (place >= begin) & (place < begin + length)
     assert in_gap.any()
     assert np.isnan(shown[in_gap]).all()
@@ -120,4 +120,4 @@ def test_a_gap_is_drawn_and_hides_no_spike_beside_it(length, offset):
 
 
 def test_a_signal_without_samples_is_all_gap():
-    assert np.isnan(_extremes(np.full(100_000, np.nan))[1]).all()
+    assert np.isnan(extremes(np.full(100_000, np.nan))[1]).all()

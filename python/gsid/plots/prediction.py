@@ -14,6 +14,7 @@ from gsid.plots.style import (
     MEASURED,
     MODEL,
     NOISE,
+    draw_signal,
     legend_below,
     new_figure,
     plain_text,
@@ -76,7 +77,9 @@ def _draw(axes: np.ndarray, one: PredictedOutput) -> None:
     ):
         _draw_signals(signal, one, part)
         residual.axhspan(-bound, bound, color=NOISE, alpha=0.3, linewidth=0.0, label="95 % of the noise")
-        residual.plot(one.t_s[part], error[part], color=EXCESS, linewidth=0.9, label="measured − model")
+        draw_signal(
+            residual, one.t_s[part], error[part], color=EXCESS, linewidth=0.9, label="measured − model"
+        )
     whole.set_title(
         f"{plain_text(one.name)}: FIT {one.fit_percent:.4g} %, noise alone {one.fit_percent_of_noise:.4g} %"
     )
@@ -88,7 +91,8 @@ def _draw(axes: np.ndarray, one: PredictedOutput) -> None:
 
 
 def _draw_signals(ax: Axes, one: PredictedOutput, part: slice) -> None:
-    ax.plot(
+    draw_signal(
+        ax,
         one.t_s[part],
         np.mean(one.y, axis=0)[part],
         color=MEASURED,
@@ -96,7 +100,7 @@ def _draw_signals(ax: Axes, one: PredictedOutput, part: slice) -> None:
         alpha=0.6,
         label=f"measured, mean of {len(one.y)} periods",
     )
-    ax.plot(one.t_s[part], one.y_model[part], color=MODEL, linewidth=0.9, label="model")
+    draw_signal(ax, one.t_s[part], one.y_model[part], color=MODEL, linewidth=0.9, label="model")
 
 
 def _close_up(error: np.ndarray) -> tuple[int, int]:

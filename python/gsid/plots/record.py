@@ -15,6 +15,7 @@ from gsid.plots.style import (
     db,
     db_label,
     draw_points,
+    draw_signal,
     frequency_axis,
     limits_db,
     new_figure,
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
     from gsid.records.record import Record
     from gsid.spectrum.spectra import Spectra
-
-MOST_POINTS = 20_000  # of a curve; more are drawn as their extremes
 
 
 @styled
@@ -64,30 +63,14 @@ def _draw_signals(above: Axes, below: Axes, record: Record, found: Spectra | Non
         (above, record.u, "input", record.u_unit, MEASURED),
         (below, record.y, "output", record.y_unit, SIGNAL),
     ):
-        t, shown = _extremes(np.where(record.valid, values, np.nan))
-        ax.plot(t / record.fs_hz, shown, color=colour, linewidth=0.8)
+        seen = np.where(record.valid, values, np.nan)
+        draw_signal(ax, np.arange(len(seen)) / record.fs_hz, seen, color=colour, linewidth=0.8)
         ax.set_ylabel(with_unit(name, plain_text(unit)))
         if found is not None and found.settle_samples:
             ax.axvspan(0, found.settle_samples / record.fs_hz, color=NOISE, alpha=0.2, linewidth=0.0)
     above.tick_params(axis="x", labelbottom=False)
     below.set_xlabel("time [s]")
     above.margins(x=0)
-
-
-def _extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and values to draw: of long signals the extremes and the first gap of each piece."""
-    n = len(values)
-    if n <= MOST_POINTS:
-        return np.arange(n), values
-    size = -(-3 * n // MOST_POINTS)
-    pieces = values[: n - n % size].reshape(-1, size)
-    lost = np.isnan(pieces)
-    lowest = np.where(lost, np.inf, pieces).argmin(axis=1)
-    highest = np.where(lost, -np.inf, pieces).argmax(axis=1)
-    gap = np.where(lost.any(axis=1), lost.argmax(axis=1), lowest)
-    columns = np.column_stack([lowest, highest, gap]) + size * np.arange(len(pieces))[:, None]
-    place = np.unique(np.append(columns, np.arange(n - n % size, n)))
-    return place, values[place]
 
 
 def _draw_lines(ax: Axes, found: Spectra) -> None:
