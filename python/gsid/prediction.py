@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsid.base.hold import fit_readings
+from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
 from gsid.comparison import behind_hold, depends_on_hold
@@ -20,7 +20,7 @@ from gsid.plant.model import PlantModel
 from gsid.plant.units import check_units
 from gsid.spectrum.lines import period_of
 from gsid.spectrum.realisation import spectra_of
-from gsid.spectrum.spectra import is_open, read_as
+from gsid.spectrum.spectra import read_as
 
 if TYPE_CHECKING:
     from gsid.models.piecewise import PiecewiseModel
@@ -49,7 +49,8 @@ class PredictedOutput(Plottable):
     hold : {"zoh", "none"} or None
         Course of the input between the samples; None where the model does not depend on it.
     hold_assumed : bool
-        True if the record does not state its hold. `hold` is then the one with the smaller error.
+        True if the record does not state its hold. `hold` is then the likelier one for all such records
+        together; "none" if the errors hardly differ.
     y_unit, name : str
     """
 
@@ -165,18 +166,35 @@ def predict(
     """
     if not isinstance(model, PlantModel) and not hasattr(model, "response"):
         raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
-    return [_predicted(model, one) for one in spectra_of(records, period=period, settle=settle)]
-
-
-def _predicted(model: RationalModel | PiecewiseModel | PlantModel, measured: Spectra) -> PredictedOutput:
-    check_units(model, measured)
+    measured = spectra_of(records, period=period, settle=settle)
+    for one in measured:
+        check_units(model, one)
     if not depends_on_hold(model):
-        return _under(model, measured)
-    if not is_open([measured]):
-        return replace(_under(model, measured), hold=measured.hold)
-    found = fit_readings(lambda hold: _under(behind_hold(model, hold), *read_as([measured], hold)))
-    hold = min(found, key=lambda reading: found[reading].rms_error)
-    return replace(found[hold], hold=hold, hold_assumed=True)
+        return [_under(model, one) for one in measured]
+    assumed = iter(_under_one_hold(model, [one for one in measured if one.hold is None]))
+    return [
+        next(assumed) if one.hold is None else replace(_under(model, one), hold=one.hold) for one in measured
+    ]
+
+
+def _under_one_hold(
+    model: RationalModel | PiecewiseModel | PlantModel, silent: list[Spectra]
+) -> list[PredictedOutput]:
+    """Predictions for the records that do not state their hold, under the likelier one for all of them."""
+    if not silent:
+        return []
+    cases = fit_readings(
+        lambda hold: [_under(behind_hold(model, hold), one) for one in read_as(silent, hold)]
+    )
+    hold = likelier({reading: sum(map(_deviance, case)) for reading, case in cases.items()})
+    return [replace(one, hold=hold, hold_assumed=True) for one in cases[hold]]
+
+
+def _deviance(one: PredictedOutput) -> float:
+    """-2 log likelihood of white noise of the power that differs between the periods, but for a constant."""
+    limits = np.finfo(float)
+    ratio = one.rms_error / max(one.rms_noise, limits.eps * one.rms_output, limits.tiny)
+    return one.y.size * ratio * ratio
 
 
 def _under(model: RationalModel | PiecewiseModel | PlantModel, measured: Spectra) -> PredictedOutput:

@@ -104,6 +104,42 @@ def test_an_open_hold_is_the_one_with_the_smaller_error(record):
     assert found.rms_error == stated.rms_error
 
 
+def of_a_held_input(seed, noise, lines=(10, 400)):
+    """A record of a held input that does not state it."""
+    u = Multisine.design(FS_HZ, N, lines, rms=1.0, phases="random", seed=seed).table()
+    u = np.tile(u, PERIODS + 4)
+    y = answer(u) + noise * np.random.default_rng(seed).standard_normal(len(u))
+    return gsid.Record(u, y, FS_HZ, N, 4 * N, y_unit="deg/s", name="axis")
+
+
+def test_records_that_do_not_state_their_hold_have_one_hold():
+    print("seed", SEED)
+    clear = of_a_held_input(SEED, NOISE)
+    vague = of_a_held_input(SEED + 1, NOISE)
+    vague.y[:] = np.roll(vague.y, 1) + 0.5 * np.random.default_rng(SEED).standard_normal(len(vague.y))
+    assert [one.hold for one in gsid.predict(stack(), clear)] == ["zoh"]
+    assert [one.hold for one in gsid.predict(stack(), vague)] == ["none"]  # which has more delay
+    assert [one.hold for one in gsid.predict(stack(), [clear, vague])] == ["zoh", "zoh"]
+
+
+def test_a_record_that_states_its_hold_keeps_it(record):
+    silent = of_a_held_input(SEED + 1, NOISE)
+    found = gsid.predict(stack(), [record, silent])
+    assert [(one.hold, one.hold_assumed) for one in found] == [("zoh", False), ("zoh", True)]
+
+
+def test_periods_without_noise_show_the_hold():
+    (found,) = gsid.predict(stack(), of_a_held_input(SEED, 0.0))
+    assert found.hold == "zoh"
+
+
+@pytest.mark.parametrize("seed", range(SEED, SEED + 6))
+def test_a_hold_that_hardly_matters_is_none(seed):
+    """Up to 0.025 of the sample rate half a sample is far below the noise: either error may be smaller."""
+    (found,) = gsid.predict(stack(), of_a_held_input(seed, 2.0, (5, 15)))
+    assert (found.hold, found.hold_assumed) == ("none", True)
+
+
 def test_a_constant_output_has_no_fit():
     from gsid.prediction import fit_percent
 
@@ -139,3 +175,18 @@ def test_the_picture_shows_each_record(record):
     assert len(whole) == N
     assert near[0] <= worst <= near[-1]
     assert found[0].plot().axes[0].get_ylabel() == "output [deg/s]"
+
+
+def test_a_long_period_is_drawn_as_its_extremes():
+    from gsid.plots import predicted_output
+    from gsid.prediction import PredictedOutput
+
+    print("seed", SEED)
+    n, spike = 1_000_000, 654_321
+    y = np.random.default_rng(SEED).standard_normal((2, n))
+    y[:, spike] = 1e3
+    figure = predicted_output(PredictedOutput(1e3, y, np.zeros(n), True))
+    drawn = [line for ax in figure.axes for line in ax.lines]
+    assert all(len(line.get_xdata()) <= 20_100 for line in drawn)
+    assert max(drawn[0].get_ydata()) == 1e3
+    assert drawn[0].get_xdata()[np.argmax(drawn[0].get_ydata())] == spike / 1e3
