@@ -110,12 +110,12 @@ def test_a_chosen_model_stays_chosen(page):
     messages_of(page)
     two = ["models/1-start.json", "models/2-add.json"]
     page.send_state(models=two)
-    page.wait_for_function("document.querySelector('#model').value === 'models/2-add.json'")
+    page.locator("#model option:checked[value='models/2-add.json']").wait_for(state="attached")
     page.send_state(models=[*two, "models/3-add.json"])
-    page.wait_for_function("document.querySelector('#model').value === 'models/3-add.json'")
+    page.locator("#model option:checked[value='models/3-add.json']").wait_for(state="attached")
     page.select_option("#model", two[0])
     page.send_state(models=[*two, "models/3-add.json", "models/4-add.json"])
-    page.wait_for_function("document.querySelector('#model').length === 5")
+    page.locator("#model option").nth(4).wait_for(state="attached")
     assert page.locator("#model").input_value() == two[0]
 
 
