@@ -37,6 +37,7 @@ def test_a_lost_server_is_an_error_in_words(page, record, studio, faults):
     page.locator("#error").get_by_text("no connection to gsid studio").wait_for()
     page.set_input_files("#chooser", [str(record)])
     page.locator("#error").get_by_text("no connection to gsid studio").wait_for()
+    assert page.locator("#error").is_visible()
     faults.clear()
 
 
@@ -55,6 +56,7 @@ def test_a_picture_that_does_not_arrive_is_named(page, record, faults):
     page.route("**/files/**", lambda route: route.abort())
     open_files(page, record)
     page.get_by_text("The picture could not be drawn").wait_for()
+    assert page.locator("#step-1 .picture .main-svg").count() == 0
     faults.clear()
 
 
@@ -64,6 +66,7 @@ def test_an_error_of_the_server_is_shown(page):
     page.locator("#error").get_by_text("the study cannot be written: <b>disk full</b>").wait_for()
     page.send_state(error=None)
     page.locator("#error").wait_for(state="hidden")
+    assert page.locator("#error").is_hidden()
 
 
 def test_a_job_that_stops_cannot_be_stopped_again(page):
@@ -88,6 +91,7 @@ def test_a_late_answer_to_a_wish_starts_no_job_that_never_ends(page, record):
             page.wait_for_timeout(50)
         route, answer = held[number - 1]
         route.fulfill(response=answer)
+    assert page.locator("#job").is_hidden()
 
 
 def test_progress_keeps_focus_and_the_chosen_text(page, record):

@@ -15,6 +15,7 @@ from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
 from gsid.diagnosis.from_records.verdict import ADEQUATE, NEAREST, UNKNOWN, Decision
 from gsid.plant.linear_response import BACKLASH
+from gsid.plant.model import PlantModel
 
 BIAS = "torque_bias"
 
@@ -32,7 +33,7 @@ def confirm(run: Run) -> None:
         fits, missing = run.simulations(), run.draft.stage.conclusion.kind != "none"
         listed = short_list(run.draft, run.pruned, run.settings) if missing else []
         run.on_step.expect(len(listed) + (run.null is None))
-        run.null = run.null or fits.fit(run.pruned(run.draft.model), ())
+        run.null = run.null or fits.fit(run.pruned(_linear_start(run)), ())
         if run.null is not None and missing:
             _fit_laws(run, fits, listed)
         run.accept_noise()
@@ -42,6 +43,14 @@ def confirm(run: Run) -> None:
             reason = f"No law was fitted by simulation; {' or '.join(run.decision.effects)} is a first draft."
             run.decision = Decision(UNKNOWN, (), (*run.decision.reasons, reason))
     run.not_tried.update(fits.not_tried)
+
+
+def _linear_start(run: Run) -> PlantModel:
+    """The linear part with its starting values.
+
+    A given model with laws was fitted by simulation: its values are nearer than those of the first stage.
+    """
+    return run.stack if run.known and not run.draft.added else run.draft.model
 
 
 def _close_loop(run: Run) -> bool:
