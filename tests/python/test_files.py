@@ -274,6 +274,8 @@ def test_nothing_writes_but_through_this_function():
         ("cli/simulate.py", "path.open"),  # the log: called with the temporary name too
         ("report/pictures.py", "figure.savefig"),
         ("study/folder.py", "open"),  # the log of commands: a line is appended
+        ("study/folder.py", "os.replace"),  # a whole copy, under the lock of the study
+        ("webpage/safety.py", "place.write_text"),  # the address, in a temporary folder
         ("webpage/server.py", "open"),  # an upload, to a temporary file
     }, outside
 
