@@ -274,13 +274,24 @@ def compare(
     if not 0 < alpha < 1:
         raise ValueError(f"alpha must be between 0 and 1, got {alpha}")
     measured = spectra_of(records, period=period, settle=settle)
-    if not isinstance(model, PlantModel) and not hasattr(model, "response"):
-        raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
+    check_model(model)
     if isinstance(model, PlantModel) and not fitted:
         _warn_of_undetermined(model)
     if depends_on_hold(model) and is_open(measured):
         return _either(model, measured, lambda one, read: _compared(one, read, band, alpha, fitted=fitted))
     return _compared(model, measured, band, alpha, fitted=fitted)
+
+
+def check_model(model: object) -> None:
+    """Refuse what is not a model.
+
+    Raises
+    ------
+    TypeError
+        It is something else, for example the name of a file.
+    """
+    if not isinstance(model, PlantModel) and not hasattr(model, "response"):
+        raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
 
 
 def depends_on_hold(model: RationalModel | PiecewiseModel | PlantModel) -> bool:

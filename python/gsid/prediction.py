@@ -13,7 +13,7 @@ import numpy as np
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
 from gsid.base.tables import Table
-from gsid.comparison import behind_hold, depends_on_hold
+from gsid.comparison import behind_hold, check_model, depends_on_hold
 from gsid.greybox.weights import has_common_zero
 from gsid.models.sample_rate import at_rate_of
 from gsid.plant.model import PlantModel
@@ -164,8 +164,7 @@ def predict(
     GsidError
         The plant cannot be simulated.
     """
-    if not isinstance(model, PlantModel) and not hasattr(model, "response"):
-        raise TypeError(f"model must be a gsid model, as returned by load_model, got {type(model).__name__}")
+    check_model(model)
     measured = spectra_of(records, period=period, settle=settle)
     for one in measured:
         check_units(model, one)

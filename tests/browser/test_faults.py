@@ -80,7 +80,7 @@ def test_a_job_that_stops_cannot_be_stopped_again(page):
     assert page.locator("#stop").is_disabled()
 
 
-def test_a_late_answer_to_a_wish_starts_no_job_that_never_ends(page, record):
+def test_a_late_answer_to_a_request_starts_no_job_that_never_ends(page, record):
     """The end of the first step is known before the answer to its post arrives."""
     held = []
     page.route("**/steps", lambda route: held.append((route, route.fetch())))

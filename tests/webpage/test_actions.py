@@ -29,7 +29,7 @@ def study(tmp_path):
     return study
 
 
-def wish_of(verb, **more):
+def request_of(verb, **more):
     action = ACTIONS[verb]
     model = {"model": "models/1-start.json"} if action.needs_model else {}
     effect = {"effect": "coulomb_friction"} if verb == "add" else {}
@@ -55,15 +55,17 @@ def test_each_action_has_the_options_of_its_command(verb):
 
 @pytest.mark.parametrize("verb", ACTIONS)
 def test_options_that_a_verb_lacks_are_dropped(study, verb):
-    arguments, _ = command_of(study, wish_of(verb, options=ALL))
+    arguments, _ = command_of(study, request_of(verb, options=ALL))
     given = {word.partition("=")[0] for word in arguments if "=" in word}
     assert given == set(ACTIONS[verb].options)
     command = Verbs().get_command(None, verb)
-    command.make_parser(click.Context(command)).parse_args(arguments[1:])  # raises on an unknown option
+    # A command keeps the help option of the first context that it sees: it has to be that of `gsid`.
+    context = click.Context(command, help_option_names=["-h", "--help"])
+    command.make_parser(context).parse_args(arguments[1:])  # raises on an unknown option
 
 
 def test_values_follow_their_names(study):
-    arguments, _ = command_of(study, wish_of("start", options=ALL))
+    arguments, _ = command_of(study, request_of("start", options=ALL))
     assert {"--u=i_q", "--fs=2000.0", "--period=4000", "--settle=0", "--hold=zoh"} <= set(arguments)
 
 
@@ -93,12 +95,12 @@ def test_values_follow_their_names(study):
 )
 def test_values_of_the_wrong_type_are_refused(study, name, value):
     with pytest.raises(gsid.InputError):
-        command_of(study, wish_of("start", options={name: value}))
+        command_of(study, request_of("start", options={name: value}))
 
 
 @pytest.mark.parametrize("value", [None, "", "8", 8, 8.0])
 def test_an_empty_field_is_no_option(study, value):
-    arguments, _ = command_of(study, wish_of("look", options={"--period": value}))
+    arguments, _ = command_of(study, request_of("look", options={"--period": value}))
     assert ("--period=8" in arguments) == (value not in (None, ""))
 
 
@@ -118,26 +120,26 @@ def test_an_empty_field_is_no_option(study, value):
         {"options": "--u"},
     ],
 )
-def test_wishes_of_the_wrong_type_are_refused(study, wrong):
+def test_requests_of_the_wrong_type_are_refused(study, wrong):
     with pytest.raises(gsid.InputError):
-        command_of(study, wish_of("add") | wrong)
+        command_of(study, request_of("add") | wrong)
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "meta.json", "page.html", "none"])
 def test_a_file_that_is_no_record_is_refused(study, name):
     (study.folder / "records" / name).write_text("")
     with pytest.raises(gsid.InputError, match="not a record"):
-        command_of(study, wish_of("look", records=[f"records/{name}"]))
+        command_of(study, request_of("look", records=[f"records/{name}"]))
 
 
 def test_the_case_of_the_extension_does_not_matter(study):
     (study.folder / "records/REC.CSV").write_text("")
-    assert command_of(study, wish_of("look", records=["records/REC.CSV"]))
+    assert command_of(study, request_of("look", records=["records/REC.CSV"]))
 
 
 @pytest.mark.parametrize("left", ["verdicts/1-start.json", "models/1-start.json"])
 def test_files_of_a_step_that_was_not_noted_are_kept(study, left):
     (study.folder / "models/1-start.json").unlink()
     (study.folder / left).write_text("{}")
-    _, outputs = command_of(study, wish_of("start"))
+    _, outputs = command_of(study, request_of("start"))
     assert outputs == ["verdicts/2-start.json", "models/2-start.json"]

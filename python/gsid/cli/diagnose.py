@@ -192,7 +192,7 @@ def _print(found: Diagnosis, before: Comparison | None, missing: TorqueResidual 
     print(found.sentence)
     for text in found.reasons:
         print(f"  {text}")
-    if before is not None and before.where:
+    if before is not None and before.where and not before.adequate:
         verdict = before.verdict.replace(": ", ", ", 1)
         print(f"Without an added effect: {verdict[0].lower()}{verdict[1:]}")
     if found.ranking:

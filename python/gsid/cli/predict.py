@@ -44,8 +44,8 @@ def predict(
     """Simulate a model with the input of each record and compare its steady-state output over time.
 
     FIT is 100 % (1 - rms of the error / rms of the output without its mean). The noise of the record bounds
-    it; this bound is printed beside it. The simulated output is given the mean of the
-    measured one, except in a position loop. `gsid compare` tests whether the error is more than noise.
+    it; this bound is printed beside it. The simulated output is given the mean of the measured one, except in
+    a position loop. `gsid compare` tests whether the error is more than noise.
     """
     from gsid.models.load import load_single
     from gsid.prediction import predict as predict_output
@@ -58,8 +58,8 @@ def predict(
 
             model, measured = in_closed_loop(model, records, reference)
         predicted = predict_output(model, measured)
-    for one in predicted:
-        note_assumed_hold(one.hold_assumed, one.hold)
+    for hold in {one.hold for one in predicted if one.hold_assumed}:  # one for all records
+        note_assumed_hold(True, hold)
     draw(lambda: _figure(predicted), picture)
     if as_json:
         print_json({"records": [one.to_dict() for one in predicted]})

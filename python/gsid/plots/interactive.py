@@ -88,7 +88,7 @@ def _axes_of(ax: Axes, number: int, shown: list[Axes]) -> dict[str, Any]:
                 "domain": [float(np.clip(end, 0, 1)) for end in place[letter]],
                 "type": "log" if is_log else "linear",
                 "range": [float(end) for end in (np.log10(limits) if is_log else limits)],
-                "title": {"text": title},
+                "title": {"standoff": 4, "text": title},
                 "automargin": True,
                 "showline": True,
                 "linecolor": "#888888",

@@ -91,13 +91,13 @@ ACTIONS = {
 }
 
 
-def command_of(study: Study, wish: Mapping[str, object]) -> tuple[list[str], list[str]]:
-    """Words after `gsid` for a wish of the page, and the files that the command writes.
+def command_of(study: Study, request: Mapping[str, object]) -> tuple[list[str], list[str]]:
+    """Words after `gsid` for a request of the page, and the files that the command writes.
 
     Parameters
     ----------
     study : Study
-    wish : mapping
+    request : mapping
         verb; records: names in the study; model, effect; options: of `FORM`. Those that the verb
         lacks are left out.
 
@@ -108,19 +108,19 @@ def command_of(study: Study, wish: Mapping[str, object]) -> tuple[list[str], lis
     Raises
     ------
     InputError
-        The wish names something that is not there, or an option that is not known.
+        The request names something that is not there, or an option that is not known.
     """
-    verb = wish.get("verb")
+    verb = request.get("verb")
     if not isinstance(verb, str) or verb not in ACTIONS:
         raise InputError("the page has no such step", "", verb, f"one of {', '.join(ACTIONS)}")
     action = ACTIONS[verb]
     arguments = [
         action.verb,
-        *_effect(action, wish),
-        *_records(study, wish),
-        *_options(action, wish.get("options") or {}),
+        *_effect(action, request),
+        *_records(study, request),
+        *_options(action, request.get("options") or {}),
     ]
-    arguments += _model(study, action, wish)
+    arguments += _model(study, action, request)
     outputs = _outputs(study, action)
     if action.writes:
         arguments += ["-o", outputs[-1]]
@@ -138,8 +138,8 @@ def _outputs(study: Study, action: Action) -> list[str]:
         number += 1
 
 
-def _records(study: Study, wish: Mapping[str, object]) -> list[str]:
-    names = wish.get("records")
+def _records(study: Study, request: Mapping[str, object]) -> list[str]:
+    names = request.get("records")
     if not isinstance(names, list) or not names:
         raise InputError("no record is chosen", "", None, "open a record and tick it")
     for name in names:
@@ -149,8 +149,8 @@ def _records(study: Study, wish: Mapping[str, object]) -> list[str]:
     return [str(name) for name in names]
 
 
-def _model(study: Study, action: Action, wish: Mapping[str, object]) -> list[str]:
-    name = wish.get("model")
+def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
+    name = request.get("model")
     if not name and action.needs_model:
         raise InputError(f"{action.title}: no model is chosen", "", None, "find the linear model first")
     if not name or not (action.needs_model or action.may_have_model):
@@ -166,10 +166,10 @@ def _inside(study: Study, name: object, folder: str) -> None:
     study.path(name)
 
 
-def _effect(action: Action, wish: Mapping[str, object]) -> list[str]:
+def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
     if action.verb != "add":
         return []
-    effect = wish.get("effect")
+    effect = request.get("effect")
     if not isinstance(effect, str) or effect not in catalogue():
         raise InputError("no such effect", "", effect, "choose one of the catalogue")
     return [effect]

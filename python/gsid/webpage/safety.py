@@ -35,7 +35,7 @@ HEADERS = {
 
 
 class Guard:
-    """ASGI middleware that refuses strangers.
+    """ASGI middleware that refuses requests from elsewhere.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Guard:
             return PlainTextResponse("The address of this server is 127.0.0.1.", 403)
         changes = scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS
         if changes and headers.get("origin") != f"http://{host}":
-            return PlainTextResponse("Only the server's own page may do this.", 403)
+            return PlainTextResponse("The request comes from another page.", 403)
         if _equal(cookie_parser(headers.get("cookie", "")).get(self.cookie, ""), self.secret):
             return None
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]

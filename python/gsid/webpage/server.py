@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import json
 import signal
 import socket
@@ -24,7 +25,7 @@ from starlette.websockets import WebSocket
 
 from gsid.base.errors import InputError
 from gsid.base.tables import templates
-from gsid.study.folder import Step, Study
+from gsid.study.folder import Step, Study, usable_name
 from gsid.webpage.actions import ACTIONS, command_of
 from gsid.webpage.jobs import Job
 from gsid.webpage.safety import Guard, new_token
@@ -61,7 +62,7 @@ class Page:
     # ---- what is shown -------------------------------------------------------------------------------
 
     def state(self) -> dict:
-        """Everything that the page shows, but the pictures."""
+        """Everything that the page shows, except the pictures."""
         return self._study | {
             "job": None if self.job is None else self._job(self.job),
             "error": self.error,
@@ -216,9 +217,7 @@ async def _stop(request: Request) -> Response:
 async def _upload(request: Request) -> Response:
     """A file as the body, its name in the query: it is read in blocks and never wholly in memory."""
     page = _page_of(request)
-    name = Path(request.query_params.get("name", "")).name
-    if not name or name.startswith(".") or not name.isprintable():
-        raise InputError("the file has no usable name", "", name, "rename the file")
+    name = usable_name(request.query_params.get("name", ""))
     with tempfile.TemporaryDirectory(dir=page.study.folder, prefix=".upload-") as folder:
         place = Path(folder) / "upload"
         size = 0
@@ -292,6 +291,11 @@ async def _refused(_: Request, error: Any) -> Response:
 async def _invalid(_: Request, error: Exception) -> Response:
     """A request with a value of the wrong type, a name that no file can have, or too deep a nesting."""
     place = f"{type(error).__name__}: {error}"
+    if isinstance(error, OSError) and error.errno not in (errno.ENAMETOOLONG, errno.EINVAL, errno.EILSEQ):
+        hint = "check the free space and the permissions of the study"
+        return JSONResponse(
+            {"error": "the study cannot be read or written", "where": place, "hint": hint}, 500
+        )
     return JSONResponse({"error": "the request is not valid", "where": place, "hint": ""}, 400)
 
 

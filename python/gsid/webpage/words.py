@@ -94,7 +94,7 @@ def _frf(values: Mapping[str, Any]) -> Outcome:
 
 
 def _distortion(values: Mapping[str, Any]) -> Outcome:
-    return Outcome((str(values.get("verdict", "The picture shows noise and distortion.")),), next=("start",))
+    return Outcome((values["verdict"],), next=("start",))
 
 
 def _start(values: Mapping[str, Any]) -> Outcome:

@@ -105,9 +105,7 @@ class Run:
         null : Simulated, optional
             Its fit.
         """
-        deadline = self.deadline.bounded(
-            self.settings.moves_most
-        )  # its own work: the fits so far used theirs
+        deadline = self.deadline.bounded(self.settings.moves_most)  # the fits so far used theirs
         run = Run(deadline, self.settings, self.band, self.without, self.on_step, self.alpha)
         run.seconds, run.given, run.is_further = self.seconds, self.given, True
         run.measured, run.open, run.hold_assumed = self.measured, self.open, self.hold_assumed

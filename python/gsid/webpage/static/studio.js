@@ -1,4 +1,4 @@
-// The page of a study: it shows the server's state and posts wishes. The server decides; nothing is kept here.
+// The page of a study: it shows the server's state and posts requests. The server decides; nothing is kept here.
 import { drawPicture } from "./picture.js";
 
 const PATIENCE_MS = 200; // between two looks at the server
@@ -77,7 +77,7 @@ async function open(files) {
     if (!found) continue;
     ticked.set(found.record, true);
     if (!(await idle())) return;
-    await wish({ verb: "look", records: [found.record] });
+    await requestStep({ verb: "look", records: [found.record] });
   }
 }
 
@@ -121,7 +121,7 @@ function reading() {
   return Object.fromEntries(fields.filter((one) => one.value).map((one) => [one.name, one.value]));
 }
 
-function wish(wanted) {
+function requestStep(wanted) {
   const body = { records: chosenRecords(), model: byId("model").value, options: reading(), ...wanted };
   return post("/steps", JSON.stringify(body), { headers: { "Content-Type": "application/json" } });
 }
@@ -131,7 +131,7 @@ function button(verb, extra = {}, text = null) {
   const action = state.actions[verb];
   const made = element("button", text ?? action.title, { type: "button", title: action.summary });
   made.dataset.verb = verb;
-  made.addEventListener("click", () => isOff(made) || act(() => wish({ verb, ...extra })));
+  made.addEventListener("click", () => isOff(made) || act(() => requestStep({ verb, ...extra })));
   return made;
 }
 
