@@ -49,8 +49,9 @@ def test_bug_a_mode_at_the_end_of_the_band_stood_in_for_a_lag():
     assert "flexible_mode" not in found.conclusion.effects
 
 
-NOISE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.09))
-MORE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11))
+NOISE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.09, n_dof=100_000))
+MORE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11, n_dof=100_000))
+FEW = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11, n_dof=200))  # 3 sqrt(2 / n_dof) is 0.3
 
 
 @pytest.mark.parametrize(
@@ -58,6 +59,7 @@ MORE = SimpleNamespace(fit=SimpleNamespace(cost_per_dof=1.11))
     [
         (NOISE, [], "unknown_effect", "adequate"),
         (MORE, [], "unknown_effect", "unknown_effect"),
+        (FEW, [], "unknown_effect", "adequate"),
         (NOISE, ["a fit"], "unknown_effect", "unknown_effect"),
         (NOISE, [], "nearest_effect", "nearest_effect"),  # its fits were not made in time
         (None, [], "unknown_effect", "unknown_effect"),
