@@ -12,8 +12,9 @@ import pytest
 from gsid.base.errors import InputError
 from gsid.study.folder import Study
 from gsid.webpage import jobs, server
+from gsid.webpage import page as page_module
 from gsid.webpage.jobs import Job
-from gsid.webpage.server import Page
+from gsid.webpage.page import Page
 
 DEADLINE_S = 60
 LOOK = {"verb": "look", "records": ["records/a.csv"]}
@@ -107,7 +108,7 @@ def test_the_command_is_shown_as_it_is_typed():
 
 
 def test_an_answer_that_cannot_be_read_does_not_lose_the_step(study, monkeypatch):
-    monkeypatch.setattr(server, "outcome_of", fail)
+    monkeypatch.setattr(page_module, "outcome_of", fail)
     page = Page(study)
     asyncio.run(look(page))
     (step,) = page.state()["steps"]
@@ -152,9 +153,11 @@ def test_progress_does_not_read_the_study_again(study, monkeypatch):
 
 def test_stop_sends_one_interrupt_and_the_command_ends_by_itself(study, command, monkeypatch):
     seen = []
-    read = server.outcome_of
+    read = page_module.outcome_of
     monkeypatch.setattr(
-        server, "outcome_of", lambda *given, stopped: seen.append((given, stopped)) or read(*given, stopped)
+        page_module,
+        "outcome_of",
+        lambda *given, stopped: seen.append((given, stopped)) or read(*given, stopped),
     )
 
     async def stop_three_times():
@@ -213,7 +216,7 @@ def test_a_command_that_does_not_stop_is_ended_by_force(study, command, monkeypa
 def test_the_end_of_the_server_stops_the_command_and_keeps_the_step(
     study, command, monkeypatch, script, exit_code
 ):
-    monkeypatch.setattr(server, "CLOSE_S", 3.0 if script == SLOW else 0.2)
+    monkeypatch.setattr(page_module, "CLOSE_S", 3.0 if script == SLOW else 0.2)
 
     async def close():
         page = Page(study)

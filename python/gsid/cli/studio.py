@@ -47,8 +47,9 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
     study are kept.
     """
     from gsid.study.folder import Study
+    from gsid.webpage.page import Page
     from gsid.webpage.safety import file_that_opens
-    from gsid.webpage.server import Page, serve
+    from gsid.webpage.server import serve
 
     study = Study(folder)
     for path in files:

@@ -1,4 +1,4 @@
-"""The server of the page: files in, commands run, pictures out, and a websocket that sends every change."""
+"""The server of the page: files in, steps requested, pictures out; a websocket sends every change."""
 
 from __future__ import annotations
 
@@ -25,160 +25,13 @@ from starlette.websockets import WebSocket
 
 from gsid.base.errors import InputError
 from gsid.base.tables import templates
-from gsid.study.folder import Step, Study, usable_name
-from gsid.webpage.actions import ACTIONS, command_of
-from gsid.webpage.jobs import Job
+from gsid.study.folder import usable_name
+from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
-from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, outcome_of
 
 MAX_REQUEST = 1 << 16  # bytes of a requested step
-MAX_UPLOAD = 200 << 20
-CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
 LOCK = ".server.lock"
 INVALID = (OSError, ValueError, TypeError, OverflowError, RecursionError)  # by a value of a request
-GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
-
-
-class Page:
-    """The state of one page: its study, and the command that runs.
-
-    Parameters
-    ----------
-    study : Study
-    max_upload : int
-        Largest file that is accepted [bytes].
-    """
-
-    def __init__(self, study: Study, max_upload: int = MAX_UPLOAD) -> None:
-        self.study, self.max_upload = study, max_upload
-        self.job: Job | None = None
-        self.error: str | None = None  # of the server itself, while it ran or recorded a step
-        self.outputs: list[str] = []
-        self.followups: dict[int, dict] = {}
-        self.watchers: set[asyncio.Event] = set()
-        self._running: asyncio.Task | None = None
-        self._study = self._study_state()
-
-    # ---- what is shown -------------------------------------------------------------------------------
-
-    def state(self) -> dict:
-        """Everything that the page shows, except the pictures."""
-        return self._study | {
-            "job": None if self.job is None else self._job(self.job),
-            "error": self.error,
-            "actions": {verb: vars(action) for verb, action in ACTIONS.items()},
-        }
-
-    def _study_state(self) -> dict:
-        """The part that only a new file or a new step changes: each line of progress sends it again."""
-        steps = self.study.steps
-        return {
-            "folder": self.study.folder.name,
-            "records": sorted(name for name in self.study.files if name.startswith("records/")),
-            "models": [name for one in steps for name in one.outputs if name.startswith("models/")],
-            "steps": [self._shown(one) for one in steps],
-        }
-
-    def _shown(self, step: Step) -> dict:
-        pictures = [name for name in step.outputs if name.startswith("verdicts/")]
-        own = {"number": step.number, "verb": step.verb, "command": step.command, "words": step.words}
-        more = self.followups.get(step.number, {"effects": [], "next": []})
-        failed = step.exit_code not in GOOD_ENDS
-        return own | more | {"failed": failed, "picture": pictures[0] if pictures else None}
-
-    @staticmethod
-    def _job(job: Job) -> dict:
-        return {
-            "command": job.command,
-            "step": job.step,
-            "verb": job.arguments[0],
-            "stopping": job.is_stopping,
-        }
-
-    def changed(self) -> None:
-        """Have the state sent to every page that watches, when it next reads."""
-        for watcher in self.watchers:
-            watcher.set()
-
-    # ---- what is done --------------------------------------------------------------------------------
-
-    def request_step(self, wanted: dict) -> None:
-        """Begin the step that the page asks for.
-
-        Raises
-        ------
-        InputError
-            Another one runs, or the request is not understood.
-        """
-        if self.job is not None:
-            raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
-        arguments, self.outputs = command_of(self.study, wanted)
-        self.job, self.error = Job(tuple(arguments)), None
-        self._running = asyncio.create_task(self._run(self.job))
-        self.changed()
-
-    async def _run(self, job: Job) -> None:
-        try:
-            try:
-                await job.run(self.study.folder, self.changed)
-            finally:
-                if job.exit_code is not None:
-                    await self._record(job)
-        except Exception as error:
-            self.error = f"{job.command}: {type(error).__name__}: {error}"
-        finally:
-            self.job = None
-            self.changed()
-
-    async def _record(self, job: Job) -> None:
-        """Note the step; an answer that cannot be read does not lose it."""
-        verb, exit_code = job.arguments[0], job.exit_code
-        try:
-            found = outcome_of(verb, exit_code, job.stdout, job.messages, stopped=job.is_stopping)
-        except Exception as error:
-            text = f"The answer of the command cannot be read: {type(error).__name__}: {error}"
-            found = Outcome((text, *job.messages))
-        step = await asyncio.to_thread(
-            self.study.add_step, job.arguments, exit_code, words=found.sentences, outputs=self.outputs
-        )
-        self.followups[step.number] = {"effects": found.effects, "next": found.next}
-        self._study = self._study_state()
-
-    async def add_file(self, source: Path, name: str) -> str:
-        """Copy a record into the study.
-
-        Parameters
-        ----------
-        source : Path
-        name : str
-            Name in the study.
-
-        Returns
-        -------
-        str
-            Path in the study.
-        """
-        kept = await asyncio.to_thread(self.study.add_file, source, name)
-        self._study = self._study_state()
-        self.changed()
-        return kept
-
-    def stop(self) -> None:
-        """Stop the step that runs; it keeps what it has found."""
-        if self.job is not None:
-            self.job.stop()
-            self.changed()
-
-    async def close(self) -> None:
-        """Stop what runs, and note it, when the server ends."""
-        if self._running is None or self._running.done():
-            return
-        if self.job is not None:
-            self.job.stop()
-            await asyncio.wait([self._running], timeout=CLOSE_S)
-        if self.job is not None:
-            self.job.kill()
-        await asyncio.wait([self._running])
 
 
 # ---- routes ----------------------------------------------------------------------------------------------

@@ -1,0 +1,50 @@
+// The records of the study: opened, listed, ticked.
+import { byId, element, isChanged, server } from "./elements.js";
+import { answerOf, post } from "./requests.js";
+import { requestStep } from "./steps.js";
+
+const PATIENCE_MS = 200; // between two looks at the server
+const ticked = new Map(); // record: whether the next step uses it
+
+export async function open(files) {
+  for (const file of files) {
+    const found = await post(`/records?name=${encodeURIComponent(file.name)}`, file);
+    if (!found) continue;
+    ticked.set(found.record, true);
+    if (!(await idle())) return;
+    await requestStep({ verb: "look", records: [found.record] });
+  }
+}
+
+// Waits until no step runs; false without a connection. It asks the server: messages may arrive late.
+async function idle() {
+  for (;;) {
+    const answer = await answerOf("/state");
+    if (!answer?.ok) return false;
+    if (!(await answer.json()).job) return true;
+    await new Promise((resolve) => setTimeout(resolve, PATIENCE_MS));
+  }
+}
+
+export function showRecords() {
+  if (!isChanged("records", server.state.records)) return;
+  const list = byId("records");
+  for (const item of [...list.children]) if (!server.state.records.includes(item.dataset.record)) item.remove();
+  server.state.records.forEach((name, place) => {
+    const there = list.children[place];
+    if (there?.dataset.record !== name) list.insertBefore(recordItem(name), there ?? null);
+  });
+}
+
+function recordItem(name) {
+  const item = element("li");
+  item.dataset.record = name;
+  const box = element("input", "", { type: "checkbox", checked: ticked.get(name) ?? true });
+  box.addEventListener("change", () => ticked.set(name, box.checked));
+  const label = element("label");
+  label.append(box, ` ${name.replace("records/", "")}`);
+  item.append(label);
+  return item;
+}
+
+export const chosenRecords = () => (server.state?.records ?? []).filter((name) => ticked.get(name) ?? true);

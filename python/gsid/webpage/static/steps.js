@@ -1,0 +1,94 @@
+// The steps of the study: their buttons, their answers and pictures, and what may follow.
+import { byId, element, isChanged, server } from "./elements.js";
+import { drawPicture } from "./picture.js";
+import { chosenRecords } from "./records.js";
+import { act, post } from "./requests.js";
+
+function reading() {
+  const fields = [...byId("reading").querySelectorAll("input, select")];
+  return Object.fromEntries(fields.filter((one) => one.value).map((one) => [one.name, one.value]));
+}
+
+export function requestStep(wanted) {
+  const body = { records: chosenRecords(), model: byId("model").value, options: reading(), ...wanted };
+  return post("/steps", JSON.stringify(body), { headers: { "Content-Type": "application/json" } });
+}
+
+// A button that is off keeps the focus, unlike a disabled one.
+function button(verb, extra = {}, text = null) {
+  const action = server.state.actions[verb];
+  const made = element("button", text ?? action.title, { type: "button", title: action.summary });
+  made.dataset.verb = verb;
+  made.addEventListener("click", () => isOff(made) || act(() => requestStep({ verb, ...extra })));
+  return made;
+}
+
+export const isOff = (one) => one.getAttribute("aria-disabled") === "true";
+
+export function showActions() {
+  const offered = Object.keys(server.state.actions).filter((verb) => verb !== "add");
+  if (isChanged("actions", server.state.actions)) byId("actions").replaceChildren(...offered.map((verb) => button(verb)));
+}
+
+export function showWhatIsOff() {
+  for (const one of document.querySelectorAll("button[data-verb]")) {
+    const needsModel = server.state.actions[one.dataset.verb].needs_model;
+    const off = Boolean(server.state.job) || !server.state.records.length || (needsModel && !server.state.models.length);
+    one.setAttribute("aria-disabled", String(off));
+  }
+}
+
+export function showModels() {
+  if (!isChanged("models", server.state.models)) return;
+  const select = byId("model");
+  const wasNewest = select.value === [...select.options].at(-1).value;
+  const chosen = wasNewest ? (server.state.models.at(-1) ?? "") : select.value;
+  const options = ["", ...server.state.models].map((name) =>
+    element("option", name ? name.replace("models/", "") : "none", { value: name }),
+  );
+  select.replaceChildren(...options);
+  select.value = chosen;
+}
+
+function showStep(step) {
+  const item = element("li", "", { id: `step-${step.number}`, className: step.failed ? "failed" : "", tabIndex: -1 });
+  const [answer, ...notes] = step.words;
+  item.append(element("h3", server.state.actions[step.verb]?.title ?? step.verb));
+  item.append(element("p", answer, { className: "answer" }));
+  if (step.picture) {
+    const box = element("div", "", { className: "picture" });
+    item.append(box);
+    const failed = () => (box.textContent = "The picture could not be drawn. Reload the page.");
+    drawPicture(box, `/files/${step.picture}`, `${step.verb}: ${answer}`).catch(failed);
+  }
+  if (notes.length) {
+    const more = element("details");
+    more.append(element("summary", notes.length === 1 ? "1 note" : `${notes.length} notes`), ...notes.map((note) => element("p", note)));
+    item.append(more);
+  }
+  const next = element("div", "", { className: "next" });
+  item.append(next, element("code", step.command));
+  return item;
+}
+
+function showNext(step) {
+  const isLast = step === server.state.steps.at(-1);
+  const effects = isLast ? step.effects.slice(0, 3) : [];
+  const others = isLast ? step.next : [];
+  if (!isChanged(`next of ${step.number}`, [effects, others])) return;
+  byId(`step-${step.number}`)
+    .querySelector(".next")
+    .replaceChildren(
+      ...effects.map((effect) => button("add", { effect }, `Add ${effect}`)),
+      ...others.map((verb) => button(verb)),
+    );
+}
+
+export function showSteps() {
+  const list = byId("steps");
+  for (const step of server.state.steps) {
+    if (!byId(`step-${step.number}`)) list.append(showStep(step));
+    showNext(step);
+  }
+  byId("empty").hidden = server.state.records.length > 0;
+}
