@@ -1,9 +1,14 @@
 """What strangers and broken pages may try: each is refused, and the server still runs."""
 
+import contextlib
+import io
 import json
 import os
+import re
 import socket
 import time
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,10 +205,76 @@ def test_a_pickled_array_is_not_loaded(server, ask, tmp_path):
 
     np.savez(tmp_path / "evil.npz", u=np.array([Evil()], dtype=object), y=np.zeros(1))
     ask("POST", "/records?name=evil.npz", (tmp_path / "evil.npz").read_bytes())
-    assert ask("POST", "/steps", {"verb": "look", "records": ["records/evil.npz"]}).code == 200
+    assert looked_at(ask, "records/evil.npz")["failed"]
+    assert not (tmp_path / "owned").exists()
+
+
+def looked_at(ask, record):
+    """The step, when it has ended."""
+    assert ask("POST", "/steps", {"verb": "look", "records": [record]}).code == 200
     end = time.monotonic() + DEADLINE_S
     while (state := json.loads(ask("GET", "/state").text))["job"]:
         assert time.monotonic() < end
         time.sleep(0.1)
-    assert state["steps"][-1]["failed"]
-    assert not (tmp_path / "owned").exists()
+    return state["steps"][-1]
+
+
+# ---- size ------------------------------------------------------------------------------------------------
+
+GB = 1 << 30
+
+
+def peak_memory(server):
+    """Of the process [bytes]."""
+    status = Path(f"/proc/{server.process.pid}/status")
+    if not status.exists():
+        pytest.skip("the peak memory of a process is read from /proc, which this system lacks")
+    return int(re.search(r"VmHWM:\s+(\d+) kB", status.read_text())[1]) * 1024
+
+
+def test_a_small_archive_of_large_arrays_is_refused_by_its_size(server, ask, tmp_path):
+    """Two members of 4 MB state 800 GB each."""
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**11,)})
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in "uy":
+            archive.writestr(f"{name}.npy", head.getvalue() + bytes(4 << 20))
+    assert (tmp_path / "bomb.npz").stat().st_size < 1 << 16
+    ask("POST", "/records?name=bomb.npz", (tmp_path / "bomb.npz").read_bytes())
+    assert looked_at(ask, "records/bomb.npz")["failed"]
+
+
+def test_a_small_archive_that_unpacks_to_much_costs_the_server_nothing(server, ask, tmp_path):
+    """Two arrays of 128 MB: the command may read them, in its own process."""
+    with zipfile.ZipFile(tmp_path / "zeros.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name in "uy":
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                head = {"descr": "<i8", "fortran_order": False, "shape": (16 << 20,)}
+                np.lib.format.write_array_header_1_0(member, head)
+                for _ in range(128):
+                    member.write(bytes(1 << 20))
+    assert (tmp_path / "zeros.npz").stat().st_size < 1 << 20
+    before = peak_memory(server)
+    assert ask("POST", "/records?name=zeros.npz", (tmp_path / "zeros.npz").read_bytes()).code == 200
+    assert looked_at(ask, "records/zeros.npz")["failed"]  # an output of zeros
+    assert peak_memory(server) - before < 20 << 20
+
+
+def test_an_upload_of_a_gigabyte_costs_neither_memory_nor_disk(server):
+    """A browser reads the refusal after it has sent everything: the rest is read and dropped."""
+    before, sent, block = peak_memory(server), 0, bytes(1 << 20)
+    head = [
+        "POST /records?name=large.csv HTTP/1.1",
+        f"Host: 127.0.0.1:{server.port}",
+        f"Origin: http://127.0.0.1:{server.port}",
+        f"Cookie: {server.cookie}",
+        f"Content-Length: {GB}",
+    ]
+    with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:
+        connection.sendall("\r\n".join([*head, "", ""]).encode())
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            while sent < GB:
+                sent += connection.send(block[: GB - sent])
+        assert connection.recv(4096).split()[1] == b"400"
+    assert peak_memory(server) - before < 20 << 20
+    assert not [path for path in server.folder.rglob("*") if "large" in path.name or ".upload" in path.name]
