@@ -57,6 +57,7 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.records.files import write_record as write_record
     from gsid.records.mimo import MimoRecord as MimoRecord
     from gsid.records.mimo import read_mimo_record as read_mimo_record
+    from gsid.records.part import cut as cut
     from gsid.records.record import Record as Record
     from gsid.response.distortion import Distortion as Distortion
     from gsid.response.estimate import frf as frf
@@ -106,6 +107,7 @@ _HOME = {
     "TorqueResidual": "diagnosis.torque_residual",
     "add": "diagnosis.add",
     "compare": "comparison",
+    "cut": "records.part",
     "diagnose": "diagnosis.from_records.diagnose",
     "diagnose_records": "diagnosis.from_records.diagnose",
     "distortion": "response.estimate_distortion",

@@ -6,6 +6,7 @@ import gsid
 
 record = gsid.read_record("record.csv")
 assert_type(record, gsid.Record)
+assert_type(gsid.cut(record, 1.0, 2.0), gsid.Record)
 
 response = gsid.frf(record)
 assert_type(response, gsid.Frf)

@@ -121,3 +121,15 @@ def test_a_gap_is_drawn_and_hides_no_spike_beside_it(length, offset):
 
 def test_a_signal_without_samples_is_all_gap():
     assert np.isnan(extremes(np.full(100_000, np.nan))[1]).all()
+
+
+def test_drift_and_spikes_are_in_the_sentence(gsid, record):
+    record.y = record.y + 5.0 * np.arange(len(record.y)) / N_PERIOD
+    record.y[2 * N_PERIOD + 7] += 300.0
+    write_record("rec.csv", record)
+    values = looked(gsid, "rec.csv")
+    (facts,) = values["records"]
+    assert facts["drifts"]
+    assert facts["spikes_s"] == pytest.approx([(2 * N_PERIOD + 7) / FS_HZ])
+    assert "The mean output drifts by " in values["sentences"][0]
+    assert "1 spike in the output, at " in values["sentences"][0]

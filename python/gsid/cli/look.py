@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,13 +15,19 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
     from gsid.spectrum.spectra import Spectra
 
+CONDITION = ("drift", "drift_error", "drifts", "spikes_s")
+MOST_SPIKES = 3  # whose times are in the sentence
+
 
 @click.command(short_help="Show what is in a record.")
 @record_options
 @picture_option
 @json_option
 def look(*, records: list[Record], picture: str | None, as_json: bool) -> None:
-    """Show what is in each record: samples, rate, period, settling, lost samples and excited lines.
+    """Show what is in each record: samples, rate, period, settling, lost samples, lines, drift and spikes.
+
+    The drift is the change of the mean output from the first period to the last. A spike differs from the
+    same sample of the other periods by more than 8 times their scatter.
 
     The picture shows input and output over the whole record, the part that is discarded as settling, and the
     spectrum of the periods, if the input repeats.
@@ -70,7 +77,7 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
     }
     if found is None:
         return facts | dict.fromkeys(
-            ("period_samples", "periods", "settle_samples", "excited_lines", "band_hz")
+            ("period_samples", "periods", "settle_samples", "excited_lines", "band_hz", *CONDITION)
         )
     f_hz = found.f_hz[found.excited]
     return facts | {
@@ -79,7 +86,18 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
         "settle_samples": found.settle_samples,
         "excited_lines": len(f_hz),
         "band_hz": (float(f_hz[0]), float(f_hz[-1])),
+        **_condition(record, found),
     }
+
+
+def _condition(record: Record, found: Spectra) -> dict[str, object]:
+    from gsid.records.condition import condition_of
+    from gsid.records.periods import split_periods
+
+    seen = condition_of(split_periods(record, period=found.period_samples, settle=found.settle_samples))
+    error = None if math.isnan(seen.drift_error) else seen.drift_error
+    spikes = [float(sample / record.fs_hz) for sample in seen.spikes]
+    return dict(zip(CONDITION, (seen.drift, error, seen.drifts, spikes), strict=True))
 
 
 def _sentence(facts: dict[str, object]) -> str:
@@ -92,7 +110,21 @@ def _sentence(facts: dict[str, object]) -> str:
     return (
         f"{begin}; {facts['periods']} periods of {facts['period_samples']} samples after {settling} "
         f"of settling; {facts['excited_lines']} excited lines from {_text(facts['band_hz'])} Hz."
+        + _condition_in_words(facts)
     )
+
+
+def _condition_in_words(facts: dict[str, Any]) -> str:
+    words = ""
+    if facts["drifts"]:
+        size = f"{facts['drift']:.2g} {facts['y_unit']}".strip()
+        words += f" The mean output drifts by {size} over the periods."
+    if times := facts["spikes_s"]:
+        where = ", ".join(f"{time:.4g}" for time in times[:MOST_SPIKES])
+        more = ", ..." if len(times) > MOST_SPIKES else ""
+        noun = "spike" if len(times) == 1 else "spikes"
+        words += f" {len(times)} {noun} in the output, at {where}{more} s."
+    return words
 
 
 def _text(value: object) -> str:
@@ -101,5 +133,7 @@ def _text(value: object) -> str:
     if isinstance(value, tuple):
         return f"{value[0]:.4g} to {value[1]:.4g}"
     if isinstance(value, list):
-        return ", ".join(value)
+        return ", ".join(_text(one) for one in value) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)
