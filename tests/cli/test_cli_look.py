@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS
 
-from gsid.plots.style import MOST_POINTS, extremes
+from gsid.base.extremes import MOST_POINTS, extremes
 from gsid.records.files import write_record
 
 F_HZ = LINES * FS_HZ / N_PERIOD

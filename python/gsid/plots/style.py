@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
+from gsid.base.extremes import extremes
 from gsid.models.confidence import NORMAL_95
 
 if TYPE_CHECKING:
@@ -64,7 +65,6 @@ GRID_LINE = {"color": "#D0D0D0", "linewidth": 0.7, "zorder": 0.6}  # of the pole
 GRID_TEXT = {"color": "#666666", "fontsize": 7.5, "zorder": 0.7}
 WIDTH_IN = 9.0
 RASTER_DPI = 160
-MOST_POINTS = 20_000  # of a signal; more are drawn as their extremes
 _MANY_POINTS = 1200  # more than that are drawn as a bitmap inside the vector picture
 
 
@@ -152,22 +152,6 @@ def draw_signal(ax: Axes, t_s, values, **style) -> None:
     """Draw samples over time: of long signals the extremes."""
     place, shown = extremes(np.asarray(values, dtype=float))
     ax.plot(np.asarray(t_s)[place], shown, **style)
-
-
-def extremes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and values to draw: of long signals the extremes and the first gap of each piece."""
-    n = len(values)
-    if n <= MOST_POINTS:
-        return np.arange(n), values
-    size = -(-3 * n // MOST_POINTS)
-    pieces = values[: n - n % size].reshape(-1, size)
-    lost = np.isnan(pieces)
-    lowest = np.where(lost, np.inf, pieces).argmin(axis=1)
-    highest = np.where(lost, -np.inf, pieces).argmax(axis=1)
-    gap = np.where(lost.any(axis=1), lost.argmax(axis=1), lowest)
-    columns = np.column_stack([lowest, highest, gap]) + size * np.arange(len(pieces))[:, None]
-    place = np.unique(np.append(columns, np.arange(n - n % size, n)))
-    return place, values[place]
 
 
 def draw_error_bars(ax: Axes, x, low, high, label: str | None) -> None:

@@ -17,6 +17,7 @@ CHOICES = {"--hold": ("zoh", "none"), "--output": ("rate", "angle", "acceleratio
 FORM = (*TEXTS, "--fs", "--period", "--settle", *CHOICES)  # what the page asks for
 RECORD = tuple(one for one in FORM if one not in ("--r", "--output"))
 LOOP = (*RECORD, "--r")  # with the reference of a closed loop
+READING = ("u", "y", "r", "fs", "period", "settle", "hold")
 NAME_MOST = 200  # characters
 
 
@@ -143,7 +144,7 @@ def _records(study: Study, request: Mapping[str, object]) -> list[str]:
     if not isinstance(names, list) or not names:
         raise InputError("no record is chosen", "", None, "open a record and tick it")
     for name in names:
-        _inside(study, name, "records/")
+        inside(study, name, "records/")
         if Path(name).suffix.lower() not in KINDS:
             raise InputError("not a record", name, None, f"records are {', '.join(KINDS)}")
     return [str(name) for name in names]
@@ -155,15 +156,29 @@ def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[
         raise InputError(f"{action.title}: no model is chosen", "", None, "find the linear model first")
     if not name or not (action.needs_model or action.may_have_model):
         return []
-    _inside(study, name, "models/")
+    inside(study, name, "models/")
     return ["--model", str(name)]
 
 
-def _inside(study: Study, name: object, folder: str) -> None:
-    """A file of the study; its name cannot be taken for an option, since it begins with its folder."""
+def inside(study: Study, name: object, folder: str) -> Path:
+    """A file of the study; its name cannot be taken for an option, since it begins with its folder.
+
+    Parameters
+    ----------
+    study : Study
+    name : object
+        As the page gave it.
+    folder : str
+        With a slash at its end.
+
+    Raises
+    ------
+    InputError
+        There is no such file in this folder.
+    """
     if not isinstance(name, str) or not name.startswith(folder):
         raise InputError("no such file in the study", str(name)[:NAME_MOST], None, "choose one of the list")
-    study.path(name)
+    return study.path(name)
 
 
 def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
@@ -186,6 +201,25 @@ def _options(action: Action, given: object) -> list[str]:
         if name in action.options and value not in (None, ""):
             words.append(f"{name}={_checked(name, value)}")
     return words
+
+
+def reading_of(options: object) -> dict[str, object]:
+    """How the page wants records to be read: arguments of `read_record`, and r, the reference of a loop.
+
+    Parameters
+    ----------
+    options : object
+        As the page gave it.
+
+    Raises
+    ------
+    InputError
+        An option is not known, or has no valid value.
+    """
+    if not isinstance(options, Mapping):
+        raise InputError("the options are not an object", "", type(options).__name__)
+    names = {f"--{name}": "fs_hz" if name == "fs" else name for name in READING}
+    return {names[name]: _checked(name, value) for name, value in options.items() if name in names and value}
 
 
 def _checked(name: str, value: object) -> object:

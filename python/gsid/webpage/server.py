@@ -28,6 +28,7 @@ from gsid.base.tables import templates
 from gsid.study.folder import usable_name
 from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
+from gsid.webpage.workbench import follow_workbench
 
 MAX_REQUEST = 1 << 16  # bytes of a requested step
 LOCK = ".server.lock"
@@ -130,6 +131,10 @@ async def _send_changes(page: Page, watcher: WebSocket, changed: asyncio.Event) 
         await watcher.send_text(json.dumps(page.state()))
 
 
+async def _workbench(watcher: WebSocket) -> None:
+    await follow_workbench(watcher, _page_of(watcher).study)
+
+
 async def _disconnected(_: Request, error: Exception) -> Response:
     """The browser went away in the middle of an upload."""
     return Response(status_code=400)
@@ -184,6 +189,7 @@ def application(page: Page, port: int, token: str) -> Guard:
             Route("/files/{name:path}", _file),
             Route("/plotly.min.js", _plotly),
             WebSocketRoute("/changes", _changes),
+            WebSocketRoute("/workbench", _workbench),
             Mount("/static", StaticFiles(directory=str(static))),
         ],
         exception_handlers={InputError: _refused, ClientDisconnect: _disconnected}

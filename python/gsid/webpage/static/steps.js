@@ -4,13 +4,13 @@ import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { act, post } from "./requests.js";
 
-function reading() {
+export function readingOf() {
   const fields = [...byId("reading").querySelectorAll("input, select")];
   return Object.fromEntries(fields.filter((one) => one.value).map((one) => [one.name, one.value]));
 }
 
 export function requestStep(wanted) {
-  const body = { records: chosenRecords(), model: byId("model").value, options: reading(), ...wanted };
+  const body = { records: chosenRecords(), model: byId("model").value, options: readingOf(), ...wanted };
   return post("/steps", JSON.stringify(body), { headers: { "Content-Type": "application/json" } });
 }
 

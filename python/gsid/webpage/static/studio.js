@@ -3,6 +3,7 @@ import { byId, isChanged, server } from "./elements.js";
 import { open, showRecords } from "./records.js";
 import { act, answerOf, post, showErrors } from "./requests.js";
 import { isOff, showActions, showModels, showSteps, showWhatIsOff } from "./steps.js";
+import { showWorkbench } from "./workbench.js";
 
 const RETRY_MS = 1000; // after a lost connection
 
@@ -20,6 +21,7 @@ function show() {
   showModels();
   showActions();
   showSteps();
+  showWorkbench();
   showWhatIsOff();
   showJob();
   showErrors();

@@ -1,0 +1,252 @@
+// The workbench: sliders and switches of the chosen model, and its output beside the record at once.
+import { byId, element, isChanged, server } from "./elements.js";
+import { chosenRecords } from "./records.js";
+import { readingOf } from "./steps.js";
+
+const STEPS = 400; // of a slider
+const COLOURS = { measured: "#333333", model: "#0072b2", difference: "#d55e00", noise: "#8a8a8a" };
+const NAMES = { measured: "measured", model: "model", difference: "measured \u2212 model" };
+
+const bench = { socket: null, model: "", sheet: [], fitted: null, values: {}, out: new Set(), serial: 0 };
+let isWaiting = false; // for an answer of the server
+let isMoved = false; // since the last request
+let shownWindow = null; // [from, to] in s
+
+const digits = (value, most = 4) => Number(value.toPrecision(most));
+const isOpen = () => byId("workbench").open && !byId("workbench").hidden;
+
+// ---- requests: one at a time, always of the newest values --------------------------------------------
+
+function connect() {
+  bench.socket = new WebSocket(`ws://${location.host}/workbench`);
+  bench.socket.addEventListener("open", () => {
+    isWaiting = false;
+    bench.model = "";
+    send();
+  });
+  bench.socket.addEventListener("message", (event) => receive(JSON.parse(event.data)));
+  bench.socket.addEventListener("close", () => (bench.socket = null));
+}
+
+function send() {
+  isMoved = true;
+  if (!bench.socket) connect();
+  else if (bench.socket.readyState === WebSocket.OPEN && !isWaiting) sendNow();
+}
+
+function sendNow() {
+  isWaiting = true;
+  isMoved = false;
+  const { values, serial } = bench;
+  const model = byId("model").value;
+  const record = byId("bench-record").value;
+  const sheet = `${model} ${record}` !== bench.model; // another one: its effects are needed
+  bench.socket.send(
+    JSON.stringify({
+      model, record, sheet, serial, values, out: [...bench.out],
+      options: readingOf(), points: 2 * byId("bench-picture").clientWidth, window: shownWindow,
+    }),
+  );
+}
+
+function receive(answer) {
+  isWaiting = false;
+  if (answer.serial === bench.serial) show(answer);
+  if (isMoved) sendNow();
+}
+
+// ---- what is shown -----------------------------------------------------------------------------------
+
+function show(answer) {
+  if (answer.sheet) {
+    bench.model = `${byId("model").value} ${byId("bench-record").value}`;
+    bench.fitted = answer.fitted;
+    bench.sheet = answer.sheet;
+    byId("bench-effects").replaceChildren(...answer.sheet.map(effectBox));
+  }
+  showAnswer(answer);
+  if (answer.picture) draw(answer);
+}
+
+const percent = (value) => (value === null ? "not defined" : `${digits(value)} %`);
+
+function showAnswer(answer) {
+  const line = byId("bench-answer");
+  line.classList.toggle("failed", Boolean(answer.error));
+  if (answer.error) {
+    line.textContent = [answer.error, answer.where, answer.hint].filter(Boolean).join(" \u2013 ");
+    return;
+  }
+  const { fitted } = bench;
+  line.textContent =
+    `FIT ${percent(answer.fit_percent)} (fitted values ${percent(fitted.fit_percent)}, ` +
+    `noise alone ${percent(fitted.fit_percent_of_noise)}), rms error ${digits(answer.rms_error)} ${answer.unit}`;
+}
+
+function draw(answer) {
+  const box = byId("bench-picture");
+  const traces = Object.entries(answer.picture);
+  if (box.data && !answer.sheet) {
+    const moved = traces.slice(shownWindow || box.dataset.zoomed ? 0 : 1); // what was measured stays
+    const columns = { x: moved.map(([, drawn]) => drawn.x), y: moved.map(([, drawn]) => drawn.y) };
+    Plotly.restyle(box, columns, moved.map(([name]) => traces.findIndex(([other]) => other === name)));
+    box.dataset.zoomed = shownWindow ? "yes" : "";
+    return;
+  }
+  const data = traces.map(([name, drawn]) => ({
+    ...drawn, name: NAMES[name], mode: "lines", yaxis: name === "difference" ? "y2" : "y",
+    line: { color: COLOURS[name], width: name === "measured" ? 2 : 1.2 },
+  }));
+  Plotly.react(box, data, layoutOf(answer), { responsive: true, displaylogo: false });
+  box.removeAllListeners?.("plotly_relayout");
+  box.on("plotly_relayout", zoomed);
+}
+
+function layoutOf(answer) {
+  const bound = answer.noise_of_mean;
+  const unit = answer.unit ? ` [${answer.unit}]` : "";
+  return {
+    autosize: true, font: { size: 11 }, margin: { l: 62, r: 8, t: 8, b: 36 }, uirevision: bench.model,
+    legend: { orientation: "h", x: 0, y: 1.1 },
+    xaxis: { title: { text: "time in the period [s]" }, anchor: "y2" },
+    yaxis: { title: { text: `output${unit}` }, domain: [0.42, 1] },
+    yaxis2: { title: { text: `difference${unit}` }, domain: [0, 0.36] },
+    shapes: [
+      { type: "rect", xref: "paper", x0: 0, x1: 1, yref: "y2", y0: -bound, y1: bound, fillcolor: COLOURS.noise, opacity: 0.3, line: { width: 0 } },
+    ],
+  };
+}
+
+// A part of the picture is drawn with points of its own.
+function zoomed(change) {
+  if (change["xaxis.autorange"]) shownWindow = null;
+  else if (change["xaxis.range[0]"] !== undefined) shownWindow = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
+  else return;
+  send();
+}
+
+// ---- effects -----------------------------------------------------------------------------------------
+
+function effectBox(effect) {
+  const box = element("fieldset", "", { title: effect.sentence });
+  const legend = element("legend");
+  if (effect.may_be_out) {
+    const label = element("label");
+    const inside = element("input", "", { type: "checkbox", checked: true, name: effect.label });
+    inside.setAttribute("role", "switch");
+    inside.addEventListener("change", () => {
+      if (inside.checked) bench.out.delete(effect.label);
+      else bench.out.add(effect.label);
+      box.classList.toggle("out", !inside.checked);
+      send();
+    });
+    label.append(inside, ` ${effect.label}`);
+    legend.append(label);
+  } else legend.textContent = effect.label;
+  box.append(legend, ...effect.parameters.map(valueBox));
+  return box;
+}
+
+function valueBox(known) {
+  const box = element("div", "", { className: "value" });
+  const name = `${known.name.replace(/\..*/, "")} ${known.words}`;
+  const slider = element("input", "", { type: "range", min: 0, max: STEPS, step: 1, name: known.name });
+  slider.setAttribute("aria-label", `${name}, slider`);
+  const field = element("input", "", { type: "number", step: "any", min: known.least, max: known.most });
+  field.setAttribute("aria-label", known.unit ? `${name} [${known.unit}]` : name);
+  const shown = (value) => {
+    slider.value = placeOf(known, value);
+    slider.setAttribute("aria-valuetext", `${digits(value)} ${known.unit}`);
+  };
+  field.value = digits(known.value, 6);
+  shown(known.value);
+  slider.addEventListener("input", () => {
+    const value = digits(valueAt(known, Number(slider.value)));
+    field.value = value;
+    shown(value);
+    bench.values[known.name] = value;
+    send();
+  });
+  field.addEventListener("input", () => {
+    if (field.value === "" || !field.validity.valid) return;
+    bench.values[known.name] = Number(field.value);
+    shown(Number(field.value));
+    send();
+  });
+  const row = element("div", "", { className: "row" });
+  row.append(element("label", known.words), field, element("span", known.unit || "1", { className: "unit" }));
+  box.append(row, slider, markOf(known), element("div", fittedWords(known), { className: "fitted" }));
+  return box;
+}
+
+function fittedWords(known) {
+  const own = known.free ? "fitted" : "fixed at";
+  const interval = known.half_interval === null ? "" : ` \u00b1 ${digits(known.half_interval, 2)}`;
+  return `${own} ${digits(known.value)}${interval} ${known.unit}${interval && " (95 %)"}`;
+}
+
+function markOf(known) {
+  const mark = element("div", "", { className: "mark" });
+  const share = (value) => Math.min(Math.max(placeOf(known, value) / STEPS, 0), 1);
+  if (known.half_interval !== null) {
+    const [low, high] = [share(known.value - known.half_interval), share(known.value + known.half_interval)];
+    const band = element("i");
+    Object.assign(band.style, { left: `${100 * low}%`, width: `${100 * (high - low)}%` });
+    mark.append(band);
+  }
+  const line = element("b");
+  line.style.left = `${100 * share(known.value)}%`;
+  mark.append(line);
+  return mark;
+}
+
+// The first step of a logarithmic slider is 0 where the effect may vanish.
+function valueAt(known, place) {
+  if (!known.is_log) return known.low + ((known.high - known.low) * place) / STEPS;
+  if (known.has_zero && place === 0) return 0;
+  return known.low * (known.high / known.low) ** (place / STEPS);
+}
+
+function placeOf(known, value) {
+  if (!known.is_log) return (STEPS * (value - known.low)) / (known.high - known.low);
+  if (value <= 0) return 0;
+  return Math.max((STEPS * Math.log(value / known.low)) / Math.log(known.high / known.low), known.has_zero ? 1 : 0);
+}
+
+// ---- the part of the page ----------------------------------------------------------------------------
+
+function reset() {
+  bench.values = {};
+  bench.out.clear();
+  bench.model = "";
+  bench.serial += 1; // answers for what was before are not shown
+  send();
+}
+
+export function showWorkbench() {
+  byId("workbench").hidden = !server.state.models.length || !server.state.records.length;
+  const records = chosenRecords();
+  if (isChanged("workbench records", records)) {
+    const select = byId("bench-record");
+    const chosen = select.value;
+    select.replaceChildren(...records.map((name) => element("option", name.replace("records/", ""), { value: name })));
+    if (records.includes(chosen)) select.value = chosen;
+  }
+  followChoice();
+}
+
+function followChoice() {
+  const now = [byId("model").value, byId("bench-record").value, readingOf(), isOpen()];
+  if (!isChanged("workbench model", now) || !isOpen()) return;
+  if (!byId("model").value || !byId("bench-record").value) {
+    showAnswer({ error: "Choose a model and tick a record." });
+    return;
+  }
+  shownWindow = null;
+  reset();
+}
+
+byId("workbench").addEventListener("toggle", followChoice);
+for (const part of ["model", "records", "reading", "bench-record"]) byId(part).addEventListener("change", () => server.state && followChoice());
+byId("bench-form").addEventListener("submit", (event) => event.preventDefault());
+byId("bench-reset").addEventListener("click", reset);

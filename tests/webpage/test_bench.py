@@ -1,0 +1,130 @@
+"""Values of a model moved on the page, against the verb that predicts the output of a saved model."""
+
+import numpy as np
+import pytest
+
+import gsid
+from gsid.base.errors import InputError
+from gsid.effects.types import catalogue
+from gsid.excitation.multisine import Multisine
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.records.record import Record
+from gsid.spectrum.spectra import read_as
+from gsid.webpage.bench import Bench, numbers_of, picture_of, sheet_of, slider_range
+
+FS, N, SEED = 3000.0, 1500, 20261123
+
+
+def params(**values):
+    return {name: Param(value) for name, value in values.items()}
+
+
+@pytest.fixture(scope="module")
+def model():
+    effects = [
+        Effect("rigid_body", params(gain=7.4)),
+        Effect("viscous_friction", params(rate=11.0)),
+        Effect("coulomb_friction", params(level=15.0)),
+        Effect("transport_delay", params(delay_s=0.005)),
+    ]
+    return PlantModel(FS, effects, y_unit="deg/s")
+
+
+@pytest.fixture(scope="module", params=["zoh", None])
+def record(request, model):
+    print("seed", SEED)
+    u = Multisine.design(FS, N, (2, 250), rms=20.0, phases="random", seed=SEED).table()
+    y = np.tile(model.simulate(u).y, 4)
+    noise = np.random.default_rng(SEED).normal(0, 0.01 * np.std(y), len(y))
+    return Record(np.tile(u, 4), y + noise, FS, N, 0, hold=request.param, y_unit="deg/s", name="rec")
+
+
+def predicted(model, record, hold=None):
+    """The prediction; where the record states no hold, under that of the model that was not moved."""
+    measured = [gsid.spectra(record)]
+    return gsid.predict(model, read_as(measured, hold) if hold else measured)[0]
+
+
+def test_the_values_of_the_model_give_its_prediction(model, record):
+    bench = Bench(model, record)
+    found = bench.simulated({}, [])
+    assert found.fit_percent == pytest.approx(predicted(model, record).fit_percent, abs=1e-6)
+
+
+def test_a_moved_value_gives_the_prediction_of_a_model_that_has_it(model, record):
+    bench = Bench(model, record)
+    for level in (2.0, 40.0, 15.0):
+        moved = model.with_values([7.4, 11.0, level, 0.005])
+        found = bench.simulated({"coulomb_friction.level": level}, [])
+        assert found.rms_error == pytest.approx(predicted(moved, record, found.hold).rms_error, rel=1e-6)
+
+
+def test_an_effect_that_is_out_gives_the_prediction_of_a_model_without_it(model, record):
+    bench = Bench(model, record)
+    found = bench.simulated({"viscous_friction.rate": 5.0}, ["coulomb_friction"])
+    part = model.without_effect("coulomb_friction").with_values([7.4, 5.0, 0.005])
+    assert found.rms_error == pytest.approx(predicted(part, record, found.hold).rms_error, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "out", "words"),
+    [
+        ({"coulomb_friction.level": -1}, [], "out of its range"),
+        ({"coulomb_friction.level": float("nan")}, [], "out of its range"),
+        ({"coulomb_friction.level": True}, [], "out of its range"),
+        ({"coulomb_friction.level": "1"}, [], "out of its range"),
+        ({"coulomb_friction.size": 1.0}, [], "no such parameter"),
+        ({}, ["rigid_body"], "cannot be left out"),
+        ({}, ["hard_stop"], "no such effect"),
+        ({"transport_delay.delay_s": 9.0}, [], "cannot be simulated"),
+        ({"rigid_body.gain": 1e9}, ["viscous_friction", "coulomb_friction"], None),
+    ],
+)
+def test_what_cannot_be_simulated_is_an_error_in_words(model, record, values, out, words):
+    bench = Bench(model, record)
+    if words is None:
+        assert np.all(np.isfinite(bench.simulated(values, out).y_model))
+        return
+    with pytest.raises(InputError, match=words):
+        bench.simulated(values, out)
+    assert bench.simulated({}, []).fit_percent > 90
+
+
+def test_an_unstable_model_is_an_error_in_words(model, record):
+    weak = model.with_effect("cubic_spring", {"stiffness": 0.0})
+    with pytest.raises(InputError, match="unstable"):
+        Bench(weak, record).simulated({"cubic_spring.stiffness": -1e8}, [])
+
+
+def test_the_picture_has_the_extremes_of_a_long_signal_and_every_sample_of_a_part(model, record):
+    one = Bench(model, record).simulated({}, [])
+    whole = picture_of(one, 300)
+    assert all(len(drawn["x"]) <= 420 for drawn in whole.values())
+    assert max(whole["model"]["y"]) == pytest.approx(np.max(one.y_model), rel=1e-4)
+    part = picture_of(one, 300, (0.1, 0.15))
+    assert len(part["model"]["x"]) == pytest.approx(0.05 * FS, abs=3)
+    assert part["model"]["x"][0] == pytest.approx(0.1, abs=1 / FS)
+
+
+def test_the_sheet_has_a_unit_or_1_and_a_range_around_each_value(model):
+    for effect in sheet_of(model):
+        for known in effect["parameters"]:
+            assert known["low"] <= known["value"] <= known["high"], known
+            assert isinstance(known["unit"], str)
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
+def test_each_slider_of_the_catalogue_is_finite_and_inside_the_descriptors_range(effect):
+    for known in effect.parameters:
+        low, high, is_log = slider_range(known, known.typical)
+        assert known.lower <= low < high <= known.upper
+        assert high - low <= 1e5 * max(abs(known.typical), 1)
+        assert low > 0 or not is_log
+
+
+def test_numbers_are_plain_for_json(model, record):
+    assert all(
+        value is None or isinstance(value, (float, str))
+        for value in numbers_of(predicted(model, record)).values()
+    )
