@@ -10,7 +10,7 @@ import pytest
 
 import gsid
 from gsid.study import folder as study_folder
-from gsid.study.folder import FOLDERS, LOCK, LOG, SESSION, Study, usable_name
+from gsid.study.folder import FOLDERS, LOCK, LOG, SESSION, VERSION, Step, Study, usable_name
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def file_of(folder, name, text):
 
 def test_a_new_study_has_its_folders(study):
     assert {path.name for path in study.folder.iterdir()} - {LOCK} == {*FOLDERS, SESSION}
-    assert json.loads((study.folder / SESSION).read_text())["gsid_study"] == 1
+    assert json.loads((study.folder / SESSION).read_text())["gsid_study"] == VERSION
     assert (study.files, study.steps) == ({}, [])
 
 
@@ -40,15 +40,20 @@ def test_a_file_is_copied_and_the_same_content_is_kept_once(study, tmp_path):
 
 
 def test_steps_and_their_commands_are_kept(study):
+    number = study.begin_step()
     (study.folder / "models/1-start.json").write_text("{}")
     step = study.add_step(
-        ["start", "records/a b.csv"], 0, words=["found"], outputs=["models/1-start.json", "none"]
+        ["start", "records/a b.csv"],
+        0,
+        words=["found"],
+        outputs=["models/1-start.json", "none"],
+        number=number,
     )
     assert step.outputs == ("models/1-start.json",)
     again = Study(study.folder)
     assert again.steps == [step]
     assert (again.folder / LOG).read_text() == "gsid start 'records/a b.csv'\n"
-    assert again.next_number() == 2
+    assert again.begin_step() == 2
 
 
 def test_steps_of_several_processes_are_all_kept(study):
@@ -75,7 +80,7 @@ def test_a_broken_session_is_refused_and_kept(study, text):
 
 @pytest.mark.parametrize("rest", ['"files": {}, "steps": []', '"records": [], "steps": 3'])
 def test_another_version_is_refused_whatever_else_it_has(study, rest):
-    (study.folder / SESSION).write_text('{"gsid_study": 2, ' + rest + "}")
+    (study.folder / SESSION).write_text(f'{{"gsid_study": {VERSION + 1}, {rest}}}')
     with pytest.raises(gsid.InputError, match="another version"):
         Study(study.folder)
 
@@ -264,3 +269,138 @@ def test_a_meta_file_of_another_purpose_is_not_copied(study, tmp_path):
     file_of(tmp_path / "a", "meta.json", '{"files": ["other.csv"], "fs_hz": 3}')
     assert study.add_file(file_of(tmp_path / "a", "rec.csv", "u,y\n")) == "records/rec.csv"
     assert [path.name for path in (study.folder / "records").iterdir()] == ["rec.csv"]
+
+
+# ---- experiments, models, answers ------------------------------------------------------------------------
+
+
+def test_records_that_are_opened_together_are_one_experiment(study, tmp_path):
+    files = [file_of(tmp_path / "a", f"{name}.csv", f"u,y\n1,{name}\n") for name in range(4)]
+    assert study.last_experiment == []
+    study.open_files(files[:2])
+    assert study.last_experiment == ["records/0.csv", "records/1.csv"]
+    study.add_file(files[2])
+    assert study.last_experiment == ["records/2.csv"]
+    study.add_file(files[3], experiment="last")
+    study.add_file(files[0], experiment=None)
+    assert study.last_experiment == ["records/2.csv", "records/3.csv"]
+    study.open_files(files[:2])  # known: the study keeps one copy
+    assert Study(study.folder).last_experiment == ["records/0.csv", "records/1.csv"]
+
+
+def model_of(study, name):
+    (study.folder / name).write_text(f'{{"name": "{name}"}}')
+    return name
+
+
+def test_the_newest_model_is_the_one_made_or_opened_last(study, tmp_path):
+    assert study.newest_models == []
+    study.add_step(["start"], 0, outputs=[model_of(study, "models/1-start.json")])
+    assert study.newest_models == ["models/1-start.json"]
+    study.open_files([file_of(tmp_path / "a", "a.json", "{}")], "models")
+    assert study.newest_models == ["models/a.json"]
+    study.open_files([file_of(tmp_path / "a", "b.json", "[]")], "models")
+    assert study.newest_models == ["models/a.json", "models/b.json"]
+    study.add_step(["fit"], 0, outputs=[model_of(study, "models/2-fit.json")])
+    assert study.newest_models == ["models/2-fit.json"]
+    study.open_files([tmp_path / "a/a.json"], "models")
+    assert study.newest_models == ["models/a.json"]
+
+
+def test_the_answer_of_a_step_is_kept(study):
+    step = study.add_step(["look", "records/a.csv"], 0, answer=b'{"sentences": ["a"]}\n')
+    assert step.answer == "verdicts/1-look.answer.json"
+    assert (step.picture, Study(study.folder).answer(step)) == ("", {"sentences": ["a"]})
+    assert step.answer in study.files
+    (study.folder / step.answer).write_text("{")
+    assert study.answer(step) is None
+
+
+@pytest.mark.parametrize("answer", [b"", b"interrupt\n", b"[1]", b'{"a": ', b"\xff"])
+def test_an_answer_that_is_no_object_is_not_kept(study, answer):
+    step = study.add_step(["look"], 130, answer=answer)
+    assert (step.answer, study.answer(step)) == ("", None)
+
+
+@pytest.mark.parametrize(
+    ("exit_code", "outputs", "is_kept"),
+    [
+        (0, [], True),
+        (1, [], True),
+        (130, [], False),
+        (130, ["models/m.json"], True),
+        (3, [], False),
+        (-9, [], False),
+    ],
+)
+def test_the_log_has_the_commands_with_a_result(study, exit_code, outputs, is_kept):
+    for name in outputs:
+        model_of(study, name)
+    study.add_step(["look"], exit_code, outputs=outputs)
+    assert len(study.steps) == 1
+    assert (study.folder / LOG).read_text() == ("gsid look\n" if is_kept else "")
+
+
+def test_a_number_that_was_given_back_is_used_again(study):
+    first, second = study.begin_step(), study.begin_step()
+    study.cancel_step(first)  # another has begun since: its number stays
+    assert study.begin_step() == second + 1
+    study.cancel_step(second + 1)
+    assert study.begin_step() == second + 1
+
+
+def test_files_of_a_step_that_was_not_noted_are_kept(study):
+    model_of(study, "models/1-start.json")
+    assert study.begin_step() == 2
+
+
+# ---- versions --------------------------------------------------------------------------------------------
+
+FIRST = {
+    "gsid_study": 1,
+    "files": {"records/a.csv": "0" * 64, "records/b/meta.json": "1" * 64, "records/b/b.csv": "2" * 64},
+    "steps": [
+        {
+            "number": 1,
+            "verb": "look",
+            "arguments": ["look", "records/a.csv", "--json"],
+            "exit_code": 0,
+            "words": ["a.csv: 9 samples"],
+            "outputs": [],
+        }
+    ],
+}
+
+
+def test_a_study_of_the_first_version_is_read_and_then_written_as_the_present_one(study):
+    """Its records, which had no experiments, are one."""
+    (study.folder / SESSION).write_text(json.dumps(FIRST))
+    old = Study(study.folder)
+    assert json.loads((study.folder / SESSION).read_text()) == FIRST  # reading changes nothing
+    assert old.last_experiment == ["records/a.csv", "records/b/b.csv"]
+    expected = Step(1, "look", ("look", "records/a.csv", "--json"), 0, ("a.csv: 9 samples",))
+    assert old.steps == [expected]
+    assert old.begin_step() == 2
+    known = json.loads((study.folder / SESSION).read_text())
+    assert known["gsid_study"] == VERSION
+    assert (Study(study.folder).steps, known["files"]) == ([expected], FIRST["files"])
+    assert known["experiments"] == [["records/a.csv", "records/b/b.csv"]]
+
+
+@pytest.mark.parametrize("version", [0, VERSION + 1, "1.5", None, [1]])
+def test_an_unknown_version_is_refused_and_kept(study, version):
+    text = json.dumps(FIRST | {"gsid_study": version})
+    (study.folder / SESSION).write_text(text)
+    with pytest.raises(gsid.InputError, match="another version") as caught:
+        Study(study.folder)
+    assert f"this one reads 1, {VERSION}" in caught.value.hint
+    assert (study.folder / SESSION).read_text() == text
+
+
+def test_no_study_is_made_where_one_is_expected(tmp_path):
+    (tmp_path / "empty").mkdir()
+    for name in ("empty", "none"):
+        with pytest.raises(gsid.InputError, match="not a study"):
+            Study(tmp_path / name, create=False)
+    assert list((tmp_path / "empty").iterdir()) == []
+    assert not (tmp_path / "none").exists()

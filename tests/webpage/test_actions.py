@@ -55,7 +55,7 @@ def test_each_action_has_the_options_of_its_command(verb):
 
 @pytest.mark.parametrize("verb", ACTIONS)
 def test_options_that_a_verb_lacks_are_dropped(study, verb):
-    arguments, _ = command_of(study, request_of(verb, options=ALL))
+    _, arguments, _ = command_of(study, request_of(verb, options=ALL))
     given = {word.partition("=")[0] for word in arguments if "=" in word}
     assert given == set(ACTIONS[verb].options)
     command = Verbs().get_command(None, verb)
@@ -65,7 +65,7 @@ def test_options_that_a_verb_lacks_are_dropped(study, verb):
 
 
 def test_values_follow_their_names(study):
-    arguments, _ = command_of(study, request_of("start", options=ALL))
+    _, arguments, _ = command_of(study, request_of("start", options=ALL))
     assert {"--u=i_q", "--fs=2000.0", "--period=4000", "--settle=0", "--hold=zoh"} <= set(arguments)
 
 
@@ -100,7 +100,7 @@ def test_values_of_the_wrong_type_are_refused(study, name, value):
 
 @pytest.mark.parametrize("value", [None, "", "8", 8, 8.0])
 def test_an_empty_field_is_no_option(study, value):
-    arguments, _ = command_of(study, request_of("look", options={"--period": value}))
+    _, arguments, _ = command_of(study, request_of("look", options={"--period": value}))
     assert ("--period=8" in arguments) == (value not in (None, ""))
 
 
@@ -137,9 +137,7 @@ def test_the_case_of_the_extension_does_not_matter(study):
     assert command_of(study, request_of("look", records=["records/REC.CSV"]))
 
 
-@pytest.mark.parametrize("left", ["verdicts/1-start.json", "models/1-start.json"])
-def test_files_of_a_step_that_was_not_noted_are_kept(study, left):
-    (study.folder / "models/1-start.json").unlink()
-    (study.folder / left).write_text("{}")
-    _, outputs = command_of(study, request_of("start"))
-    assert outputs == ["verdicts/2-start.json", "models/2-start.json"]
+def test_each_request_has_a_number_of_its_own(study):
+    requests = [command_of(study, request_of("start")) for _ in range(2)]
+    assert [number for number, _, _ in requests] == [2, 3]  # models/1-start.json is there
+    assert requests[0][2] == ["verdicts/2-start.json", "models/2-start.json"]

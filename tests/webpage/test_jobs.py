@@ -134,6 +134,16 @@ def test_a_fault_of_the_server_is_shown_until_the_next_step(study, monkeypatch, 
     assert len(repaired["steps"]) == 1
 
 
+def test_the_next_steps_are_offered_after_a_restart(study):
+    """They were kept by the server alone."""
+    (study.folder / "records/a.csv").write_text("# fs_hz: 100\nu,y\n" + "1,2\n2,1\n" * 50)
+    page = Page(study)
+    asyncio.run(look(page))
+    (before,) = page.state()["steps"]
+    assert before["next"]
+    assert Page(Study(study.folder)).state()["steps"] == [before]
+
+
 def test_a_watcher_that_fails_does_not_end_the_command(study, command):
     command("import sys; print('-- one', file=sys.stderr); print('{}')")
     job = Job(("look",))

@@ -23,10 +23,10 @@ from gsid.cli.options import (
     reference_option,
 )
 from gsid.cli.output import (
+    answered,
     command_line,
     draw,
     note_assumed_hold,
-    print_json,
     print_ladder,
     print_message,
     print_parameters,
@@ -167,9 +167,7 @@ def add(
     note_assumed_hold(result.fit.hold_assumed, result.fit.hold, result.fit.other_delay_s)
     print_message(f"wrote {output}")
     draw(result.plot, picture)
-    if as_json:
-        print_json(result.to_dict())
-    else:
+    if not answered(as_json, result.to_dict):
         _print(result)
         if result.rung.judged_on in ("not_fitted", "later_periods"):
             print_message(
@@ -247,8 +245,7 @@ def _undo(model_path: str, output: str, as_json: bool) -> None:
     before.save(output)
     print_message(f"wrote {output}")
     taken, left = ladder(model).rungs[-1].effect, ladder(before)
-    if as_json:
-        print_json({"undone": taken, "ladder": [rung.to_dict() for rung in left.rungs]})
+    if answered(as_json, lambda: {"undone": taken, "ladder": [rung.to_dict() for rung in left.rungs]}):
         return
     print(f"Removed {taken}; {_remaining(len(left.rungs))}.")
     if left.rungs:

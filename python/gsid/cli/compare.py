@@ -18,7 +18,7 @@ from gsid.cli.options import (
     record_options,
     reference_option,
 )
-from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
+from gsid.cli.output import answered, draw, note_assumed_hold, print_table, working
 
 if TYPE_CHECKING:
     from gsid.comparison import Comparison
@@ -88,9 +88,7 @@ def compare(
         result = compare_model(model, measured, band=band, alpha=alpha, fitted=fitted)
     note_assumed_hold(result.hold_assumed, result.hold, result.other_delay_s)
     draw(result.plot, picture)
-    if as_json:
-        print_json(result.to_dict())
-    else:
+    if not answered(as_json, result.to_dict):
         _print(result, records[0].y_unit, _cost_means(model))
     if check and not result.adequate:
         ctx.exit(EXIT_CRITERION)

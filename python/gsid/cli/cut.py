@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.cli.options import OUTPUT, json_option, options_as_arguments, record_options
-from gsid.cli.output import print_json, print_message
+from gsid.cli.output import answered, print_message
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -39,5 +39,5 @@ def cut(*, records: list[Record], from_s: float, to_s: float | None, output: str
     write_record(output, part)
     if not is_stdout(output):
         print_message(f"wrote {output}: {len(part)} samples, {len(part) / part.fs_hz:.6g} s")
-        if as_json:
-            print_json({"record": output, "samples": len(part), "time_s": len(part) / part.fs_hz})
+        facts = {"record": output, "samples": len(part), "time_s": len(part) / part.fs_hz}
+        answered(as_json, lambda: facts)

@@ -30,7 +30,7 @@ from gsid.cli.options import (
     rate_option,
     record_options,
 )
-from gsid.cli.output import print_json, print_message, print_table, working
+from gsid.cli.output import answered, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.excitation.limits import Model
@@ -290,9 +290,7 @@ def budget(records: list[Record], band: tuple[float, float] | None, sigma: float
     response = frf(records, band=band)
     with options_as_arguments():
         plan = asdict(plan_budget(response, sigma))
-    if as_json:
-        print_json(plan)
-    else:
+    if not answered(as_json, lambda: plan):
         print_table(
             Table(["figure", "value"], [[name, f"{x:.6g}"] for name, x in plan.items()], left=["figure"])
         )
@@ -310,9 +308,7 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
         "slew": signal.slew,
         "travel_deg": travel_deg,
     }
-    if as_json:
-        print_json(figures)
-    else:
+    if not answered(as_json, lambda: figures):
         rows = [[name, f"{value:.6g}"] for name, value in figures.items() if value is not None]
         print_table(Table(["figure", "value"], rows, left=["figure"]))
 

@@ -24,10 +24,10 @@ from gsid.cli.options import (
     reference_option,
 )
 from gsid.cli.output import (
+    answered,
     command_line,
     draw,
     note_assumed_hold,
-    print_json,
     print_ladder,
     print_message,
     print_parameters,
@@ -131,8 +131,7 @@ def diagnose(
     final = _saved(model, found, path) if path else None
     missing = _missing(found, curve)
     draw((found if found.model or not before else before).plot, picture)
-    if as_json:
-        print_json((before.to_dict() if before else {}) | found.to_dict() | _law(missing))
+    if answered(as_json, lambda: (before.to_dict() if before else {}) | found.to_dict() | _law(missing)):
         return _exit_code(found)
     _print(found, before, missing)
     if final and final.history:

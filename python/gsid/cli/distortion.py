@@ -16,7 +16,7 @@ from gsid.cli.options import (
     reading_options,
     records_argument,
 )
-from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -64,9 +64,7 @@ def distortion(
     result = measure(read(records), band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
     draw((change or result).plot, picture)
-    if as_json:
-        print_json(_values(result) | (_change(change) if change else {}))
-    else:
+    if not answered(as_json, lambda: _values(result) | (_change(change) if change else {})):
         _print(result)
         if change:
             print(change.sentence)

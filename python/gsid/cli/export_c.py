@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gsid.cli.options import FILE_OUTPUT, INPUT, FilesInUse, json_option, options_as_arguments, rate_option
-from gsid.cli.output import note_assumed_hold, print_json, print_message
+from gsid.cli.output import answered, note_assumed_hold, print_message
 
 
 @click.command("export-c", short_help="Write a model as C for firmware.")
@@ -44,8 +44,9 @@ def export_c(
     for path, text in ((header, made.header), (source, made.source)):
         write_atomically(path, lambda part, text=text: part.write_text(text, encoding="utf-8"))
         print_message(f"wrote {path}")
-    if as_json:
-        print_json(
+    answered(
+        as_json,
+        lambda: (
             {
                 "files": [str(header), str(source)],
                 "fs_hz": made.fs_hz,
@@ -54,4 +55,5 @@ def export_c(
                 "feedforward": made.feedforward,
             }
             | facts
-        )
+        ),
+    )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from gsid.cli.fit_order import choose_order
 from gsid.cli.fit_rational import measure, model_as_json, save_model
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, print_json, print_message, print_table, working
+from gsid.cli.output import answered, describe, draw, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.cli.fit_request import FitRequest
@@ -32,9 +32,7 @@ def fit_by_all_methods(records: Sequence[Record], request: FitRequest) -> None:
             save_model(best.model, request.output)
             print_message(f"wrote {request.output}, the model of {best.method}")
     draw(lambda: found.plot(measured), request.picture)
-    if request.as_json:
-        print_json(_as_json(found))
-    else:
+    if not answered(request.as_json, lambda: _as_json(found)):
         _print(found)
 
 

@@ -8,10 +8,10 @@ import click
 
 from gsid.cli.options import is_given, options_as_arguments
 from gsid.cli.output import (
+    answered,
     describe,
     draw,
     note_assumed_hold,
-    print_json,
     print_message,
     print_parameters,
     working,
@@ -52,9 +52,7 @@ def fit_stack(request: FitRequest) -> None:
         print_message(f"wrote {request.output}")
     note_assumed_hold(found.hold_assumed, found.hold, found.other_delay_s)
     draw(found.plot, request.picture)
-    if request.as_json:
-        print_json(found.summary() | {"effects": found.model.to_dict()["effects"]})
-    else:
+    if not answered(request.as_json, lambda: found.summary() | {"effects": found.model.to_dict()["effects"]}):
         _print(found)
 
 

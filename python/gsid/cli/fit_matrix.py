@@ -9,7 +9,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
+from gsid.cli.output import answered, describe, draw, note_assumed_hold, print_message, print_table, working
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,9 +47,7 @@ def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
         model.save(request.output)
         print_message(f"wrote {request.output}")
     draw(lambda: model.plot(measured), request.picture)
-    if request.as_json:
-        print_json(_as_json(model) | orders_as_json(choice) | {"nrmse": errors})
-    else:
+    if not answered(request.as_json, lambda: _as_json(model) | orders_as_json(choice) | {"nrmse": errors}):
         print_orders(choice)
         _print(model)
         _print_errors(model, errors, request.band)

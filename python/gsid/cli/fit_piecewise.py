@@ -10,7 +10,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.fit_rational import model_as_json
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
+from gsid.cli.output import answered, describe, draw, note_assumed_hold, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.cli.fit_request import FitRequest
@@ -38,9 +38,7 @@ def fit_pieces(records: Sequence[Record], request: FitRequest) -> None:
         found.save(request.output)
         print_message(f"wrote {request.output}")
     draw(lambda: found.plot(measured), request.picture)
-    if request.as_json:
-        print_json(_as_json(found))
-    else:
+    if not answered(request.as_json, lambda: _as_json(found)):
         _print(found, request)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
-from gsid.cli.output import describe, draw, note_assumed_hold, print_json, print_message, print_table, working
+from gsid.cli.output import answered, describe, draw, note_assumed_hold, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.cli.fit_request import FitRequest
@@ -42,10 +42,9 @@ def fit_transfer_function(records: Sequence[Record], request: FitRequest) -> Non
         save_model(model, request.output)
         print_message(f"wrote {request.output}")
     draw(lambda: model.plot(measured), request.picture)
-    if request.as_json:
-        validation = {} if judged is None else {"held_out": vars(judged)}
-        doubtful = {"doubtful": [vars(each) for each in doubts]}
-        print_json(model_as_json(model) | doubtful | orders_as_json(choice) | validation)
+    validation = {} if judged is None else {"held_out": vars(judged)}
+    more = {"doubtful": [vars(each) for each in doubts]} | orders_as_json(choice) | validation
+    if answered(request.as_json, lambda: model_as_json(model) | more):
         return
     print_orders(choice)
     _print(model)

@@ -17,7 +17,7 @@ from gsid.cli.options import (
     record_options,
     reference_option,
 )
-from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -100,12 +100,14 @@ def frf(
         _write(output, result)
         print_message(f"wrote {output}")
     draw(result.plot, picture)
-    if as_json:
-        removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in result.removed]
-        others = {"coherence": result.coherence, "rejected_hz": result.rejected_hz, "removed": removed}
-        print_json(_columns(result) | _keys(result) | others)
-    elif not output:
+    if not answered(as_json, lambda: _values(result)) and not output:
         _print(result)
+
+
+def _values(frf: Frf) -> dict:
+    removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in frf.removed]
+    others = {"coherence": frf.coherence, "rejected_hz": frf.rejected_hz, "removed": removed}
+    return _columns(frf) | _keys(frf) | others
 
 
 def _columns(frf: Frf) -> dict:

@@ -9,7 +9,7 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.options import json_option, picture_option, record_options
-from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -37,8 +37,7 @@ def look(*, records: list[Record], picture: str | None, as_json: bool) -> None:
     seen = [(record, _spectra(record)) for record in records]
     draw(lambda: figure(seen), picture)
     facts = [_facts(record, found) for record, found in seen]
-    if as_json:
-        print_json({"records": facts, "sentences": [_sentence(one) for one in facts]})
+    if answered(as_json, lambda: {"records": facts, "sentences": [_sentence(one) for one in facts]}):
         return
     names = list(facts[0])
     print_table(

@@ -7,15 +7,17 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
 
 from gsid.base.errors import GsidError, InputError, SimulationError
 from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE
+from gsid.cli.in_study import StudyStep
 from gsid.cli.options import library_option
-from gsid.cli.output import print_message, visible
+from gsid.cli.output import MESSAGES, print_message
 
 VERBS = {
     "design": "Make a periodic excitation.",
@@ -35,6 +37,7 @@ VERBS = {
     "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
+    "open": "Copy files into a study, the folder of -C DIR.",
     "studio": "Open a page to identify and diagnose by clicks.",
     "demo": "Measure the simulated axis and find the effect hidden in it.",
     "doctor": "Check the installation: versions, missing parts, a known system.",
@@ -58,6 +61,8 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in VERBS and not args[0].startswith("-"):
             raise NoSuchCommand(args[0], possibilities=VERBS, ctx=ctx)
+        if ctx.params.get("folder") is not None and ctx.obj is not None:
+            args = ctx.obj.begin(ctx, ctx.params["folder"], args)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -76,7 +81,14 @@ class Verbs(click.Group):
 @library_option(
     "Load an effect compiled from C that a model file names. This runs its code.", "libraries", multiple=True
 )
-def gsid(libraries: Sequence[tuple[str, str]]) -> None:
+@click.option(
+    "-C",
+    "folder",
+    metavar="DIR",
+    type=click.Path(),
+    help="Run the verb in the study DIR: with its last records and newest model, for results in its folders.",
+)
+def gsid(libraries: Sequence[tuple[str, str]], folder: str | None) -> None:
     """Measure a servo axis, fit a model, and find the physical effects that the model lacks."""
     if libraries:
         from gsid.effects.custom import load
@@ -100,8 +112,18 @@ def main(argv: list[str] | None = None) -> int:
     """
     _log_to_stderr()
     _use_one_thread_for_algebra()
+    MESSAGES.clear()
+    step, caller = StudyStep(), Path.cwd()
     try:
-        return _run(argv)
+        return _exit_code(lambda: step.end(_exit_code(lambda: _run(argv, step))))
+    finally:
+        os.chdir(caller)
+
+
+def _exit_code(run: Callable[[], int]) -> int:
+    """Run, and turn an exception into a message and an exit code."""
+    try:
+        return run()
     except click.UsageError as error:
         _usage(error)
         return EXIT_USAGE
@@ -139,9 +161,9 @@ def main(argv: list[str] | None = None) -> int:
         return EXIT_INTERNAL
 
 
-def _run(argv: list[str] | None) -> int:
+def _run(argv: list[str] | None, step: StudyStep) -> int:
     try:
-        result = gsid.main(args=argv, prog_name="gsid", standalone_mode=False)
+        result = gsid.main(args=argv, prog_name="gsid", standalone_mode=False, obj=step)
         sys.stdout.flush()
         return result if isinstance(result, int) else EXIT_GOOD
     except Exception:
@@ -158,11 +180,11 @@ def _use_one_thread_for_algebra() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-class _Visible(logging.Formatter):
-    """Escape control codes: messages contain names of files, columns and topics."""
+class _Printed(logging.Handler):
+    """Prints as the verbs do: messages contain names of files, columns and topics."""
 
-    def format(self, record: logging.LogRecord) -> str:
-        return visible(super().format(record))
+    def emit(self, record: logging.LogRecord) -> None:
+        print_message(self.format(record))
 
 
 def _log_to_stderr() -> None:
@@ -178,8 +200,8 @@ def _log_to_stderr() -> None:
 
     logging.addLevelName(logging.INFO, "note")
     logging.addLevelName(logging.WARNING, "warning")
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_Visible("%(levelname)s: %(message)s"))
+    handler = _Printed()
+    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
     handler.addFilter(is_new)
     logger = logging.getLogger("gsid")
     logger.handlers = [handler]

@@ -15,7 +15,7 @@ from gsid.cli.options import (
     reading_options,
     records_argument,
 )
-from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,9 +49,7 @@ def noise(
         raise UsageError("--plot draws the noise of one record", "run `gsid noise` once for each record")
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
     draw(found[0].plot, picture)
-    if as_json:
-        print_json({"records": [_values(one) for one in found]})
-    else:
+    if not answered(as_json, lambda: {"records": [_values(one) for one in found]}):
         for one in found:
             _print(one)
 

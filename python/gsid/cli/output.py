@@ -12,7 +12,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 import click
 
@@ -55,6 +55,7 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty()
 
 
+PROGRESS = "-- "  # begins a line on stderr that names the present step
 TEXT_MOST = 1000  # characters of a text that is printed
 
 
@@ -76,8 +77,13 @@ def _visible_character(char: str) -> str:
     return char if char.isprintable() else char.encode("unicode_escape", "surrogatepass").decode()
 
 
+MESSAGES: list[str] = []  # printed on stderr by this command, without progress
+
+
 def print_message(text: str, mark: str = "", colour: str = "") -> None:
     """Print a message on stderr, after a coloured mark if one is given."""
+    if not text.startswith(PROGRESS):
+        MESSAGES.append(visible(f"{mark} {text}" if mark else text))
     mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
     show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
     click.echo(mark + visible(text), err=True, color=show)
@@ -111,6 +117,38 @@ def steps_shown() -> Iterator[Callable[[str], None]]:
 def print_json(values: dict) -> None:
     """Print one JSON object: arrays become lists, numbers that are not finite become null."""
     print(json.dumps(_plain(values), allow_nan=False))
+
+
+class Answers(Protocol):
+    """What keeps the answer of a command, as a study does."""
+
+    def kept(self, answer: dict) -> dict:
+        """Keep an answer of plain values; returns it as it is printed."""
+
+
+def answered(as_json: bool, values: Callable[[], dict]) -> bool:
+    """Print the answer of a command as `print_json` does if --json is given, and keep it in the study.
+
+    Parameters
+    ----------
+    as_json : bool
+    values : callable
+        Called if the answer is printed or kept.
+
+    Returns
+    -------
+    bool
+        `as_json`.
+    """
+    study: Answers | None = click.get_current_context().find_root().obj
+    if not as_json and study is None:
+        return False
+    answer = values()
+    if study is not None:
+        answer = study.kept(_plain(answer))
+    if as_json:
+        print_json(answer)
+    return as_json
 
 
 def _plain(value: object) -> object:
@@ -231,11 +269,12 @@ def suggest(text: str) -> None:
 def command_line(*words: str, records: Sequence[str], output: str | None = None) -> str:
     """A complete command for the same records, or for REC... if they are more than three.
 
-    It repeats --library and the options by which the records were read.
+    It repeats -C, --library and the options by which the records were read.
     """
     context = click.get_current_context()
     own = context.params.get("library")
-    typed = ["gsid"]
+    folder = context.find_root().params.get("folder")
+    typed = ["gsid"] if folder is None else ["gsid", "-C", folder]
     for library in dict.fromkeys([*context.find_root().params.get("libraries", ()), *([own] if own else [])]):
         typed += ["--library", ":".join(library)]
     typed += [*words, *(records if len(records) <= 3 else ["REC..."])]

@@ -14,7 +14,7 @@ from gsid.cli.options import (
     record_options,
     reference_option,
 )
-from gsid.cli.output import draw, note_assumed_hold, print_json, print_table, working
+from gsid.cli.output import answered, draw, note_assumed_hold, print_table, working
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -61,8 +61,7 @@ def predict(
     for hold in {one.hold for one in predicted if one.hold_assumed}:  # one for all records
         note_assumed_hold(True, hold)
     draw(lambda: _figure(predicted), picture)
-    if as_json:
-        print_json({"records": [one.to_dict() for one in predicted]})
+    if answered(as_json, lambda: {"records": [one.to_dict() for one in predicted]}):
         return
     print_table(table_of(predicted))
 

@@ -18,7 +18,7 @@ from gsid.cli.options import (
     order_option,
     record_options,
 )
-from gsid.cli.output import describe, print_json, print_message, working
+from gsid.cli.output import answered, describe, print_message, working
 
 if TYPE_CHECKING:
     from gsid.plant.model import PlantModel
@@ -121,9 +121,9 @@ def report(
         if diagnose:
             _add_diagnosis(page, model, measured, band)
         path = page.write(output)
-    if as_json:
-        print_json({"report": str(path), "adequate": comparison.adequate if comparison else None})
-    elif not is_stdout(output):
+    adequate = comparison.adequate if comparison else None
+    is_printed = answered(as_json, lambda: {"report": str(path), "adequate": adequate})
+    if not is_printed and not is_stdout(output):
         print(path)
 
 

@@ -31,7 +31,7 @@ from gsid.cli.options import (
     picture_option,
     rate_option,
 )
-from gsid.cli.output import draw, print_json, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_table
 from gsid.cli.stopping import Stopping, print_if_open
 
 if TYPE_CHECKING:
@@ -277,11 +277,11 @@ def _recover(journal: str, output: str | None, as_json: bool) -> None:
         )
     _write(path, got.record)
     print_message(f"{journal} is kept: remove it when the record is good")
-    if as_json:
-        meta = got.record.meta
-        counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
-        lost = {"n_torn_bytes": got.n_torn, "n_damaged_bytes": got.n_damaged}
-        print_json({"record": str(path), **counts, "lost_samples": int(meta["lost_samples"]), **lost})
+    meta = got.record.meta
+    counts = {"n_periods": int(meta["good_periods"]), "n_spoiled": int(meta["spoiled_periods"])}
+    lost = {"n_torn_bytes": got.n_torn, "n_damaged_bytes": got.n_damaged}
+    figures = {"record": str(path), **counts, "lost_samples": int(meta["lost_samples"]), **lost}
+    answered(as_json, lambda: figures)
 
 
 def _from_file(path: str, fs_hz: float) -> _Plan:
@@ -390,10 +390,10 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
         "rms_output": float(np.sqrt(np.mean(record.y[record.valid] ** 2))),
         **{key: int(record.meta[key]) for key in LINE},
     }
-    if as_json:
-        if frf is not None:
-            figures |= {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
-        print_json(figures)
+    lines = {}
+    if frf is not None:
+        lines = {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
+    if answered(as_json, lambda: figures | lines):
         return
     rows = [
         [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()

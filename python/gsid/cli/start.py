@@ -19,10 +19,10 @@ from gsid.cli.options import (
     reference_option,
 )
 from gsid.cli.output import (
+    answered,
     command_line,
     describe,
     draw,
-    print_json,
     print_message,
     print_table,
     suggest,
@@ -72,8 +72,7 @@ def start(
         found.save(path)
         print_message(f"wrote {path}" if found.has_model else f"wrote {path}, the rational model")
     draw(found.plot, picture)
-    if as_json:
-        print_json(found.to_dict())
+    if answered(as_json, found.to_dict):
         return
     _print(found)
     if path and found.has_model and reference is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from gsid.cli.options import RECORD
+from gsid.cli.options import RECORD, is_given
 from gsid.cli.output import print_message
 
 
@@ -46,6 +46,9 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
     listens on 127.0.0.1 only and loads nothing from elsewhere. Ctrl-C stops the server; the files of the
     study are kept.
     """
+    context = click.get_current_context()
+    if context.find_root().params["folder"] is not None and not is_given(context, "folder"):
+        folder = context.find_root().params["folder"]
     from gsid.study.folder import Study
     from gsid.webpage.page import Page
     from gsid.webpage.safety import file_that_opens

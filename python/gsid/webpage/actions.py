@@ -92,8 +92,8 @@ ACTIONS = {
 }
 
 
-def command_of(study: Study, request: Mapping[str, object]) -> tuple[list[str], list[str]]:
-    """Words after `gsid` for a request of the page, and the files that the command writes.
+def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[str], list[str]]:
+    """Number of a step that the page requests, its words after `gsid`, and the files that it writes.
 
     Parameters
     ----------
@@ -104,6 +104,7 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[list[str], 
 
     Returns
     -------
+    number : int
     arguments, outputs : list of str
 
     Raises
@@ -122,21 +123,11 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[list[str], 
         *_options(action, request.get("options") or {}),
     ]
     arguments += _model(study, action, request)
-    outputs = _outputs(study, action)
+    number = study.begin_step()
+    outputs = [f"{folder}/{number}-{action.verb}.json" for folder in ("verdicts", action.writes) if folder]
     if action.writes:
         arguments += ["-o", outputs[-1]]
-    return [*arguments, "--plot", outputs[0], "--json"], outputs
-
-
-def _outputs(study: Study, action: Action) -> list[str]:
-    """Picture and model; files of a step that was not noted, since the page ended, are not replaced."""
-    folders = ["verdicts", action.writes] if action.writes else ["verdicts"]
-    number = study.next_number()
-    while True:
-        outputs = [f"{folder}/{number}-{action.verb}.json" for folder in folders]
-        if not any((study.folder / one).exists() for one in outputs):
-            return outputs
-        number += 1
+    return number, [*arguments, "--plot", outputs[0], "--json"], outputs
 
 
 def _records(study: Study, request: Mapping[str, object]) -> list[str]:

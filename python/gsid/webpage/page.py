@@ -9,7 +9,7 @@ from gsid.base.errors import InputError
 from gsid.study.folder import Step, Study
 from gsid.webpage.actions import ACTIONS, command_of
 from gsid.webpage.jobs import Job
-from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, outcome_of
+from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_of, outcome_of
 
 CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
 MAX_UPLOAD = 200 << 20
@@ -31,7 +31,8 @@ class Page:
         self.job: Job | None = None
         self.error: str | None = None  # of the server itself, while it ran or recorded a step
         self.outputs: list[str] = []
-        self.followups: dict[int, dict] = {}
+        self.number = 0  # of the step that runs
+        self._followups: dict[int, Outcome] = {}  # of each step, as its answer in the study has them
         self.watchers: set[asyncio.Event] = set()
         self._running: asyncio.Task | None = None
         self._study = self._study_state()
@@ -52,16 +53,17 @@ class Page:
         return {
             "folder": self.study.folder.name,
             "records": sorted(name for name in self.study.files if name.startswith("records/")),
-            "models": [name for one in steps for name in one.outputs if name.startswith("models/")],
+            "models": self.study.models,
             "steps": [self._shown(one) for one in steps],
         }
 
     def _shown(self, step: Step) -> dict:
-        pictures = [name for name in step.outputs if name.startswith("verdicts/")]
+        if step.number not in self._followups:
+            self._followups[step.number] = followups_of(step.verb, self.study.answer(step))
         own = {"number": step.number, "verb": step.verb, "command": step.command, "words": step.words}
-        more = self.followups.get(step.number, {"effects": [], "next": []})
+        more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}
         failed = step.exit_code not in GOOD_ENDS
-        return own | more | {"failed": failed, "picture": pictures[0] if pictures else None}
+        return own | more | {"failed": failed, "picture": step.picture or None}
 
     @staticmethod
     def _job(job: Job) -> dict:
@@ -89,7 +91,7 @@ class Page:
         """
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
-        arguments, self.outputs = command_of(self.study, wanted)
+        self.number, arguments, self.outputs = command_of(self.study, wanted)
         self.job, self.error = Job(tuple(arguments)), None
         self._running = asyncio.create_task(self._run(self.job))
         self.changed()
@@ -115,10 +117,15 @@ class Page:
         except Exception as error:
             text = f"The answer of the command cannot be read: {type(error).__name__}: {error}"
             found = Outcome((text, *job.messages))
-        step = await asyncio.to_thread(
-            self.study.add_step, job.arguments, exit_code, words=found.sentences, outputs=self.outputs
+        await asyncio.to_thread(
+            self.study.add_step,
+            job.arguments,
+            exit_code,
+            words=found.sentences,
+            outputs=self.outputs,
+            answer=job.stdout,
+            number=self.number,
         )
-        self.followups[step.number] = {"effects": found.effects, "next": found.next}
         self._study = self._study_state()
 
     async def add_file(self, source: Path, name: str) -> str:

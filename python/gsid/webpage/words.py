@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-GOOD, CRITERION, INTERRUPTED = 0, 1, 130
+from gsid.study.folder import CRITERION, GOOD, INTERRUPTED
+
 UNREADABLE = "The command's answer could not be read."
 
 
@@ -60,6 +61,20 @@ def outcome_of(
     except (LookupError, TypeError, ValueError):
         return Outcome((UNREADABLE, *notes))
     return Outcome(found.sentences + notes, found.effects, found.next)
+
+
+def followups_of(verb: str, answer: Mapping[str, Any] | None) -> Outcome:
+    """What follows a step, by the answer that its study keeps; nothing if it has none.
+
+    Parameters
+    ----------
+    verb : str
+    answer : mapping or None
+    """
+    try:
+        return READERS[verb](answer) if answer is not None else Outcome(())
+    except (LookupError, TypeError, ValueError):
+        return Outcome(())
 
 
 def _failure(exit_code: int, messages: Sequence[str], stopped: bool) -> tuple[str, ...]:
@@ -130,10 +145,56 @@ def _diagnose(values: Mapping[str, Any]) -> Outcome:
 
 
 def _add(values: Mapping[str, Any]) -> Outcome:
+    if "undone" in values:
+        return Outcome((f"Removed {values['undone']}.",), next=("predict", "compare", "diagnose"))
     return Outcome((values["sentence"],), next=("predict", "compare", "diagnose"))
 
 
+def _design(values: Mapping[str, Any]) -> Outcome:
+    if "crest_factor" not in values:  # the budget of measurement time
+        return Outcome((f"{values['n_periods']} periods are needed.",))
+    sizes = f"{values['n_lines']} lines in {values['period_samples']} samples"
+    return Outcome((f"Excitation of {sizes}, crest factor {values['crest_factor']:.4g}.",))
+
+
+def _run(values: Mapping[str, Any]) -> Outcome:
+    counts = f"{values['n_periods']} good periods, {values['n_spoiled']} lost"
+    return Outcome((f"Measured {values['record']}: {counts}.",), next=("look", "frf", "start", "diagnose"))
+
+
+def _cut(values: Mapping[str, Any]) -> Outcome:
+    return Outcome((f"{values['record']} has {values['samples']} samples.",), next=("look", "start"))
+
+
+def _noise(values: Mapping[str, Any]) -> Outcome:
+    return Outcome(tuple(f"{one['record']}: {one['sentence']}" for one in values["records"]))
+
+
+def _fit(values: Mapping[str, Any]) -> Outcome:
+    method = values.get("method")
+    by = f" by {method}" if method else ""
+    ends = {True: " The fit has converged.", False: " The fit has NOT converged."}
+    text = f"The model is fitted{by}.{ends.get(values.get('converged'), '')}"
+    return Outcome((text,), next=("compare", "predict"))
+
+
+def _export(values: Mapping[str, Any]) -> Outcome:
+    return Outcome((f"C for {values['fs_hz']:g} Hz with {values['n_states']} states.",))
+
+
+def _report(values: Mapping[str, Any]) -> Outcome:
+    verdict = {True: " The model is adequate.", False: " The model is not adequate."}
+    return Outcome((f"Report {values['report']}.{verdict.get(values['adequate'], '')}",))
+
+
 READERS = {
+    "design": _design,
+    "run": _run,
+    "cut": _cut,
+    "noise": _noise,
+    "fit": _fit,
+    "export-c": _export,
+    "report": _report,
     "look": _look,
     "frf": _frf,
     "distortion": _distortion,
