@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
-from gsid.records.files import read_record, write_record
+from gsid.records.files import columns_of, read_record, write_record
 from gsid.records.periods import split_periods
 from gsid.records.record import Record
 
@@ -407,3 +407,14 @@ def test_unreadable(tmp_path):
     with pytest.raises(InputError, match=r"unknown kind of file.*\.txt") as caught:
         read_record(tmp_path / "rec.txt")
     assert ".csv" in caught.value.hint
+
+
+@pytest.mark.parametrize("kind", ["csv", "npz", "mat", "h5"])
+def test_the_columns_of_a_file_are_listed_without_reading_them(tmp_path, kind):
+    n = 50
+    columns = {"speed": np.zeros(n), "temperature": np.ones(n)}
+    record = Record(np.arange(n), np.arange(n), 100.0, 10, 0, columns=columns)
+    write_record(tmp_path / f"rec.{kind}", record)
+    listed = columns_of(tmp_path / f"rec.{kind}")
+    assert {"u", "y", "speed"} <= set(listed)
+    assert not {"fs_hz", "period_samples"} & set(listed)

@@ -32,8 +32,8 @@ def study(tmp_path):
 def request_of(verb, **more):
     action = ACTIONS[verb]
     model = {"model": "models/1-start.json"} if action.needs_model else {}
-    effect = {"effect": "coulomb_friction"} if verb == "add" else {}
-    return {"verb": verb, "records": ["records/rec.csv"], **model, **effect, **more}
+    own = {"add": {"effect": "coulomb_friction"}, "cut": {"from": "0.5", "to": 2}}.get(verb, {})
+    return {"verb": verb, "records": ["records/rec.csv"], **model, **own, **more}
 
 
 def options_of(verb):
@@ -56,7 +56,7 @@ def test_each_action_has_the_options_of_its_command(verb):
 @pytest.mark.parametrize("verb", ACTIONS)
 def test_options_that_a_verb_lacks_are_dropped(study, verb):
     _, arguments, _ = command_of(study, request_of(verb, options=ALL))
-    given = {word.partition("=")[0] for word in arguments if "=" in word}
+    given = {word.partition("=")[0] for word in arguments if "=" in word} - {"--from", "--to"}
     assert given == set(ACTIONS[verb].options)
     command = Verbs().get_command(None, verb)
     # A command keeps the help option of the first context that it sees: it has to be that of `gsid`.
@@ -141,3 +141,26 @@ def test_each_request_has_a_number_of_its_own(study):
     requests = [command_of(study, request_of("start")) for _ in range(2)]
     assert [number for number, _, _ in requests] == [2, 3]  # models/1-start.json is there
     assert requests[0][2] == ["verdicts/2-start.json", "models/2-start.json"]
+
+
+def test_a_part_is_cut_of_one_record_at_finite_times(study):
+    _, arguments, outputs = command_of(study, request_of("cut", options={"--fs": "100"}))
+    assert arguments[:3] == ["cut", "records/rec.csv", "--from=0.5"]
+    assert outputs == ["records/2-cut.csv"]
+    for wrong in ({"from": "1e999"}, {"to": None}, {"to": "--undo"}, {"records": ["records/rec.csv"] * 2}):
+        with pytest.raises(gsid.InputError):
+            command_of(study, request_of("cut") | wrong)
+
+
+def test_c_is_written_with_its_header_and_reads_no_record(study):
+    _, arguments, outputs = command_of(study, request_of("export-c", records=[]))
+    assert arguments == ["export-c", "models/1-start.json", "-o", "models/axis_2.c", "--json"]
+    assert outputs == ["models/axis_2.c", "models/axis_2.h"]
+
+
+def test_a_report_may_have_a_model(study):
+    model = {"model": "models/1-start.json"}
+    assert "--model" not in command_of(study, request_of("report"))[1]
+    _, arguments, outputs = command_of(study, request_of("report") | model)
+    assert arguments[arguments.index("--model") + 1] == model["model"]
+    assert outputs == ["verdicts/3-report.html"]

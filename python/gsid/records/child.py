@@ -45,7 +45,7 @@ class Request:
         fields = json.loads(line)
         self.kind, self.path, self.memory = fields["kind"], fields["path"], fields["memory"]
         self.arrays, self.keys, self.seconds = fields["arrays"], fields["keys"], fields["seconds"]
-        self.like = self.arrays[0]  # other arrays of its length are columns of the record
+        self.like = self.arrays[0] if self.arrays else None  # other arrays of its length are columns
         self.left = self.memory
 
     def claim(self, name, size):

@@ -34,6 +34,15 @@ def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
     return Raw(dict(zip(kept, table.T, strict=True)), keys, where, "column")
 
 
+def csv_columns(path: Path) -> list[str]:
+    """Names in the header of a CSV file."""
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            return _read_head(path, file)[1]
+    except UnicodeDecodeError as error:
+        raise InputError("the file is not text", str(path), None, "is it really CSV?") from error
+
+
 def _columns_hint(missing: str, y: str, names: list[str]) -> str:
     if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
         return "separate the columns with commas"

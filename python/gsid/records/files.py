@@ -15,8 +15,9 @@ from gsid.base.errors import InputError
 from gsid.base.files import kind_of, write_atomically
 from gsid.records.arrays import read_h5, read_mat, read_npz, write_h5, write_mat, write_npz
 from gsid.records.checks import add_keys_from_meta_file, to_record
-from gsid.records.csv import read_csv, write_csv
-from gsid.records.raw import DAMAGED_HINT
+from gsid.records.csv import csv_columns, read_csv, write_csv
+from gsid.records.foreign import names_in
+from gsid.records.raw import DAMAGED_HINT, KEYS
 from gsid.records.record import Record
 from gsid.records.ulog import read_ulog
 
@@ -28,6 +29,7 @@ _READERS = {
     ".hdf5": read_h5,
     ".ulg": read_ulog,
 }
+FOREIGN = {".npz": "npz", ".mat": "mat", ".h5": "h5", ".hdf5": "h5"}  # kinds of `names_in`
 KINDS = tuple(_READERS)  # extensions that are read
 _WRITERS = {".csv": write_csv, ".npz": write_npz, ".mat": write_mat, ".h5": write_h5}
 
@@ -78,12 +80,7 @@ def read_record(
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(
-            "unknown kind of file",
-            str(path),
-            path.suffix or "no extension",
-            f"records are {', '.join(KINDS)}",
-        )
+        raise _unknown_kind(path)
     _check_readable(path)
     is_optional, u, y = zero_input and u is None, u or "u", y or "y"
     raw = reader(path, y if is_optional else u, y, fs_hz)
@@ -98,6 +95,36 @@ def read_record(
     record.period_samples = record.period_samples if period is None else period
     record.settle_samples = record.settle_samples if settle is None else settle
     return record
+
+
+def columns_of(path: str | os.PathLike) -> list[str]:
+    """Names of the columns or arrays of a file, from which u and y are chosen.
+
+    Parameters
+    ----------
+    path : path_like
+        .csv, .npz, .mat, .h5 or .ulg.
+
+    Returns
+    -------
+    list of str
+        At most 200. Empty for ULog, whose fields are `topic.field`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in _READERS:
+        raise _unknown_kind(path)
+    _check_readable(path)
+    if kind == ".csv":
+        return csv_columns(path)
+    if kind == ".ulg":
+        return []
+    return [name for name in names_in(FOREIGN[kind], path) if name not in (*KEYS, "meta")]
 
 
 def write_record(path: str | os.PathLike, record: Record) -> None:
@@ -126,6 +153,11 @@ def write_record(path: str | os.PathLike, record: Record) -> None:
             f"records are written as {', '.join(_WRITERS)}",
         )
     write_atomically(path, lambda part: writer(part, record))
+
+
+def _unknown_kind(path: Path) -> InputError:
+    kind = path.suffix or "no extension"
+    return InputError("unknown kind of file", str(path), kind, f"records are {', '.join(KINDS)}")
 
 
 def _check_readable(path: Path) -> None:

@@ -54,18 +54,40 @@ def read_foreign(kind: str, path: Path, u: str, y: str) -> tuple[dict[str, Any],
     InputError
         The file is damaged or refused, or its reader crashed, took too long or needed too much memory.
     """
+    arrays = [u, y, *TIME_NAMES, "valid"]
+    header, found = _ask(kind, path, arrays, [key for key in _KEYS if key not in (u, y)])
+    return _contents(path, u, header, found)
+
+
+def names_in(kind: str, path: Path) -> list[str]:
+    """Names of the arrays in a binary file, which are not read; a long list is cut.
+
+    Parameters
+    ----------
+    kind : {"npz", "mat", "h5"}
+    path : Path
+
+    Raises
+    ------
+    InputError
+        As `read_foreign`.
+    """
+    header, found = _ask(kind, path, [], [])
+    return _contents(path, "", header, found)[1]
+
+
+def _ask(kind: str, path: Path, arrays: list[str], keys: list[str]) -> tuple[dict, list[np.ndarray]]:
     size = os.stat(path).st_size
     request = {
         "kind": kind,
         "path": os.path.abspath(path),
-        "arrays": list(dict.fromkeys([u, y, *TIME_NAMES, "valid"])),
-        "keys": [key for key in _KEYS if key not in (u, y)],
+        "arrays": list(dict.fromkeys(arrays)),
+        "keys": keys,
         "memory": MEMORY_BYTES + MEMORY_PER_BYTE * size,
         "seconds": SECONDS + size / BYTES_PER_SECOND,
     }
     with _lock:
-        header, arrays = _exchange(path, request)
-    return _contents(path, u, header, arrays)
+        return _exchange(path, request)
 
 
 def _contents(path: Path, u: str, header: dict, arrays: list) -> tuple[dict[str, Any], list[str]]:

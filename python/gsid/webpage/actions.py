@@ -34,7 +34,13 @@ class Action:
         What it does, in one sentence.
     needs_model, may_have_model : bool
     writes : str
-        Folder of the model that it writes; empty: none.
+        Folder of the file that it writes; empty: none.
+    suffix : str
+        Of this file.
+    draws : bool
+        Whether it has a picture.
+    records : str
+        How many it reads: "any", "one" or "none".
     options : tuple of str
         Those of `FORM` that the verb has.
     """
@@ -45,6 +51,9 @@ class Action:
     needs_model: bool = False
     may_have_model: bool = False
     writes: str = ""
+    suffix: str = ".json"
+    draws: bool = True
+    records: str = "any"
     options: tuple[str, ...] = LOOP
 
 
@@ -88,6 +97,37 @@ ACTIONS = {
             needs_model=True,
             writes="models",
         ),
+        Action(
+            "cut",
+            "Keep this part",
+            "Writes the part of the record that the picture shows as a record.",
+            writes="records",
+            suffix=".csv",
+            draws=False,
+            records="one",
+            options=RECORD,
+        ),
+        Action(
+            "report",
+            "Report",
+            "One page to print or send, which opens without gsid.",
+            may_have_model=True,
+            writes="verdicts",
+            suffix=".html",
+            draws=False,
+            options=RECORD,
+        ),
+        Action(
+            "export-c",
+            "C for firmware",
+            "The chosen model as C99 source and header.",
+            needs_model=True,
+            writes="models",
+            suffix=".c",
+            draws=False,
+            records="none",
+            options=("--fs",),
+        ),
     )
 }
 
@@ -119,18 +159,42 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[s
     arguments = [
         action.verb,
         *_effect(action, request),
-        *_records(study, request),
+        *_records(study, action, request),
+        *_interval(action, request),
         *_options(action, request.get("options") or {}),
+        *_model(study, action, request),
     ]
-    arguments += _model(study, action, request)
     number = study.begin_step()
-    outputs = [f"{folder}/{number}-{action.verb}.json" for folder in ("verdicts", action.writes) if folder]
-    if action.writes:
-        arguments += ["-o", outputs[-1]]
-    return number, [*arguments, "--plot", outputs[0], "--json"], outputs
+    picture, made = _outputs(action, number)
+    if made:
+        arguments += ["-o", made]
+    if picture:
+        arguments += ["--plot", picture]
+    outputs = [one for one in (picture, made, header_of(made)) if one]
+    return number, [*arguments, "--json"], outputs
 
 
-def _records(study: Study, request: Mapping[str, object]) -> list[str]:
+def header_of(source: str) -> str:
+    """The header that is written beside a C source; empty for other files.
+
+    Parameters
+    ----------
+    source : str
+    """
+    return f"{source[:-2]}.h" if source.endswith(".c") else ""
+
+
+def _outputs(action: Action, number: int) -> tuple[str, str]:
+    """Picture and file that are written, or empty."""
+    own = f"{number}-{action.verb}"
+    name = f"axis_{number}" if action.suffix == ".c" else own  # also the name of its functions
+    picture = f"verdicts/{own}.json" if action.draws else ""
+    return picture, f"{action.writes}/{name}{action.suffix}" if action.writes else ""
+
+
+def _records(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
+    if action.records == "none":
+        return []
     names = request.get("records")
     if not isinstance(names, list) or not names:
         raise InputError("no record is chosen", "", None, "open a record and tick it")
@@ -138,7 +202,16 @@ def _records(study: Study, request: Mapping[str, object]) -> list[str]:
         inside(study, name, "records/")
         if Path(name).suffix.lower() not in KINDS:
             raise InputError("not a record", name, None, f"records are {', '.join(KINDS)}")
+    if action.records == "one" and len(names) != 1:
+        raise InputError(f"{action.title}: one record at a time", "", f"{len(names)} are chosen")
     return [str(name) for name in names]
+
+
+def _interval(action: Action, request: Mapping[str, object]) -> list[str]:
+    """Of the part that is kept."""
+    if action.verb != "cut":
+        return []
+    return [f"--{name}={_finite(name, request.get(name))!r}" for name in ("from", "to")]
 
 
 def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
@@ -148,7 +221,7 @@ def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[
     if not name or not (action.needs_model or action.may_have_model):
         return []
     inside(study, name, "models/")
-    return ["--model", str(name)]
+    return [str(name)] if action.records == "none" else ["--model", str(name)]
 
 
 def inside(study: Study, name: object, folder: str) -> Path:
@@ -226,14 +299,19 @@ def _checked(name: str, value: object) -> object:
 
 
 def _number(name: str, value: object) -> float | int:
+    found = _finite(name, value)
+    if name == "--fs":
+        return found
+    if found != int(found):
+        raise InputError("not a whole number of samples", name, value)
+    return int(found)
+
+
+def _finite(name: str, value: object) -> float:
     try:
         found = float(value) if isinstance(value, (str, int, float)) else math.nan
     except (ValueError, OverflowError):
         found = math.nan
     if isinstance(value, bool) or not math.isfinite(found):
         raise InputError("not a finite number", name, str(value)[:NAME_MOST])
-    if name == "--fs":
-        return found
-    if found != int(found):
-        raise InputError("not a whole number of samples", name, value)
-    return int(found)
+    return found

@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 
 from gsid.base.errors import InputError
+from gsid.records.files import columns_of
 from gsid.study.folder import Step, Study
 from gsid.webpage.actions import ACTIONS, command_of
 from gsid.webpage.jobs import Job
@@ -34,6 +35,7 @@ class Page:
         self.number = 0  # of the step that runs
         self._followups: dict[int, Outcome] = {}  # of each step, as its answer in the study has them
         self.watchers: set[asyncio.Event] = set()
+        self._columns: dict[str, list[str]] = {}  # of each record
         self._running: asyncio.Task | None = None
         self._study = self._study_state()
 
@@ -50,17 +52,30 @@ class Page:
     def _study_state(self) -> dict:
         """The part that only a new file or a new step changes: each line of progress sends it again."""
         steps = self.study.steps
+        records = sorted(name for name in self.study.files if name.startswith("records/"))
         return {
             "folder": self.study.folder.name,
-            "records": sorted(name for name in self.study.files if name.startswith("records/")),
+            "records": records,
+            "columns": {name: self._columns_of(name) for name in records},
             "models": self.study.models,
             "steps": [self._shown(one) for one in steps],
         }
+
+    def _columns_of(self, record: str) -> list[str]:
+        """Names of its columns; empty for a file that cannot be read: the next step has its error."""
+        if record not in self._columns:
+            try:
+                self._columns[record] = columns_of(self.study.path(record))
+            except (InputError, OSError, ImportError):
+                self._columns[record] = []
+        return self._columns[record]
 
     def _shown(self, step: Step) -> dict:
         if step.number not in self._followups:
             self._followups[step.number] = followups_of(step.verb, self.study.answer(step))
         own = {"number": step.number, "verb": step.verb, "command": step.command, "words": step.words}
+        own |= {"records": [word for word in step.arguments if word.startswith("records/")]}
+        own |= {"files": [name for name in step.outputs if name != step.picture]}
         more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}
         failed = step.exit_code not in GOOD_ENDS
         return own | more | {"failed": failed, "picture": step.picture or None}
@@ -143,7 +158,7 @@ class Page:
             Path in the study.
         """
         kept = await asyncio.to_thread(self.study.add_file, source, name)
-        self._study = self._study_state()
+        self._study = await asyncio.to_thread(self._study_state)
         self.changed()
         return kept
 

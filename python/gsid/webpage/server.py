@@ -87,7 +87,7 @@ async def _upload(request: Request) -> Response:
                     )
                 file.write(block)
         kept = await page.add_file(place, name)
-    return JSONResponse({"record": kept})
+    return JSONResponse({"record": kept, "columns": page.state()["columns"].get(kept, [])})
 
 
 async def _body(request: Request, most: int) -> bytes:

@@ -163,7 +163,8 @@ def _run(values: Mapping[str, Any]) -> Outcome:
 
 
 def _cut(values: Mapping[str, Any]) -> Outcome:
-    return Outcome((f"{values['record']} has {values['samples']} samples.",), next=("look", "start"))
+    text = f"{values['record']} has {values['samples']} samples, {values['time_s']:.4g} s."
+    return Outcome((text, "The next steps use the ticked records."), next=("look", "start"))
 
 
 def _noise(values: Mapping[str, Any]) -> Outcome:

@@ -1,6 +1,6 @@
 // The records of the study: opened, listed, ticked.
 import { byId, element, isChanged, server } from "./elements.js";
-import { answerOf, post } from "./requests.js";
+import { answerOf, post, showError } from "./requests.js";
 import { requestStep } from "./steps.js";
 
 const PATIENCE_MS = 200; // between two looks at the server
@@ -11,9 +11,28 @@ export async function open(files) {
     const found = await post(`/records?name=${encodeURIComponent(file.name)}`, file);
     if (!found) continue;
     ticked.set(found.record, true);
+    if (!hasSignals(found)) continue;
     if (!(await idle())) return;
     await requestStep({ verb: "look", records: [found.record] });
   }
+}
+
+// Whether input and output are named u and y, or were chosen; else the user is asked to choose them.
+function hasSignals({ record, columns }) {
+  const missing = ["--u", "--y"].map(readingField).filter((field) => !columns.includes(field.value || field.placeholder));
+  if (!columns.length || !missing.length) return true; // without a list, the next step says what is there
+  byId("reading").closest("details").open = true;
+  showColumns(columns);
+  missing[0].focus();
+  showError(`Choose the input and the output of ${ownName(record)}: its columns are ${columns.join(", ")}. Then look at the record.`);
+  return false;
+}
+
+const readingField = (name) => byId("reading").querySelector(`[name="${name}"]`);
+const ownName = (record) => record.replace("records/", "");
+
+function showColumns(columns) {
+  byId("columns").replaceChildren(...columns.map((name) => element("option", "", { value: name })));
 }
 
 // Waits until no step runs; false without a connection. It asks the server: messages may arrive late.
@@ -28,6 +47,7 @@ async function idle() {
 
 export function showRecords() {
   if (!isChanged("records", server.state.records)) return;
+  showColumns([...new Set(Object.values(server.state.columns).flat())]);
   const list = byId("records");
   for (const item of [...list.children]) if (!server.state.records.includes(item.dataset.record)) item.remove();
   server.state.records.forEach((name, place) => {
@@ -42,7 +62,7 @@ function recordItem(name) {
   const box = element("input", "", { type: "checkbox", checked: ticked.get(name) ?? true });
   box.addEventListener("change", () => ticked.set(name, box.checked));
   const label = element("label");
-  label.append(box, ` ${name.replace("records/", "")}`);
+  label.append(box, ` ${ownName(name)}`);
   item.append(label);
   return item;
 }

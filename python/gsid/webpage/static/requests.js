@@ -26,7 +26,7 @@ async function whyNoAnswer(body) {
 // The answer to a request, null without a connection.
 export const answerOf = (path) => fetch(path).catch(() => null);
 
-function showError(text) {
+export function showError(text) {
   refusals.push(text);
   showErrors();
 }

@@ -1,8 +1,12 @@
 // The steps of the study: their buttons, their answers and pictures, and what may follow.
+import { cutForm } from "./cut.js";
 import { byId, element, isChanged, server } from "./elements.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { act, post } from "./requests.js";
+import { fileLink } from "./save.js";
+
+const ELSEWHERE = ["add", "cut", "report", "export-c"]; // their buttons are beside what they act on
 
 export function readingOf() {
   const fields = [...byId("reading").querySelectorAll("input, select")];
@@ -15,7 +19,7 @@ export function requestStep(wanted) {
 }
 
 // A button that is off keeps the focus, unlike a disabled one.
-function button(verb, extra = {}, text = null) {
+export function button(verb, extra = {}, text = null) {
   const action = server.state.actions[verb];
   const made = element("button", text ?? action.title, { type: "button", title: action.summary });
   made.dataset.verb = verb;
@@ -26,7 +30,7 @@ function button(verb, extra = {}, text = null) {
 export const isOff = (one) => one.getAttribute("aria-disabled") === "true";
 
 export function showActions() {
-  const offered = Object.keys(server.state.actions).filter((verb) => verb !== "add");
+  const offered = Object.keys(server.state.actions).filter((verb) => !ELSEWHERE.includes(verb));
   if (isChanged("actions", server.state.actions)) byId("actions").replaceChildren(...offered.map((verb) => button(verb)));
 }
 
@@ -59,8 +63,12 @@ function showStep(step) {
     const box = element("div", "", { className: "picture" });
     item.append(box);
     const failed = () => (box.textContent = "The picture could not be drawn. Reload the page.");
-    drawPicture(box, `/files/${step.picture}`, `${step.verb}: ${answer}`).catch(failed);
+    drawPicture(box, `/files/${step.picture}`, `${step.verb}: ${answer}`)
+      .then(() => step.verb === "look" && step.records.length === 1 && box.after(cutForm(step, box)))
+      .catch(failed);
   }
+  if (step.files.length) item.append(element("p", "Files: ", { className: "files" }));
+  for (const name of step.files) item.lastElementChild.append(fileLink(name), " ");
   if (notes.length) {
     const more = element("details");
     more.append(element("summary", notes.length === 1 ? "1 note" : `${notes.length} notes`), ...notes.map((note) => element("p", note)));

@@ -2,6 +2,7 @@
 import { byId, isChanged, server } from "./elements.js";
 import { open, showRecords } from "./records.js";
 import { act, answerOf, post, showErrors } from "./requests.js";
+import { showSave } from "./save.js";
 import { isOff, showActions, showModels, showSteps, showWhatIsOff } from "./steps.js";
 import { showWorkbench } from "./workbench.js";
 
@@ -19,6 +20,7 @@ function show() {
   const focused = document.activeElement;
   showRecords();
   showModels();
+  showSave();
   showActions();
   showSteps();
   showWorkbench();
@@ -58,5 +60,6 @@ byId("drop").addEventListener("drop", (event) => {
   event.preventDefault();
   act(() => open([...event.dataTransfer.files]));
 });
+byId("model").addEventListener("change", showSave);
 byId("stop").addEventListener("click", (event) => isOff(event.target) || act(() => post("/stop", "")));
 connect();

@@ -1,0 +1,44 @@
+"""Records as they come: other names of columns, parts that do not belong, and what is saved."""
+
+import numpy as np
+from test_story import open_file, step
+
+import gsid
+
+
+def renamed(record, tmp_path):
+    """The same record with the columns of another program, and no facts."""
+    read = gsid.read_record(record)
+    table = np.column_stack([np.arange(len(read)) / read.fs_hz, read.y, read.u])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, "%.17g", ",", header="t_s,gyro [deg/s],command", comments="")
+    return path
+
+
+def test_columns_are_chosen_by_their_names(page, record, tmp_path):
+    page.set_input_files("#chooser", [str(renamed(record, tmp_path))])
+    page.get_by_role("alert").filter(has_text="its columns are t_s, gyro [deg/s], command").wait_for()
+    assert page.evaluate("document.activeElement.name") == "--u"
+    page.get_by_label("Input column").fill("command")
+    page.get_by_label("Output column").fill("gyro [deg/s]")
+    page.get_by_role("button", name="Look at the record").first.click()
+    assert "7 periods of 3000 samples" in step(page, 1)
+
+
+def test_a_part_is_kept_and_files_are_saved(page, record):
+    open_file(page, record)
+    page.locator("#step-1 .cut").wait_for()
+    assert page.locator("#step-1").get_by_label("from [s]").input_value() == "0"
+    page.locator("#step-1").get_by_label("from [s]").fill("2")
+    page.locator("#step-1").get_by_label("to [s]").fill("7.5")
+    page.get_by_role("button", name="Keep this part").click()
+    assert "2-cut.csv has 16500 samples, 5.5 s." in step(page, 2)
+    page.get_by_role("checkbox", name="axis.csv").uncheck()
+    page.get_by_role("button", name="Find the linear model").first.click()
+    step(page, 3)
+    page.get_by_role("button", name="C for firmware").click()
+    step(page, 4)
+    with page.expect_download() as saved:
+        page.locator("#step-4").get_by_role("link", name="axis_4.h").click()
+    assert "_step" in saved.value.path().read_text()
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
