@@ -83,9 +83,9 @@ def test_the_own_page_gets_its_websocket(server):
     assert answer.split()[1] == b"101"
 
 
-def handshake(server, origin):
+def handshake(server, origin, path="/changes"):
     lines = [
-        "GET /changes HTTP/1.1",
+        f"GET {path} HTTP/1.1",
         f"Host: 127.0.0.1:{server.port}",
         "Upgrade: websocket",
         "Connection: Upgrade",
@@ -182,13 +182,88 @@ REQUESTS = [
 ]
 
 
+MODEL = json.dumps(
+    {"gsid_model": 1, "fs_hz": 1000.0, "effects": [{"effect": "rigid_body", "params": {"gain": 7.4}}]}
+)
+CALL = "__import__('os').system('touch owned')"
+REQUESTS += [
+    {"verb": "add", "records": ["records/a.csv"], "model": "models/m.json", "law": CALL},
+    {"verb": "add", "records": ["records/a.csv"], "model": "models/m.json", "law": ["w"]},
+    {
+        "verb": "add",
+        "records": ["records/a.csv"],
+        "model": "models/m.json",
+        "law": "c*w",
+        "params": {"c": CALL},
+    },
+    {"records": ["records/a.csv"], "model": "models/m.json", "edit": {"added": [{"law": CALL}]}},
+    {"records": ["records/a.csv"], "model": "../m.json", "edit": {}},
+    {"records": ["records/a.csv"], "model": "models/m.json", "edit": [CALL]},
+]
+
+
 @pytest.mark.parametrize("wanted", REQUESTS, ids=range(len(REQUESTS)))
 def test_steps_that_are_not_offered_are_refused(server, ask, wanted):
     (server.folder.parent / "secret").write_text("")
     ask("POST", "/records?name=a.csv", b"u,y\n1,2\n")
+    (server.folder / "models/m.json").write_text(MODEL)
     answer = ask("POST", "/steps", wanted)
     assert answer.code == 400
     assert "error" in answer.text
+    assert not any("owned" in path.name for path in server.folder.parent.rglob("*"))
+
+
+@pytest.mark.parametrize(
+    "law", [CALL, "w.__class__", "(lambda: 1)()", "[1 for _ in w]", "open(w)", "9^9^9^9"]
+)
+def test_a_formula_is_parsed_and_never_run(server, ask, law):
+    answer = ask("POST", "/law", {"law": law})
+    assert answer.code == 200
+    assert ("error" in json.loads(answer.text)) == (law != "9^9^9^9")
+    assert not any("owned" in path.name for path in server.folder.parent.rglob("*"))
+
+
+@pytest.mark.parametrize("body", [b"", b"[]", b"{", b'{"law": ["w"]}', b'{"law": {"w": 1}}', b"0" * 100_000])
+def test_a_law_that_is_no_text_is_refused(ask, body):
+    assert ask("POST", "/law", body).code == 400
+
+
+def test_the_workbench_of_another_page_is_refused(server):
+    for origin in ("http://evil.example", None):
+        assert handshake(server, origin, "/workbench").split()[1] == b"403"
+    assert handshake(server, f"http://127.0.0.1:{server.port}", "/workbench").split()[1] == b"101"
+
+
+WORKBENCH = [
+    "",
+    "[]",
+    "{",
+    "[" * 50_000,
+    {"model": "../secret", "record": "records/a.csv"},
+    {"model": "models/m.json", "record": "/etc/passwd"},
+    {"model": "models/m.json", "record": "records/../../secret"},
+    {"model": "models/m.json", "record": "records/a.csv", "options": {"--library": "./evil.so:f"}},
+    {"model": "models/m.json", "record": "records/a.csv", "added": [{"law": CALL}]},
+    {"model": "models/m.json", "record": "records/a.csv", "values": {"__class__": 1}},
+    {"model": ["models/m.json"], "record": {"a": 1}},
+]
+
+
+def test_requests_to_the_workbench_that_are_not_valid_are_errors_in_words(server, ask):
+    from websockets.sync.client import connect
+
+    (server.folder.parent / "secret").write_text("the secret")
+    (server.folder / "models/m.json").write_text(MODEL)
+    ask("POST", "/records?name=a.csv", b"u,y\n1,2\n")
+    own = f"127.0.0.1:{server.port}"
+    headers = {"Cookie": server.cookie, "Origin": f"http://{own}"}
+    with connect(f"ws://{own}/workbench", additional_headers=headers) as connection:
+        for wanted in WORKBENCH:
+            connection.send(wanted if isinstance(wanted, str) else json.dumps(wanted))
+            answer = connection.recv(timeout=DEADLINE_S)
+            assert json.loads(answer)["error"], wanted
+            assert "the secret" not in answer
+    assert not any("owned" in path.name for path in server.folder.parent.rglob("*"))
 
 
 @pytest.mark.parametrize(

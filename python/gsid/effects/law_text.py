@@ -35,6 +35,7 @@ OPERATORS = {
     ast.Div: "DIVIDE",
     ast.Pow: "POWER",
 }
+TIME = "t"
 JUMPS = "sign", "heaviside", "step", "round", "floor"
 GRAMMAR = f"a law has w, theta, u, numbers, parameters, + - * / ^ ( ), pi, rad and {', '.join(FUNCTIONS)}"
 
@@ -70,6 +71,27 @@ def parse(text: str, parameters: Collection[str]) -> list[Step]:
     return _Parser(text, list(parameters)).steps()
 
 
+def names_of(text: str) -> list[str]:
+    """Names in a law that are neither variables, constants nor functions: its parameters, in their order.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    InputError
+        The text is not an expression.
+    """
+    tree = _Parser(text, []).tree()
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    names = sorted(
+        (node for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called),
+        key=lambda node: node.col_offset,
+    )
+    return list(dict.fromkeys(node.id for node in names if node.id != TIME and not is_reserved(node.id)))
+
+
 def is_reserved(name: str) -> bool:
     """Whether a parameter cannot have this name."""
     return name in VARIABLES or name in CONSTANTS or name in FUNCTIONS or name in JUMPS
@@ -85,18 +107,21 @@ class _Parser:
         self.origin = [i for i, char in enumerate(self.text) for _ in ("**" if char == "^" else char)]
         self.out: list[Step] = []
 
-    def steps(self) -> list[Step]:
+    def tree(self) -> ast.expr:
+        """The syntax tree of the text, which is not run."""
         if not self.text or len(self.text) > LENGTH_MAX:
             hint = f"write a law of up to {LENGTH_MAX} characters, for example c*tanh(w/0.1)"
             raise InputError("a torque law is empty or too long", "", f"{len(self.text)} characters", hint)
         try:
-            tree = ast.parse(self.python, mode="eval")
+            return ast.parse(self.python, mode="eval").body
         except SyntaxError as error:
             at = (error.offset or len(self.python) + 1) - 1  # 0: it ends too early
             raise self._fault("a torque law is not an expression", at, GRAMMAR) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise self._fault("a torque law cannot be read", 0, GRAMMAR) from error
-        self._visit(tree.body)
+
+    def steps(self) -> list[Step]:
+        self._visit(self.tree())
         unused = [name for name in self.parameters if name not in self.used]
         if unused:
             hint = f"its parameters: {', '.join(sorted(self.used)) or 'none'}; remove --param {unused[0]}"
@@ -145,7 +170,7 @@ class _Parser:
             self.out.append(Step(lib.GSID_EXPRESSION_PARAMETER, self.parameters.index(name)))
         elif name in FUNCTIONS:
             raise self._fault(f"{name} is a function", self._column(node), f"write {name}(...)")
-        elif name == "t":
+        elif name == TIME:
             hint = "the plant is time-invariant; for a fan or similar use periodic_disturbance"
             raise self._fault("a torque law must not depend on time", self._column(node), hint)
         else:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsid.base.errors import InputError
+from gsid.effects.custom import expression
 from gsid.effects.types import catalogue
 from gsid.records.files import KINDS
 from gsid.study.folder import Study
@@ -80,6 +81,13 @@ ACTIONS = {
             writes="models",
             options=FORM,
         ),
+        Action(
+            "fit",
+            "Fit the values",
+            "Fits the free values of the model, from those in its file.",
+            needs_model=True,
+            writes="models",
+        ),
         Action("compare", "Where does the model fail?", "Tests the model line by line.", needs_model=True),
         Action("predict", "Output over time", "Simulated and measured output.", needs_model=True),
         Action(
@@ -139,8 +147,8 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[s
     ----------
     study : Study
     request : mapping
-        verb; records: names in the study; model, effect; options: of `FORM`. Those that the verb
-        lacks are left out.
+        verb; records: names in the study; model; effect or law, params: its start values; options: of
+        `FORM`. Those that the verb lacks are left out.
 
     Returns
     -------
@@ -246,12 +254,23 @@ def inside(study: Study, name: object, folder: str) -> Path:
 
 
 def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
+    """An effect of the catalogue or a law, with its start values; a law is parsed here and never run."""
     if action.verb != "add":
         return []
-    effect = request.get("effect")
+    effect, law, params = (request.get(key) for key in ("effect", "law", "params"))
+    if not isinstance(params or {}, Mapping):
+        raise InputError("the start values are not an object", "", type(params).__name__)
+    start = [f"--param={name}={value}" for name, value in (params or {}).items()]
+    if law is not None:
+        expression(law, params or {})
+        return [f"--torque={law}", *start]
     if not isinstance(effect, str) or effect not in catalogue():
         raise InputError("no such effect", "", effect, "choose one of the catalogue")
-    return [effect]
+    known = catalogue()[effect]
+    for name, value in (params or {}).items():
+        if name not in known.names or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError("not a start value", f"{effect}.{name}"[:NAME_MOST], str(value)[:NAME_MOST])
+    return [effect, *start]
 
 
 def _options(action: Action, given: object) -> list[str]:

@@ -23,6 +23,7 @@ from gsid.prediction import PredictedOutput, predict
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, read_as
+from gsid.webpage.edits import Edit, check_out, check_value, extended, may_be_out
 
 MOVES_MOST = 3e8  # of one simulation: some seconds
 STRUCTURES_KEPT = 8  # simulations that stay prepared, one for each choice of effects
@@ -42,6 +43,8 @@ class Bench:
     ----------
     model : PlantModel
     record : Record or Spectra
+    edit : Edit, optional
+        With effects that are added to the model.
 
     Raises
     ------
@@ -49,8 +52,8 @@ class Bench:
         As `gsid.predict`.
     """
 
-    def __init__(self, model: PlantModel, record: Record | Spectra) -> None:
-        self.model = model
+    def __init__(self, model: PlantModel, record: Record | Spectra, edit: Edit | None = None) -> None:
+        self.model = extended(model, edit) if edit else model
         (measured,) = spectra_of(record)
         (self.fitted,) = predict(model, [measured])
         hold = self.fitted.hold
@@ -76,7 +79,7 @@ class Bench:
         part, plant = self._plant(frozenset(out))
         known = self.model.stack()
         for name, value in values.items():
-            _check(name, value, self.model.parameter(name))
+            check_value(name, value, self.model.parameter(name))
             label, _, parameter = name.rpartition(".")
             known[label][parameter] = float(value)
         plant.bound(MOVES_MOST)
@@ -92,7 +95,7 @@ class Bench:
     def _plant(self, out: frozenset[str]) -> tuple[PlantModel, PeriodicPlant]:
         """The simulation without some effects; that of the last choices stays prepared."""
         if out not in self._plants:
-            _check_out(self.model, out)
+            check_out(self.model, out)
             part = copy.deepcopy(self.model)
             part.effects = [_free(one) for label, one in part.labels() if label not in out]
             part.cov, part.cov_names, part.fit = None, None, None
@@ -116,50 +119,27 @@ def _names(part: PlantModel, out: Collection[str], whole: PlantModel) -> list[tu
     return [(label, name) for label, one in whole.labels() if label not in out for name in one.params]
 
 
-def _check(name: str, value: float, known: EffectParameter) -> None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if not is_number or not (known.lower <= value <= known.upper or value == known.null_value):
-        hint = f"the range is {known.lower:g} .. {known.upper:g} {known.unit}".rstrip()
-        raise InputError("a value is out of its range", name, str(value)[:50], hint)
-
-
-def _check_out(model: PlantModel, out: Collection[str]) -> None:
-    known = dict(model.labels())
-    for label in out:
-        if label not in known:
-            raise InputError("the model has no such effect", "", str(label)[:50])
-        if not may_be_out(known[label]):
-            raise InputError("this effect cannot be left out", "", label)
-
-
-def may_be_out(effect: Effect) -> bool:
-    """Whether a plant may be without an effect.
-
-    Parameters
-    ----------
-    effect : Effect
-    """
-    return effect.id != "rigid_body"
-
-
 # ---- what the page shows -----------------------------------------------------------------------------
 
 
-def sheet_of(model: PlantModel) -> list[dict[str, Any]]:
+def sheet_of(model: PlantModel, n_added: int = 0) -> list[dict[str, Any]]:
     """The effects of a model with a slider for each parameter.
 
     Parameters
     ----------
     model : PlantModel
+    n_added : int
+        How many of the last effects were added by the page: their values are start values.
     """
     return [
         {
             "label": label,
             "sentence": effect.type.sentence,
             "may_be_out": may_be_out(effect),
+            "added": number >= len(model.effects) - n_added,
             "parameters": [_slider(model, label, effect, name) for name in effect.params],
         }
-        for label, effect in model.labels()
+        for number, (label, effect) in enumerate(model.labels())
     ]
 
 

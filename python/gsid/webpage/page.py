@@ -8,13 +8,25 @@ from pathlib import Path
 from gsid.base.errors import InputError
 from gsid.records.files import columns_of
 from gsid.study.folder import Step, Study
-from gsid.webpage.actions import ACTIONS, command_of
+from gsid.webpage.actions import ACTIONS
+from gsid.webpage.edits import step_command, unedited
 from gsid.webpage.jobs import Job
 from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_of, outcome_of
 
 CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
 MAX_UPLOAD = 200 << 20
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
+
+
+def made_by(step: Step) -> str | None:
+    """The model that a step wrote."""
+    return next((name for name in reversed(step.outputs) if name.startswith("models/")), None)
+
+
+def base_of(step: Step) -> str | None:
+    """The model that a step started from."""
+    words = step.arguments
+    return unedited(words[words.index("--model") + 1]) if "--model" in words[:-1] else None
 
 
 class Page:
@@ -78,7 +90,8 @@ class Page:
         own |= {"files": [name for name in step.outputs if name != step.picture]}
         more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}
         failed = step.exit_code not in GOOD_ENDS
-        return own | more | {"failed": failed, "picture": step.picture or None}
+        models = {"model": made_by(step), "base": base_of(step)}
+        return own | more | models | {"failed": failed, "picture": step.picture or None}
 
     @staticmethod
     def _job(job: Job) -> dict:
@@ -106,7 +119,7 @@ class Page:
         """
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
-        self.number, arguments, self.outputs = command_of(self.study, wanted)
+        self.number, arguments, self.outputs = step_command(self.study, wanted)
         self.job, self.error = Job(tuple(arguments)), None
         self._running = asyncio.create_task(self._run(self.job))
         self.changed()

@@ -25,9 +25,12 @@ from starlette.websockets import WebSocket
 
 from gsid.base.errors import InputError
 from gsid.base.tables import templates
+from gsid.effects.types import catalogue
 from gsid.study.folder import usable_name
+from gsid.webpage.edits import law_of
 from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
+from gsid.webpage.words import words_of
 from gsid.webpage.workbench import follow_workbench
 
 MAX_REQUEST = 1 << 16  # bytes of a requested step
@@ -44,7 +47,8 @@ def _page_of(request: Request | WebSocket) -> Page:
 
 async def _index(request: Request) -> Response:
     page = _page_of(request)
-    text = templates().get_template("studio.html").render(folder=page.study.folder.name)
+    effects = [one for one in catalogue().values() if one.null_kind != "never"]
+    text = templates().get_template("studio.html").render(folder=page.study.folder.name, effects=effects)
     return Response(text, media_type="text/html")
 
 
@@ -53,14 +57,22 @@ async def _state(request: Request) -> Response:
 
 
 async def _request_step(request: Request) -> Response:
+    _page_of(request).request_step(await _wanted(request))
+    return JSONResponse({"begun": True})
+
+
+async def _check_law(request: Request) -> Response:
+    return JSONResponse(law_of(await _wanted(request)))
+
+
+async def _wanted(request: Request) -> dict[str, Any]:
     try:
         wanted = json.loads(await _body(request, MAX_REQUEST))
     except ValueError as error:
         raise InputError("the request is not JSON", "", error) from error
     if not isinstance(wanted, dict):
         raise InputError("the request is not an object", "", type(wanted).__name__)
-    _page_of(request).request_step(wanted)
-    return JSONResponse({"begun": True})
+    return wanted
 
 
 async def _stop(request: Request) -> Response:
@@ -142,8 +154,7 @@ async def _disconnected(_: Request, error: Exception) -> Response:
 
 async def _refused(_: Request, error: Any) -> Response:
     """Bad input as JSON: what, where, the value and what to do."""
-    place = ": ".join(str(part) for part in (error.where, error.value) if part not in (None, ""))
-    return JSONResponse({"error": error.what, "where": place, "hint": error.hint or ""}, 400)
+    return JSONResponse(words_of(error), 400)
 
 
 async def _invalid(_: Request, error: Exception) -> Response:
@@ -184,6 +195,7 @@ def application(page: Page, port: int, token: str) -> Guard:
             Route("/", _index),
             Route("/state", _state),
             Route("/steps", _request_step, methods=["POST"]),
+            Route("/law", _check_law, methods=["POST"]),
             Route("/stop", _stop, methods=["POST"]),
             Route("/records", _upload, methods=["POST"]),
             Route("/files/{name:path}", _file),

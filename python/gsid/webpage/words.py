@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gsid.base.errors import InputError
 from gsid.study.folder import CRITERION, GOOD, INTERRUPTED
 
 UNREADABLE = "The command's answer could not be read."
@@ -75,6 +76,17 @@ def followups_of(verb: str, answer: Mapping[str, Any] | None) -> Outcome:
         return READERS[verb](answer) if answer is not None else Outcome(())
     except (LookupError, TypeError, ValueError):
         return Outcome(())
+
+
+def words_of(error: InputError) -> dict[str, str]:
+    """Bad input for the page: what, where, the value and what to do.
+
+    Parameters
+    ----------
+    error : InputError
+    """
+    place = ": ".join(str(part) for part in (error.where, error.value) if part not in (None, ""))
+    return {"error": error.what, "where": place, "hint": error.hint or ""}
 
 
 def _failure(exit_code: int, messages: Sequence[str], stopped: bool) -> tuple[str, ...]:
@@ -176,7 +188,11 @@ def _fit(values: Mapping[str, Any]) -> Outcome:
     by = f" by {method}" if method else ""
     ends = {True: " The fit has converged.", False: " The fit has NOT converged."}
     text = f"The model is fitted{by}.{ends.get(values.get('converged'), '')}"
-    return Outcome((text,), next=("compare", "predict"))
+    if method == "ml" and "cost_per_dof" in values:
+        text += f" Cost per degree of freedom {values['cost_per_dof']:.4g}; noise alone gives 1."
+    kinds = (("at_bound", "At a bound"), ("undetermined", "Not determined by the records"))
+    more = [f"{words}: {', '.join(values[key])}." for key, words in kinds if values.get(key)]
+    return Outcome((text, *more), next=("predict", "compare"))
 
 
 def _export(values: Mapping[str, Any]) -> Outcome:

@@ -11,6 +11,7 @@ import contextlib
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -21,6 +22,8 @@ from gsid.records.files import read_record
 from gsid.study.folder import Study
 from gsid.webpage.actions import inside, reading_of
 from gsid.webpage.bench import Bench, numbers_of, picture_of, sheet_of
+from gsid.webpage.edits import Edit, edit_of
+from gsid.webpage.words import words_of
 
 
 class Workbench:
@@ -42,37 +45,42 @@ class Workbench:
         Parameters
         ----------
         wanted : mapping
-            model, record: names in the study; options: as of a step. values: by "effect.parameter"; out:
-            labels of effects; points, window: of the picture.
+            model, record: names in the study; options: as of a step. values, out, added: as of `edit_of`.
+            points, window: of the picture. sheet: whether the effects are sent again.
 
         Raises
         ------
         InputError
             The request, the files or the values are not valid.
         """
-        sheet = self._prepare(wanted)
-        one = self._bench.simulated(_values(wanted.get("values")), _labels(wanted.get("out")))
+        edit = edit_of(wanted)
+        sheet = self._prepare(wanted, edit)
+        try:
+            one = self._bench.simulated(edit.values, edit.out)
+        except InputError as error:
+            return sheet | words_of(error)  # the sliders are there to move the value back
         picture = picture_of(one, _points(wanted.get("points")), _window(wanted.get("window")))
         return sheet | {"picture": picture} | numbers_of(one)
 
-    def _prepare(self, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    def _prepare(self, wanted: Mapping[str, Any], edit: Edit) -> dict[str, Any]:
         names = wanted.get("model"), wanted.get("record")
         paths = inside(self._study, names[0], "models/"), inside(self._study, names[1], "records/")
         options = wanted.get("options") or {}
-        now = (*names, *(path.stat().st_mtime_ns for path in paths), json.dumps(options, sort_keys=True))
+        more = json.dumps([options, wanted.get("added")], sort_keys=True)
+        now = (*names, *(path.stat().st_mtime_ns for path in paths), more)
         if self._bench is not None and self._of == now and not wanted.get("sheet"):
             return {}
         if self._bench is None or self._of != now:
             self._bench = None
-            self._bench, self._of = _bench(*paths, options), now
+            self._bench, self._of = _bench(*paths, options, edit), now
         fitted = self._bench.fitted
         return {
-            "sheet": sheet_of(self._bench.model),
+            "sheet": sheet_of(self._bench.model, len(edit.added)),
             "fitted": numbers_of(fitted) | {"n": fitted.y.shape[1], "name": fitted.name},
         }
 
 
-def _bench(model_path: Any, record_path: Any, options: Mapping[str, Any]) -> Bench:
+def _bench(model_path: Path, record_path: Path, options: Mapping[str, Any], edit: Edit) -> Bench:
     how = reading_of(options)
     reference = how.pop("r", None)
     model, measured = load_plant(model_path), read_record(record_path, **how)
@@ -80,21 +88,7 @@ def _bench(model_path: Any, record_path: Any, options: Mapping[str, Any]) -> Ben
         from gsid.diagnosis.closed_loop import in_closed_loop
 
         model, (measured,) = in_closed_loop(model, [measured], reference)
-    return Bench(model, measured)
-
-
-def _values(given: object) -> dict[str, float]:
-    if given is not None and not isinstance(given, dict):
-        raise InputError("the values are not an object", "", type(given).__name__)
-    return given or {}
-
-
-def _labels(given: object) -> list[str]:
-    if given is None:
-        return []
-    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
-        raise InputError("the effects are not a list of names", "", type(given).__name__)
-    return given
+    return Bench(model, measured, edit)
 
 
 def _points(given: object) -> int:
@@ -156,8 +150,7 @@ def _answered(bench: Workbench, request: str) -> str:
         serial = wanted.get("serial")
         found = bench.answer(wanted)
     except InputError as error:
-        place = ": ".join(str(part) for part in (error.where, error.value) if part not in (None, ""))
-        found = {"error": error.what, "where": place, "hint": error.hint or ""}
+        found = words_of(error)
     except GsidError as error:
         found = {"error": error.message, "where": "", "hint": error.hint}
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:

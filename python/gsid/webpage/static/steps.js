@@ -1,6 +1,7 @@
 // The steps of the study: their buttons, their answers and pictures, and what may follow.
 import { cutForm } from "./cut.js";
 import { byId, element, isChanged, server } from "./elements.js";
+import { goOnFrom, showStepBack } from "./models.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { act, post } from "./requests.js";
@@ -45,13 +46,16 @@ export function showWhatIsOff() {
 export function showModels() {
   if (!isChanged("models", server.state.models)) return;
   const select = byId("model");
-  const wasNewest = select.value === [...select.options].at(-1).value;
-  const chosen = wasNewest ? (server.state.models.at(-1) ?? "") : select.value;
+  const last = server.state.steps.at(-1);
+  const isNext = last?.model && last.base === select.value; // made from the chosen one
+  const isNewest = select.value === [...select.options].at(-1).value;
+  const chosen = isNewest || isNext ? (server.state.models.at(-1) ?? "") : select.value;
   const options = ["", ...server.state.models].map((name) =>
     element("option", name ? name.replace("models/", "") : "none", { value: name }),
   );
   select.replaceChildren(...options);
   select.value = chosen;
+  showStepBack();
 }
 
 function showStep(step) {
@@ -83,12 +87,13 @@ function showNext(step) {
   const isLast = step === server.state.steps.at(-1);
   const effects = isLast ? step.effects.slice(0, 3) : [];
   const others = isLast ? step.next : [];
-  if (!isChanged(`next of ${step.number}`, [effects, others])) return;
+  if (!isChanged(`next of ${step.number}`, [effects, others, isLast])) return;
   byId(`step-${step.number}`)
     .querySelector(".next")
     .replaceChildren(
       ...effects.map((effect) => button("add", { effect }, `Add ${effect}`)),
       ...others.map((verb) => button(verb)),
+      ...(isLast ? [] : goOnFrom(step)),
     );
 }
 

@@ -1,18 +1,20 @@
 // The workbench: sliders and switches of the chosen model, and its output beside the record at once.
 import { byId, element, isChanged, server } from "./elements.js";
 import { chosenRecords } from "./records.js";
-import { readingOf } from "./steps.js";
+import { act } from "./requests.js";
+import { isOff, readingOf, requestStep } from "./steps.js";
 
 const STEPS = 400; // of a slider
 const COLOURS = { measured: "#333333", model: "#0072b2", difference: "#d55e00", noise: "#8a8a8a" };
 const NAMES = { measured: "measured", model: "model", difference: "measured \u2212 model" };
 
-const bench = { socket: null, model: "", sheet: [], fitted: null, values: {}, out: new Set(), serial: 0 };
+const bench = { socket: null, model: "", sheet: [], fitted: null, values: {}, out: new Set(), added: [], serial: 0 };
 let isWaiting = false; // for an answer of the server
 let isMoved = false; // since the last request
 let shownWindow = null; // [from, to] in s
 
 const digits = (value, most = 4) => Number(value.toPrecision(most));
+const shownModel = () => JSON.stringify([byId("model").value, byId("bench-record").value, bench.added]);
 const isOpen = () => byId("workbench").open && !byId("workbench").hidden;
 
 // ---- requests: one at a time, always of the newest values --------------------------------------------
@@ -37,13 +39,13 @@ function send() {
 function sendNow() {
   isWaiting = true;
   isMoved = false;
-  const { values, serial } = bench;
+  const { values, added, serial } = bench;
   const model = byId("model").value;
   const record = byId("bench-record").value;
-  const sheet = `${model} ${record}` !== bench.model; // another one: its effects are needed
+  const sheet = shownModel() !== bench.model; // another one: its effects are needed
   bench.socket.send(
     JSON.stringify({
-      model, record, sheet, serial, values, out: [...bench.out],
+      model, record, sheet, serial, values, added, out: [...bench.out],
       options: readingOf(), points: 2 * byId("bench-picture").clientWidth, window: shownWindow,
     }),
   );
@@ -59,8 +61,8 @@ function receive(answer) {
 
 function show(answer) {
   if (answer.sheet) {
-    bench.model = `${byId("model").value} ${byId("bench-record").value}`;
-    bench.fitted = answer.fitted;
+    bench.model = shownModel();
+    bench.fitted = answer.fitted ?? bench.fitted;
     bench.sheet = answer.sheet;
     byId("bench-effects").replaceChildren(...answer.sheet.map(effectBox));
   }
@@ -132,7 +134,7 @@ function effectBox(effect) {
   const legend = element("legend");
   if (effect.may_be_out) {
     const label = element("label");
-    const inside = element("input", "", { type: "checkbox", checked: true, name: effect.label });
+    const inside = element("input", "", { type: "checkbox", checked: !bench.out.has(effect.label), name: effect.label });
     inside.setAttribute("role", "switch");
     inside.addEventListener("change", () => {
       if (inside.checked) bench.out.delete(effect.label);
@@ -143,11 +145,13 @@ function effectBox(effect) {
     label.append(inside, ` ${effect.label}`);
     legend.append(label);
   } else legend.textContent = effect.label;
-  box.append(legend, ...effect.parameters.map(valueBox));
+  box.classList.toggle("out", bench.out.has(effect.label));
+  box.append(legend, element("p", effect.sentence, { className: "sentence" }));
+  box.append(...effect.parameters.map((known) => valueBox(known, effect.added)));
   return box;
 }
 
-function valueBox(known) {
+function valueBox(known, isAdded) {
   const box = element("div", "", { className: "value" });
   const name = `${known.name.replace(/\..*/, "")} ${known.words}`;
   const slider = element("input", "", { type: "range", min: 0, max: STEPS, step: 1, name: known.name });
@@ -158,8 +162,9 @@ function valueBox(known) {
     slider.value = placeOf(known, value);
     slider.setAttribute("aria-valuetext", `${digits(value)} ${known.unit}`);
   };
-  field.value = digits(known.value, 6);
-  shown(known.value);
+  const now = bench.values[known.name] ?? known.value;
+  field.value = digits(now, 6);
+  shown(now);
   slider.addEventListener("input", () => {
     const value = digits(valueAt(known, Number(slider.value)));
     field.value = value;
@@ -175,7 +180,8 @@ function valueBox(known) {
   });
   const row = element("div", "", { className: "row" });
   row.append(element("label", known.words), field, element("span", known.unit || "1", { className: "unit" }));
-  box.append(row, slider, markOf(known), element("div", fittedWords(known), { className: "fitted" }));
+  box.append(row, slider);
+  if (!isAdded) box.append(markOf(known), element("div", fittedWords(known), { className: "fitted" }));
   return box;
 }
 
@@ -215,12 +221,18 @@ function placeOf(known, value) {
 
 // ---- the part of the page ----------------------------------------------------------------------------
 
-function reset() {
-  bench.values = {};
-  bench.out.clear();
+// Shows the effects again, with those that were added; all values stay.
+function renew() {
   bench.model = "";
   bench.serial += 1; // answers for what was before are not shown
   send();
+}
+
+function reset() {
+  bench.values = {};
+  bench.added = [];
+  bench.out.clear();
+  renew();
 }
 
 export function showWorkbench() {
@@ -246,7 +258,58 @@ function followChoice() {
   reset();
 }
 
+function addEffect(event) {
+  if (!event.target.value) return;
+  bench.added.push({ effect: event.target.value });
+  event.target.value = "";
+  renew();
+}
+
+function fit() {
+  const edit = { values: bench.values, out: [...bench.out], added: bench.added };
+  return requestStep({ edit });
+}
+
+// ---- a law that is typed: checked by the server's parser, never run -----------------------------------
+
+let law = null; // as it was checked
+let lawNumber = 0;
+
+async function checkLaw() {
+  lawNumber += 1;
+  const own = lawNumber;
+  const text = byId("law").value.trim();
+  law = null;
+  if (text) {
+    const answer = await fetch("/law", { method: "POST", body: JSON.stringify({ law: text }) }).catch(() => null);
+    const found = await answer?.json().catch(() => null);
+    if (own !== lawNumber) return; // the text has changed since
+    showLaw(found ?? { error: "no connection to gsid studio" });
+    if (found?.params) law = found;
+  } else showLaw(null);
+  byId("law-add").setAttribute("aria-disabled", String(!law));
+}
+
+function showLaw(found) {
+  const box = byId("law-answer");
+  box.classList.toggle("failed", Boolean(found?.error));
+  if (!found) box.textContent = "";
+  else if (found.error) box.textContent = [found.error, found.where, found.hint].filter(Boolean).join("\n");
+  else box.textContent = `A law with ${Object.keys(found.params).join(", ") || "no parameters"}.`;
+}
+
+function addLaw() {
+  bench.added.push(law);
+  byId("law").value = "";
+  checkLaw();
+  renew();
+}
+
 byId("workbench").addEventListener("toggle", followChoice);
 for (const part of ["model", "records", "reading", "bench-record"]) byId(part).addEventListener("change", () => server.state && followChoice());
 byId("bench-form").addEventListener("submit", (event) => event.preventDefault());
 byId("bench-reset").addEventListener("click", reset);
+byId("bench-add").addEventListener("change", addEffect);
+byId("bench-fit").addEventListener("click", (event) => isOff(event.target) || act(fit));
+byId("law").addEventListener("input", checkLaw);
+byId("law-add").addEventListener("click", (event) => isOff(event.target) || addLaw());

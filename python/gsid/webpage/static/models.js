@@ -1,0 +1,32 @@
+// Which model is chosen: one step back, or the one of an earlier step. Nothing is deleted.
+import { byId, element, server } from "./elements.js";
+
+function choose(model) {
+  byId("model").value = model;
+  byId("model").dispatchEvent(new Event("change", { bubbles: true }));
+  byId("model").focus();
+}
+
+// The model that the step started from which wrote the chosen one.
+function before() {
+  const chosen = byId("model").value;
+  return server.state.steps.findLast((step) => step.model === chosen)?.base ?? null;
+}
+
+export function showStepBack() {
+  const base = server.state && before();
+  byId("step-back").setAttribute("aria-disabled", String(!base));
+  byId("step-back").title = base ? `Chooses ${base.replace("models/", "")}; nothing is deleted` : "The chosen model has none before it";
+}
+
+// A button of an earlier step: what follows starts from its model again.
+export function goOnFrom(step) {
+  const model = step.model ?? step.base;
+  if (!model) return [];
+  const made = element("button", "Go on from here", { type: "button", title: `Chooses ${model.replace("models/", "")}` });
+  made.addEventListener("click", () => choose(model));
+  return [made];
+}
+
+byId("step-back").addEventListener("click", () => before() && choose(before()));
+byId("model").addEventListener("change", showStepBack);
