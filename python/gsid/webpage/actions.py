@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gsid.base.errors import InputError
 from gsid.effects.custom import expression
@@ -257,20 +258,25 @@ def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
     """An effect of the catalogue or a law, with its start values; a law is parsed here and never run."""
     if action.verb != "add":
         return []
-    effect, law, params = (request.get(key) for key in ("effect", "law", "params"))
-    if not isinstance(params or {}, Mapping):
-        raise InputError("the start values are not an object", "", type(params).__name__)
-    start = [f"--param={name}={value}" for name, value in (params or {}).items()]
+    effect, law = request.get("effect"), request.get("law")
+    params = _start_values(request.get("params"))
+    start = [f"--param={name}={value}" for name, value in params.items()]
     if law is not None:
-        expression(law, params or {})
+        expression(law, params)
         return [f"--torque={law}", *start]
     if not isinstance(effect, str) or effect not in catalogue():
         raise InputError("no such effect", "", effect, "choose one of the catalogue")
     known = catalogue()[effect]
-    for name, value in (params or {}).items():
+    for name, value in params.items():
         if name not in known.names or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError("not a start value", f"{effect}.{name}"[:NAME_MOST], str(value)[:NAME_MOST])
     return [effect, *start]
+
+
+def _start_values(given: object) -> dict[str, Any]:
+    if given is not None and not isinstance(given, dict):
+        raise InputError("the start values are not an object", "", type(given).__name__)
+    return given or {}
 
 
 def _options(action: Action, given: object) -> list[str]:
