@@ -47,11 +47,11 @@ def record(tmp_path_factory):
 
 
 class Studio:
-    """A running `gsid studio`, with a study in `folder`."""
+    """A running `gsid studio`, with the study NAME in a folder."""
 
-    def __init__(self, folder, port=0):
-        self.folder = folder
-        command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", "study"]
+    def __init__(self, folder, name="study", port=0):
+        self.folder, self.name = folder, name
+        command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", name]
         self.process = subprocess.Popen(
             [*command, "--port", str(port)], cwd=folder, stdout=subprocess.PIPE, text=True
         )
@@ -60,7 +60,7 @@ class Studio:
 
     def successor(self):
         """Another server on the port of this one, which is stopped."""
-        return Studio(self.folder, self.port)
+        return Studio(self.folder, self.name, self.port)
 
     def stop(self):
         self.process.send_signal(signal.SIGINT)

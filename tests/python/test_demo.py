@@ -16,6 +16,7 @@ from gsid.demo.missing import excitations
 from gsid.models.rational import RationalModel
 from gsid.plant.model import PlantModel
 from gsid.rig.axis import HIDDEN, SimulatedAxis, hidden_parameters
+from gsid.study.folder import Study
 
 pytestmark = pytest.mark.xdist_group("demo")  # the module's fixture is made once
 README = Path(__file__).parents[2] / "README.md"
@@ -26,7 +27,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 def shown(tmp_path_factory):
     """One run with the default seed: its result, and the words said on the way."""
     said = []
-    return gsid.demo.demo(tmp_path_factory.mktemp("demo"), on_step=said.append), said
+    return gsid.demo.demo(tmp_path_factory.mktemp("user") / "demo", on_step=said.append), said
 
 
 @pytest.fixture
@@ -34,6 +35,7 @@ def command(shown, monkeypatch, capsys):
     """The command without a run of its own."""
 
     def run(*arguments):
+        monkeypatch.chdir(shown[0].report.parents[1])
         monkeypatch.setattr(gsid.demo, "demo", lambda *args, **kwargs: shown[0])
         code = main(["demo", *arguments])
         return code, capsys.readouterr().out
@@ -87,10 +89,18 @@ def test_the_answer_was_hashed_before_the_first_measurement_and_printed_last(sho
     effect = json.loads(answer)["effect"]
     searched = next(i for i, text in enumerate(said) if "transforming the records" in text)
     assert not any(effect in text for text in said[:searched])
-    assert command()[1].splitlines()[-1] == result.search.answer_sentence
+    assert command()[1].splitlines()[-2] == result.search.answer_sentence
     page = result.report.read_text()
     assert sha256 in page
     assert page.rindex(result.search.answer_sentence) > page.rindex("<svg")
+
+
+def test_the_last_line_opens_a_study_that_has_the_records_and_not_the_answer(shown, command):
+    study = Study(shown[0].study)
+    assert command()[1].splitlines()[-1] == "Find it by clicks: gsid studio --folder demo/study1"
+    assert sorted(study.files) == [f"records/hidden{i}.csv" for i in range(1, 9)]
+    answer = shown[0].search.hidden.effect
+    assert not any(answer in path.read_text() for path in study.folder.rglob("*") if path.is_file())
 
 
 def test_a_failed_demo_is_reported(shown, command):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -83,6 +86,20 @@ def _print(result: Demo) -> None:
         _print_truth(rows)
         print()
     print(result.search.answer_sentence)
+    print(f"Find it by clicks: {_program()} studio --folder {shlex.quote(_short(result.study))}")
+
+
+def _program() -> str:
+    """This program as it was called, or its name if the shell finds it."""
+    called = Path(sys.argv[0])
+    is_elsewhere = called.name == "gsid" and shutil.which("gsid") is None
+    return shlex.quote(_short(called)) if is_elsewhere else "gsid"
+
+
+def _short(path: Path) -> str:
+    """Relative to the current folder, where it is inside."""
+    path = path.absolute()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
 
 def _print_search(found: Search) -> None:

@@ -15,17 +15,19 @@ from gsid.demo.missing import Search
 from gsid.excitation.multisine import Multisine
 from gsid.report import Report
 from gsid.rig.run import Progress
+from gsid.study.folder import Study
 
 
 @dataclass
 class Demo:
-    """Results of the demo, the checks of these results, and the path of the report."""
+    """Results of the demo, the checks of these results, and the paths of report and study."""
 
     linear: Experiment
     friction: Experiment
     search: Search
     checks: dict[str, bool]
     report: Path
+    study: Path
 
     @property
     def passed(self) -> bool:
@@ -35,6 +37,7 @@ class Demo:
         """The numbers of `gsid demo --json`."""
         return {
             "report": str(self.report),
+            "study": str(self.study),
             "passed": self.passed,
             "checks": self.checks,
             "truth": [
@@ -84,4 +87,12 @@ def demo(
     second_half.add_to(page, search)
     path = page.write(folder / "report.html")
     checks = first_half.checks(linear, friction) | second_half.checks(search)
-    return Demo(linear, friction, search, checks, path)
+    return Demo(linear, friction, search, checks, path, _study(folder, seed))
+
+
+def _study(folder: Path, seed: int) -> Path:
+    """A study of the axis with the hidden effect: its records only, for a search by hand."""
+    study = Study(folder / f"study{seed}")
+    for record in sorted(folder.glob("hidden*.csv")):
+        study.add_file(record)
+    return study.folder

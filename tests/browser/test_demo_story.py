@@ -1,0 +1,52 @@
+"""The last line of the demo, and from there to the named effect and the error that fell."""
+
+import shlex
+import subprocess
+import sys
+
+import pytest
+from test_story import fit_of, step
+
+from conftest import STEP_MS, Studio
+
+MOST_CLICKS = 12
+
+
+@pytest.fixture(scope="module")
+def last_line(tmp_path_factory):
+    """Of `gsid demo`, and the folder in which it ran."""
+    folder = tmp_path_factory.mktemp("user")
+    demo = [sys.executable, "-m", "gsid.cli.main", "demo"]
+    out = subprocess.run(demo, cwd=folder, capture_output=True, text=True, check=True).stdout
+    return out.splitlines()[-1], folder
+
+
+def test_the_hidden_effect_is_found_by_clicks(chromium, last_line):
+    line, folder = last_line
+    words = shlex.split(line.partition(": ")[2])
+    studio = Studio(folder, words[words.index("--folder") + 1])
+    page = chromium.new_page()
+    page.set_default_timeout(STEP_MS)
+    clicks = 0
+
+    def click(name, place="body"):
+        nonlocal clicks
+        clicks += 1
+        page.locator(place).get_by_role("button", name=name).first.click()
+
+    try:
+        page.goto(studio.address)
+        click("Find the linear model")
+        step(page, 1)
+        click("Output over time")
+        before = fit_of(step(page, 2))
+        click("What is missing?")
+        assert "Missing is quadratic_drag" in step(page, 3)
+        click("Output over time", "#step-3")
+        after = fit_of(step(page, 4))
+    finally:
+        page.close()
+        studio.stop()
+    assert after > before
+    print(f"{clicks} clicks; FIT of the first record {before} %, then {after} %")
+    assert clicks <= MOST_CLICKS
