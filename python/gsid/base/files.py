@@ -17,6 +17,7 @@ from pathlib import Path
 from gsid.base.errors import InputError
 
 STDOUT = "-"
+TEMPORARY = ".gsid-"  # begins the names of files that are not finished
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISCHR, "a character device"),
@@ -145,7 +146,7 @@ def _same_file(one: str | os.PathLike, other: str | os.PathLike) -> bool:
 @contextlib.contextmanager
 def _temporary(folder: Path, extension: str, mode: int) -> Iterator[Path]:
     """Create a file with a random name. It is removed on exit unless it was renamed."""
-    part = folder / f".gsid-{os.urandom(8).hex()}{extension}"
+    part = folder / f"{TEMPORARY}{os.urandom(8).hex()}{extension}"
     with _removed_by_signals(part):
         try:
             os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))

@@ -27,7 +27,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from gsid.base.errors import InputError
-from gsid.base.files import write_atomically
+from gsid.base.files import TEMPORARY, write_atomically
 from gsid.base.json_files import read_json
 
 VERSION = 2
@@ -332,7 +332,7 @@ class Study:
         if source.exists() and not source.is_file():
             raise InputError("not a regular file", str(source), None, "name a file")
         meta = _meta_of(source, own)
-        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".gsid-") as folder:
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=TEMPORARY) as folder:
             new = Path(folder) / "new"
             new.mkdir()
             write_atomically(new / own, lambda part: shutil.copyfile(source, part))
@@ -497,8 +497,8 @@ def usable_name(name: str) -> str:
 
 
 def _is_of_a_new_study(path: Path) -> bool:
-    """The lock or an empty folder: all there is if the process ended before the session was written."""
-    if path.name == LOCK:
+    """The lock, an empty folder or an unfinished session: all there is if the process ended before it was."""
+    if path.name == LOCK or path.name.startswith(TEMPORARY):
         return path.is_file()
     return path.name in FOLDERS and path.is_dir() and not any(path.iterdir())
 
