@@ -107,7 +107,9 @@ def test_a_study_that_was_killed_in_a_step(tmp_path, rec, monkeypatch):
         Study(folder).add_step(["look", "first"], 0)
 
     assert main(["look", str(rec)]) == 0  # imports
-    for folder in every_change(tmp_path, before, lambda folder: main(["-C", str(folder), "cut", "--to", "2"])):
+    for folder in every_change(
+        tmp_path, before, lambda folder: main(["-C", str(folder), "cut", "--to", "2"])
+    ):
         study = check(folder)
         study.add_step(["look", "last"], 0)
         steps = check(folder).steps

@@ -1,15 +1,19 @@
 """The commands of the page: how they begin, end and are stopped, and what is kept of them."""
 
 import asyncio
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from gsid.base.errors import InputError
+from gsid.records.files import write_record
+from gsid.records.record import Record
 from gsid.study.folder import Study
 from gsid.webpage import jobs, server
 from gsid.webpage import page as page_module
@@ -27,7 +31,7 @@ def stopped(*_):
         ending.append(time.monotonic() + 0.5)
 ending = []
 signal.signal(signal.SIGINT, stopped)
-print("-- ready", file=sys.stderr, flush=True)
+print('{"words": "ready"}', file=sys.stderr, flush=True)
 while not ending or time.monotonic() < ending[0]:
     time.sleep(0.01)
 sys.exit(130)
@@ -35,7 +39,7 @@ sys.exit(130)
 DEAF = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.SIG_IGN)
-print("-- ready", file=sys.stderr, flush=True)
+print('{"words": "ready"}', file=sys.stderr, flush=True)
 time.sleep(600)
 """
 
@@ -145,10 +149,54 @@ def test_the_next_steps_are_offered_after_a_restart(study):
 
 
 def test_a_watcher_that_fails_does_not_end_the_command(study, command):
-    command("import sys; print('-- one', file=sys.stderr); print('{}')")
+    command("""import sys; print('{"words": "one"}', file=sys.stderr); print('{}')""")
     job = Job(("look",))
     asyncio.run(asyncio.wait_for(job.run(study.folder, fail), DEADLINE_S))
     assert (job.exit_code, job.stdout, job.step) == (0, b"{}\n", "one")
+
+
+# ---- lines on stderr -------------------------------------------------------------------------------------
+
+
+def test_what_is_not_json_is_a_message(study, command):
+    lines = [
+        b'{"step": "2/3", "words": "scanning", "seconds_left": 4.4}',
+        b'{"message": "note: a"}',
+        b"Traceback (most recent call last):",
+        b"\xff\xfe",
+        b'{"words": 3}',
+        b"[" * 10_000,
+        b"12",
+        b"",
+        b'{"message": "last"}',
+    ]
+    too_long = "sys.stderr.buffer.write(b'x' * 200_000 + bytes([10]))"
+    command(f"import sys; {too_long}; [sys.stderr.buffer.write(line + bytes([10])) for line in {lines}]")
+    job = Job(("look",))
+    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
+    assert (job.step, job.step.part, job.step.seconds_left) == ("[2/3] scanning, 4 s left", "2/3", 4.4)
+    as_they_are = [lines[2].decode(), "\ufffd\ufffd", '{"words": 3}', "[" * 10_000, "12"]
+    assert job.messages[-7:] == ["note: a", *as_they_are, "last"]
+
+
+def test_steps_and_messages_of_a_real_command(study):
+    """With the steps of each moment, as the page shows them."""
+    rng = np.random.default_rng(3)
+    u = np.tile(rng.standard_normal(64), 8)
+    y = np.convolve(u, [0.5, 0.3])[: len(u)] + 0.01 * rng.standard_normal(len(u))
+    write_record(study.folder / "records/b.csv", Record(u, y, 100.0))
+    job, steps = Job(("start", "records/b.csv", "--json")), []
+    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: steps.append(job.step)), DEADLINE_S))
+    assert (job.exit_code, "fitting structures to b.csv" in steps) == (0, True), job.messages
+    assert "note: b.csv: period of 64 samples found from u" in job.messages
+    assert "summary" in json.loads(job.stdout)
+
+
+def test_an_error_of_a_real_command_has_its_where_and_hint(study):
+    job = Job(("look", "records/none.csv"))
+    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
+    assert job.exit_code == 3
+    assert [text.split(":")[0].strip() for text in job.messages] == ["error", "where", "hint"]
 
 
 def test_progress_does_not_read_the_study_again(study, monkeypatch):

@@ -30,6 +30,7 @@ from gsid.cli.output import (
     print_ladder,
     print_message,
     print_parameters,
+    print_step,
     suggest,
 )
 
@@ -161,7 +162,7 @@ def add(
             held_out=read(held_out) if held_out else None,
             reference=reference,
             band=band,
-            on_step=lambda text: print_message(f"-- {text}"),
+            on_step=print_step,
         )
     result.model.save(output)
     note_assumed_hold(result.fit.hold_assumed, result.fit.hold, result.fit.other_delay_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from gsid.cli.output import print_message
+from gsid.cli.output import print_message, print_step
 
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.result import Diagnosis
@@ -27,7 +27,7 @@ def with_ladder(given: PlantModel | None, found: Diagnosis) -> PlantModel:
 
     if not found.named:
         return found.model
-    print_message("-- judging each step on records that its fit did not use")
+    print_step("judging each step on records that its fit did not use")
     try:
         order = [effects[0] for effects in found.found]
         first = _without_found(found) if given is None else given

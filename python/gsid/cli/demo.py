@@ -14,7 +14,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
 from gsid.cli.options import SEED, json_option
-from gsid.cli.output import print_json, print_ladder, print_message, print_table
+from gsid.cli.output import print_json, print_ladder, print_message, print_step, print_table, prints_lines
 
 if TYPE_CHECKING:
     from gsid.demo import Demo
@@ -54,12 +54,19 @@ def demo(folder: str, seed: int, as_json: bool) -> int:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
+
+    def show(text: str) -> None:
+        if prints_lines():
+            print_step(text)
+        else:
+            console.print(f"-- {text}", highlight=False)
+
     with Progress(*columns, console=console, disable=not sys.stderr.isatty(), transient=True) as bars:
         task = bars.add_task("periods", total=None)
         result = run_demo(
             folder,
             seed=seed,
-            on_step=lambda text: bars.console.print(f"-- {text}", highlight=False),
+            on_step=show,
             on_progress=lambda p: bars.update(task, completed=p.good, total=p.requested),
         )
     if as_json:

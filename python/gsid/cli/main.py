@@ -17,7 +17,7 @@ from gsid.base.errors import GsidError, InputError, SimulationError
 from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE
 from gsid.cli.in_study import StudyStep
 from gsid.cli.options import library_option
-from gsid.cli.output import MESSAGES, print_message
+from gsid.cli.output import MESSAGES, PROGRESS, print_message
 
 VERBS = {
     "design": "Make a periodic excitation.",
@@ -163,6 +163,8 @@ def _exit_code(run: Callable[[], int]) -> int:
 
 def _run(argv: list[str] | None, step: StudyStep) -> int:
     try:
+        if os.environ.get(PROGRESS, "") not in ("", "json"):
+            raise click.UsageError(f"{PROGRESS} is {os.environ[PROGRESS]}: json is the one value that it has")
         result = gsid.main(args=argv, prog_name="gsid", standalone_mode=False, obj=step)
         sys.stdout.flush()
         return result if isinstance(result, int) else EXIT_GOOD
@@ -211,7 +213,8 @@ def _log_to_stderr() -> None:
 
 def _usage(error: click.UsageError) -> None:
     if isinstance(error, NoArgsIsHelpError):
-        click.echo(error.format_message(), err=True)
+        for line in error.format_message().splitlines():
+            print_message(line)
         return
     close = getattr(error, "possibilities", None)
     command = error.ctx.command_path if error.ctx else "gsid"

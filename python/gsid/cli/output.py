@@ -55,7 +55,6 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty()
 
 
-PROGRESS = "-- "  # begins a line on stderr that names the present step
 TEXT_MOST = 1000  # characters of a text that is printed
 
 
@@ -78,12 +77,35 @@ def _visible_character(char: str) -> str:
 
 
 MESSAGES: list[str] = []  # printed on stderr by this command, without progress
+PROGRESS = "GSID_PROGRESS"  # environment variable: "json" for a program that reads stderr
+
+
+def prints_lines() -> bool:
+    """Whether stderr is one JSON object a line: a message or a step."""
+    return os.environ.get(PROGRESS) == "json"
+
+
+def _print_line(values: dict) -> None:
+    click.echo(json.dumps(values, allow_nan=False), err=True)
+
+
+def print_step(text: str) -> None:
+    """Print the step that begins; of a `ProgressText` its parts, for a program that reads stderr."""
+    if not prints_lines():
+        click.echo(f"-- {visible(text)}", err=True, color=False)
+        return
+    words, part = getattr(text, "words", text), getattr(text, "part", "")
+    left = getattr(text, "seconds_left", None)
+    _print_line({"step": part or None, "words": visible(words), "seconds_left": left})
 
 
 def print_message(text: str, mark: str = "", colour: str = "") -> None:
     """Print a message on stderr, after a coloured mark if one is given."""
-    if not text.startswith(PROGRESS):
-        MESSAGES.append(visible(f"{mark} {text}" if mark else text))
+    message = visible(f"{mark} {text}" if mark else text)
+    MESSAGES.append(message)
+    if prints_lines():
+        _print_line({"message": message})
+        return
     mark = f"{click.style(mark, fg=colour, bold=colour == 'red')} " if mark else ""
     show = is_terminal(sys.stderr) and "NO_COLOR" not in os.environ
     click.echo(mark + visible(text), err=True, color=show)
@@ -91,7 +113,11 @@ def print_message(text: str, mark: str = "", colour: str = "") -> None:
 
 @contextlib.contextmanager
 def working(text: str) -> Iterator[None]:
-    """Show a progress message while stderr is a terminal."""
+    """Show a progress message while stderr is a terminal, or a program that reads steps."""
+    if prints_lines():
+        print_step(text)
+        yield
+        return
     if not is_terminal(sys.stderr):
         yield
         return
@@ -104,8 +130,8 @@ def working(text: str) -> Iterator[None]:
 @contextlib.contextmanager
 def steps_shown() -> Iterator[Callable[[str], None]]:
     """Show the steps of a long command: one line each, or the present one while stderr is a terminal."""
-    if not is_terminal(sys.stderr):
-        yield lambda text: print_message(f"-- {text}")
+    if prints_lines() or not is_terminal(sys.stderr):
+        yield print_step
         return
     from rich.console import Console
     from rich.text import Text

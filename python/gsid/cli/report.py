@@ -18,7 +18,7 @@ from gsid.cli.options import (
     order_option,
     record_options,
 )
-from gsid.cli.output import answered, describe, print_message, working
+from gsid.cli.output import answered, describe, print_message, print_step, working
 
 if TYPE_CHECKING:
     from gsid.plant.model import PlantModel
@@ -99,7 +99,7 @@ def report(
         elif order:
             if order == "auto":
                 order = select_order(response).chosen.order
-                print_message(f"-- order {order} chosen")
+                print_step(f"order {order} chosen")
             model = fit(response, order)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         page = Report(title or f"Report on {describe(records)}")
@@ -146,5 +146,5 @@ def _add_diagnosis(
     from gsid.diagnosis.from_records.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
-    found = diagnose(model, measured, band=band, on_step=lambda text: print_message(f"-- {text}"))
+    found = diagnose(model, measured, band=band, on_step=print_step)
     page.add_diagnosis("Diagnosis", found, ladder=ladder(with_ladder(model, found)))

@@ -31,7 +31,7 @@ from gsid.cli.options import (
     picture_option,
     rate_option,
 )
-from gsid.cli.output import answered, draw, print_message, print_table
+from gsid.cli.output import answered, draw, print_message, print_step, print_table, prints_lines
 from gsid.cli.stopping import Stopping, print_if_open
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
     with stopping.caught():
         failure: BaseException | None = None
         try:
-            with options_as_arguments(), _bar(options["periods"]) as show:
+            with options_as_arguments(), _bar(options["periods"], plan, options["settle"]) as show:
                 record = run(
                     port,
                     plan.excitation,
@@ -344,9 +344,31 @@ def _write(path: Path, record: Record) -> None:
     print_if_open(f"wrote {path}: {len(record)} samples, {good} good periods, {lost} lost")
 
 
+def _steps(plan: _Plan, n_settle: int) -> Callable[[Progress], None]:
+    """Print each period that ends as a step, and the time that is left if no more are lost."""
+    from gsid.base.progress import ProgressText
+
+    counted = (-1, -1)
+
+    def show(now: Progress) -> None:
+        nonlocal counted
+        if (now.good, now.lost) == counted:
+            return
+        counted = now.good, now.lost
+        left = n_settle + (now.requested + now.lost) * plan.n_period - now.ticks
+        words = f"{now.good} good periods, {now.lost} lost"
+        with contextlib.suppress(OSError):  # the reader may end while the run continues
+            print_step(ProgressText(words, f"{now.good}/{now.requested}", max(0.0, left / plan.fs_hz)))
+
+    return show
+
+
 @contextlib.contextmanager
-def _bar(n_periods: int) -> Iterator[Callable[[Progress], None] | None]:
-    """A progress bar on stderr when that is a terminal."""
+def _bar(n_periods: int, plan: _Plan, n_settle: int) -> Iterator[Callable[[Progress], None] | None]:
+    """A progress bar on stderr when that is a terminal; steps for a program that reads them."""
+    if prints_lines():
+        yield _steps(plan, n_settle)
+        return
     if not sys.stderr.isatty():
         yield None
         return

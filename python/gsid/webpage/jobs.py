@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import shlex
 import signal
@@ -12,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gsid.base.progress import ProgressText
 from gsid.webpage.words import INTERRUPTED
 
 # -P: the study, which is the working folder, is not searched for modules; a file in it may be named click.py
 COMMAND = (sys.executable, "-P", "-m", "gsid.cli.main")
-PROGRESS = "-- "  # begins a line on stderr that names the present step
 MAX_STDOUT = 64 << 20  # bytes of one command
 MAX_LINE = 1 << 16
 STOP_S = 60.0  # between Ctrl-C and the end by force: a diagnosis still judges and draws
@@ -31,7 +32,7 @@ class Job:
     arguments : tuple of str
         Words after `gsid`.
     step : str
-        What it does now.
+        What it does now; a `ProgressText` with its parts once the command has printed one.
     messages : list of str
         Notes, warnings and errors so far.
     stdout : bytes
@@ -73,7 +74,7 @@ class Job:
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
             limit=MAX_LINE,
-            env=os.environ | {"NO_COLOR": "1", "COLUMNS": "120"},
+            env=os.environ | {"NO_COLOR": "1", "COLUMNS": "120", "GSID_PROGRESS": "json"},
         )  # fmt: skip
         if self.is_stopping:
             self._signal(signal.SIGINT)
@@ -104,13 +105,26 @@ class Job:
                 continue
             if not line:
                 return
-            text = line.decode("utf-8", "replace").rstrip()
-            if not text.startswith(PROGRESS):
-                self.messages += [text] if text else []
-            elif not self.is_stopping:
-                self.step = text.removeprefix(PROGRESS)
+            self._take(line)
             with contextlib.suppress(Exception):  # a fault of who watches does not end the command
                 on_change()
+
+    def _take(self, line: bytes) -> None:
+        """Take a line of stderr: a step or a message as a JSON object, or other bytes as a message."""
+        text = line.decode("utf-8", "replace").rstrip()
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError):
+            values = None
+        if isinstance(values, dict) and isinstance(values.get("words"), str):
+            left = values.get("seconds_left")
+            left = float(left) if isinstance(left, (int, float)) else None
+            if not self.is_stopping:
+                self.step = ProgressText(values["words"], str(values.get("step") or ""), left)
+            return
+        if isinstance(values, dict) and isinstance(values.get("message"), str):
+            text = values["message"]
+        self.messages += [text] if text else []
 
     def stop(self) -> None:
         """End the command as Ctrl-C does; after a minute by force. Further calls change nothing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gsid.base.deadline import Deadline
+from gsid.base.progress import ProgressText
 
 BEFORE_FITS = 5  # records, linear structure, its fit, scan of the laws, joint fits
 USUAL_FITS = 3  # by simulation: the linear part, the law, and one rival
@@ -39,8 +40,8 @@ class Steps:
         self.done += 1
         self.total = max(self.total, self.done)
         left_s = self._deadline.left_s
-        left = f", {left_s:.0f} s left" if left_s < float("inf") else ""
-        self._on_step(f"[{self.done}/{self.total}] {text}{left}")
+        left = left_s if left_s < float("inf") else None
+        self._on_step(ProgressText(text, f"{self.done}/{self.total}", left))
 
     def expect(self, more: int) -> None:
         """Set the number of steps that follow.
