@@ -71,6 +71,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.spectrum.spectra import Spectra as Spectra
     from gsid.structure.start import Start as Start
     from gsid.structure.start import start as start
+    from gsid.webpage.notebook import Studio as Studio
+    from gsid.webpage.notebook import studio as studio
 
     __version__: str
 
@@ -104,6 +106,7 @@ _HOME = {
     "Rung": "diagnosis.ladder",
     "Spectra": "spectrum.spectra",
     "Start": "structure.start",
+    "Studio": "webpage.notebook",
     "TorqueResidual": "diagnosis.torque_residual",
     "add": "diagnosis.add",
     "compare": "comparison",
@@ -124,6 +127,7 @@ _HOME = {
     "select_order": "fitting.order",
     "spectra": "spectrum.realisation",
     "start": "structure.start",
+    "studio": "webpage.notebook",
     "torque_residual": "diagnosis.torque_residual",
     "undo": "diagnosis.ladder",
     "write_record": "records.files",
