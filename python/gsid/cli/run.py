@@ -14,6 +14,7 @@ import click
 
 from gsid.base.files import is_stdout
 from gsid.base.tables import Table
+from gsid.cli.attended import Attendance, line_writer
 from gsid.cli.options import (
     INPUT,
     LIMIT,
@@ -32,6 +33,7 @@ from gsid.cli.options import (
     rate_option,
 )
 from gsid.cli.output import answered, draw, print_message, print_step, print_table, prints_lines
+from gsid.cli.simulated_port import simulated_port
 from gsid.cli.stopping import Stopping, print_if_open
 
 if TYPE_CHECKING:
@@ -65,6 +67,13 @@ class Settle(click.ParamType):
 
 @click.command(short_help="Drive an axis over a serial line and record it.")
 @click.option("--port", metavar="PATH", help="Serial port, or the path printed by `gsid simulate`.")
+@click.option(
+    "--simulate",
+    "simulated",
+    metavar="OPTIONS",
+    help="Instead of --port: drive a simulated axis with these options of `gsid simulate`, for example"
+    " '--paced --coulomb 5'.",
+)
 @rate_option("3000", default=3000.0)
 @period_option("6000", default=6000)
 @click.option(
@@ -109,11 +118,18 @@ class Settle(click.ParamType):
     help="Make a record from the journal of an interrupted run; needs no port. [default of -o: JOURNAL "
     "without .journal]",
 )
+@click.option(
+    "--attended",
+    is_flag=True,
+    help="For a program that shows the run: figures as JSON lines on stderr, and a stop when nothing arrives"
+    " on stdin for 3 s or it is closed.",
+)
 @picture_option
 @json_option
 def run(
     *,
     port: str | None,
+    simulated: str | None,
     fs_hz: float,
     period: int,
     band: tuple[float, float],
@@ -127,6 +143,7 @@ def run(
     limit_rate: float | None,
     output: str | None,
     journal_file: str | None,
+    attended: bool,
     picture: str | None,
     as_json: bool,
 ) -> None:
@@ -146,8 +163,9 @@ def run(
     if journal_file is not None:
         _recover(journal_file, output, as_json)
         return
-    if port is None:
-        raise click.UsageError("Missing option '--port', or --recover", click.get_current_context())
+    if (port is None) == (simulated is None):
+        text = "give --port, --simulate or --recover: one of them"
+        raise click.UsageError(text, click.get_current_context())
     if picture and periods < 2:
         raise UsageError("--plot draws the frequency response, with its noise", "give --periods 2 or more")
     with options_as_arguments():
@@ -156,7 +174,7 @@ def run(
     default = f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv"
     path = Path(output or default)
     journal = Path(f"{default if is_stdout(path) else path}{JOURNAL}")
-    _try_out(path, plan.meta | {"port": port})
+    _try_out(path, plan.meta | {"port": port or ""})
     frf = StreamingFrf(plan.fs_hz, plan.n_period, plan.line, settle_samples=n_settle)
     drive = {
         "periods": periods,
@@ -164,7 +182,10 @@ def run(
         "frf": frf,
         "limits": RunLimits(limit_command, limit_travel_deg, limit_rate),
     }
-    record = _drive(port, plan, path, journal, drive)
+    with contextlib.ExitStack() as stack:
+        if simulated is not None:
+            port = stack.enter_context(simulated_port(simulated))
+        record = _drive(port, plan, path, journal, drive, attended)
     _warn(record.meta)
     response = frf.result() if frf.n_periods >= 2 else None
     if response is not None:
@@ -191,15 +212,20 @@ def _multisine(fs_hz: float, period: int, band: tuple[float, float], amplitude: 
     return _Plan(signal, period, fs_hz, signal.line, {"excitation": repr(signal)})
 
 
-def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str, Any]) -> Record:
+def _drive(
+    port: str, plan: _Plan, path: Path, journal: Path, options: dict[str, Any], attended: bool
+) -> Record:
     """Run, and write the record in any case; then raise the error that ended the run early."""
+    from gsid.rig.link import Stopped
     from gsid.rig.run import run
 
     stopping = Stopping()
+    is_gone = Attendance() if attended else lambda: False
     with stopping.caught():
         failure: BaseException | None = None
         try:
-            with options_as_arguments(), _bar(options["periods"], plan, options["settle"]) as show:
+            shown = _figures(options) if attended else _bar(options, plan)
+            with options_as_arguments(), shown as show:
                 record = run(
                     port,
                     plan.excitation,
@@ -207,7 +233,7 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
                     meta=plan.meta,
                     on_progress=show,
                     journal=journal,
-                    should_stop=stopping,
+                    should_stop=lambda: stopping() or is_gone(),
                     **options,
                 )
         except BaseException as error:  # first write what was measured
@@ -216,6 +242,8 @@ def _drive(port: str, plan: _Plan, path: Path, journal: Path, options: dict[str,
             print_if_open(f"{stopping.name()}: the run is stopped")
         if record is not None:
             _keep(path, record, journal, failure)
+        if isinstance(failure, Stopped) and not stopping() and isinstance(is_gone, Attendance):
+            print_if_open(f"{is_gone.reason()}: the run is stopped")  # last: the reader may hang
     if failure is not None:
         raise failure
     if stopping():  # while the record of a whole run was written
@@ -364,10 +392,24 @@ def _steps(plan: _Plan, n_settle: int) -> Callable[[Progress], None]:
 
 
 @contextlib.contextmanager
-def _bar(n_periods: int, plan: _Plan, n_settle: int) -> Iterator[Callable[[Progress], None] | None]:
+def _figures(options: dict[str, Any]) -> Iterator[Callable[[Progress], None]]:
+    """Figures of the run as JSON lines."""
+    from gsid.rig.figures import Figures
+
+    with line_writer() as writer:
+        figures = Figures(options["frf"], options["limits"], options["settle"], writer.send)
+        try:
+            yield figures.take
+        finally:
+            writer.waits = True
+            figures.flush()
+
+
+@contextlib.contextmanager
+def _bar(options: dict[str, Any], plan: _Plan) -> Iterator[Callable[[Progress], None] | None]:
     """A progress bar on stderr when that is a terminal; steps for a program that reads them."""
     if prints_lines():
-        yield _steps(plan, n_settle)
+        yield _steps(plan, options["settle"])
         return
     if not sys.stderr.isatty():
         yield None
@@ -382,7 +424,7 @@ def _bar(n_periods: int, plan: _Plan, n_settle: int) -> Iterator[Callable[[Progr
         rich.TimeElapsedColumn(),
     )
     bar = rich.Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("", total=n_periods, lost=0, ticks=0)
+    task = bar.add_task("", total=options["periods"], lost=0, ticks=0)
     gone = contextlib.suppress(OSError)  # the terminal may be closed while the run continues
 
     def show(now: Progress) -> None:

@@ -15,7 +15,7 @@ from gsid.cli.options import FILE_OUTPUT, SEED, Value, json_option, options_as_a
 from gsid.cli.output import print_json, print_message
 
 if TYPE_CHECKING:
-    from gsid.rig.server import Server
+    from gsid.rig.server import Damage, Server
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -95,34 +95,24 @@ def simulate(
 
     The first line on stdout is the path of the port. Ctrl-C or SIGTERM ends the server.
     """
-    from gsid.base.errors import GsidError
     from gsid.base.files import write_atomically
-    from gsid.rig.axis import SimulatedAxis, hidden_parameters
-    from gsid.rig.server import Damage, Server, pseudo_terminal, serve_line, symlink
+    from gsid.rig.server import pseudo_terminal, serve_line, symlink
 
-    if params and not effect:
-        raise click.UsageError("--param needs --effect", click.get_current_context())
-    values = _scaled_noise(noise_scale)
-    if linear:
-        values |= {"coulomb_level": 0.0, "command_limit": 0.0}
-    if coulomb is not None:
-        values["coulomb_level"] = coulomb
-    if effect:
-        values |= hidden_parameters(effect, dict(params))
-    if seed is not None:
-        values["seed"] = seed
-    values |= dict(_parameter(text) for text in assignments)
-    with options_as_arguments():
-        try:
-            axis = SimulatedAxis(**values)
-        except GsidError as error:
-            text = f"{error.message} (include/gsid/host/axis.h has the ranges)"
-            raise click.UsageError(text, click.get_current_context()) from error
+    made = server_of(
+        paced=paced,
+        coulomb=coulomb,
+        effect=effect,
+        params=params,
+        linear=linear,
+        noise_scale=noise_scale,
+        seed=seed,
+        damage=damage,
+        assignments=assignments,
+    )
+    server, damage_in, damage_out = made
+    axis = server.axis
     if truth:
         _write_json(Path(truth), axis.truth())
-    random = int(axis.parameters["seed"])
-    damage_in, damage_out = Damage(damage, random), Damage(damage, random + 1)
-    server = Server(axis, paced)
     for name in ("SIGTERM", "SIGHUP"):
         signal.signal(getattr(signal, name), signal.default_int_handler)
 
@@ -146,6 +136,45 @@ def simulate(
         + (f", latest sample {1e3 * served.late_s:.1f} ms behind the clock" if paced else "")
         + (f", {damage_in.n_hits + damage_out.n_hits} frames damaged on purpose" if damage else "")
     )
+
+
+def server_of(
+    *,
+    paced: bool,
+    coulomb: float | None,
+    effect: str | None,
+    params: tuple[tuple[str, float], ...],
+    linear: bool,
+    noise_scale: float,
+    seed: int | None,
+    damage: float,
+    assignments: tuple[str, ...],
+) -> tuple[Server, Damage, Damage]:
+    """The axis that these options describe, and the damage to its line in both directions."""
+    from gsid.base.errors import GsidError
+    from gsid.rig.axis import SimulatedAxis, hidden_parameters
+    from gsid.rig.server import Damage, Server
+
+    if params and not effect:
+        raise click.UsageError("--param needs --effect", click.get_current_context())
+    values = _scaled_noise(noise_scale)
+    if linear:
+        values |= {"coulomb_level": 0.0, "command_limit": 0.0}
+    if coulomb is not None:
+        values["coulomb_level"] = coulomb
+    if effect:
+        values |= hidden_parameters(effect, dict(params))
+    if seed is not None:
+        values["seed"] = seed
+    values |= dict(_parameter(text) for text in assignments)
+    with options_as_arguments():
+        try:
+            axis = SimulatedAxis(**values)
+        except GsidError as error:
+            text = f"{error.message} (include/gsid/host/axis.h has the ranges)"
+            raise click.UsageError(text, click.get_current_context()) from error
+    random = int(axis.parameters["seed"])
+    return Server(axis, paced), Damage(damage, random), Damage(damage, random + 1)
 
 
 def _logged(path: Path, server: Server, serve: Callable[[], None]) -> None:

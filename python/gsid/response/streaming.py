@@ -60,7 +60,7 @@ class StreamingFrf:
         is_double = precision == "double"
         self._ffi, self._lib = (ffi, lib) if is_double else (ffi32, lib32)
         self._real, self._cplx = (np.float64, np.complex128) if is_double else (np.float32, np.complex64)
-        self.fs_hz = float(fs_hz)
+        self.fs_hz, self.n_period = float(fs_hz), period_samples
         self.line = np.ascontiguousarray(line, np.uint32)
         self._known = None if u_known is None else np.ascontiguousarray(u_known, self._cplx)
         if self._known is not None and self._known.shape != self.line.shape:

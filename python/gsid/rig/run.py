@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,12 +31,30 @@ REST_S = 0.5  # command zero before a run with a limit on travel, to measure the
 
 @dataclass
 class Progress:
-    """Progress of a run: ticks measured, good and lost periods, and good periods requested."""
+    """Progress of a run.
+
+    Attributes
+    ----------
+    ticks : int
+        Measured so far.
+    good, lost, requested : int
+        Periods: good and lost ones so far, and good ones requested.
+    periods : sequence of bool
+        Whether each period so far is good.
+    u, y : (n,) float64
+        Command in force and output of the samples since the last call; not a number where one is lost.
+    travel_deg : (n,) float64
+        Travel from the start [deg]; not a number if it is not monitored.
+    """
 
     ticks: int
     good: int
     lost: int
     requested: int
+    periods: Sequence[bool]
+    u: np.ndarray
+    y: np.ndarray
+    travel_deg: np.ndarray
 
 
 def run(
@@ -224,6 +242,7 @@ class _Consumers:
     watch: Watch | None = None
     n_watched: int = 0
     n_fed: int = 0
+    n_shown: int = 0
 
     def take(self, samples: Samples) -> None:
         """Pass on new samples; raises LimitError if a limit is exceeded."""
@@ -236,7 +255,16 @@ class _Consumers:
             self.frf.step(samples.u[new], samples.y[new], samples.valid[new])
             self.n_fed = samples.end
         if self.on_progress:
-            self.on_progress(Progress(samples.end, samples.n_good, samples.n_lost, samples.requested))
+            self.on_progress(self._progress(samples))
+
+    def _progress(self, samples: Samples) -> Progress:
+        new = slice(self.n_shown, samples.end)
+        self.n_shown = samples.end
+        u, y = (np.where(samples.received[new], values[new], np.nan) for values in (samples.u, samples.y))
+        watched = self.watch is not None and self.watch.limits.travel_deg is not None
+        travel_deg = self.watch.new_angle_deg if watched and self.watch else np.full(len(u), np.nan)
+        counts = samples.n_good, samples.n_lost, samples.requested
+        return Progress(samples.end, *counts, samples.good, u, y, travel_deg)
 
     def _check_limits(self, watch: Watch, samples: Samples) -> None:
         first, new = self.n_watched, slice(self.n_watched, samples.end)

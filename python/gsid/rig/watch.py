@@ -49,6 +49,11 @@ class Watch:
         Sample rate [Hz].
     rate_offset : float
         Offset of the gyro: its output at rest, unit of the output. It is subtracted before the integration.
+
+    Attributes
+    ----------
+    new_angle_deg : (n,) float64
+        Travel at the samples that were checked last [deg].
     """
 
     def __init__(self, limits: RunLimits, fs_hz: float, rate_offset: float = 0.0) -> None:
@@ -56,6 +61,7 @@ class Watch:
         self.fs_hz = fs_hz
         self.rate_offset = rate_offset
         self.angle_deg = 0.0
+        self.new_angle_deg = np.zeros(0)
         self._rate = rate_offset
         self._n_blind = 0
 
@@ -78,6 +84,7 @@ class Watch:
         rate = np.where(last >= 0, y[np.maximum(last, 0)], self._rate)
         blind = np.arange(1, len(y) + 1) + np.where(last >= 0, -1 - last, self._n_blind)
         angle = self.angle_deg + np.cumsum(rate - self.rate_offset) / self.fs_hz
+        self.new_angle_deg = angle
         self._rate, self.angle_deg, self._n_blind = float(rate[-1]), float(angle[-1]), int(blind[-1])
         needs_rate = self.limits.rate is not None or self.limits.travel_deg is not None
         found = [

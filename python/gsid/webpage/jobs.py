@@ -41,7 +41,11 @@ class Job:
         None while it runs.
     is_stopping : bool
         Whether it was asked to stop.
+    added : tuple of str
+        Further words of the command, which are neither shown nor noted.
     """
+
+    stdin = asyncio.subprocess.DEVNULL
 
     arguments: tuple[str, ...]
     step: str = "starting"
@@ -49,6 +53,7 @@ class Job:
     stdout: bytes = b""
     exit_code: int | None = None
     is_stopping: bool = False
+    added: tuple[str, ...] = ()
     _process: asyncio.subprocess.Process | None = None
     _force: asyncio.TimerHandle | None = None
 
@@ -67,9 +72,9 @@ class Job:
             Called after each line of progress.
         """
         self._process = await asyncio.create_subprocess_exec(
-            *COMMAND, *self.arguments,
+            *COMMAND, *self.arguments, *self.added,
             cwd=folder,
-            stdin=asyncio.subprocess.DEVNULL,
+            stdin=self.stdin,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
@@ -105,6 +110,8 @@ class Job:
                 continue
             if not line:
                 return
+            if self.takes(line):
+                continue
             self._take(line)
             with contextlib.suppress(Exception):  # a fault of who watches does not end the command
                 on_change()
@@ -125,6 +132,15 @@ class Job:
         if isinstance(values, dict) and isinstance(values.get("message"), str):
             text = values["message"]
         self.messages += [text] if text else []
+
+    def takes(self, line: bytes) -> bool:
+        """Whether a line on stderr is for this kind of job alone: it is neither a step nor a message.
+
+        Parameters
+        ----------
+        line : bytes
+        """
+        return False
 
     def stop(self) -> None:
         """End the command as Ctrl-C does; after a minute by force. Further calls change nothing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 
 from gsid.base.errors import InputError
@@ -49,6 +50,7 @@ class Page:
         self.watchers: set[asyncio.Event] = set()
         self._columns: dict[str, list[str]] = {}  # of each record
         self._running: asyncio.Task | None = None
+        self._is_closing = False
         self._study = self._study_state()
 
     # ---- what is shown -------------------------------------------------------------------------------
@@ -117,14 +119,41 @@ class Page:
         InputError
             Another one runs, or the request is not understood.
         """
+        self.check_idle()
+        number, arguments, outputs = step_command(self.study, wanted)
+        self.begin(Job(tuple(arguments)), outputs, number)
+
+    def check_idle(self) -> None:
+        """Raise InputError if a step runs."""
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
-        self.number, arguments, self.outputs = step_command(self.study, wanted)
-        self.job, self.error = Job(tuple(arguments)), None
-        self._running = asyncio.create_task(self._run(self.job))
+
+    def begin(
+        self, job: Job, outputs: list[str], number: int, then: Callable[[Job], None] | None = None
+    ) -> None:
+        """Begin a step.
+
+        Parameters
+        ----------
+        job : Job
+        outputs : list of str
+            Files that it may write.
+        number : int
+            From `Study.begin_step`.
+        then : callable, optional
+            Called when the step has ended and is noted.
+
+        Raises
+        ------
+        InputError
+            Another one runs.
+        """
+        self.check_idle()
+        self.number, self.outputs, self.job, self.error = number, outputs, job, None
+        self._running = asyncio.create_task(self._run(job, then))
         self.changed()
 
-    async def _run(self, job: Job) -> None:
+    async def _run(self, job: Job, then: Callable[[Job], None] | None) -> None:
         try:
             try:
                 await job.run(self.study.folder, self.changed)
@@ -135,7 +164,15 @@ class Page:
             self.error = f"{job.command}: {type(error).__name__}: {error}"
         finally:
             self.job = None
+            if then is not None and not self._is_closing:
+                self._follow_up(then, job)
             self.changed()
+
+    def _follow_up(self, then: Callable[[Job], None], job: Job) -> None:
+        try:
+            then(job)
+        except InputError as error:
+            self.error = str(error)
 
     async def _record(self, job: Job) -> None:
         """Note the step; an answer that cannot be read does not lose it."""
@@ -153,6 +190,7 @@ class Page:
             outputs=self.outputs,
             answer=job.stdout,
             number=self.number,
+            measured=[one for one in self.outputs if verb == "run"],
         )
         self._study = self._study_state()
 
@@ -183,6 +221,7 @@ class Page:
 
     async def close(self) -> None:
         """Stop what runs, and note it, when the server ends."""
+        self._is_closing = True
         if self._running is None or self._running.done():
             return
         if self.job is not None:

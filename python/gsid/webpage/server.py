@@ -27,7 +27,9 @@ from gsid.base.errors import InputError
 from gsid.base.tables import templates
 from gsid.effects.types import catalogue
 from gsid.study.folder import usable_name
+from gsid.webpage.body import body_of
 from gsid.webpage.edits import law_of
+from gsid.webpage.live import Live
 from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
 from gsid.webpage.words import words_of
@@ -67,7 +69,7 @@ async def _check_law(request: Request) -> Response:
 
 async def _wanted(request: Request) -> dict[str, Any]:
     try:
-        wanted = json.loads(await _body(request, MAX_REQUEST))
+        wanted = json.loads(await body_of(request, MAX_REQUEST))
     except ValueError as error:
         raise InputError("the request is not JSON", "", error) from error
     if not isinstance(wanted, dict):
@@ -100,15 +102,6 @@ async def _upload(request: Request) -> Response:
                 file.write(block)
         kept = await page.add_file(place, name)
     return JSONResponse({"record": kept, "columns": page.state()["columns"].get(kept, [])})
-
-
-async def _body(request: Request, most: int) -> bytes:
-    body = bytearray()
-    async for block in request.stream():
-        body += block
-        if len(body) > most:
-            raise InputError("the request is too long", "", f"more than {most} bytes")
-    return bytes(body)
 
 
 async def _file(request: Request) -> Response:
@@ -202,6 +195,7 @@ def application(page: Page, port: int, token: str) -> Guard:
             Route("/plotly.min.js", _plotly),
             WebSocketRoute("/changes", _changes),
             WebSocketRoute("/workbench", _workbench),
+            *Live(page).routes(),
             Mount("/static", StaticFiles(directory=str(static))),
         ],
         exception_handlers={InputError: _refused, ClientDisconnect: _disconnected}
@@ -210,6 +204,18 @@ def application(page: Page, port: int, token: str) -> Guard:
     )
     app.state.page = page
     return Guard(app, port, token)
+
+
+class _Server(uvicorn.Server):
+    """A server that stops what runs before it waits for its connections: an axis must not run on."""
+
+    def __init__(self, config: uvicorn.Config, page: Page) -> None:
+        super().__init__(config)
+        self._page = page
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._page.stop()
+        await super().shutdown(sockets)
 
 
 def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
@@ -238,7 +244,7 @@ def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
             lifespan="on",
             timeout_graceful_shutdown=2,
         )
-        server = uvicorn.Server(config)
+        server = _Server(config, page)
         for number in (signal.SIGTERM, signal.SIGHUP):  # the second: the terminal was closed
             if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
                 signal.signal(number, server.handle_exit)

@@ -171,7 +171,10 @@ def _design(values: Mapping[str, Any]) -> Outcome:
 
 def _run(values: Mapping[str, Any]) -> Outcome:
     counts = f"{values['n_periods']} good periods, {values['n_spoiled']} lost"
-    return Outcome((f"Measured {values['record']}: {counts}.",), next=("look", "frf", "start", "diagnose"))
+    words = [f"Measured {values['record']}: {counts}."]
+    if values["n_spoiled"]:
+        words.append("Lost samples spoil a period: check cable, grounding and baud rate if this repeats.")
+    return Outcome(tuple(words), next=("look", "frf", "start", "diagnose"))
 
 
 def _cut(values: Mapping[str, Any]) -> Outcome:

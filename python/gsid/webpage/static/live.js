@@ -1,0 +1,118 @@
+// An experiment while it runs: the connection with its control, the bar with Stop, and what is drawn.
+import { byId } from "./elements.js";
+import { fillForm, formValues } from "./live_form.js";
+import { clearPicture, drawFigures } from "./live_picture.js";
+import { act, post } from "./requests.js";
+
+const RETRY_MS = 300; // a reload or a short loss within 3 s does not end the experiment
+const KEY = "gsid control"; // of this tab; a reload keeps it
+
+let socket = null;
+let now = { token: "", running: false }; // as the server last sent it
+let isDrawing = false;
+let waiting = []; // sets of figures that are not drawn yet
+
+// ---- connection ---------------------------------------------------------------------------------
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/live`);
+  socket.addEventListener("open", () => socket.send(sessionStorage.getItem(KEY) ?? ""));
+  socket.addEventListener("message", (event) => {
+    socket.send("read"); // a sign of life; it does not wait for the drawing
+    take(JSON.parse(event.data));
+  });
+  socket.addEventListener("close", () => {
+    showLost();
+    setTimeout(connect, RETRY_MS);
+  });
+}
+
+function take(message) {
+  if (message.run !== now.run) {
+    waiting = [];
+    clearPicture();
+  }
+  if (message.token !== now.token) sessionStorage.setItem(KEY, message.token);
+  now = message;
+  waiting.push(...message.figures);
+  now.figures = [];
+  showBar();
+  if (waiting.length && !isDrawing) {
+    isDrawing = true;
+    requestAnimationFrame(draw);
+  }
+}
+
+async function draw() {
+  const newest = waiting;
+  waiting = [];
+  if (byId("live").hidden) {
+    byId("live").hidden = false;
+    if (now.running) window.scrollTo(0, 0);
+  }
+  try {
+    await drawFigures(newest);
+    showStatus(newest.at(-1));
+  } finally {
+    isDrawing = false;
+  }
+  if (waiting.length) {
+    isDrawing = true;
+    requestAnimationFrame(draw);
+  }
+}
+
+// ---- the bar ------------------------------------------------------------------------------------
+
+const CONTROL = {
+  own: "This page holds control.",
+  other: "Another page holds control.",
+  none: "No page holds control: the run stops 3 s after the last one has gone.",
+};
+
+function showBar() {
+  byId("live-bar").hidden = !now.running;
+  byId("live-control").textContent = CONTROL[now.control] + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
+  byId("live-take").hidden = now.control === "own";
+  byId("live-stop").textContent = now.stopping ? "Stopping" : "Stop the axis";
+  if (now.running && byId("live-status").textContent === "") byId("live-status").textContent = "Waiting for the axis.";
+  if (!now.running) byId("live-status").textContent = "";
+}
+
+function showLost() {
+  if (now.running) byId("live-control").textContent = "No connection to gsid studio: the run stops after 3 s.";
+}
+
+function showStatus(figures) {
+  if (!now.running) return;
+  const period = figures.good < figures.requested ? `Period ${figures.good + 1} of ${figures.requested}` : "All periods are measured";
+  const left = figures.left_s === null ? "" : `, ${figures.left_s.toFixed(0)} s left`;
+  const spoiled = figures.spoiled ? `, ${figures.spoiled} spoiled by lost samples: check cable, grounding and baud rate` : "";
+  byId("live-status").textContent = `${period}${left}${spoiled}.`;
+}
+
+function stop() {
+  byId("live-stop").textContent = "Stopping";
+  return act(() => post("/stop", ""));
+}
+
+byId("live-stop").addEventListener("click", stop);
+byId("live-take").addEventListener("click", () => socket.send("take"));
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape" && now.running) stop();
+});
+
+// ---- the form -----------------------------------------------------------------------------------
+
+async function start() {
+  const body = JSON.stringify({ token: now.token, ...formValues() });
+  const begun = await post("/live/run", body, { headers: { "Content-Type": "application/json" } });
+  if (begun) byId("experiment").open = false;
+}
+
+byId("experiment").addEventListener("toggle", () => byId("experiment").open && fillForm());
+byId("live-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  act(start);
+});
+connect();

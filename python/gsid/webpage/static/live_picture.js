@@ -1,0 +1,123 @@
+// The live picture: extremes of command, rate and travel over time, and the response with its error bars.
+import { byId, element } from "./elements.js";
+
+const BINS = 800; // newest ones that are shown
+const DB = 20 / Math.LN10;
+const SIGNALS = [
+  { name: "command", title: "command" },
+  { name: "rate", title: "rate" },
+  { name: "travel_deg", title: "travel [deg]" },
+];
+const CONFIG = { displayModeBar: false, responsive: true };
+const FONT = { size: 10 };
+const MARGIN = { l: 55, r: 10, t: 20, b: 35 };
+
+let time = []; // end of each bin [s]
+let extremes = null; // low and high of each signal and bin
+let response = null;
+
+export function clearPicture() {
+  time = [];
+  extremes = SIGNALS.map(() => ({ low: [], high: [] }));
+  response = null;
+  byId("live").hidden = true;
+  for (const id of ["live-signals", "live-response"]) if (byId(id).data) Plotly.purge(byId(id));
+}
+
+export async function drawFigures(sets) {
+  for (const set of sets) {
+    time.push(...set.t_s);
+    SIGNALS.forEach(({ name }, i) => {
+      extremes[i].low.push(...set[name].low);
+      extremes[i].high.push(...set[name].high);
+    });
+  }
+  const extra = time.length - BINS;
+  if (extra > 0) for (const list of [time, ...extremes.flatMap((one) => [one.low, one.high])]) list.splice(0, extra);
+  const newest = sets.at(-1);
+  showMeters(newest);
+  showPeriods(newest);
+  await drawSignals(newest);
+  const found = sets.findLast((one) => one.response)?.response;
+  if (found) await drawResponse(found);
+}
+
+function drawSignals(newest) {
+  const traces = SIGNALS.flatMap((_, i) =>
+    ["low", "high"].map((side) => ({
+      x: time,
+      y: extremes[i][side],
+      xaxis: "x",
+      yaxis: axisName("y", i),
+      mode: "lines",
+      line: { width: 1, color: "#0072b2" },
+      fill: side === "high" ? "tonexty" : "none",
+      hoverinfo: "skip",
+    })),
+  );
+  const layout = { showlegend: false, font: FONT, margin: MARGIN, xaxis: { title: { text: "time [s]" }, anchor: "y3" } };
+  layout.shapes = SIGNALS.flatMap(({ name }, i) => limitLines(newest.limits[name], axisName("y", i)));
+  SIGNALS.forEach(({ title }, i) => {
+    const top = 1 - i * 0.345;
+    layout[i ? `yaxis${i + 1}` : "yaxis"] = { title: { text: title }, domain: [Math.max(0, top - 0.31), top], zeroline: false };
+  });
+  return Plotly.react(byId("live-signals"), traces, layout, CONFIG);
+}
+
+const axisName = (letter, i) => (i ? `${letter}${i + 1}` : letter);
+
+const limitLines = (limit, axis) =>
+  limit === null
+    ? []
+    : [-limit, limit].map((value) => ({
+        type: "line",
+        xref: "paper",
+        x0: 0,
+        x1: 1,
+        yref: axis,
+        y0: value,
+        y1: value,
+        line: { color: "#d55e00", width: 1.5, dash: "dash" },
+      }));
+
+function drawResponse(found) {
+  response = found;
+  const db = found.magnitude.map((value) => DB * Math.log(value));
+  const bar = found.magnitude.map((value, i) => (DB * found.std[i]) / value); // of small errors
+  const mode = "markers";
+  const marker = { size: 3, color: "#0072b2" };
+  const bars = { type: "data", array: bar, width: 0, thickness: 1, color: "#d55e00" };
+  const degrees = { ...bars, array: found.magnitude.map((value, i) => (180 / Math.PI) * (found.std[i] / value)) };
+  const traces = [
+    { x: found.f_hz, y: db, error_y: bars, mode, marker, name: "magnitude" },
+    { x: found.f_hz, y: found.phase_deg, error_y: degrees, yaxis: "y2", mode, marker, name: "phase" },
+  ];
+  const shown = found.n_lines > found.f_hz.length ? `, ${found.f_hz.length} of ${found.n_lines} lines` : "";
+  const layout = {
+    showlegend: false,
+    font: FONT,
+    margin: MARGIN,
+    xaxis: { type: "log", title: { text: `frequency [Hz]; bars: one standard deviation${shown}` }, anchor: "y2" },
+    yaxis: { title: { text: "magnitude [dB]" }, domain: [0.42, 1] },
+    yaxis2: { title: { text: "phase [deg]" }, domain: [0, 0.37] },
+  };
+  return Plotly.react(byId("live-response"), traces, layout, CONFIG);
+}
+
+function showMeters(newest) {
+  const meters = SIGNALS.filter(({ name }) => newest.limits[name] !== null).map(({ name, title }) => {
+    const [limit, peak] = [newest.limits[name], newest.peaks[name]];
+    const label = element("label", `${title}: peak ${peak.toPrecision(3)} of ${limit.toPrecision(3)} `);
+    label.append(element("meter", "", { min: 0, max: limit, high: 0.8 * limit, value: peak }));
+    return label;
+  });
+  byId("live-meters").replaceChildren(...meters);
+}
+
+function showPeriods(newest) {
+  const marks = newest.periods.map((good) =>
+    element("span", good ? "●" : "✕", { className: good ? "good" : "spoiled", title: good ? "good period" : "spoiled period" }),
+  );
+  const words = `${newest.good} good, ${newest.spoiled} spoiled periods `;
+  byId("live-periods").replaceChildren(words, ...marks);
+}
