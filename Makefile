@@ -198,6 +198,10 @@ $(VENV)/browser.stamp: tests/browser/requirements.txt $(VENV)/requirements.stamp
 test-browser: all $(VENV)/browser.stamp ## the page of gsid studio in a real browser, by clicks alone
 	GSID_BROWSER=1 $(PY) -m pytest -q tests/browser
 
+.PHONY: studio-pictures
+studio-pictures: all $(VENV)/browser.stamp ## screenshots of the page for the documentation, into docs/pictures
+	GSID_BROWSER=1 GSID_PICTURES=docs/pictures $(PY) -m pytest -q tests/browser/test_demo_story.py
+
 .PHONY: studio
 studio: all ## open the page of gsid studio
 	$(VENV)/bin/gsid studio

@@ -1,8 +1,10 @@
 """The last line of the demo, and from there to the named effect and the error that fell."""
 
+import os
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from test_story import fit_of, step
@@ -10,6 +12,7 @@ from test_story import fit_of, step
 from conftest import STEP_MS, Studio
 
 MOST_CLICKS = 12
+SETTLE_MS = 1000  # of the drawing, before a screenshot
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +22,16 @@ def last_line(tmp_path_factory):
     demo = [sys.executable, "-m", "gsid.cli.main", "demo"]
     out = subprocess.run(demo, cwd=folder, capture_output=True, text=True, check=True).stdout
     return out.splitlines()[-1], folder
+
+
+def picture_of(page, part, name):
+    """A screenshot for the documentation, if `make studio-pictures` asks for it."""
+    page.locator(f"{part} .picture .main-svg").first.wait_for()
+    if folder := os.environ.get("GSID_PICTURES"):
+        page.mouse.move(0, 0)
+        page.locator(part).scroll_into_view_if_needed()
+        page.wait_for_timeout(SETTLE_MS)
+        page.screenshot(path=Path(folder) / name)
 
 
 def test_the_hidden_effect_is_found_by_clicks(chromium, last_line):
@@ -44,6 +57,8 @@ def test_the_hidden_effect_is_found_by_clicks(chromium, last_line):
         assert "Missing is quadratic_drag" in step(page, 3)
         click("Output over time", "#step-3")
         after = fit_of(step(page, 4))
+        picture_of(page, "#step-3", "studio_missing.png")
+        picture_of(page, "#step-4", "studio_output.png")
     finally:
         page.close()
         studio.stop()
