@@ -271,6 +271,10 @@ build/peers/.stamp: benchmarks/requirements.txt $(VENV)/requirements.stamp
 bench: all peers ## run the benchmarks; each prints its figures and versions as JSON
 	@for bench in benchmarks/bench_*.py; do echo "$$bench" >&2; PYTHONPATH=build/peers $(PY) $$bench || exit 1; done
 
+.PHONY: bench-live
+bench-live: all ## cost of the server of gsid studio while an experiment runs (minutes)
+	$(PY) benchmarks/live_server.py
+
 .PHONY: bench-fit
 bench-fit: all peers ## fits beside scipy, scikit-rf and Octave, and every estimator from 200 starts, into docs/explanation/estimators.md (minutes)
 	@tools/setup peers || echo "bench-fit: without Octave" >&2

@@ -284,6 +284,7 @@ class Live:
             "control": control,
             "n_pages": len(self.seats),
             "run": None if job is None else job.number,
+            "command": "" if job is None else job.command,
             "running": self.is_running,
             "stopping": self.is_running and job is not None and job.is_stopping,
         }

@@ -48,7 +48,7 @@ async function draw() {
   waiting = [];
   if (byId("live").hidden) {
     byId("live").hidden = false;
-    if (now.running) window.scrollTo(0, 0);
+    if (now.running) byId("live").scrollIntoView();
   }
   try {
     await drawFigures(newest);
@@ -72,6 +72,8 @@ const CONTROL = {
 
 function showBar() {
   byId("live-bar").hidden = !now.running;
+  document.body.classList.toggle("live-runs", now.running); // the bar takes the place of the usual job
+  byId("live-command").textContent = now.command;
   byId("live-control").textContent = CONTROL[now.control] + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
   byId("live-take").hidden = now.control === "own";
   byId("live-stop").textContent = now.stopping ? "Stopping" : "Stop the axis";
@@ -85,8 +87,9 @@ function showLost() {
 
 function showStatus(figures) {
   if (!now.running) return;
-  const period = figures.good < figures.requested ? `Period ${figures.good + 1} of ${figures.requested}` : "All periods are measured";
-  const left = figures.left_s === null ? "" : `, ${figures.left_s.toFixed(0)} s left`;
+  const isDone = figures.good >= figures.requested;
+  const period = isDone ? "All periods are measured" : `Period ${figures.good + 1} of ${figures.requested}`;
+  const left = isDone || figures.left_s === null ? "" : `, ${figures.left_s.toFixed(0)} s left`;
   const spoiled = figures.spoiled ? `, ${figures.spoiled} spoiled by lost samples: check cable, grounding and baud rate` : "";
   byId("live-status").textContent = `${period}${left}${spoiled}.`;
 }

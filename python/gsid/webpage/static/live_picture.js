@@ -14,12 +14,10 @@ const MARGIN = { l: 55, r: 10, t: 20, b: 35 };
 
 let time = []; // end of each bin [s]
 let extremes = null; // low and high of each signal and bin
-let response = null;
 
 export function clearPicture() {
   time = [];
   extremes = SIGNALS.map(() => ({ low: [], high: [] }));
-  response = null;
   byId("live").hidden = true;
   for (const id of ["live-signals", "live-response"]) if (byId(id).data) Plotly.purge(byId(id));
 }
@@ -45,8 +43,8 @@ export async function drawFigures(sets) {
 function drawSignals(newest) {
   const traces = SIGNALS.flatMap((_, i) =>
     ["low", "high"].map((side) => ({
-      x: time,
-      y: extremes[i][side],
+      x: [...time], // a list that is changed in place is not drawn again
+      y: [...extremes[i][side]],
       xaxis: "x",
       yaxis: axisName("y", i),
       mode: "lines",
@@ -56,10 +54,12 @@ function drawSignals(newest) {
     })),
   );
   const layout = { showlegend: false, font: FONT, margin: MARGIN, xaxis: { title: { text: "time [s]" }, anchor: "y3" } };
-  layout.shapes = SIGNALS.flatMap(({ name }, i) => limitLines(newest.limits[name], axisName("y", i)));
-  SIGNALS.forEach(({ title }, i) => {
+  layout.shapes = [];
+  SIGNALS.forEach(({ name, title }, i) => {
     const top = 1 - i * 0.345;
-    layout[i ? `yaxis${i + 1}` : "yaxis"] = { title: { text: title }, domain: [Math.max(0, top - 0.31), top], zeroline: false };
+    const most = Math.max(newest.peaks[name] * 1.2, 1e-9);
+    layout[i ? `yaxis${i + 1}` : "yaxis"] = { title: { text: title }, domain: [Math.max(0, top - 0.31), top], range: [-most, most], zeroline: false };
+    if (newest.limits[name] < most) layout.shapes.push(...limitLines(newest.limits[name], axisName("y", i)));
   });
   return Plotly.react(byId("live-signals"), traces, layout, CONFIG);
 }
@@ -67,21 +67,18 @@ function drawSignals(newest) {
 const axisName = (letter, i) => (i ? `${letter}${i + 1}` : letter);
 
 const limitLines = (limit, axis) =>
-  limit === null
-    ? []
-    : [-limit, limit].map((value) => ({
-        type: "line",
-        xref: "paper",
-        x0: 0,
-        x1: 1,
-        yref: axis,
-        y0: value,
-        y1: value,
-        line: { color: "#d55e00", width: 1.5, dash: "dash" },
-      }));
+  [-limit, limit].map((value) => ({
+    type: "line",
+    xref: "paper",
+    x0: 0,
+    x1: 1,
+    yref: axis,
+    y0: value,
+    y1: value,
+    line: { color: "#d55e00", width: 1.5, dash: "dash" },
+  }));
 
 function drawResponse(found) {
-  response = found;
   const db = found.magnitude.map((value) => DB * Math.log(value));
   const bar = found.magnitude.map((value, i) => (DB * found.std[i]) / value); // of small errors
   const mode = "markers";
@@ -105,7 +102,7 @@ function drawResponse(found) {
 }
 
 function showMeters(newest) {
-  const meters = SIGNALS.filter(({ name }) => newest.limits[name] !== null).map(({ name, title }) => {
+  const meters = SIGNALS.map(({ name, title }) => {
     const [limit, peak] = [newest.limits[name], newest.peaks[name]];
     const label = element("label", `${title}: peak ${peak.toPrecision(3)} of ${limit.toPrecision(3)} `);
     label.append(element("meter", "", { min: 0, max: limit, high: 0.8 * limit, value: peak }));
