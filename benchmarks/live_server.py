@@ -2,10 +2,10 @@
 
     live_server.py [--seconds S] [--samples N]
 
-A page that reads every message watches a run on the paced simulated axis at 3 kHz for S seconds: the processor
-time of the server alone, as a share of one core, and the pictures a second that arrive. Then the lock-step axis
-delivers N samples: the growth of the server's memory, from the first figures to the end of the run. Both are
-read from /proc, so that this needs Linux. Exit status 1 if a limit is exceeded.
+A page that reads every message watches a run on the paced simulated axis at 3 kHz for S seconds: the
+processor time of the server alone, as a share of one core, and the pictures a second that arrive. Then the
+lock-step axis delivers N samples: the growth of the server's memory, from the first figures to the end of the
+run. Both are read from /proc, so that this needs Linux. Exit status 1 if a limit is exceeded.
 """
 
 from __future__ import annotations
