@@ -111,6 +111,7 @@ def diagnose(
     if model_path is None and is_given(context, "alpha"):
         raise click.UsageError("--alpha applies only with --model", context)
     from gsid.diagnosis.from_records.diagnose import diagnose_records
+    from gsid.diagnosis.from_records.fingerprints import fingerprints
     from gsid.models.load import load_plant
 
     model = load_plant(model_path) if model_path else None
@@ -131,7 +132,12 @@ def diagnose(
     final = _saved(model, found, path) if path else None
     missing = _missing(found, curve)
     draw((found if found.model or not before else before).plot, picture)
-    if answered(as_json, lambda: (before.to_dict() if before else {}) | found.to_dict() | _law(missing)):
+
+    def numbers() -> dict[str, object]:
+        beside = {"fingerprints": [one.to_dict() for one in fingerprints(found)]}
+        return (before.to_dict() if before else {}) | found.to_dict() | _law(missing) | beside
+
+    if answered(as_json, numbers):
         return _exit_code(found)
     _print(found, before, missing)
     if final and final.history:

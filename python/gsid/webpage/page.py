@@ -93,6 +93,7 @@ class Page:
         more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}
         failed = step.exit_code not in GOOD_ENDS
         models = {"model": made_by(step), "base": base_of(step)}
+        models |= {"answer": step.answer if step.verb == "diagnose" else ""}
         return own | more | models | {"failed": failed, "picture": step.picture or None}
 
     @staticmethod

@@ -132,6 +132,8 @@ class Diagnosis(Plottable):
         given model: there were no such trials.
     nearest : list of tuple of str
         Effects that are missing but not named: beside those found, or alone (verdict "nearest_effect").
+    law_models : dict of PlantModel
+        The stack with each of the first laws of the ranking, by the law's first effect.
     """
 
     verdict: str
@@ -164,6 +166,7 @@ class Diagnosis(Plottable):
     basis: Basis | None = None
     probabilities: Probabilities | None = None
     nearest: list[tuple[str, ...]] = field(default_factory=list)
+    law_models: dict[str, PlantModel] = field(default_factory=dict)
 
     @property
     def adequate(self) -> bool:

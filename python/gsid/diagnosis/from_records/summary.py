@@ -12,6 +12,7 @@ from gsid.base.hold import DECLARE, MEANING
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.evidence import Evidence
+from gsid.diagnosis.from_records.fingerprints import LAWS
 from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
 from gsid.diagnosis.from_records.probability import Probabilities, probabilities
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
@@ -53,13 +54,15 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
     found = [one.decision.effects for one in kept] or _found(run)
     basis = _basis(shown) if len(kept) + len(near) < 2 else None
     known = probabilities(basis) if basis and _is_like_trials(shown, decision) else None
+    ranking = _ranking(shown)
     return Diagnosis(
         verdict=decision.verdict,
         effects=decision.effects,
         unexplained_share=decision.unexplained_share,
         confirmed=run.is_confirmed,
         reasons=decision.reasons,
-        ranking=_with_probabilities(_ranking(shown), basis, known),
+        ranking=_with_probabilities(ranking, basis, known),
+        law_models=_law_models(shown, ranking),
         found=found,
         nearest=_nearest(decision, near),
         model=found_model if kept else _model(run),
@@ -237,6 +240,19 @@ def _ranking(run: Run) -> list[RankedLaw]:
     if not first:
         return [*drafted, none]
     return [*first, *rest, none, *drafted]
+
+
+def _law_models(run: Run, ranking: Sequence[RankedLaw]) -> dict[str, PlantModel]:
+    """The stacks with the first laws of the ranking: as fitted by simulation, else with the draft's values."""
+    simulated = {one.effects: one.model for one in run.laws}
+    drafted = {one.effects: one for one in run.draft.stage.ranking} if run.draft else {}
+    models = {}
+    for effects in [one.effects for one in ranking if one.effects][:LAWS]:
+        if effects in simulated:
+            models[effects[0]] = simulated[effects]
+        elif effects in drafted and drafted[effects].linear and effects[0] != HOLD:
+            models[effects[0]] = started(run.draft, drafted[effects], run.pruned)
+    return models
 
 
 def _cost(one: RankedLaw) -> float:

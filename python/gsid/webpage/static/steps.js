@@ -4,6 +4,7 @@ import { byId, element, isChanged, server } from "./elements.js";
 import { goOnFrom, showStepBack } from "./models.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
+import { showRanking } from "./ranking.js";
 import { act, post } from "./requests.js";
 import { fileLink } from "./save.js";
 
@@ -71,6 +72,11 @@ function showStep(step) {
       .then(() => step.verb === "look" && step.records.length === 1 && box.after(cutForm(step, box)))
       .catch(failed);
   }
+  if (step.answer) {
+    const laws = element("div", "", { className: "laws" });
+    item.append(laws);
+    showRanking(step, laws);
+  }
   if (step.files.length) item.append(element("p", "Files: ", { className: "files" }));
   for (const name of step.files) item.lastElementChild.append(fileLink(name), " ");
   if (notes.length) {
@@ -85,7 +91,7 @@ function showStep(step) {
 
 function showNext(step) {
   const isLast = step === server.state.steps.at(-1);
-  const effects = isLast ? step.effects.slice(0, 3) : [];
+  const effects = isLast && !step.answer ? step.effects.slice(0, 3) : []; // else beside their fingerprints
   const others = isLast ? step.next : [];
   if (!isChanged(`next of ${step.number}`, [effects, others, isLast])) return;
   byId(`step-${step.number}`)

@@ -1,0 +1,116 @@
+"""The first laws of a ranking, each beside what the data miss, over the variable that the law depends on.
+
+The torque missing from the linear part and the same by the law are estimated in one way, along the motion of
+the model with the law (DIA-7): what the linear part imitates is taken from both.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsid.base.errors import GsidError, InputError
+from gsid.diagnosis.from_records.law_part import missing_torque, without
+from gsid.diagnosis.torque_residual import Curve
+from gsid.effects.types import find
+
+if TYPE_CHECKING:
+    from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
+
+LAWS = 3  # of the ranking
+RECORDS = 2  # the more are used, the longer it takes; the curves change little
+LEAST_SHARE = 0.005  # of the missing torque's mean square over a variable: below it, a law has no curve
+
+
+@dataclass(frozen=True, eq=False)
+class Fingerprint:
+    """A law beside the missing torque, over one variable.
+
+    Attributes
+    ----------
+    law : RankedLaw
+    measured, by_law : Curve
+        In the same bins.
+    unit : str
+        Of both torques over the inertia.
+    """
+
+    law: RankedLaw
+    measured: Curve
+    by_law: Curve
+    unit: str
+
+    @property
+    def follows(self) -> float:
+        """Share of the mean square of the missing torque's curve that the law's curve explains."""
+        share = self.measured.share
+        left = np.sum(share * (self.measured.torque - self.by_law.torque) ** 2)
+        return float(1 - left / np.sum(share * self.measured.torque**2))
+
+    @property
+    def sentence(self) -> str:
+        """What the law is, and how well it follows the data."""
+        name, variable = " or ".join(self.law.effects), self.measured.name
+        kept_out = self.law.share_kept_out
+        explains = "" if math.isnan(kept_out) else f"explains {_percent(kept_out)} of the misfit and "
+        curve = f"follows {_percent(self.follows)} of the torque that is missing over the {variable}"
+        return f"{name} {explains}{curve}. {find(self.law.effects[0]).sentence}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `fingerprints` in `gsid diagnose --json`."""
+        return {
+            "effects": list(self.law.effects),
+            "sentence": self.sentence,
+            "variable": self.measured.name,
+            "variable_unit": self.measured.unit,
+            "unit": self.unit,
+            "follows": self.follows,
+            "at": self.measured.at,
+            "measured": self.measured.torque,
+            "std": self.measured.std,
+            "by_law": self.by_law.torque,
+        }
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.sentence)}</p>"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * max(share, 0.0):.4g} %"  # below 0: worse than without it; how much worse tells nothing
+
+
+def fingerprints(found: Diagnosis) -> list[Fingerprint]:
+    """The first laws of a diagnosis beside the missing torque; without those that cannot be simulated.
+
+    Parameters
+    ----------
+    found : Diagnosis
+
+    Returns
+    -------
+    list of Fingerprint
+        Empty if nothing is missing.
+    """
+    if found.adequate:
+        return []
+    laws = [one for one in found.ranking if one.effects and one.effects[0] in found.law_models]
+    made = (_fingerprint(found, one) for one in laws[:LAWS])
+    return [one for one in made if one is not None]
+
+
+def _fingerprint(found: Diagnosis, law: RankedLaw) -> Fingerprint | None:
+    model = found.law_models[law.effects[0]]
+    try:
+        part = without(model, law.effects[:1])
+        measured, by_law = missing_torque(model, part, found.measured[:RECORDS], found.band)
+    except (GsidError, InputError, StopIteration):
+        return None
+    curves = list(zip(measured.curves[:3], by_law.curves[:3], strict=True))
+    best = max(curves, key=lambda pair: pair[1].explained)
+    if best[1].explained < LEAST_SHARE or not np.any(best[0].torque):
+        return None
+    return Fingerprint(law, *best, measured.unit)
