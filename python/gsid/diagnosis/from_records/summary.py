@@ -243,7 +243,7 @@ def _ranking(run: Run) -> list[RankedLaw]:
 
 
 def _law_models(run: Run, ranking: Sequence[RankedLaw]) -> dict[str, PlantModel]:
-    """The stacks with the first laws of the ranking: as fitted by simulation, else with the draft's values."""
+    """The stacks with the first laws of the ranking: as fitted by simulation, else as drafted."""
     simulated = {one.effects: one.model for one in run.laws}
     drafted = {one.effects: one for one in run.draft.stage.ranking} if run.draft else {}
     models = {}
