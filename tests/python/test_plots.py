@@ -1,11 +1,13 @@
 """Pictures: axes, units and legends say what is shown, bands lie where the numbers are, odd input too."""
 
+import contextlib
 import dataclasses
 import warnings
 
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from scipy.signal import lfilter
 
 from gsid import plots
@@ -20,6 +22,7 @@ from gsid.models.confidence import complex_bound, gain_phase_std
 from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
+from gsid.prediction import predict
 from gsid.records.record import Record
 from gsid.response.estimate import frf
 from gsid.spectrum.noise import noise
@@ -273,7 +276,63 @@ def test_pole_zero_map():
     assert "95 % confidence region" in words
     assert "real part [Hz]" in words
     assert "Δ imag [Hz]" in words
-    assert "−0.8754 ± 1.8815j Hz" in words
+    assert "−0.8754\n± 1.8815j Hz" in words
+
+
+def cut(figure):
+    """Texts of a drawn figure that cross its edge. Labels of ticks outside the axes are not drawn."""
+    figure.canvas.draw()
+    hidden = {
+        label
+        for ax in figure.axes
+        for axis in (ax.xaxis, ax.yaxis)
+        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+        for label in (tick.label1, tick.label2)
+        if not min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
+        or axis.get_visible() is False
+    }
+    found, (width, height) = [], figure.bbox.size
+    for text in figure.findobj(Text):
+        box = text.get_window_extent()
+        if text in hidden or not text.get_visible() or not text.get_text() or box.width == 0:
+            continue
+        if min(box.x0, box.y0) < -2 or box.x1 > width + 2 or box.y1 > height + 2:
+            found.append(text.get_text())
+    return found
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_bug_titles_of_the_close_ups_of_poles_were_cut(narrow):
+    slow, fast = [-0.8754 + 1.8814j, -0.8754 - 1.8814j], [-2.688 + 178.98j, -2.688 - 178.98j]
+    den = np.poly(2 * np.pi * np.array([*slow, *fast, -159.1])).real
+    num = 8500 * np.poly(2 * np.pi * np.array([-2.457 + 166.9j, -2.457 - 166.9j, -3e-4])).real
+    cov = np.diag((1e-3 * np.abs([*num, *den[1:]])) ** 2)
+    model = RationalModel(num, den, 0.0054, cov=cov)
+    with plots.narrow() if narrow else contextlib.nullcontext():
+        figure = plots.pole_zero(model)
+    titles = [ax.get_title() for ax in figure.axes if ax.get_title()]
+    assert "−2.688\n± 178.98j Hz" in titles
+    assert cut(figure) == []
+
+
+def test_pictures_for_narrow_screens_are_narrow_and_have_all_their_text(record, measured):
+    drawings = (
+        lambda: plots.periods(record, spectra(record)),
+        lambda: plots.excitation(spectra(record)),
+        lambda: plots.frf(measured),
+        lambda: plots.bode(axis(), measured),
+        lambda: plots.residual(axis(), measured),
+        lambda: plots.comparison(compare(axis(), record)),
+        lambda: plots.predicted_output(predict(axis(), [record, record])),
+    )
+    for draw in drawings:
+        wide = draw()
+        with plots.narrow():
+            small = draw()
+        assert small.get_figwidth() < 0.5 * wide.get_figwidth()
+        assert len(small.axes) == len(wide.axes)
+        assert cut(wide) == cut(small) == []
+    assert draw().get_figwidth() == wide.get_figwidth()
 
 
 def test_pole_zero_map_over_decades_keeps_the_damping():

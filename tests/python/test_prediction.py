@@ -1,5 +1,7 @@
 """`gsid.predict`: a model's output over time, against closed forms of sampled systems."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from plants import FS_HZ, plant
@@ -170,11 +172,22 @@ def test_the_picture_shows_each_record(record):
     axes = predicted_output(found).axes
     assert len(axes) == 8
     assert "FIT" in axes[0].get_title(loc="left")
-    whole, near = axes[0].lines[0].get_xdata(), axes[1].lines[0].get_xdata()
+    whole, near = axes[0].lines[0].get_xdata(), axes[2].lines[0].get_xdata()
     worst = found[0].t_s[np.argmax(np.abs(np.mean(found[0].residual, axis=0)))]
     assert len(whole) == N
     assert near[0] <= worst <= near[-1]
     assert found[0].plot().axes[0].get_ylabel() == "output [deg/s]"
+
+
+def test_bug_the_close_ups_of_two_records_shared_one_time(record):
+    """The close-up of the first record showed the time of the second one, where it has no curve."""
+    from gsid.plots import predicted_output
+
+    other = dataclasses.replace(record, y=np.roll(record.y, N // 2), u=np.roll(record.u, N // 2))
+    for ax in predicted_output(gsid.predict(stack(1.3 * GAIN), [record, other])).axes:
+        low, high = ax.get_xlim()
+        x = ax.lines[0].get_xdata()
+        assert low <= x[0] <= x[-1] <= high
 
 
 def test_a_long_period_is_drawn_as_its_extremes():

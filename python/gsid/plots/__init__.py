@@ -26,7 +26,7 @@ from gsid.plots.prediction import predicted_output
 from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.structure import start
-from gsid.plots.style import STYLE, band_text, delay_text, order_text, with_interval
+from gsid.plots.style import STYLE, band_text, delay_text, narrow, order_text, with_interval
 from gsid.plots.torque import missing_torque, torque_residual
 from gsid.prediction import PredictedOutput
 from gsid.response.distortion import Distortion
@@ -50,6 +50,7 @@ __all__ = [
     "frf",
     "ladder",
     "missing_torque",
+    "narrow",
     "noise",
     "order_text",
     "periods",

@@ -111,7 +111,6 @@ def _draw_failing_band(ax: Axes, band: dict) -> None:
             transform=ax.get_xaxis_transform(),
             fontsize=8.5,
             color=EXCESS,
-            clip_on=True,
         )
 
 

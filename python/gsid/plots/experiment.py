@@ -21,6 +21,7 @@ from gsid.plots.style import (
     db_label,
     draw_points,
     frequency_axis,
+    is_narrow,
     limits_db,
     new_figure,
     plain_number,
@@ -265,4 +266,4 @@ def _draw_decay(ax: Axes, difference, settle: int, n: int, noise: float, unit: s
     ax.set_xlabel("time [periods since the first sample]")
     ax.set_ylabel(with_unit("y − mean", unit))
     ax.set_title("Decay of the transient: rms difference from the mean period")
-    ax.legend(loc="upper right", ncols=2)
+    ax.legend(loc="upper right", ncols=1 if is_narrow() else 2)

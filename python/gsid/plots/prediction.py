@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 
 from gsid.models.confidence import NORMAL_95
 from gsid.plots.style import (
@@ -15,6 +17,7 @@ from gsid.plots.style import (
     MODEL,
     NOISE,
     draw_signal,
+    is_narrow,
     legend_below,
     new_figure,
     plain_text,
@@ -23,12 +26,11 @@ from gsid.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from gsid.prediction import PredictedOutput
 
 CLOSE_UP = 0.06  # of the period
 LEAST_CLOSE_UP = 40  # samples
+TIME = "time in the period [s]"
 
 
 @styled
@@ -48,21 +50,39 @@ def predicted_output(predicted: PredictedOutput | Sequence[PredictedOutput]) -> 
         largest.
     """
     several = list(predicted) if isinstance(predicted, Sequence) else [predicted]
-    figure = new_figure(0.6 + 4.2 * len(several))
-    grid = figure.subplots(
-        2 * len(several),
-        2,
-        squeeze=False,
-        sharex="col",
-        width_ratios=[3, 2],
-        height_ratios=[3, 2] * len(several),
-    )
-    for row, one in enumerate(several):
-        _draw(grid[2 * row : 2 * row + 2], one)
-    for ax in grid[-1]:
-        ax.set_xlabel("time in the period [s]")
-    legend_below(figure, [grid[0][0], grid[1][0]])
+    arrange = _axes_one_above_the_other if is_narrow() else _axes_beside_each_other
+    figure, several_axes = arrange(len(several))
+    for axes, one in zip(several_axes, several, strict=True):
+        _draw(axes, one)
+    legend_below(figure, several_axes[0][:, 0])
     return figure
+
+
+def _axes_beside_each_other(n: int) -> tuple[Figure, list[np.ndarray]]:
+    """For each prediction the signals above the residuals, and their close-ups to the right."""
+    figure = new_figure(0.6 + 4.2 * n)
+    grid = figure.add_gridspec(2 * n, 2, width_ratios=[3, 2], height_ratios=[3, 2] * n)
+    cells = [[grid[2 * row + i, column] for column in (0, 1) for i in (0, 1)] for row in range(n)]
+    return figure, [_axes_of(figure, four) for four in cells]
+
+
+def _axes_one_above_the_other(n: int) -> tuple[Figure, list[np.ndarray]]:
+    """For each prediction the signals above the residuals, and their close-ups below."""
+    figure = new_figure(0.8 + 6.4 * n)
+    grid = figure.add_gridspec(4 * n, 1, height_ratios=[3, 2] * (2 * n))
+    return figure, [_axes_of(figure, [grid[4 * row + i, 0] for i in range(4)]) for row in range(n)]
+
+
+def _axes_of(figure: Figure, cells: Sequence[SubplotSpec]) -> np.ndarray:
+    """Axes of one prediction: whole period and close-up in columns, signals and residuals in rows."""
+    columns = []
+    for above, below in (cells[:2], cells[2:]):
+        signals = figure.add_subplot(above)
+        residual = figure.add_subplot(below, sharex=signals)
+        signals.tick_params(labelbottom=False)
+        residual.set_xlabel(TIME)
+        columns.append([signals, residual])
+    return np.array(columns).T
 
 
 def _draw(axes: np.ndarray, one: PredictedOutput) -> None:
@@ -87,7 +107,7 @@ def _draw(axes: np.ndarray, one: PredictedOutput) -> None:
     whole.set_ylabel(with_unit("output", unit))
     whole_error.set_ylabel(with_unit("difference", unit))
     whole.margins(x=0)
-    near_error.set_xlim(one.t_s[low], one.t_s[high - 1])
+    near.set_xlim(one.t_s[low], one.t_s[high - 1])
 
 
 def _draw_signals(ax: Axes, one: PredictedOutput, part: slice) -> None:

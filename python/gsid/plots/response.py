@@ -131,10 +131,10 @@ def bode(model: RationalModel, frf: Frf | None = None) -> Figure:
     _draw_model(gain_ax, phase_ax, fine, g_model, phase_model, model)
     limits_db(gain_ax, db(g_model), *([] if frf is None else [db(frf.g[line_mask(frf)])]))
     gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(model.y_unit, model.u_unit))))
-    gain_ax.legend(loc="best")
     frequency_axis(gain_ax, f, label=False)
     frequency_axis(phase_ax, f)
     phase_axis(phase_ax)
+    legend_below(figure, [gain_ax])
     return figure
 
 
@@ -219,10 +219,10 @@ def bode_of_plant(frf: Frf, g_model) -> Figure:
     phase_ax.plot(f, phase_model, color=MODEL)
     limits_db(gain_ax, db(g_model), db(frf.g[use]))
     gain_ax.set_ylabel(db_label("|G|", plain_text(per_unit(frf.y_unit, frf.u_unit))))
-    gain_ax.legend(loc="best")
     frequency_axis(gain_ax, f, label=False)
     frequency_axis(phase_ax, f)
     phase_axis(phase_ax)
+    legend_below(figure, [gain_ax])
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from gsid.models.confidence import NORMAL_95, confidence_ellipse
@@ -17,6 +17,7 @@ from gsid.plots.style import (
     GRID_LINE,
     GRID_TEXT,
     MODEL,
+    is_narrow,
     legend_below,
     new_figure,
     plain_number,
@@ -57,18 +58,9 @@ def pole_zero(model: RationalModel) -> Figure:
     lost = [r for r in roots if known and _may_be_zero(*r[1:]) and abs(r[1]) > max(known)]
     roots = [r for r in roots if not any(r is one for one in lost)]
     close_ups = [r for r in roots if np.all(np.isfinite(r[2])) and np.any(r[2] > 0.0)][:6]
-    n_columns = -(-len(close_ups) // 2) if len(close_ups) > 2 else min(len(close_ups), 1)
-    figure = new_figure(4.6)
-    if n_columns:
-        left, right = figure.subfigures(1, 2, width_ratios=[2.2, n_columns + 0.4], wspace=0.02)
-        small = np.atleast_1d(right.subplots(min(len(close_ups), 2), n_columns)).ravel()
-        for ax in small[len(close_ups) :]:
-            ax.set_axis_off()
-        for ax, (mark, root, cov) in zip(small, close_ups, strict=False):
-            _draw_close_up(ax, mark, root, cov, "Hz" if model.domain == "s" else "")
-        right.suptitle("Close up, with 95 % confidence regions", fontsize=9.5)
-    else:
-        left = figure
+    figure, left, small = _arranged(len(close_ups))
+    for ax, (mark, root, cov) in zip(small, close_ups, strict=True):
+        _draw_close_up(ax, mark, root, cov, "Hz" if model.domain == "s" else "")
     ax = left.subplots()
     place = (
         _draw_z_grid(ax, model.fs_hz)
@@ -86,6 +78,27 @@ def pole_zero(model: RationalModel) -> Figure:
     ax.set_title(f"Poles and zeros, upper half-plane{left_out}")
     legend_below(left, [ax])
     return figure
+
+
+def _arranged(n: int) -> tuple[Figure, FigureBase, list[Axes]]:
+    """A figure, its part for the map, and the axes of n close-ups to the right of it or below."""
+    if n == 0:
+        figure = new_figure(4.6)
+        return figure, figure, []
+    if is_narrow():
+        rows, columns = -(-n // 2), 2
+        figure = new_figure(4.2 + 2.3 * rows)
+        figure.set_layout_engine("constrained", h_pad=0.1)  # else axes of equal scales reach the edge
+        of_map, of_small = figure.subfigures(2, 1, height_ratios=[4.2, 2.3 * rows])
+    else:
+        rows, columns = (2, -(-n // 2)) if n > 2 else (n, 1)
+        figure = new_figure(4.6)
+        of_map, of_small = figure.subfigures(1, 2, width_ratios=[2.2, columns + 0.4], wspace=0.02)
+    small = list(np.atleast_1d(of_small.subplots(rows, columns)).ravel())
+    for ax in small[n:]:
+        ax.set_axis_off()
+    of_small.suptitle("Close up, with 95 % confidence regions", fontsize=9.5)
+    return figure, of_map, small[:n]
 
 
 def _may_be_zero(root: complex, cov) -> bool:
@@ -135,7 +148,8 @@ def _draw_close_up(ax: Axes, mark: str, root: complex, cov, unit: str) -> None:
     ax.set_xlabel(with_unit("Δ real", unit), fontsize=8.0)
     ax.set_ylabel(with_unit("Δ imag", unit), fontsize=8.0)
     ax.tick_params(labelsize=7.5)
-    ax.set_title(f"{root_text(root)} {unit}".rstrip(), fontsize=8.0, loc="center")
+    value = root_text(root).replace(" ±", "\n±")  # on one line it is wider than the axes, and is cut
+    ax.set_title(f"{value} {unit}".rstrip(), fontsize=8.0, loc="center")
 
 
 def root_text(root: complex) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
 import functools
-from collections.abc import Callable, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib
@@ -64,6 +67,9 @@ STYLE = {
 GRID_LINE = {"color": "#D0D0D0", "linewidth": 0.7, "zorder": 0.6}  # of the pole-zero map
 GRID_TEXT = {"color": "#666666", "fontsize": 7.5, "zorder": 0.7}
 WIDTH_IN = 9.0
+NARROW_IN = 4.3  # on a telephone 9-point text of this width can be read
+_width_in = contextvars.ContextVar("width of new figures [inch]", default=WIDTH_IN)
+CHARACTERS_PER_INCH = 12.3  # of a title
 RASTER_DPI = 160
 _MANY_POINTS = 1200  # more than that are drawn as a bitmap inside the vector picture
 
@@ -75,15 +81,43 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     @functools.wraps(draw)
     def styled(*args, **kwargs) -> Figure:
         with matplotlib.rc_context(STYLE):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            _wrap_titles(figure)
+            return figure
 
     return styled
 
 
+@contextlib.contextmanager
+def narrow() -> Iterator[None]:
+    """Draw figures for a narrow screen: less wide, with the same size of text."""
+    token = _width_in.set(NARROW_IN)
+    try:
+        yield
+    finally:
+        _width_in.reset(token)
+
+
+def is_narrow() -> bool:
+    """Whether there is no room for axes side by side."""
+    return _width_in.get() < WIDTH_IN
+
+
 def new_figure(height_in: float) -> Figure:
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=RASTER_DPI)
+    figure = Figure(figsize=(_width_in.get(), height_in), dpi=RASTER_DPI)
     FigureCanvasAgg(figure)
     return figure
+
+
+def _wrap_titles(figure: Figure) -> None:
+    """Break titles that are longer than the figure is wide."""
+    most = int(CHARACTERS_PER_INCH * figure.get_figwidth())
+    for ax in figure.axes:
+        title = ax.get_title(loc="left")
+        if len(title) > most:
+            ax.set_title(textwrap.fill(title, most), loc="left")
+    if len(figure.get_suptitle()) > most:
+        figure.suptitle(textwrap.fill(figure.get_suptitle(), most), fontsize=9.5)
 
 
 def db(x) -> np.ndarray:
@@ -249,9 +283,10 @@ def legend_below(figure: FigureBase, axes: Sequence[Axes]) -> None:
 
 def _columns_of_legend(labels: Sequence[str]) -> int:
     """Most columns, at most 5, that fit into the width of a figure."""
+    room = LEGEND_WIDTH * _width_in.get() / WIDTH_IN
     for n in range(min(len(labels), 5), 1, -1):
         columns = np.array_split(labels, n)  # as matplotlib splits them
-        if sum(max(map(len, column)) + SYMBOL for column in columns) <= LEGEND_WIDTH:
+        if sum(max(map(len, column)) + SYMBOL for column in columns) <= room:
             return n
     return 1
 

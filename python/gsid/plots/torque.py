@@ -9,7 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gsid.plots.style import EXCESS, MEASURED, MODEL, NOISE, new_figure, plain_text, styled, with_unit
+from gsid.plots.style import (
+    EXCESS,
+    MEASURED,
+    MODEL,
+    NOISE,
+    is_narrow,
+    new_figure,
+    plain_text,
+    styled,
+    with_unit,
+)
 
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.result import Diagnosis
@@ -28,9 +38,10 @@ def torque_residual(residual: TorqueResidual) -> Figure:
     -------
     Figure
     """
-    figure = new_figure(5.8)
+    rows, columns = (4, 1) if is_narrow() else (2, 2)
+    figure = new_figure(2.9 * rows)
     best = residual.best if residual.best.explained > 0.1 else None  # noise alone gives a small share
-    for ax, curve in zip(figure.subplots(2, 2).ravel(), residual.curves, strict=True):
+    for ax, curve in zip(figure.subplots(rows, columns).ravel(), residual.curves, strict=True):
         colour = EXCESS if curve is best else MODEL
         low, high = curve.torque - 2 * curve.std, curve.torque + 2 * curve.std
         ax.axhline(0.0, color="#999999", linewidth=0.8, zorder=0.8)
@@ -67,17 +78,19 @@ def missing_torque(found: Diagnosis) -> Figure:
         No stack of effects represents the data.
     """
     measured, by_law = found.missing_torque()
-    figure = new_figure(3.4)
+    rows, columns = (3, 1) if is_narrow() else (1, 3)
+    figure = new_figure(0.7 + 2.7 * rows)
     laws = by_law.curves[:3] if by_law else [None] * 3
     names = " and ".join(" or ".join(effects) for effects in found.laws)
-    axes = figure.subplots(1, 3, sharey=True)
+    axes = np.ravel(figure.subplots(rows, columns, sharey=True))
     for ax, curve, law in zip(axes, measured.curves[:3], laws, strict=True):
         _draw_curve(ax, curve, EXCESS if curve is measured.best else MEASURED, "measured, ±2 σ")
         if law is not None:
             ax.plot(law.at, law.torque, color=MODEL, linewidth=1.6, label=names)
         ax.set_title(f"against {curve.name}: {100 * curve.explained:.0f} %")
         ax.set_xlabel(with_unit(curve.name, plain_text(curve.unit)))
-    axes[0].set_ylabel(with_unit("missing torque / inertia", plain_text(measured.unit)))
+    for ax in axes[:rows]:
+        ax.set_ylabel(with_unit("missing torque / inertia", plain_text(measured.unit)))
     axes[int(np.argmax([curve.explained for curve in measured.curves[:3]]))].legend(loc="best")
     figure.suptitle(re.sub(r" \([^()]*\)", "", found.sentence), fontsize=9.5)
     return figure
