@@ -1,15 +1,20 @@
 """The report: one page that needs nothing else, holds every section, and takes any text as text."""
 
+import base64
 import dataclasses
 import html.parser
+import itertools
+import json
 import os
 import re
+import sys
 
 import numpy as np
 import pytest
 from plants import axis_record, plant
 
 from gsid import plots
+from gsid.base.errors import InputError
 from gsid.comparison import compare
 from gsid.diagnosis.add import add
 from gsid.diagnosis.from_records.diagnose import diagnose
@@ -19,6 +24,7 @@ from gsid.records.record import Record
 from gsid.report import Report, Truth
 from gsid.report.tables import plant_table
 from gsid.response.estimate import frf
+from gsid.response.frf import Frf
 from gsid.spectrum.realisation import spectra
 
 FS_HZ, N = 3000.0, 1500
@@ -33,6 +39,7 @@ class Page(html.parser.HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.open, self.attributes, self.words, self.tags = [], [], [], []
+        self.headings = []  # level, text, whether it is folded
         self.feed(text)
         self.close()
         assert self.open == []
@@ -50,8 +57,12 @@ class Page(html.parser.HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
+        for tag in self.open:
+            if re.fullmatch(r"h[1-6]", tag):
+                folded = "details" in self.open and "summary" not in self.open
+                self.headings.append((int(tag[1]), data.strip(), folded))
 
     @property
     def text(self):
@@ -162,18 +173,60 @@ def test_contains(page, words):
 
 
 def test_verdict_of_each_experiment_stands_at_the_top(page):
-    header = page.text.split("Measurement")[0]
+    header = page.text.split("Measured and simulated signal")[0]
     assert "Adequate: " in header
     assert "Not adequate: " in header
 
 
-def test_every_picture_has_a_text_and_a_caption(page):
-    pictures = [i for i, tag in enumerate(page.tags) if tag == "svg"]
-    assert len(pictures) == 14
-    assert page.tags.count("figcaption") == 14
+def test_every_picture_has_a_text_and_a_caption_for_both_widths(page):
+    assert page.tags.count("figure") == page.tags.count("figcaption") == 16
+    assert page.tags.count("svg") == 32
     texts = page.values("aria-label")
-    assert len(texts) == 14
+    assert len(texts) == 32
     assert all(len(text) > 40 for text in texts)
+    kinds = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "class")]
+    assert kinds == ["wide", "narrow"] * 16
+
+
+def test_signal_and_response_are_open_and_everything_else_is_folded(page):
+    opened = [text for level, text, folded in page.headings if not folded]
+    each = ["Measured and simulated signal", "Measured and fitted", "Where the model fails"]
+    each += ["Model and parameters", "Response in detail", "Measurement"]  # the names of the folds
+    expected = ["Axis <1> & its mount", "Right model", *each, "Wrong model", *each]
+    assert opened == [*expected, "How this page was made"]
+    assert ("details", "open", None) not in page.attributes
+
+
+def test_headings_go_down_one_level_at_a_time(page):
+    levels = [level for level, _, _ in page.headings]
+    assert levels[0] == 1
+    assert all(below - above <= 1 for above, below in itertools.pairwise(levels))
+    assert ("html", "lang", "en") in page.attributes
+
+
+def test_a_page_of_one_story_begins_with_its_answer(multisine):
+    """A bug: the page began with its tables, and the verdict stood there twice."""
+    record = simulate(multisine)
+    measured, wrong = spectra(record), model(den=[1.0, 11.0, 250.0])
+    page = Report("t", command="c").add_experiment(
+        "e", record, measured, frf(record), wrong, compare(wrong, record)
+    )
+    text = Page(page.html()).text.removeprefix(" t t ").lstrip()
+    assert text.startswith("Not adequate: ")
+    assert text.count("Not adequate: ") == 1
+    answer, rest = text.split("Measured and simulated signal", 1)
+    for words in ("What is missing is not known: ", "Next: find the missing effect.", "gsid diagnose REC..."):
+        assert words in answer
+    assert "FIT " in rest
+
+
+def test_the_signal_is_that_of_the_record_that_is_predicted_worst(multisine):
+    records = [simulate(multisine, name="good.csv"), simulate(multisine, name="bad.csv")]
+    records[1].y *= 1.01
+    page = Report("t").add_experiment("e", records, [spectra(r) for r in records], model=model())
+    assert (
+        "One period of bad.csv, of 2 records the one with the largest error. FIT 9" in Page(page.html()).text
+    )
 
 
 def test_size(written):
@@ -210,7 +263,7 @@ def test_the_strongest_excitation_stands_beside_the_limits(multisine, monkeypatc
     records = [simulate(multisine, name="one.csv"), simulate(multisine, name="two.csv")]
     records[1].u *= 2
     Report("t").add_experiment("e", records, [spectra(r) for r in records])
-    assert [one.name for one in drawn] == ["two.csv"]
+    assert {one.name for one in drawn} == {"two.csv"}
 
 
 def test_a_page_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -269,7 +322,8 @@ def test_plant_with_its_ladder(friction):
         "Ladder",
     ):
         assert words in page.text
-    assert page.tags.count("svg") == 7
+    assert page.tags.count("figure") == 8
+    assert "the rms error on" in page.text.lower()
     bare = Page(Report("t").add_experiment("e", model=plant(STACK)).html())
     assert "A plant of 4 effects; not compared" in bare.text
 
@@ -284,29 +338,128 @@ def test_cost_of_a_plant_is_1_for_noise_by_maximum_likelihood_only(method):
     assert ("1 when only noise is left" in note) == (method == "ml")
 
 
-def test_diagnosis(friction):
-    measured = [spectra(r) for r in friction]
-    found = diagnose(plant(STACK), measured)
-    ladder = add("coulomb_friction", plant(STACK), measured).ladder
-    page = Page(Report("t").add_diagnosis("d", found, ladder=ladder).html())
+@pytest.fixture(scope="module")
+def found(friction):
+    return diagnose(plant(STACK), [spectra(r) for r in friction])
+
+
+def page_of(diagnosis, **more):
+    return Page(Report("t", command="c").add_diagnosis("d", diagnosis, **more).html())
+
+
+def test_diagnosis(friction, found):
+    ladder = add("coulomb_friction", plant(STACK), found.measured).ladder
+    page = page_of(found, ladder=ladder)
+    opened = [text for _, text, folded in page.headings if not folded]
+    pictures = ["t", "Measured and simulated signal", "Measured and fitted", "Ladder"]
+    folds = ["Where the linear model fails", "Which effect is missing", "Model and parameters"]
+    assert opened == [*pictures, *folds, "Response in detail", "Measurement", "How this page was made"]
+    answer, rest = page.text.split("Measured and simulated signal", 1)
+    assert f"Not adequate: {found.sentence[0].lower()}{found.sentence[1:]}" in answer
+    assert "How sure: the probability of coulomb_friction is" in answer
+    assert "Next: judge the effect on a new record, which this search has not used." in answer
+    assert "gsid add coulomb_friction --model" in answer
     for words in (
-        found.sentence,
         "r0, r1, r2, r3",
-        "16 good in total",
+        "% without coulomb_friction, ",
         "Which effect",
         "explained, kept out",
         "Error before an effect is added",
         "Missing torque",
         "With the effects found",
-        "Ladder",
         "Where the model fails",
         "Assumed",
         "Not tried",
     ):
-        assert words in page.text
-    assert "assumed: " not in page.text  # in the table of the run, not in the verdict's sentences
-    assert page.tags.count("svg") == 4
-    nothing = diagnose(found.model, measured)
-    page = Page(Report("t").add_diagnosis("d", nothing).html())
-    assert "no missing effect" in page.text
-    assert page.tags.count("svg") == 1
+        assert words in rest
+    assert "assumed: " not in page.text  # in a table, not in the sentences
+    assert page.tags.count("figure") == 9
+
+
+def test_diagnosis_that_finds_nothing(friction, found):
+    page = page_of(diagnose(found.model, found.measured))
+    answer, rest = page.text.split("Measured and simulated signal", 1)
+    assert "Adequate: these data show no missing effect." in answer
+    assert "an effect smaller than the noise of these records would not show" in answer
+    assert "Next: use the model from 2 to 98 Hz" in answer
+    assert " without " not in rest.split("Measured and fitted")[0]
+    assert "Missing torque" not in page.text
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"verdict": "nearest_effect", "nearest": [("coulomb_friction",)], "reasons": ("It is small.",)},
+            [
+                "Not adequate: an effect is missing; the nearest is coulomb_friction",
+                "no law is named, because: It is small.",
+                "add the nearest law",
+                "with coulomb_friction; noise",
+            ],
+        ),
+        (
+            {"verdict": "unknown_effect", "effects": (), "found": [], "law_model": None},
+            ["Not adequate: an effect is missing; these data confirm no law", "--curve CURVE.csv"],
+        ),
+        (
+            {"next_experiment": "To distinguish a from b: twice the amplitude."},
+            ["Next: to distinguish a from b: twice the amplitude."],
+        ),
+        ({"interrupted": True}, ["The diagnosis was interrupted"]),
+        (
+            {"linear": None, "model": None, "ranking": [], "effects": (), "verdict": "unknown_effect"},
+            ["No law was judged.", "gsid look REC..."],
+        ),
+    ],
+    ids=["nearest", "unknown", "group", "interrupted", "no stack"],
+)
+def test_answer_of_every_kind_of_diagnosis(found, changes, words):
+    page = page_of(dataclasses.replace(found, **changes))
+    for text in words:
+        assert text in page.text
+
+
+def test_a_diagnosis_of_a_given_model_gives_one_story(friction, found):
+    """A bug: the verdict on the unfitted values of the model stood first, the diagnosis in a second story."""
+    given = plant(STACK | {"rigid_body": {"gain": 9.0}})
+    measured = found.measured
+    report = Report("t", command="c").add_experiment(
+        "e", friction, measured, frf(friction), given, compare(given, measured), diagnosis=found
+    )
+    page = Page(report.html())
+    assert (
+        page.text.split("Measured and simulated")[0].count("Not adequate: missing is coulomb_friction") == 1
+    )
+    assert page.tags.count("article") == 1
+    unfitted = ("The given model, before its parameters are fitted", False)
+    assert unfitted in [(text, folded) for _, text, folded in page.headings]
+
+
+def test_a_response_from_a_table_has_a_page():
+    """A bug: its period is not known, and the page divided by it."""
+    response = Frf.from_arrays([1.0, 2.0, 4.0], [1.0, 0.5j, -0.2])
+    assert "no model was fitted" in Page(Report("t").add_experiment("e", frf=response).html()).text
+
+
+# ---- interactive pictures --------------------------------------------------------------------------------
+
+
+def test_interactive_page_holds_plotly_and_its_figures(multisine):
+    record = simulate(multisine, name=NASTY)
+    page = Report("t", interactive=True).add_experiment("e", record, spectra(record), frf(record), model())
+    text = page.html()
+    assert "plotly.js v" in text
+    figures = re.findall(r'<script type="application/json">(.*?)</script>', text)
+    assert len(figures) == Page(text).tags.count("figure")
+    for figure in map(json.loads, figures):
+        assert set(figure) - {"dataNarrow"} == {"data", "wide", "narrow"}
+        bytes_of_x = base64.b64decode(figure["data"][0]["x"]["bdata"])
+        assert np.isfinite(np.frombuffer(bytes_of_x, "<f4")).any()
+    assert Page(text).tags.count("script") == len(figures) + 2  # none of a file's name
+
+
+def test_interactive_without_plotly_is_a_clear_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    with pytest.raises(InputError, match=r"interactive pictures need plotly.*\n.*pip install plotly"):
+        Report("t", interactive=True)

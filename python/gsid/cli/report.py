@@ -21,9 +21,10 @@ from gsid.cli.options import (
 from gsid.cli.output import answered, describe, print_message, print_step, working
 
 if TYPE_CHECKING:
+    from gsid.diagnosis.from_records.result import Diagnosis
+    from gsid.diagnosis.ladder import Ladder
     from gsid.plant.model import PlantModel
     from gsid.records.record import Record
-    from gsid.report import Report
     from gsid.response.distortion import Distortion
     from gsid.spectrum.spectra import Spectra
 
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
 @band_option("Lines from LO to HI [Hz] only.")
 @limit_command_option
 @limit_travel_option
+@click.option(
+    "--interactive", is_flag=True, help="Pictures to zoom and read with the pointer; needs plotly, adds 5 MB."
+)
 @click.option("--title", help="Heading of the page. [default: the records' names]")
 @click.option(
     "-o",
@@ -62,11 +66,16 @@ def report(
     band: tuple[float, float] | None,
     limit_command: float | None,
     limit_travel_deg: float | None,
+    interactive: bool,
     title: str | None,
     output: str,
     as_json: bool,
 ) -> None:
     """Measure, fit and compare, and write the results as one HTML page that opens offline.
+
+    The page begins with the answer: whether the model is adequate, what is missing, how sure this is and what
+    to do next. The measured and simulated signals, the response and the ladder follow; everything else is
+    folded, and opened in print.
 
     --order fits a transfer function with free delay. Without --model and --order the page shows the
     measurement only. The limits are drawn with the excitation and the travel that the model predicts. The
@@ -75,6 +84,7 @@ def report(
     from gsid.base.files import is_stdout
     from gsid.comparison import compare
     from gsid.excitation.periodic import Limits
+    from gsid.fitting.estimators import fit_all
     from gsid.fitting.order import select_order
     from gsid.fitting.rational import fit
     from gsid.models.load import load_plant, load_single
@@ -90,6 +100,8 @@ def report(
         raise click.UsageError("--diagnose needs --model, a stack of effects", context)
     if estimators and not order:
         raise click.UsageError("--estimators needs --order", context)
+    title = title or f"Report on {describe(records)}"
+    page = Report(title, interactive=interactive)  # without plotly, the error comes before the work
     with working(f"writing a report on {describe(records)}"), options_as_arguments():
         measured = [spectra(record) for record in records]
         response = frf(records, band=band)
@@ -102,7 +114,7 @@ def report(
                 print_step(f"order {order} chosen")
             model = fit(response, order)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
-        page = Report(title or f"Report on {describe(records)}")
+        found, steps = _diagnosed(model, measured, band) if diagnose else (None, None)
         page.add_experiment(
             describe(records),
             records,
@@ -113,15 +125,13 @@ def report(
             distortion=_distortion_or_none(measured, band),
             noise=noise(records[0]),
             limits=Limits(limit_command, limit_travel_deg),
+            diagnosis=found,
+            ladder=steps,
+            estimators=fit_all(response, order) if estimators else None,
         )
-        if estimators:
-            from gsid.fitting.estimators import fit_all
-
-            page.add_estimators("Estimators", response, fit_all(response, order))
-        if diagnose:
-            _add_diagnosis(page, model, measured, band)
         path = page.write(output)
-    adequate = comparison.adequate if comparison else None
+    judged = found or comparison
+    adequate = judged.adequate if judged else None
     is_printed = answered(as_json, lambda: {"report": str(path), "adequate": adequate})
     if not is_printed and not is_stdout(output):
         print(path)
@@ -139,12 +149,13 @@ def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | Non
         return None
 
 
-def _add_diagnosis(
-    page: Report, model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
-) -> None:
-    """Add the diagnosis and its ladder to the page."""
+def _diagnosed(
+    model: PlantModel, measured: list[Spectra], band: tuple[float, float] | None
+) -> tuple[Diagnosis, Ladder | None]:
+    """The diagnosis, and the ladder of the model that it found."""
     from gsid.diagnosis.from_records.diagnose import diagnose
     from gsid.diagnosis.ladder import ladder
 
     found = diagnose(model, measured, band=band, on_step=print_step)
-    page.add_diagnosis("Diagnosis", found, ladder=ladder(with_ladder(model, found)))
+    final = with_ladder(model, found)
+    return found, None if final is None else ladder(final)

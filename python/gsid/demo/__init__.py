@@ -82,9 +82,9 @@ def demo(
     search = second_half.find_hidden_effect(bench, seed)
 
     on_step("writing the report")
-    page = Report("A simulated gimbal axis: measurement, fit, comparison, and a hidden effect")
-    first_half.add_to(page, linear, friction, excitation)
+    page = Report("A simulated gimbal axis with a hidden effect")
     second_half.add_to(page, search)
+    first_half.add_to(page, linear, friction, excitation)
     path = page.write(folder / "report.html")
     checks = first_half.checks(linear, friction) | second_half.checks(search)
     return Demo(linear, friction, search, checks, path, _study(folder, seed))

@@ -82,7 +82,7 @@ def both(bench: Bench, excitation: Multisine, seed: int) -> tuple[Experiment, Ex
 
 
 def add_to(page: Report, linear: Experiment, friction: Experiment, excitation: Multisine) -> None:
-    """Add both experiments to the page."""
+    """Add both experiments to the page, folded: the hidden effect is its story."""
     for one in (linear, friction):
         page.add_experiment(
             one.name,
@@ -94,6 +94,7 @@ def add_to(page: Report, linear: Experiment, friction: Experiment, excitation: M
             multisine=excitation,
             truth=one.truth if one is linear else None,
             story=one.story,
+            folded=True,
         )
 
 

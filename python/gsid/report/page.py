@@ -4,39 +4,35 @@ from __future__ import annotations
 
 import datetime
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsid import plots
+from markupsafe import Markup
+
+from gsid.base.errors import InputError
 from gsid.base.files import write_atomically
 from gsid.base.tables import Table, templates
-from gsid.comparison import compare
-from gsid.diagnosis.ladder import Ladder
-from gsid.plant.model import PlantModel
-from gsid.report.pictures import CAPTIONS, Picture, inline_svg, pictures_of
-from gsid.report.tables import (
-    ESTIMATORS_NOTE,
-    Truth,
-    distortion_table,
-    failing_tables,
-    model_tables,
-    ranking_tables,
-    truth_table,
-)
-from gsid.report.words import command_line, run_facts, verdict_of, versions
+from gsid.report import answer as answers
+from gsid.report import drawings
+from gsid.report.answer import Answer
+from gsid.report.folds import Fold, Given, folds_of
+from gsid.report.pictures import Drawing, Painter, Picture
+from gsid.report.tables import Truth, truth_table
+from gsid.report.words import command_line, versions
+from gsid.response.estimate import frf as estimate_frf
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from gsid.comparison import Comparison
     from gsid.diagnosis.from_records.result import Diagnosis
+    from gsid.diagnosis.ladder import Ladder
     from gsid.excitation.multisine import Multisine
     from gsid.excitation.periodic import Limits
     from gsid.fitting.estimators import Estimators
     from gsid.models.piecewise import PiecewiseModel
     from gsid.models.rational import RationalModel
+    from gsid.plant.model import PlantModel
     from gsid.records.record import Record
     from gsid.response.distortion import Distortion
     from gsid.response.frf import Frf
@@ -45,31 +41,50 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class _Section:
+    """A fold with its pictures drawn."""
+
+    fold: Fold
+    pictures: Sequence[Picture]
+
+
+@dataclass(frozen=True)
 class _Experiment:
     name: str
     story: str
-    verdict: str
-    grade: str  # "good", "bad" or "none": the colour of the verdict
-    run: Sequence[tuple[str, str]]
-    tables: Sequence[Table]
+    answer: Answer
     pictures: Sequence[Picture]
-    closing: Sequence[Table]  # after the pictures
-    answer: str = ""  # closes the section
+    closing: str  # what was hidden, if it is known
+    closing_table: Table | None
+    sections: Sequence[_Section]
+    folded: bool
 
 
 class Report:
     """Collection of experiments for one page.
+
+    The answer of each experiment and its main pictures stand open; everything else is folded, and opened when
+    the page is printed.
 
     Parameters
     ----------
     title : str
     command : str, optional
         Command line shown at the end of the page; default: that of this process.
+    interactive : bool
+        Whether the pictures can be zoomed and read with the pointer. plotly.js of the installed plotly is
+        then part of the page, which grows by 5 MB; it still needs no network.
+
+    Raises
+    ------
+    InputError
+        Interactive pictures were requested and plotly is not installed.
     """
 
-    def __init__(self, title: str, *, command: str | None = None) -> None:
+    def __init__(self, title: str, *, command: str | None = None, interactive: bool = False) -> None:
         self.title = title
         self.command = command_line() if command is None else command
+        self._plotly_js = _plotly_js() if interactive else ""
         self._experiments: list[_Experiment] = []
 
     def __repr__(self) -> str:
@@ -88,8 +103,13 @@ class Report:
         distortion: Distortion | None = None,
         noise: Noise | None = None,
         limits: Limits | None = None,
+        diagnosis: Diagnosis | None = None,
+        ladder: Ladder | None = None,
+        estimators: Estimators | None = None,
         truth: Sequence[Truth] | None = None,
         story: str = "",
+        closing: str = "",
+        folded: bool = False,
     ) -> Report:
         """Add one experiment. Sections without data are omitted.
 
@@ -98,12 +118,13 @@ class Report:
         name : str
             Heading on the page.
         record, spectra : one or one per realisation, optional
-            With several, the pictures show the first one, except the picture of the excitation, which shows
-            the one with the largest input.
+            With several, the picture of the signal shows the one that the model predicts worst, that of the
+            excitation the one with the largest input, the others the first one.
         frf : Frf, optional
         model : RationalModel, PiecewiseModel or PlantModel, optional
-            A plant is compared with the measured response if spectra are given, and shown with its ladder.
+            With a diagnosis: the model that was given to it, with its values before any fit.
         comparison : Comparison, optional
+            Of this model.
         multisine : Multisine, optional
             The excitation as designed; default: the excitation as applied, from the spectra.
         distortion : Distortion, optional
@@ -112,34 +133,53 @@ class Report:
             Noise of the first record.
         limits : Limits, optional
             Limits of command and travel, drawn with the excitation.
+        diagnosis : Diagnosis, optional
+            It gives the answer and the model shown.
+        ladder : Ladder, optional
+            Error after each step; default: that of the model shown.
+        estimators : Estimators, optional
+            Models that several estimators fitted to this response (thesis, section 7.10).
         truth : sequence of Truth, optional
         story : str, optional
             One or two sentences on the experiment and its purpose.
+        closing : str, optional
+            The true missing effect, if it is known; shown with `truth` after the pictures.
+        folded : bool
+            Whether only its heading and its verdict are open.
 
         Returns
         -------
         Report
             Itself, so that calls can be chained.
         """
-        records, all_spectra = as_list(record), as_list(spectra)
-        verdict, grade = verdict_of(frf, model, comparison)
-        first = records[0] if records else None
-        drawn = pictures_of(first, all_spectra, frf, model, comparison, multisine, noise=noise, limits=limits)
-        bands = distortion.bands if distortion is not None else []
-        if bands and comparison is None:
-            verdict = f"{verdict} {distortion.verdict}"
-        if bands:
-            drawn.append(("Noise and distortion", lambda: plots.distortion(distortion)))
+        given = Given(
+            records=as_list(record),
+            measured=as_list(spectra),
+            frf=frf,
+            model=model,
+            comparison=comparison,
+            multisine=multisine,
+            distortion=distortion,
+            noise=noise,
+            limits=limits,
+            diagnosis=diagnosis,
+            ladder=ladder,
+            estimators=estimators,
+            truth=() if closing else tuple(truth or ()),
+        )
+        painter = Painter(len(self._experiments) + 1, interactive=bool(self._plotly_js))
+        pictures = painter.paint(_main_drawings(given))
+        sections = [_Section(fold, painter.paint(fold.drawings)) for fold in folds_of(given)]
         self._experiments.append(
             _Experiment(
                 name=name,
                 story=story,
-                verdict=verdict,
-                grade=grade,
-                run=run_facts(records, all_spectra, frf, multisine),
-                tables=[*model_tables(model, truth), *([distortion_table(bands)] if bands else [])],
-                pictures=self._drawn(drawn),
-                closing=failing_tables(comparison),
+                answer=_answer(given),
+                pictures=pictures,
+                closing=closing,
+                closing_table=truth_table(truth) if closing and truth else None,
+                sections=sections,
+                folded=folded,
             )
         )
         return self
@@ -165,7 +205,7 @@ class Report:
             Error after each step, on data that were not fitted.
         story : str, optional
         answer : str, optional
-            The true missing effect, if it is known; shown at the end of the section.
+            The true missing effect, if it is known; shown after the pictures.
         truth : sequence of Truth, optional
             True parameters of the effect, with their estimates.
 
@@ -174,40 +214,20 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        measured, band, before, drawn = diagnosis.measured, diagnosis.band, None, []
-        if diagnosis.linear is not None:
-            before = compare(diagnosis.linear, measured, band=band, fitted=True)
-            drawn.append(("Error before an effect is added", lambda: plots.comparison(before)))
-        if diagnosis.linear is not None and not diagnosis.adequate:
-            torque = diagnosis.torque_residual()
-            drawn.append(("Missing torque", lambda: plots.torque_residual(torque)))
-        if diagnosis.named:
-            after = compare(diagnosis.model, measured, band=band, fitted=True)
-            drawn.append(("With the effects found", lambda: plots.comparison(after)))
-        if ladder is not None and ladder.rungs:
-            drawn.append(("Ladder", lambda: plots.ladder(ladder)))
-        listed = {
-            "Assumed": diagnosis.assumed,
-            "Not tried": [": ".join(one) for one in diagnosis.not_tried.items()],
-        }
-        self._experiments.append(
-            _Experiment(
-                name=name,
-                story=story,
-                verdict=" ".join([diagnosis.sentence, *diagnosis.findings]),
-                grade="good" if diagnosis.adequate else "bad",
-                run=[
-                    ("Records", ", ".join(s.name or "a record" for s in measured)),
-                    ("Periods", f"{sum(s.n_periods for s in measured)} good in total"),
-                    *((what, "; ".join(texts)) for what, texts in listed.items() if texts),
-                ],
-                tables=[*ranking_tables(diagnosis), *model_tables(diagnosis.model, None)],
-                pictures=self._drawn(drawn),
-                closing=[*failing_tables(before), *([truth_table(truth)] if truth else [])],
-                answer=answer,
-            )
+        try:
+            response = estimate_frf(diagnosis.measured, band=diagnosis.band)
+        except InputError:  # records that have no response in common are diagnosed together
+            response = None
+        return self.add_experiment(
+            name,
+            spectra=diagnosis.measured,
+            frf=response,
+            diagnosis=diagnosis,
+            ladder=ladder,
+            truth=truth,
+            story=story,
+            closing=answer,
         )
-        return self
 
     def add_estimators(self, name: str, frf: Frf, found: Estimators, *, story: str = "") -> Report:
         """Add the models that several estimators fitted to one response (thesis, section 7.10).
@@ -226,36 +246,7 @@ class Report:
         Report
             Itself, so that calls can be chained.
         """
-        good = [row for row in found.rows if not row.note]
-        expected = (
-            ""
-            if found.cost_expected is None
-            else f" Noise alone leaves {found.cost_expected:.0f} of the cost."
-        )
-        self._experiments.append(
-            _Experiment(
-                name=name,
-                story=story,
-                verdict=f"{len(good)} of {len(found.rows)} estimators converged to a stable model.{expected}",
-                grade="good" if len(good) == len(found.rows) else "none",
-                run=[
-                    ("Order", f"{found.order}, {found.n_lines} lines"),
-                    ("Delay by the slope of the phase", f"{1e3 * found.initial_delay_s:.4g} ms"),
-                ],
-                tables=[replace(found.table(), title="Estimators", note=ESTIMATORS_NOTE)],
-                pictures=self._drawn([("Estimators", lambda: plots.estimators(found, frf))]),
-                closing=[],
-            )
-        )
-        return self
-
-    def _drawn(self, pictures: Sequence[tuple[str, Callable[[], Figure]]]) -> list[Picture]:
-        """Pictures of the next experiment, with ids that are unique on the page."""
-        number = len(self._experiments) + 1
-        return [
-            Picture(title, CAPTIONS[title], inline_svg(draw(), f"e{number}p{i}-", title))
-            for i, (title, draw) in enumerate(pictures, 1)
-        ]
+        return self.add_experiment(name, frf=frf, estimators=found, story=story)
 
     def html(self) -> str:
         """Return the page as self-contained HTML."""
@@ -264,7 +255,10 @@ class Report:
         return page.render(
             title=self.title,
             experiments=self._experiments,
-            made=[("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *versions()],
+            made=Table(
+                (), [("Date", now.strftime("%Y-%m-%d %H:%M %Z")), ("Command", self.command), *versions()]
+            ),
+            plotly_js=Markup(self._plotly_js),
         )
 
     def write(self, path: str | os.PathLike) -> Path:
@@ -286,6 +280,42 @@ class Report:
         text = self.html()
         write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
         return Path(path)
+
+
+def _answer(given: Given) -> Answer:
+    if given.diagnosis is not None:
+        return answers.of_diagnosis(given.diagnosis, given.steps)
+    if given.comparison is not None:
+        return answers.of_comparison(given.comparison, given.model)
+    if given.estimators is not None and given.model is None:
+        return answers.of_estimators(given.estimators)
+    return answers.of_measurement(given.frf, given.model, given.distortion)
+
+
+def _main_drawings(given: Given) -> list[Drawing]:
+    """The pictures that are not folded: signal, response, ladder."""
+    found = given.diagnosis
+    if found is not None and found.linear is not None:
+        signal = drawings.signal_of_diagnosis(found)
+    elif given.model is not None:
+        signal = drawings.signal_of_model(given.model, given.measured)
+    else:
+        signal = []
+    response, _ = drawings.response(given.frf, given.shown, given.inputs)
+    if given.estimators is not None and given.model is None:
+        response = drawings.estimators(given.estimators, given.frf)
+    steps = given.steps
+    return [*signal, *response, *(drawings.ladder(steps) if steps else [])]
+
+
+def _plotly_js() -> str:
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise InputError(
+            "interactive pictures need plotly", "", None, "pip install plotly, or leave out --interactive"
+        ) from error
+    return get_plotlyjs()
 
 
 def as_list(one_or_more) -> list:

@@ -1,4 +1,4 @@
-"""Texts of a report: verdict, facts of the measurement, versions of the software."""
+"""Texts of a report: what was made, facts of the measurement, versions of the software."""
 
 from __future__ import annotations
 
@@ -16,31 +16,50 @@ from gsid.models.piecewise import PiecewiseModel
 from gsid.plant.model import PlantModel
 
 if TYPE_CHECKING:
-    from gsid.comparison import Comparison
+    from gsid.diagnosis.ladder import Ladder
     from gsid.excitation.multisine import Multisine
     from gsid.models.rational import RationalModel
     from gsid.response.frf import Frf
+    from gsid.spectrum.spectra import Spectra
 
 
-def verdict_of(
-    frf: Frf | None, model: RationalModel | PiecewiseModel | PlantModel | None, comparison: Comparison | None
-) -> tuple[str, str]:
-    """A sentence on the result, and its grade: "good", "bad" or "none"."""
-    if comparison is not None:
-        return comparison.verdict, "good" if comparison.adequate else "bad"
+def what_was_made(frf: Frf | None, model: RationalModel | PiecewiseModel | PlantModel | None) -> str:
+    """A sentence on what was measured or fitted.
+
+    Parameters
+    ----------
+    frf : Frf or None
+    model : RationalModel, PiecewiseModel, PlantModel or None
+    """
     if isinstance(model, PlantModel):
-        return f"A plant of {len(model.effects)} effects; not compared with a record.", "none"
+        return f"A plant of {len(model.effects)} effects; not compared with a record."
     if isinstance(model, PiecewiseModel):
-        return f"Fitted: models of {len(model.pieces)} adjoining bands; not compared with a record.", "none"
+        return f"Fitted: models of {len(model.pieces)} adjoining bands; not compared with a record."
     if model is not None:
         delay = plots.delay_text(model.delay_s, model.fs_hz, model.std_delay_s)
-        fitted = (
+        return (
             f"Fitted: a {plots.order_text(model)} model with a delay of {delay}; not compared with a record."
         )
-        return fitted, "none"
     if frf is not None:
-        return f"Measured: the frequency response at {len(frf.f_hz)} lines; no model was fitted.", "none"
-    return "No frequency response.", "none"
+        return f"Measured: the frequency response at {len(frf.f_hz)} lines; no model was fitted."
+    return "No frequency response."
+
+
+def error_fall(ladder: Ladder) -> str:
+    """How the error on the validation data falls, without a capital and a full stop.
+
+    Parameters
+    ----------
+    ladder : Ladder
+        With at least one step. Steps on different data are not compared: only the last one counts then.
+    """
+    last = ladder.rungs[-1]
+    first = ladder.rungs[0] if len(ladder.levels()) == len(ladder.rungs) + 1 else last
+    size = f"{first.held_out['before']:.3g} to {last.held_out['after']:.3g} {last.y_unit}".rstrip()
+    used = ", which the search used too" if last.judged_on == "search_records" else ""
+    floor = f"noise alone leaves {last.noise_floor_rms:.3g}"
+    goes = "falls" if last.held_out["after"] < first.held_out["before"] else "goes"
+    return f"the rms error on {last.kept_out}{used} {goes} from {size}, where {floor}"
 
 
 def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -> list[tuple[str, str]]:
@@ -52,16 +71,7 @@ def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) ->
         facts.append(("Records" if len(names) > 1 else "Record", ", ".join(names)))
     if source is None:
         return facts
-    n, fs = source.period_samples, source.fs_hz
-    facts += [
-        ("Sample rate", f"{fs:g} Hz"),
-        ("Period", f"{n} samples ({n / fs:.6g} s), line spacing {fs / n:.4g} Hz"),
-        ("Periods", f"{source.n_periods} good, {source.n_spoiled} left out for lost samples"),
-        (
-            "Settling",
-            f"{source.settle_samples} samples ({source.settle_samples / n:.2f} periods) discarded",
-        ),
-    ]
+    facts += _timing(source)
     if getattr(source, "n_realisations", 1) > 1:
         facts.append(("Realisations", str(source.n_realisations)))
     if multisine is not None:
@@ -76,6 +86,23 @@ def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) ->
     }[source.hold]
     facts.append(("Input and output", f"u [{source.u_unit or '-'}], {held}; y [{source.y_unit or '-'}]"))
     return facts
+
+
+def _timing(source: Frf | Spectra) -> list[tuple[str, str]]:
+    """Sample rate, period and settling, as far as they are known: a response may come from a table."""
+    n, fs = source.period_samples, source.fs_hz
+    facts = [("Sample rate", f"{fs:g} Hz")] if fs and np.isfinite(fs) else []
+    if not n or not facts:
+        return facts
+    return [
+        *facts,
+        ("Period", f"{n} samples ({n / fs:.6g} s), line spacing {fs / n:.4g} Hz"),
+        ("Periods", f"{source.n_periods} good, {source.n_spoiled} left out for lost samples"),
+        (
+            "Settling",
+            f"{source.settle_samples} samples ({source.settle_samples / n:.2f} periods) discarded",
+        ),
+    ]
 
 
 def _excitation_text(m: Multisine) -> str:
