@@ -21,11 +21,17 @@ class Attendance:
 
     Each byte on standard input is a sign of life. The program has gone when the input is closed, or when no
     byte has arrived for `ABSENT_S`. A thread reads, so that the line to the axis never waits.
+
+    Attributes
+    ----------
+    reason : str
+        Why the run is stopped; empty while the program is there.
     """
 
     def __init__(self) -> None:
         self._sign_s = time.monotonic()
         self._is_closed = False
+        self.reason = ""  # why the run is stopped
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
@@ -35,13 +41,11 @@ class Attendance:
         self._is_closed = True
 
     def __call__(self) -> bool:
-        return self._is_closed or time.monotonic() > self._sign_s + ABSENT_S
-
-    def reason(self) -> str:
-        """Why the run is stopped."""
-        if self._is_closed:
-            return "the program that attended the run has ended"
-        return f"no sign of life for {ABSENT_S:g} s from the page that holds control"
+        if not self.reason and self._is_closed:
+            self.reason = "the program that attended the run has ended"
+        elif not self.reason and time.monotonic() > self._sign_s + ABSENT_S:
+            self.reason = f"no sign of life for {ABSENT_S:g} s from the page that holds control"
+        return bool(self.reason)
 
 
 class LineWriter:

@@ -243,7 +243,7 @@ def _drive(
         if record is not None:
             _keep(path, record, journal, failure)
         if isinstance(failure, Stopped) and not stopping() and isinstance(is_gone, Attendance):
-            print_if_open(f"{is_gone.reason()}: the run is stopped")  # last: the reader may hang
+            print_if_open(f"{is_gone.reason}: the run is stopped")  # last: the reader may hang
     if failure is not None:
         raise failure
     if stopping():  # while the record of a whole run was written

@@ -156,6 +156,7 @@ class Live:
         self.control = ""  # token of the page that holds it
         self.seats: set[Seat] = set()
         self.job: LiveJob | None = None  # the last one; it may have ended
+        self._stage: Job | None = None  # the present step of an experiment: its design, or its run
         self._form: dict[str, Any] = {}
         self._n_jobs = 0
 
@@ -187,7 +188,7 @@ class Live:
 
     def sign(self, seat: Seat) -> None:
         """A page has read a message: a sign of life, if it holds control."""
-        if self.is_running and seat.token == self.control:
+        if seat.token == self.control and self.job is not None and self.page.job is self.job:
             self.job.sign_of_life()
 
     def _is_there(self, token: str) -> bool:
@@ -195,8 +196,8 @@ class Live:
 
     @property
     def is_running(self) -> bool:
-        """Whether an experiment runs."""
-        return self.job is not None and self.page.job is self.job
+        """Whether an experiment is prepared or runs."""
+        return self._stage is not None and self.page.job is self._stage
 
     def changed(self) -> None:
         """Have something sent to every page."""
@@ -228,13 +229,15 @@ class Live:
         if wanted.design:
             number = self.page.study.begin_step()
             words, path = wanted.design_step(number)
-            self.page.begin(Job(tuple(words)), [path], number, lambda job: self._designed(job, wanted, path))
+            self._stage = Job(tuple(words))
+            self.page.begin(self._stage, [path], number, lambda job: self._designed(job, wanted, path))
         else:
             self._run(wanted, wanted.file)
         self.changed()
 
     def _designed(self, job: Job, wanted: Experiment, excitation: str) -> None:
-        if job.exit_code == 0 and not job.is_stopping:
+        self.changed()
+        if job.exit_code == 0 and not self.page.is_stopped:
             if not self._is_there(self.control):
                 raise InputError("the page that started the experiment has gone: it was not begun")
             self._run(wanted, excitation)
@@ -245,7 +248,7 @@ class Live:
         job = LiveJob(tuple(words), added=("--attended",))
         job.number, job.on_figures = self._n_jobs + 1, self.changed
         self.page.begin(job, [record], number, lambda ended: self._ended(record))
-        self.job, self._n_jobs = job, job.number
+        self.job, self._stage, self._n_jobs = job, job, job.number
 
     def _ended(self, record: str) -> None:
         """Look at the record; make it of the journal if the run was ended by force."""
@@ -286,7 +289,7 @@ class Live:
             "run": None if job is None else job.number,
             "command": "" if job is None else job.command,
             "running": self.is_running,
-            "stopping": self.is_running and job is not None and job.is_stopping,
+            "stopping": self.is_running and self.page.is_stopped,
         }
         figures = ",".join(text for _, text in found)
         return f'{json.dumps(state)[:-1]}, "figures": [{figures}]}}', last

@@ -51,6 +51,7 @@ class Page:
         self._columns: dict[str, list[str]] = {}  # of each record
         self._running: asyncio.Task | None = None
         self._is_closing = False
+        self.is_stopped = False  # since the last step began, even if it had ended: what follows is not begun
         self._study = self._study_state()
 
     # ---- what is shown -------------------------------------------------------------------------------
@@ -151,6 +152,7 @@ class Page:
         """
         self.check_idle()
         self.number, self.outputs, self.job, self.error = number, outputs, job, None
+        self.is_stopped = False
         self._running = asyncio.create_task(self._run(job, then))
         self.changed()
 
@@ -172,8 +174,8 @@ class Page:
     def _follow_up(self, then: Callable[[Job], None], job: Job) -> None:
         try:
             then(job)
-        except InputError as error:
-            self.error = str(error)
+        except Exception as error:
+            self.error = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
     async def _record(self, job: Job) -> None:
         """Note the step; an answer that cannot be read does not lose it."""
@@ -216,6 +218,7 @@ class Page:
 
     def stop(self) -> None:
         """Stop the step that runs; it keeps what it has found."""
+        self.is_stopped = True
         if self.job is not None:
             self.job.stop()
             self.changed()

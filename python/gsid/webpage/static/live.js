@@ -2,7 +2,7 @@
 import { byId } from "./elements.js";
 import { fillForm, formValues } from "./live_form.js";
 import { clearPicture, drawFigures } from "./live_picture.js";
-import { act, post } from "./requests.js";
+import { act, answerOf, post } from "./requests.js";
 
 const RETRY_MS = 300; // a reload or a short loss within 3 s does not end the experiment
 const KEY = "gsid control"; // of this tab; a reload keeps it
@@ -21,10 +21,13 @@ function connect() {
     socket.send("read"); // a sign of life; it does not wait for the drawing
     take(JSON.parse(event.data));
   });
-  socket.addEventListener("close", () => {
-    showLost();
-    setTimeout(connect, RETRY_MS);
-  });
+  socket.addEventListener("close", reconnect);
+}
+
+async function reconnect() {
+  showLost();
+  const isRefused = (await answerOf("/state"))?.status === 403; // another server: its address is needed
+  if (!isRefused) setTimeout(connect, RETRY_MS);
 }
 
 function take(message) {

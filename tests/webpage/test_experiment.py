@@ -113,7 +113,7 @@ def axis(tmp_path):
         t_s, tick, u = np.loadtxt(log, delimiter=",", skiprows=1).T
         return t_s, tick, u
 
-    process.port, process.applied = process.stdout.readline().strip(), applied
+    process.port, process.applied, process.log = process.stdout.readline().strip(), applied, log
     yield process
     process.kill()
     process.communicate()
@@ -224,6 +224,21 @@ def test_a_copy_of_a_tab_gets_no_control(studio):
     process, _ = studio()
     page = Browser(process.address)
     assert Browser(process.address, page.state["token"]).state["token"] != page.state["token"]
+
+
+def test_stop_before_the_axis_moves_begins_no_run(studio, axis):
+    process, _ = studio()
+    page = Browser(process.address)
+    form = FORM | {"port": axis.port, "token": page.state["token"]}
+    assert page.post("/live/run", form)[0] == 200
+    page.until(lambda: page.state["running"])  # the excitation is designed
+    assert page.post("/stop")[0] == 200
+    page.until(lambda: not page.state["running"])
+    assert [one["verb"] for one in page.page_state()["steps"]] == ["design"]
+    assert page.page_state()["job"] is None
+    axis.terminate()
+    axis.wait(timeout=20)
+    assert axis.log.read_text() == "t_s,tick,u\n"  # not a tick
 
 
 # ---- what fails ------------------------------------------------------------------------------------------

@@ -1,0 +1,76 @@
+"""An experiment on the simulated axis: by clicks, with a reload, and stopped by a key."""
+
+import pytest
+
+STEP_MS = 180_000
+pytestmark = pytest.mark.parametrize("page", [(1280, 800)], indirect=True, ids=["wide"])
+
+
+def start(page, **fields):
+    """Fill in the form for the simulated axis, and start."""
+    page.locator("#experiment summary").click()
+    page.locator("#live-limits input").first.wait_for()
+    page.select_option("#live-form [name=axis]", "simulated")
+    for name, value in {"period": "1500", "settle": "1", **fields}.items():
+        page.fill(f"#live-form [name={name}]", value)
+    page.get_by_role("button", name="Start the axis").click()
+
+
+def moving(page):
+    """Wait until figures are drawn."""
+    page.locator("#live-signals .main-svg").first.wait_for()
+    page.locator("#live-periods .good").nth(1).wait_for()
+
+
+def test_an_experiment_by_clicks_gives_a_record_that_is_ticked(page):
+    page.locator("#experiment summary").click()
+    page.locator("#live-limits input").first.wait_for()
+    limits = page.locator("#live-limits input")
+    assert [limits.nth(i).input_value() for i in range(3)] == [
+        "",
+        "",
+        "",
+    ]  # nothing is assumed of a real axis
+    page.locator("#experiment summary").click()
+    start(page, periods="12")
+    moving(page)
+    page.locator("#live-bar").get_by_role("button", name="Stop the axis").wait_for()
+    page.locator("#live-meters").get_by_text("of 20.0").wait_for()
+    page.locator("#live-response .main-svg").first.wait_for()
+    page.locator("#steps > li:nth-child(3) .answer").get_by_text("periods of 1500 samples").wait_for()
+    assert "12 good periods" in page.locator("#steps > li:nth-child(2) .answer").inner_text()
+    assert page.locator("#records input").is_checked()
+    assert page.locator("#live-bar").is_hidden()
+    assert page.locator("#live").is_visible()  # the last picture stays
+
+
+def test_a_reload_goes_on_and_escape_stops(page):
+    start(page, periods="1000")
+    moving(page)
+    page.reload()
+    moving(page)
+    page.locator("#live-control").get_by_text("This page holds control").wait_for()
+    page.wait_for_timeout(4000)
+    assert page.locator("#live-bar").is_visible()
+    page.keyboard.press("Escape")
+    page.locator("#steps > li:nth-child(2) .answer").get_by_text("The step was stopped.").wait_for()
+    page.locator("#steps > li:nth-child(3) .answer").wait_for()  # the record is kept and looked at
+    assert page.locator("#live-bar").is_hidden()
+
+
+def test_a_second_page_watches_takes_control_and_stops(page, chromium, studio):
+    start(page, periods="1000")
+    moving(page)
+    other = chromium.new_page(viewport={"width": 400, "height": 800})
+    other.set_default_timeout(STEP_MS)
+    other.goto(studio.address)
+    moving(other)
+    other.locator("#live-control").get_by_text("Another page holds control").wait_for()
+    other.get_by_role("button", name="Take control").click()
+    other.locator("#live-control").get_by_text("This page holds control").wait_for()
+    page.locator("#live-control").get_by_text("Another page holds control").wait_for()
+    page.get_by_role("button", name="Stop the axis").click()
+    other.locator("#live-bar").wait_for(state="hidden")
+    other.close()
+    page.locator("#steps > li:nth-child(3) .answer").wait_for()
+    assert "The step was stopped." in page.locator("#steps > li:nth-child(2) .answer").inner_text()
