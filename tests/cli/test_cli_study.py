@@ -188,8 +188,6 @@ def test_export_and_report_are_kept(gsid, study, tmp_path):
 def test_add_names_its_records_in_both_forms(gsid):
     """With a law of the user the first name is a record, otherwise an effect."""
     context = click.Context(group, info_name="gsid", help_option_names=["-h", "--help"])
-    from gsid.cli.in_study import _sort_words_of_add
-
     for words, records in (
         (["add", "coulomb_friction"], []),
         (["add", "coulomb_friction", "a.csv"], ["a.csv"]),
@@ -197,7 +195,6 @@ def test_add_names_its_records_in_both_forms(gsid):
         (["add", "--torque", "c*w"], []),
     ):
         typed = Typed.read(context, words)
-        _sort_words_of_add(typed)
         assert typed.values.get("records", []) == records
 
 

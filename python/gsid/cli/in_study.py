@@ -40,7 +40,7 @@ WRITES = {
 }
 #: Verbs that are steps of a study. Those of OWN use the study in another way.
 STEPS = (*WRITES, "look", "noise", "distortion", "compare", "predict")
-OWN = ("open", "studio")
+OWN = ("open", "script", "studio")
 #: Folder of a copied input, by the name of the parameter.
 COPIED_TO = {
     "records": "records",
@@ -88,7 +88,18 @@ class Typed:
         if left or not known.issuperset(names):  # the second: --help
             return None
         values = {name: _texts(given[name]) for name in names}
-        return cls(verb, command, {name: texts for name, texts in values.items() if texts is not None})
+        typed = cls(verb, command, {name: texts for name, texts in values.items() if texts is not None})
+        if verb == ["add"]:
+            typed._sort_words_of_add()
+        return typed
+
+    def _sort_words_of_add(self) -> None:
+        """With a law of the user the first name is a record."""
+        from gsid.effects.types import catalogue
+
+        is_own = any(map(self.has, ("torque", "table", "library")))
+        if is_own and self.has("effect") and self.values["effect"][0] not in catalogue():
+            self.values["records"] = self.values.pop("effect") + self.values.get("records", [])
 
     def words(self) -> list[str]:
         """The command as typed, after `gsid`."""
@@ -193,7 +204,6 @@ class StudyStep:
 
     def _take_inputs(self, study: Study, ctx: click.Context, typed: Typed) -> None:
         """Name all inputs by their place in the study; those outside are copied."""
-        _sort_words_of_add(typed)
         opened = False
         for param in typed.params(InputPath):
             texts = typed.values.get(param.name, [])
@@ -348,7 +358,6 @@ class StudyStep:
             answer=self._answer,
             verb=verb,
             number=self._number,
-            measured=[one for one in self._outputs if one.startswith("records/")],
         )
 
     def _write_copies(self) -> None:
@@ -359,17 +368,6 @@ class StudyStep:
             if source.is_file():
                 write_atomically(wanted, lambda part, source=source: shutil.copyfile(source, part))
                 print_message(f"wrote {wanted}, a copy")
-
-
-def _sort_words_of_add(typed: Typed) -> None:
-    """With a law of the user the first name after `add` is a record."""
-    from gsid.effects.types import catalogue
-
-    if typed.verb == ["add"] and any(map(typed.has, ("torque", "table", "library"))) and typed.has("effect"):
-        (first,) = typed.values["effect"]
-        if first not in catalogue():
-            del typed.values["effect"]
-            typed.values["records"] = [first, *typed.values.get("records", [])]
 
 
 def check_kind(path: str | Path) -> None:

@@ -38,6 +38,7 @@ VERBS = {
     "export-c": "Write a model as C for firmware.",
     "report": "Write a report as one HTML page.",
     "open": "Copy files into a study, the folder of -C DIR.",
+    "script": "Write the script that repeats a study, in Python or as commands.",
     "studio": "Open a page to identify and diagnose by clicks.",
     "demo": "Measure the simulated axis and find the effect hidden in it.",
     "doctor": "Check the installation: versions, missing parts, a known system.",

@@ -415,7 +415,6 @@ class Study:
         answer: bytes = b"",
         verb: str = "",
         number: int | None = None,
-        measured: Sequence[str] = (),
     ) -> Step:
         """Note a command that has ended.
 
@@ -426,15 +425,13 @@ class Study:
         exit_code : int
         words : sequence of str
         outputs : sequence of str
-            Those that do not exist are left out.
+            Those that do not exist are left out. Records become the last experiment.
         answer : bytes
             The JSON object that it printed. It is kept in verdicts/; other bytes are not.
         verb : str, optional
             Default the first of the arguments.
         number : int, optional
             From `begin_step`; default a new one.
-        measured : sequence of str
-            Records that it measured: they become the last experiment.
 
         Returns
         -------
@@ -451,7 +448,7 @@ class Study:
             state.n_numbers = max(state.n_numbers, number)
             for name, digest in digests.items():
                 state.note(name, digest)
-            state.begin_experiment([one for one in measured if one in made])
+            state.begin_experiment([one for one in made if one.startswith("records/")])
             self._write(state)
             self._write_log(state)
         return step

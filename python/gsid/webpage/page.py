@@ -193,7 +193,6 @@ class Page:
             outputs=self.outputs,
             answer=job.stdout,
             number=self.number,
-            measured=[one for one in self.outputs if verb == "run"],
         )
         self._study = self._study_state()
 
