@@ -4,6 +4,7 @@ import click
 import pytest
 
 import gsid
+from gsid.base.errors import InputError
 from gsid.cli.main import Verbs
 from gsid.study.folder import Study
 from gsid.webpage.actions import ACTIONS, FORM, command_of
@@ -25,20 +26,27 @@ def study(tmp_path):
     study = Study(tmp_path / "study")
     (tmp_path / "rec.csv").write_text("u,y\n1,2\n")
     study.add_file(tmp_path / "rec.csv")
-    (study.folder / "models/1-start.json").write_text("{}")
+    for name in ("1-start", "1-add"):
+        (study.folder / f"models/{name}.json").write_text("{}")
     return study
 
 
 def request_of(verb, **more):
     action = ACTIONS[verb]
     model = {"model": "models/1-start.json"} if action.needs_model else {}
-    own = {"add": {"effect": "coulomb_friction"}, "cut": {"from": "0.5", "to": 2}}.get(verb, {})
+    own = {
+        "add": {"effect": "coulomb_friction"},
+        "cut": {"from": "0.5", "to": 2},
+        "design": {"rival": "models/1-add.json"},
+    }.get(verb, {})
     return {"verb": verb, "records": ["records/rec.csv"], **model, **own, **more}
 
 
 def options_of(verb):
     """Options of a command of gsid, that which names what y is as `--output` only."""
     command = Verbs().get_command(None, verb)
+    if ACTIONS[verb].kind:
+        command = command.commands[ACTIONS[verb].kind]
     return {
         name
         for option in command.params
@@ -59,6 +67,8 @@ def test_options_that_a_verb_lacks_are_dropped(study, verb):
     given = {word.partition("=")[0] for word in arguments if "=" in word} - {"--from", "--to"}
     assert given == set(ACTIONS[verb].options)
     command = Verbs().get_command(None, verb)
+    if ACTIONS[verb].kind:
+        command = command.commands[ACTIONS[verb].kind]
     # A command keeps the help option of the first context that it sees: it has to be that of `gsid`.
     context = click.Context(command, help_option_names=["-h", "--help"])
     command.make_parser(context).parse_args(arguments[1:])  # raises on an unknown option
@@ -164,3 +174,18 @@ def test_a_report_may_have_a_model(study):
     _, arguments, outputs = command_of(study, request_of("report") | model)
     assert arguments[arguments.index("--model") + 1] == model["model"]
     assert outputs == ["verdicts/3-report.html"]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"rival": "models/1-start.json"},
+        {"rival": "../secret"},
+        {"rival": None},
+        {"limit_command": "--plot=x"},
+        {"limit_command": float("nan")},
+    ],
+)
+def test_a_next_experiment_needs_two_models_and_a_limit_that_is_a_number(study, more):
+    with pytest.raises(InputError):
+        command_of(study, request_of("design", **more))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.design_next import design_next
 from gsid.cli.options import (
     INPUT,
     LIMIT,
@@ -44,6 +45,8 @@ NUMBERS_PER_LINE = 6  # of the C table
 def design() -> None:
     """Make a periodic excitation within the limits of the rig."""
 
+
+design.add_command(design_next)
 
 BASIC = (
     rate_option(required=True),

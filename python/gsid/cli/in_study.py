@@ -49,6 +49,7 @@ COPIED_TO = {
     "journal_file": "records",
     "u_file": "excitation",
     "model_path": "models",
+    "rival_path": "models",
     "table": "models",
 }
 C_FILES = (".c", ".h")  # their names are names in C too, and are kept

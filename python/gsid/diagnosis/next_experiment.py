@@ -7,11 +7,13 @@ and Fedorov; DIA-6).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from gsid.base.errors import GsidError
+from gsid.excitation.periodic import write_period
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant, input_period
 from gsid.spectrum.lines import lines_of
@@ -20,7 +22,7 @@ from gsid.spectrum.spectra import Spectra
 ENOUGH = 10.0  # expected difference in cost that distinguishes two effects
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Experiment:
     """One entry of the menu.
 
@@ -31,12 +33,29 @@ class Experiment:
         Expected difference in cost between the rivals, with the periods and the noise of the record given.
     peak, travel : float
         Largest command, and travel from end to end of the first rival, in the unit of its angle.
+    fs_hz : float
+        Sample rate [Hz].
+    command, first, second : (N,) ndarray
+        One period of the command, and the outputs of both models.
     """
 
     words: str
     separation: float
     peak: float
     travel: float
+    fs_hz: float
+    command: np.ndarray = field(repr=False)
+    first: np.ndarray = field(repr=False)
+    second: np.ndarray = field(repr=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write one period of the command as CSV, for `gsid run --u`.
+
+        Parameters
+        ----------
+        path : path
+        """
+        write_period(path, self.command, self.fs_hz, {"experiment": self.words})
 
 
 def menu(u: np.ndarray, limit: float) -> list[tuple[str, np.ndarray]]:
@@ -102,7 +121,8 @@ def next_experiment(
         nuisance = orthonormal(_whiten(one.dY[:, use] * weight).T)
         left = project_out(nuisance, difference[:, None])[:, 0]
         peak, travel = float(np.max(np.abs(command))), float(np.ptp(one.angle))
-        ranked.append(Experiment(words, float(left @ left), peak, travel))
+        outputs = (measured.fs_hz, command, one.y, other.y)
+        ranked.append(Experiment(words, float(left @ left), peak, travel, *outputs))
     return sorted(ranked, key=lambda experiment: -experiment.separation)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -124,14 +124,30 @@ class Periodic(Plottable, ABC):
         OSError
             The file cannot be written.
         """
-        head = {
-            "fs_hz": repr(self.fs_hz),
-            "period_samples": self.period_samples,
-            "hold": "zoh",
-        } | self._head()
-        rows = (f"{n / self.fs_hz!r},{u!r}" for n, u in enumerate(self.table().tolist()))
-        text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
-        write_atomically(path, lambda part: part.write_text("\n".join(text) + "\n", encoding="utf-8"))
+        write_period(path, self.table(), self.fs_hz, self._head())
+
+
+def write_period(path: str | os.PathLike, u: np.ndarray, fs_hz: float, more: Mapping[str, object]) -> None:
+    """Write one period of a command as CSV with columns t_s and u, below `# key: value` lines.
+
+    Parameters
+    ----------
+    path : path
+    u : (N,) ndarray
+    fs_hz : float
+        Sample rate [Hz].
+    more : mapping
+        Further keys and values of the head.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    head = {"fs_hz": repr(fs_hz), "period_samples": len(u), "hold": "zoh", **more}
+    rows = (f"{n / fs_hz!r},{value!r}" for n, value in enumerate(u.tolist()))
+    text = [*(f"# {key}: {value}" for key, value in head.items()), "t_s,u", *rows]
+    write_atomically(path, lambda part: part.write_text("\n".join(text) + "\n", encoding="utf-8"))
 
 
 def power_share(u: np.ndarray, line: np.ndarray) -> float:

@@ -20,6 +20,7 @@ from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.greybox import plant_fit
 from gsid.plots.matrix import bode_matrix
 from gsid.plots.methods import estimators
+from gsid.plots.next_experiment import next_experiments
 from gsid.plots.noise_spectrum import noise
 from gsid.plots.nonlinearity import distortion, superposition
 from gsid.plots.prediction import predicted_output
@@ -51,6 +52,7 @@ __all__ = [
     "ladder",
     "missing_torque",
     "narrow",
+    "next_experiments",
     "noise",
     "order_text",
     "periods",

@@ -34,6 +34,8 @@ class Action:
         On its button.
     summary : str
         What it does, in one sentence.
+    kind : str
+        Word after the verb, of a verb that has kinds.
     needs_model, may_have_model : bool
     writes : str
         Folder of the file that it writes; empty: none.
@@ -50,6 +52,7 @@ class Action:
     verb: str
     title: str
     summary: str
+    kind: str = ""
     needs_model: bool = False
     may_have_model: bool = False
     writes: str = ""
@@ -105,6 +108,16 @@ ACTIONS = {
             "Adds it, fits again, and shows how the error falls.",
             needs_model=True,
             writes="models",
+        ),
+        Action(
+            "design",
+            "Next experiment",
+            "The excitation that distinguishes the chosen model from another one best.",
+            kind="next",
+            needs_model=True,
+            writes="excitation",
+            suffix=".csv",
+            options=RECORD,
         ),
         Action(
             "cut",
@@ -167,11 +180,13 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[s
     action = ACTIONS[verb]
     arguments = [
         action.verb,
+        *([action.kind] if action.kind else []),
         *_effect(action, request),
         *_records(study, action, request),
         *_interval(action, request),
         *_options(action, request.get("options") or {}),
         *_model(study, action, request),
+        *_rival(study, action, request),
     ]
     number = study.begin_step()
     picture, made = _outputs(action, number)
@@ -231,6 +246,20 @@ def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[
         return []
     inside(study, name, "models/")
     return [str(name)] if action.records == "none" else ["--model", str(name)]
+
+
+def _rival(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
+    """Of the next experiment: the other model, and the largest command."""
+    if action.kind != "next":
+        return []
+    inside(study, request.get("rival"), "models/")
+    if request.get("rival") == request.get("model"):
+        raise InputError(
+            "both models are the same", "", request.get("model"), "choose another one to compare with"
+        )
+    limit = request.get("limit_command")
+    more = [] if limit in (None, "") else [f"--limit-command={_finite('--limit-command', limit)!r}"]
+    return ["--rival", str(request["rival"]), *more]
 
 
 def inside(study: Study, name: object, folder: str) -> Path:

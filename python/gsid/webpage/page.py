@@ -19,6 +19,13 @@ MAX_UPLOAD = 200 << 20
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 
 
+def title_of(step: Step) -> str:
+    """The words above a step: those of its button, if the page has one."""
+    action = ACTIONS.get(step.verb)
+    is_same = action is not None and action.kind in ("", *step.arguments[1:2])
+    return action.title if action and is_same else step.verb
+
+
 def made_by(step: Step) -> str | None:
     """The model that a step wrote."""
     return next((name for name in reversed(step.outputs) if name.startswith("models/")), None)
@@ -88,7 +95,13 @@ class Page:
     def _shown(self, step: Step) -> dict:
         if step.number not in self._followups:
             self._followups[step.number] = followups_of(step.verb, self.study.answer(step))
-        own = {"number": step.number, "verb": step.verb, "command": step.command, "words": step.words}
+        own = {
+            "number": step.number,
+            "verb": step.verb,
+            "title": title_of(step),
+            "command": step.command,
+            "words": step.words,
+        }
         own |= {"records": [word for word in step.arguments if word.startswith("records/")]}
         own |= {"files": [name for name in step.outputs if name != step.picture]}
         more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}

@@ -1,5 +1,6 @@
 // Which model is chosen: one step back, or the one of an earlier step. Nothing is deleted.
-import { byId, element, server } from "./elements.js";
+import { byId, element, isChanged, server } from "./elements.js";
+import { button, showWhatIsOff } from "./steps.js";
 
 function choose(model) {
   byId("model").value = model;
@@ -28,5 +29,20 @@ export function goOnFrom(step) {
   return [made];
 }
 
+// The models from which an experiment may distinguish the chosen one.
+export function showRivals() {
+  const others = (server.state?.models ?? []).filter((name) => name !== byId("model").value);
+  if (!isChanged("rivals", others)) return;
+  const options = others.map((name) => element("option", name.replace("models/", ""), { value: name }));
+  byId("rival").replaceChildren(...options);
+  byId("rival").value = before() ?? others.at(-1) ?? "";
+  const more = () => ({ rival: byId("rival").value, limit_command: byId("rival-limit").value });
+  byId("next-experiment").replaceChildren(button("design", more));
+  showWhatIsOff();
+}
+
 byId("step-back").addEventListener("click", () => before() && choose(before()));
-byId("model").addEventListener("change", showStepBack);
+byId("model").addEventListener("change", () => {
+  showStepBack();
+  showRivals();
+});

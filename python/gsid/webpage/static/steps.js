@@ -1,14 +1,14 @@
 // The steps of the study: their buttons, their answers and pictures, and what may follow.
 import { cutForm } from "./cut.js";
 import { byId, element, isChanged, server } from "./elements.js";
-import { goOnFrom, showStepBack } from "./models.js";
+import { goOnFrom, showRivals, showStepBack } from "./models.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { showRanking } from "./ranking.js";
 import { act, post } from "./requests.js";
 import { fileLink } from "./save.js";
 
-const ELSEWHERE = ["add", "cut", "report", "export-c"]; // their buttons are beside what they act on
+const ELSEWHERE = ["design", "add", "cut", "report", "export-c"]; // their buttons are beside what they act on
 
 export function readingOf() {
   const fields = [...byId("reading").querySelectorAll("input, select")];
@@ -25,7 +25,7 @@ export function button(verb, extra = {}, text = null) {
   const action = server.state.actions[verb];
   const made = element("button", text ?? action.title, { type: "button", title: action.summary });
   made.dataset.verb = verb;
-  made.addEventListener("click", () => isOff(made) || act(() => requestStep({ verb, ...extra })));
+  made.addEventListener("click", () => isOff(made) || act(() => requestStep({ verb, ...(extra instanceof Function ? extra() : extra) })));
   return made;
 }
 
@@ -57,12 +57,13 @@ export function showModels() {
   select.replaceChildren(...options);
   select.value = chosen;
   showStepBack();
+  showRivals();
 }
 
 function showStep(step) {
   const item = element("li", "", { id: `step-${step.number}`, className: step.failed ? "failed" : "", tabIndex: -1 });
   const [answer, ...notes] = step.words;
-  item.append(element("h3", server.state.actions[step.verb]?.title ?? step.verb));
+  item.append(element("h3", step.title));
   item.append(element("p", answer, { className: "answer" }));
   if (step.picture) {
     const box = element("div", "", { className: "picture" });

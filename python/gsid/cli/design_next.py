@@ -1,0 +1,112 @@
+"""gsid design next"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from gsid.base.tables import Table
+from gsid.cli.options import (
+    INPUT,
+    OUTPUT,
+    json_option,
+    limit_command_option,
+    limit_travel_option,
+    options_as_arguments,
+    picture_option,
+    plant_option,
+    record_options,
+)
+from gsid.cli.output import answered, draw, print_message, print_table, working
+
+if TYPE_CHECKING:
+    from gsid.diagnosis.next_experiment import Experiment
+    from gsid.plant.model import PlantModel
+    from gsid.records.record import Record
+
+
+@click.command("next", short_help="Excitation that distinguishes two models.")
+@record_options
+@plant_option("One of the models, a stack of effects.")
+@click.option("--rival", "rival_path", metavar="M.json", type=INPUT, required=True, help="The other model.")
+@limit_command_option
+@limit_travel_option
+@click.option("-o", "--output", metavar="FILE.csv", type=OUTPUT, help="Write one period of the best command.")
+@picture_option
+@json_option
+def design_next(
+    *,
+    records: list[Record],
+    model_path: str,
+    rival_path: str,
+    limit_command: float | None,
+    limit_travel_deg: float | None,
+    output: str | None,
+    picture: str | None,
+    as_json: bool,
+) -> None:
+    """Choose the next experiment: the one in which two models differ most.
+
+    Both models are simulated with variations of the excitation of REC, of several that with the largest
+    input. The experiments are ranked by the expected difference of the costs, without the part that the free
+    values of the first model can imitate. Check the command and the travel against the rig.
+    """
+    from gsid.diagnosis.next_experiment import ENOUGH, next_experiment
+    from gsid.models.load import load_plant
+    from gsid.plots import next_experiments
+    from gsid.spectrum.realisation import spectra_of
+
+    models = load_plant(model_path), load_plant(rival_path)
+    names = Path(model_path).name, Path(rival_path).name
+    with working("simulating both models"), options_as_arguments():
+        measured = max(spectra_of(records), key=lambda one: float(abs(one.u).max()))
+        ranked = next_experiment(*models, measured, limit=limit_command or math.inf)
+        ranked = _within(ranked, models[0], limit_travel_deg)
+    best = ranked[0] if ranked and ranked[0].separation >= ENOUGH else None
+    if output and best:
+        best.save(output)
+        print_message(f"wrote {output}")
+    if ranked:
+        draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
+    sentence = _sentence(best, names, models[0], measured.n_periods)
+    rows = [
+        {"words": one.words, "separation": one.separation, "peak": one.peak, "travel": one.travel}
+        for one in ranked
+    ]
+    if answered(as_json, lambda: {"sentence": sentence, "experiments": rows, "enough": ENOUGH}):
+        return
+    print(sentence)
+    print()
+    _print(ranked, models[0])
+
+
+def _within(ranked: Sequence[Experiment], model: PlantModel, limit_deg: float | None) -> list[Experiment]:
+    """Those whose travel to each side is allowed."""
+    from gsid.plant.units import RADIANS
+
+    if limit_deg is None:
+        return list(ranked)
+    if model.angle_unit == "m":
+        raise click.UsageError("--limit-travel-deg is for an axis that turns", click.get_current_context())
+    limit = limit_deg * RADIANS["deg"] / RADIANS[model.angle_unit]
+    return [one for one in ranked if one.travel / 2 <= limit]
+
+
+def _sentence(best: Experiment | None, names: tuple[str, str], model: PlantModel, n_periods: int) -> str:
+    if best is None:
+        return f"No experiment of the menu distinguishes {names[0]} from {names[1]} at this noise level."
+    return (
+        f"To distinguish {names[0]} from {names[1]}: {best.words}, with a command up to {best.peak:.3g} and "
+        f"a travel of {best.travel:.3g} {model.angle_unit}. The expected difference in cost is "
+        f"{best.separation:.3g} over {n_periods} periods."
+    )
+
+
+def _print(ranked: Sequence[Experiment], model: PlantModel) -> None:
+    head = ["experiment", "difference in cost", "largest command", f"travel [{model.angle_unit}]"]
+    rows = [[one.words, f"{one.separation:.4g}", f"{one.peak:.4g}", f"{one.travel:.4g}"] for one in ranked]
+    print_table(Table(head, rows, left=["experiment"]))

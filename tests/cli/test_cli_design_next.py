@@ -1,0 +1,81 @@
+"""gsid design next: the experiment that distinguishes two models."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gsid
+from gsid.diagnosis.next_experiment import next_experiment
+from gsid.excitation.multisine import Multisine
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.records.files import read_record, write_record
+from gsid.records.record import Record
+
+FS, N, PERIODS, SEED = 1000.0, 1000, 4, 20261123
+
+
+def params(**values):
+    return {name: Param(value) for name, value in values.items()}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A record, and two models: with dry friction, and with dry friction that gives first."""
+    print("seed", SEED)
+    folder = tmp_path_factory.mktemp("next")
+    effects = [Effect("rigid_body", params(gain=7.4)), Effect("viscous_friction", params(rate=11.0))]
+    linear = PlantModel(FS, effects, y_unit="deg/s")
+    dry = linear.with_effect("coulomb_friction", {"level": 15.0})
+    dry.save(folder / "dry.json")
+    linear.with_effect("presliding_friction", {"level": 15.0, "stiffness": 500.0}).save(
+        folder / "giving.json"
+    )
+    u = Multisine.design(FS, N, (1, 100), rms=20.0, phases="random", seed=SEED).table()
+    y = np.tile(dry.simulate(u).y, PERIODS)
+    noise = np.random.default_rng(SEED).normal(0, 0.01 * np.std(y), len(y))
+    record = Record(np.tile(u, PERIODS), y + noise, FS, N, 0, hold="zoh", y_unit="deg/s", u_unit="A")
+    write_record(folder / "rec.csv", record)
+    return folder
+
+
+def test_the_best_experiment_is_written_as_a_period_of_the_command(files, gsid, tmp_path):
+    made = tmp_path / "next.csv"
+    models = ["--model", files / "dry.json", "--rival", files / "giving.json"]
+    found = gsid("design", "next", files / "rec.csv", *models, "-o", made, "--json")
+    assert found.code == 0
+    answer = json.loads(found.out)
+    ranked = next_experiment(*_models(files), _spectra(files))
+    assert [one["words"] for one in answer["experiments"]] == [one.words for one in ranked]
+    assert ranked[0].words in answer["sentence"]
+    period = read_record(made, y="u")
+    assert (period.fs_hz, period.period_samples, period.hold) == (FS, N, "zoh")
+    assert np.max(np.abs(period.u - ranked[0].command)) == 0
+
+
+def test_no_experiment_exceeds_the_limits(files, gsid, tmp_path):
+    models = ["--model", files / "dry.json", "--rival", files / "giving.json"]
+    limits = ["--limit-command", 30, "--limit-travel-deg", 0.05]
+    found = gsid("design", "next", files / "rec.csv", *models, *limits, "--json")
+    ranked = json.loads(found.out)["experiments"]
+    assert ranked
+    assert max(one["peak"] for one in ranked) <= 30
+    assert max(one["travel"] for one in ranked) <= 0.1  # from end to end
+
+
+def test_models_that_no_experiment_distinguishes_give_a_sentence_and_no_file(files, gsid, tmp_path):
+    made = tmp_path / "next.csv"
+    models = ["--model", files / "dry.json", "--rival", files / "dry.json"]
+    found = gsid("design", "next", files / "rec.csv", *models, "-o", made)
+    assert found.code == 0
+    assert "No experiment of the menu distinguishes" in found.out
+    assert not made.exists()
+
+
+def _models(folder):
+    return [PlantModel.load(folder / name) for name in ("dry.json", "giving.json")]
+
+
+def _spectra(folder):
+    return gsid.spectra(read_record(folder / "rec.csv"))
