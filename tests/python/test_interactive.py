@@ -62,6 +62,16 @@ def test_steps_and_filled_areas_are_drawn(figure):
     assert (steps["x"], steps["y"]) == ([1, 10, 10, 100], [1, 1, 2, 2])
 
 
+def test_bug_texts_above_a_line_stood_on_it(figure):
+    """Only the middle of a text was kept, and the axes of a page have another height."""
+    ax = figure.axes[0]
+    offset = {"textcoords": "offset points", "ha": "right", "va": "bottom"}
+    ax.annotate("above", (10, ax.get_ylim()[0]), (0, 5), **offset)
+    one = next(one for one in interactive(figure)["layout"]["annotations"] if one["text"] == "above")
+    assert (one["xanchor"], one["yanchor"]) == ("right", "bottom")
+    assert 0 < one["y"] < 0.1
+
+
 def test_texts_are_never_markup(figure):
     figure.axes[0].set_title("<i>name</i> & more", loc="left")
     texts = [one["text"] for one in interactive(figure)["layout"]["annotations"]]

@@ -31,6 +31,14 @@ SYMBOLS = {
 FORMULA = r"\mathdefault"  # in the labels of a logarithmic axis
 PIXELS_PER_POINT = 96 / 72
 PIXELS_PER_INCH = 96
+TITLE_PIXELS = 11  # a page is narrower than its figure: titles end where those of the figure do
+VERTICAL = {
+    "top": "top",
+    "center": "middle",
+    "center_baseline": "middle",
+    "baseline": "bottom",
+    "bottom": "bottom",
+}
 
 
 def interactive(figure: Figure) -> dict[str, Any]:
@@ -292,6 +300,8 @@ def _title(ax: Axes, number: int) -> Iterator[dict[str, Any]]:
             "y": 1,
             "xanchor": "left",
             "yanchor": "bottom",
+            "align": "left",
+            "font": {"size": TITLE_PIXELS},
             "showarrow": False,
         }
 
@@ -303,15 +313,20 @@ def _texts(ax: Axes, number: int) -> Iterator[dict[str, Any]]:
 
 
 def _text(ax: Axes, text: Text, number: int) -> dict[str, Any]:
-    """A text at its place on the canvas, relative to the axes."""
+    """A text with its anchor at its place on the canvas, relative to the axes."""
     box = text.get_window_extent()
-    x, y = ax.transAxes.inverted().transform(((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
+    horizontal, vertical = text.get_horizontalalignment(), VERTICAL[text.get_verticalalignment()]
+    at = {"left": box.x0, "center": (box.x0 + box.x1) / 2, "right": box.x1}[horizontal]
+    height = {"bottom": box.y0, "middle": (box.y0 + box.y1) / 2, "top": box.y1}[vertical]
+    x, y = ax.transAxes.inverted().transform((at, height))
     return {
         "text": _plain(text.get_text()),
         "xref": f"x{_suffix(number)} domain",
         "yref": f"y{_suffix(number)} domain",
         "x": float(x),
         "y": float(y),
+        "xanchor": horizontal,
+        "yanchor": vertical,
         "showarrow": False,
         "font": {"size": text.get_fontsize() * PIXELS_PER_POINT, "color": _colour(text.get_color())[0]},
     }

@@ -60,7 +60,7 @@ def predicted_output(predicted: PredictedOutput | Sequence[PredictedOutput]) -> 
 
 def _axes_beside_each_other(n: int) -> tuple[Figure, list[np.ndarray]]:
     """For each prediction the signals above the residuals, and their close-ups to the right."""
-    figure = new_figure(0.6 + 4.2 * n)
+    figure = new_figure(0.6 + (4.2 if n == 1 else 3.2) * n)
     grid = figure.add_gridspec(2 * n, 2, width_ratios=[3, 2], height_ratios=[3, 2] * n)
     cells = [[grid[2 * row + i, column] for column in (0, 1) for i in (0, 1)] for row in range(n)]
     return figure, [_axes_of(figure, four) for four in cells]

@@ -216,4 +216,4 @@ def failing_tables(c: Comparison | None) -> list[Table]:
         "Largest share of the excess first." if rows else "The error does not exceed the noise in any band."
     )
     head = ("Band", "Lines", "Share", "Error over response", "p")
-    return [Table(head, rows, title="Where the model fails", note=note)]
+    return [Table(head, rows, title="Bands with an excess", note=note)]
