@@ -67,10 +67,8 @@ def test_each_width_has_its_own_picture(page):
         page.set_viewport_size({"width": width, "height": 900})
         visible = page.locator("figure").first.locator("svg:visible, .plot:visible").first
         assert visible.get_attribute("class").split()[0] in (shown, "plot")
-        text = page.evaluate(
-            "Math.min(...[...document.querySelectorAll('figure')][0].querySelectorAll('svg:not([display=none]) text')"
-            ".values().map(one => one.getBoundingClientRect().height).filter(height => height > 0))"
-        )
+        texts = page.locator("figure").first.locator("svg:visible text")
+        text = min(one.bounding_box()["height"] for one in texts.all() if one.is_visible())
         assert text > 8  # pixels
 
 
