@@ -26,11 +26,14 @@ def test_an_experiment_by_clicks_gives_a_record_that_is_ticked(page):
     page.locator("#experiment summary").click()
     page.locator("#live-limits input").first.wait_for()
     limits = page.locator("#live-limits input")
-    assert [limits.nth(i).input_value() for i in range(3)] == [
-        "",
-        "",
-        "",
-    ]  # nothing is assumed of a real axis
+
+    def limits_of(axis):
+        page.select_option("#live-form [name=axis]", axis)
+        return [limits.nth(i).input_value() for i in range(3)]
+
+    assert limits_of("other") == ["", "", ""]  # nothing is assumed of a real axis
+    assert "" not in limits_of("simulated")
+    assert limits_of("other") == ["", "", ""]
     page.locator("#experiment summary").click()
     start(page, periods="12")
     moving(page)
@@ -42,6 +45,11 @@ def test_an_experiment_by_clicks_gives_a_record_that_is_ticked(page):
     assert page.locator("#records input").is_checked()
     assert page.locator("#live-bar").is_hidden()
     assert page.locator("#live").is_visible()  # the last picture stays
+    page.reload()
+    page.locator("#experiment summary").click()
+    page.locator("#live-limits input").first.wait_for()
+    assert "" not in limits_of("simulated")  # as in the last experiment
+    assert limits_of("other") == ["", "", ""]
 
 
 def test_a_reload_goes_on_and_escape_stops(page):

@@ -157,6 +157,7 @@ def test_stop_reaches_the_axis_and_the_record_is_kept(studio, axis, tmp_path):
     state = page.page_state()
     assert state["records"] == ["records/2-run.npz"]
     assert [one["verb"] for one in state["steps"]] == ["design", "run", "look"]
+    assert not (tmp_path / "st/.run.json").exists()
 
 
 def test_without_a_page_for_3_s_the_run_stops(studio, axis, tmp_path):
@@ -253,6 +254,11 @@ def test_the_end_of_the_server_by_force_stops_the_axis(studio, axis, tmp_path):
     wait_for_record(tmp_path)
     assert stop_of(axis.applied(), killed_s) > 0
     assert int(record_of(tmp_path).meta["good_periods"]) > 1
+    page = Browser(studio()[0].address)  # the next server
+    state = page.page_state()
+    assert state["records"] == ["records/2-run.npz"]
+    assert "The server ended during this run" in state["steps"][-1]["words"][0]
+    assert "records/2-run.npz" in state["steps"][-1]["words"][1]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda one: one.name)

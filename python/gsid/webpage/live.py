@@ -36,6 +36,7 @@ from gsid.webpage.experiment import (
     experiment_of,
     ports,
 )
+from gsid.webpage.interrupted import adopt_run, forget_run, note_run
 from gsid.webpage.jobs import Job
 from gsid.webpage.page import Page
 from gsid.webpage.safety import new_token
@@ -159,6 +160,8 @@ class Live:
         self._stage: Job | None = None  # the present step of an experiment: its design, or its run
         self._form: dict[str, Any] = {}
         self._n_jobs = 0
+        if adopt_run(page.study):
+            page.read_study()
 
     # ---- control ---------------------------------------------------------------------------------------
 
@@ -248,11 +251,13 @@ class Live:
         job = LiveJob(tuple(words), added=("--attended",))
         job.number, job.on_figures = self._n_jobs + 1, self.changed
         self.page.begin(job, [record], number, lambda ended: self._ended(record))
+        note_run(self.page.study, number, words, record)
         self.job, self._stage, self._n_jobs = job, job, job.number
 
     def _ended(self, record: str) -> None:
         """Look at the record; make it of the journal if the run was ended by force."""
         self.changed()
+        forget_run(self.page.study)
         journal = f"{record}.journal"
         if (self.page.study.folder / record).is_file():
             self.page.request_step({"verb": "look", "records": [record]})

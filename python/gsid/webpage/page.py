@@ -119,6 +119,11 @@ class Page:
             "stopping": job.is_stopping,
         }
 
+    def read_study(self) -> None:
+        """Show the study as its folder has it now."""
+        self._study = self._study_state()
+        self.changed()
+
     def changed(self) -> None:
         """Have the state sent to every page that watches, when it next reads."""
         for watcher in self.watchers:

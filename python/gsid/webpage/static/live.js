@@ -114,6 +114,7 @@ async function start() {
   const body = JSON.stringify({ token: now.token, ...formValues() });
   const begun = await post("/live/run", body, { headers: { "Content-Type": "application/json" } });
   if (begun) byId("experiment").open = false;
+  else byId("error").scrollIntoView({ block: "center" });
 }
 
 byId("experiment").addEventListener("toggle", () => byId("experiment").open && fillForm());

@@ -5,7 +5,8 @@ import { answerOf } from "./requests.js";
 const OTHER = "other"; // a port that is not listed
 
 let known = null; // as the server described it
-let filledFor = null; // whether defaults of the simulated axis are filled in
+let axisShown = ""; // to which the fields that depend on the axis belong
+const kept = new Map(); // axis: these fields as filled in for it, never for another one
 
 const form = () => byId("live-form").elements;
 
@@ -33,7 +34,7 @@ function makeFields() {
   options(form().effect, known.effects.map((name) => [name, name.replaceAll("_", " ") || "none"]));
   options(form().lines, known.lines.map((name) => [name, name]));
   for (const [group, fields] of Object.entries(known.fields)) byId(`live-${group}`).append(...fields.map(fieldOf));
-  for (const [name, value] of Object.entries(known.last)) if (form()[name]?.value === "") form()[name].value = value;
+  recall();
   form().axis.addEventListener("change", showParts);
   form().file.addEventListener("change", showParts);
 }
@@ -49,18 +50,30 @@ function options(select, pairs) {
   select.replaceChildren(...pairs.map(([value, text]) => element("option", text, { value })));
 }
 
-// Limits of the simulated axis are filled in; they are taken back when a real axis is chosen.
+const ofTheAxis = () => Object.values(known.fields).flat().filter((one) => one.simulated);
+
+// What was filled in for the last experiment.
+function recall() {
+  const { last } = known;
+  for (const { name } of Object.values(known.fields).flat()) if (last[name]) form()[name].value = last[name];
+  if (last.axis) kept.set(last.axis, Object.fromEntries(ofTheAxis().map(({ name }) => [name, last[name] ?? ""])));
+  if (last.path) form().path.value = last.path;
+  form().axis.value = last.axis ?? "";
+  if (form().axis.value === last.axis) axisShown = last.axis;
+  else for (const { name } of ofTheAxis()) form()[name].value = "";
+}
+
+// Limits and amplitude hold for one axis: another one begins without, the simulated one with its own.
 function showParts() {
-  const isSimulated = form().axis.value === known.simulated;
+  const axis = form().axis.value;
+  const isSimulated = axis === known.simulated;
   byId("live-simulated").hidden = !isSimulated;
-  byId("live-path").hidden = form().axis.value !== OTHER;
+  byId("live-path").hidden = axis !== OTHER;
   byId("live-excitation").hidden = Boolean(form().file.value);
-  for (const field of Object.values(known.fields).flat().filter((one) => one.simulated)) {
-    const input = form()[field.name];
-    if (isSimulated && !input.value) input.value = field.simulated;
-    else if (!isSimulated && filledFor === known.simulated) input.value = "";
-  }
-  filledFor = form().axis.value;
+  if (axis === axisShown) return;
+  kept.set(axisShown, Object.fromEntries(ofTheAxis().map(({ name }) => [name, form()[name].value])));
+  for (const { name, simulated } of ofTheAxis()) form()[name].value = kept.get(axis)?.[name] ?? (isSimulated ? simulated : "");
+  axisShown = axis;
 }
 
 export function formValues() {
