@@ -45,9 +45,7 @@ def adopt_run(study: Study) -> bool:
         return False
     if all(step.number != number for step in study.steps):
         words = ("The server ended during this run, and gsid run stopped the axis.", _kept(study, record))
-        study.add_step(
-            arguments, INTERRUPTED, words=words, outputs=[record], number=number, measured=[record]
-        )
+        study.add_step(arguments, INTERRUPTED, words=words, outputs=[record], number=number)
     forget_run(study)
     return True
 
