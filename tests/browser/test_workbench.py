@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from conftest import STEP_MS, Studio
 
+from conftest import STEP_MS, Studio
 from gsid.excitation.multisine import Multisine
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
@@ -140,12 +140,13 @@ LARGE_N, LARGE_PERIODS = 6000, 4
 
 
 def large_study(folder, seed=20261123):
-    """A study with a record of 6000 samples a period and a model of 8 effects, and a simulated axis behind it."""
+    """A study with a record of 6000 samples a period and a model of 8 effects."""
     print("seed", seed)
     values = {
         "transport_delay": {"delay_s": 0.0054}, "motor_lag": {"time_constant_s": 0.001},
-        "drive_dead_zone": {"half_width": 1.0}, "rigid_body": {"gain": 7.4}, "viscous_friction": {"rate": 11.0},
-        "coulomb_friction": {"level": 15.0}, "cable_spring": {"stiffness": 170.0},
+        "drive_dead_zone": {"half_width": 1.0}, "rigid_body": {"gain": 7.4},
+        "viscous_friction": {"rate": 11.0}, "coulomb_friction": {"level": 15.0},
+        "cable_spring": {"stiffness": 170.0},
         "flexible_mode": {"f_hz": 179.0, "zeta": 0.015, "residue": 0.15},
     }  # fmt: skip
     effects = [

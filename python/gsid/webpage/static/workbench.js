@@ -4,9 +4,10 @@ import { chosenRecords } from "./records.js";
 import { act } from "./requests.js";
 import { isOff, readingOf, requestStep } from "./steps.js";
 
+const NARROW = 500; // pixels
 const STEPS = 400; // of a slider
 const COLOURS = { measured: "#333333", model: "#0072b2", difference: "#d55e00", noise: "#8a8a8a" };
-const NAMES = { measured: "measured", model: "model", difference: "measured \u2212 model" };
+const NAMES = { measured: "measured", model: "model", difference: "difference" };
 
 const bench = { socket: null, model: "", sheet: [], fitted: null, values: {}, out: new Set(), added: [], serial: 0 };
 let isWaiting = false; // for an answer of the server
@@ -106,10 +107,11 @@ function draw(answer) {
 
 function layoutOf(answer) {
   const bound = answer.noise_of_mean;
+  const isNarrow = byId("bench-picture").clientWidth < NARROW;
   const unit = answer.unit ? ` [${answer.unit}]` : "";
   return {
-    autosize: true, font: { size: 11 }, margin: { l: 62, r: 8, t: 8, b: 36 }, uirevision: bench.model,
-    legend: { orientation: "h", x: 0, y: 1.1 },
+    autosize: true, font: { size: isNarrow ? 9 : 11 }, margin: { l: isNarrow ? 44 : 62, r: 8, t: 26, b: 36 }, uirevision: bench.model,
+    legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom" },
     xaxis: { title: { text: "time in the period [s]" }, anchor: "y2" },
     yaxis: { title: { text: `output${unit}` }, domain: [0.42, 1] },
     yaxis2: { title: { text: `difference${unit}` }, domain: [0, 0.36] },
