@@ -13,7 +13,6 @@ instead.
 
 from __future__ import annotations
 
-import html
 import itertools
 import logging
 from collections.abc import Callable, Sequence
@@ -25,7 +24,7 @@ import numpy as np
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
-from gsid.base.tables import Table
+from gsid.base.tables import Table, paragraphs
 from gsid.greybox.problem import least_size
 from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import lines_used
@@ -199,7 +198,7 @@ class Comparison(Plottable):
             )
             for band in self.where
         ]
-        return f"<p>{html.escape(self.verdict)}</p>" + (Table(head, rows).html() if rows else "")
+        return paragraphs(self.verdict) + (Table(head, rows).html() if rows else "")
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
-from gsid.base.tables import Table
+from gsid.base.tables import Table, paragraphs
 from gsid.comparison import behind_hold, check_model, depends_on_hold
 from gsid.greybox.weights import has_common_zero
 from gsid.models.sample_rate import at_rate_of
@@ -114,7 +113,7 @@ class PredictedOutput(Plottable):
         )
 
     def _repr_html_(self) -> str:
-        return f"<p>{html.escape(repr(self))}</p>"
+        return paragraphs(repr(self))
 
 
 def fit_percent(rms_error: float, rms_output: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 import importlib
 from typing import TYPE_CHECKING, Any
 
@@ -33,13 +34,22 @@ def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
 
 
 class Plottable:
-    """A result with a figure."""
+    """A result with a figure. A notebook shows its text, unless it has a table of its own."""
 
     drawn_by = ""  # module that registers the drawing functions, imported on demand; set by `gsid`
 
     def plot(self) -> Figure:
-        """Draw the result. The functions of `gsid.plots` describe each figure."""
+        """Draw the result. The functions of `gsid.plots` describe each figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            `gain, phase = frf.plot()` gives its axes, as does `.axes`. A notebook shows the figure.
+        """
         return self._figure()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def _figure(self, *args: Any, **options: Any) -> Figure:
         importlib.import_module(self.drawn_by)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -60,6 +61,16 @@ class Table:
         return templates().get_template("table.html").render(t=self, caption=self.title)
 
     _repr_html_ = html
+
+
+def paragraphs(*texts: str) -> str:
+    """Return sentences in HTML, a paragraph each; empty ones are left out.
+
+    Parameters
+    ----------
+    *texts : str
+    """
+    return "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
 
 
 @functools.cache

@@ -20,6 +20,7 @@ import numpy as np
 
 from gsid.base.errors import GsidError, InputError, close
 from gsid.base.hold import other_reading
+from gsid.base.tables import paragraphs
 from gsid.comparison import Comparison, compare
 from gsid.diagnosis.closed_loop import in_closed_loop
 from gsid.diagnosis.effect_starts import effect_starts, fixed_parameters
@@ -97,6 +98,9 @@ class Addition:
 
     def __repr__(self) -> str:
         return f"{self.rung.sentence}\n{self.ladder!r}"
+
+    def _repr_html_(self) -> str:
+        return paragraphs(self.rung.sentence) + self.ladder._repr_html_()
 
 
 def add(

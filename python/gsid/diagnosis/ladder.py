@@ -13,6 +13,7 @@ import numpy as np
 from gsid.base.errors import InputError
 from gsid.base.json_files import band_of, number, numbers, text, texts
 from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 from gsid.diagnosis.error_fall import FALL_ALARM
 from gsid.plant.model import PlantModel
 
@@ -173,6 +174,11 @@ class Ladder(Plottable):
             levels.append((f"+ {r.effect}", r.after, r.held_out["after"], r.noise_floor_rms))
             last = r
         return levels
+
+    def _repr_html_(self) -> str:
+        unit = f" [{self.rungs[0].y_unit}]" if self.rungs and self.rungs[0].y_unit else ""
+        errors = (f"{name}{unit}" for name in ("rms error fitted", self.judged_on, "noise alone"))
+        return Table(("step", "cost per d.o.f.", *errors), self.rows(), title="Ladder").html()
 
     def __repr__(self) -> str:
         unit = f" [{self.rungs[0].y_unit}]" if self.rungs and self.rungs[0].y_unit else ""

@@ -23,6 +23,7 @@ from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
+from gsid.base.tables import paragraphs
 from gsid.base.threads import n_threads
 from gsid.greybox.minimise import Minimum, Steps, lengths, minimise
 from gsid.greybox.problem import Point, Problem
@@ -272,19 +273,25 @@ class PlantFit(Plottable):
         return {key: getattr(self, key) for key in keys} | {"band_hz": list(self.band_hz), "per_record": own}
 
     def __repr__(self) -> str:
-        lines = [repr(self.model)]
+        return "\n".join([repr(self.model), *(f"  {line}" for line in self._lines())])
+
+    def _repr_html_(self) -> str:
+        means = f"The cost per degree of freedom is {COST_MEANS[self.method]}."
+        return self.model._repr_html_() + paragraphs(means, *self._lines())
+
+    def _lines(self) -> list[str]:
         state = "converged" if self.converged else "NOT converged"
-        lines.append(f"  {self.n_dof} degrees of freedom, {state} after {self.n_iterations} iterations")
+        lines = [f"{self.n_dof} degrees of freedom, {state} after {self.n_iterations} iterations"]
         for record in self.records:
-            lines += [f"  {record.name or 'record'}: {name} {param}" for name, param in record.params.items()]
+            lines += [f"{record.name or 'record'}: {name} {param}" for name, param in record.params.items()]
         for words, names in (
             ("not determined by the data", self.undetermined),
             ("at a bound", self.at_bound),
             ("no steady state found", self.unsettled),
         ):
             if names:
-                lines.append(f"  {words}: {', '.join(names)}")
-        return "\n".join(lines)
+                lines.append(f"{words}: {', '.join(names)}")
+        return lines
 
 
 def _stacked(parts: list[np.ndarray]) -> np.ndarray:

@@ -13,7 +13,7 @@ from gsid.base.errors import InputError
 from gsid.base.json_files import LARGEST, flag, how_fitted, listed, moderate, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
-from gsid.base.tables import Table
+from gsid.base.tables import Table, paragraphs
 from gsid.base.zero_order_hold import hold_factor
 from gsid.models.fit_warning import FitWarning
 from gsid.models.polynomial import roots_of
@@ -613,8 +613,10 @@ class RationalModel(Plottable):
             ("num", _with_std(self.num, self.std_num)),
             ("den", _with_std(self.den, self.std_den)),
             ("delay [ms]", delay_ms),
+            ("y / u", f"{self.y_unit or '1'} / {self.u_unit or '1'}"),
         ]
-        return Table((), rows, title=self._lines()[0]).html()
+        title, _num, _den, _delay, *rest = self._lines()
+        return Table((), rows, title=title).html() + paragraphs(*(line.strip() for line in rest))
 
 
 def half_of(cov: np.ndarray) -> np.ndarray:

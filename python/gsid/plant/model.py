@@ -17,7 +17,7 @@ from gsid.base.arguments import printable_text
 from gsid.base.errors import InputError, close
 from gsid.base.json_files import listed, number, text
 from gsid.base.model_file import FORMAT, read_model_file, write_model_file
-from gsid.base.tables import Table
+from gsid.base.tables import Table, paragraphs
 from gsid.effects.custom import entry_keys, of_entry
 from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
@@ -451,7 +451,9 @@ class PlantModel:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        return self._table().html()
+        cost = (self.fit or {}).get("cost_per_dof")
+        text = "" if cost is None else f"Fitted; cost per degree of freedom {cost:.4g}."
+        return self._table().html() + paragraphs(text)
 
 
 def check_plant(model: object) -> None:

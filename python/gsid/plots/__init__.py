@@ -24,12 +24,14 @@ from gsid.plots.next_experiment import next_experiments
 from gsid.plots.noise_spectrum import noise
 from gsid.plots.nonlinearity import distortion, superposition
 from gsid.plots.prediction import predicted_output
+from gsid.plots.record import one_record
 from gsid.plots.response import bode, bode_of_plant, frf, piecewise, residual, residual_of_plant
 from gsid.plots.roots import pole_zero, root_text
 from gsid.plots.structure import start
 from gsid.plots.style import STYLE, band_text, delay_text, narrow, order_text, with_interval
 from gsid.plots.torque import missing_torque, torque_residual
 from gsid.prediction import PredictedOutput
+from gsid.records.record import Record
 from gsid.response.distortion import Distortion
 from gsid.response.frf import Frf
 from gsid.response.superposition import Superposition
@@ -83,6 +85,7 @@ _DRAWINGS = {
     PlantFit: plant_fit,
     PredictedOutput: predicted_output,
     RationalModel: bode,
+    Record: one_record,
     Start: start,
     Superposition: superposition,
     TorqueResidual: torque_residual,

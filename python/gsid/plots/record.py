@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from gsid.base.errors import InputError
 from gsid.plots.style import (
     MEASURED,
     NOISE,
@@ -23,6 +24,7 @@ from gsid.plots.style import (
     styled,
     with_unit,
 )
+from gsid.spectrum.realisation import spectra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,6 +56,24 @@ def records(seen: Sequence[tuple[Record, Spectra | None]]) -> Figure:
         if found is not None:
             _draw_lines(axes.pop(0), found)
     return figure
+
+
+def one_record(record: Record) -> Figure:
+    """Input and output over time and, if the record has a period, the lines of its mean period.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    Figure
+    """
+    try:
+        found = spectra(record)
+    except InputError:  # shown without its lines
+        found = None
+    return records([(record, found)])
 
 
 def _draw_signals(above: Axes, below: Axes, record: Record, found: Spectra | None) -> None:

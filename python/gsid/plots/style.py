@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import functools
+import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -71,6 +72,7 @@ NARROW_IN = 4.3  # on a telephone 9-point text of this width can be read
 _width_in = contextvars.ContextVar("width of new figures [inch]", default=WIDTH_IN)
 CHARACTERS_PER_INCH = 12.3  # of a title
 RASTER_DPI = 160
+NOTEBOOK_DPI = 100
 _MANY_POINTS = 1200  # more than that are drawn as a bitmap inside the vector picture
 
 
@@ -103,8 +105,21 @@ def is_narrow() -> bool:
     return _width_in.get() < WIDTH_IN
 
 
+class Picture(Figure):
+    """A figure whose axes can be unpacked, and which a notebook shows also without pyplot."""
+
+    def __iter__(self) -> Iterator[Axes]:
+        return iter(self.axes)
+
+    def _repr_png_(self) -> bytes:
+        image = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            self.savefig(image, format="png", dpi=NOTEBOOK_DPI)
+        return image.getvalue()
+
+
 def new_figure(height_in: float) -> Figure:
-    figure = Figure(figsize=(_width_in.get(), height_in), dpi=RASTER_DPI)
+    figure = Picture(figsize=(_width_in.get(), height_in), dpi=RASTER_DPI)
     FigureCanvasAgg(figure)
     return figure
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from gsid.base.arguments import printable_text, real_number, sample_rate, whole_samples
 from gsid.base.errors import InputError
+from gsid.base.plottable import Plottable
+from gsid.base.tables import Table
 
 if TYPE_CHECKING:
     import pandas
@@ -21,7 +23,7 @@ LARGEST = 1e100  # of a sample: above it, and below its inverse, sums of squares
 
 
 @dataclass(repr=False)
-class Record:
+class Record(Plottable):
     """Samples of one realisation.
 
     Attributes
@@ -184,6 +186,27 @@ class Record:
         length = f"{len(self)} samples at {self.fs_hz:g} Hz, {len(self) / self.fs_hz:.4g} s"
         period = f", period {self.period_samples}" if self.period_samples else ""
         return f"Record({self.name or 'unnamed'}: {length}{period}{f', {lost} lost' if lost else ''})"
+
+    def _repr_html_(self) -> str:
+        lost = int(np.count_nonzero(~self.valid))
+        held = {"zoh": "held over each sample", "none": "not held", None: "not stated"}
+        period = f"{self.period_samples} samples" if self.period_samples else "found from the data"
+        rows = [
+            ("samples", f"{len(self)} at {self.fs_hz:g} Hz, {len(self) / self.fs_hz:.4g} s; {lost} lost"),
+            ("period", period),
+            *((name, self._range(name)) for name in ("u", "y")),
+            ("hold of u", held[self.hold]),
+            *([("other columns", ", ".join(self.columns))] if self.columns else []),
+        ]
+        return Table((), rows, title=f"Record {self.name or 'unnamed'}").html()
+
+    def _range(self, name: str) -> str:
+        """Range and rms of u or y, without lost samples."""
+        samples, unit = getattr(self, name)[self.valid], getattr(self, f"{name}_unit")
+        if len(samples) == 0:
+            return "no valid sample"
+        rms = np.sqrt(np.mean(samples**2))
+        return f"{samples.min():.4g} to {samples.max():.4g}, rms {rms:.4g} {unit}".rstrip()
 
 
 def check_range(record: Record) -> None:

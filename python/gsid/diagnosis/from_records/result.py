@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gsid.base.plottable import Plottable
-from gsid.base.tables import Table
+from gsid.base.tables import Table, paragraphs
 from gsid.diagnosis.from_records.basis import Basis
 from gsid.diagnosis.from_records.law_part import missing_torque
 from gsid.diagnosis.from_records.probability import Probabilities
@@ -333,6 +333,10 @@ class Diagnosis(Plottable):
     def __repr__(self) -> str:
         lines = [self.sentence, self.table().text() if self.ranking else ""]
         return "\n".join([*lines, *self.notes])
+
+    def _repr_html_(self) -> str:
+        ranking = self.table().html() if self.ranking else ""
+        return paragraphs(self.sentence, *self.findings) + ranking + paragraphs(self.next_experiment)
 
 
 def _listed(several: Sequence[tuple[str, ...]]) -> str:
