@@ -1,11 +1,12 @@
-"""Cost of the server of `gsid studio` while an experiment runs: processor time, and memory over a long run.
+"""An experiment of `gsid studio`: cost of the server while it runs, and time from a stop to the STOP frame.
 
-    live_server.py [--seconds S] [--samples N]
+    live_server.py [--seconds S] [--samples N] [--stops M]
 
 A page that reads every message watches a run on the paced simulated axis at 3 kHz for S seconds: the
 processor time of the server alone, as a share of one core, and the pictures a second that arrive. Then the
 lock-step axis delivers N samples: the growth of the server's memory, from the first figures to the end of the
-run. Both are read from /proc, so that this needs Linux. Exit status 1 if a limit is exceeded.
+run. Both are read from /proc, so that this needs Linux. At last M runs on a pseudo-terminal are stopped: the
+time from the request to the line of STOP in the log of the axis. Exit status 1 if a limit is exceeded.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from websockets.sync.client import connect
 
 GSID = [sys.executable, "-m", "gsid.cli.main"]
-CPU_MOST, GROWTH_MOST_MB = 0.30, 20.0
+CPU_MOST, GROWTH_MOST_MB, STOP_MOST_MS = 0.30, 20.0, 100.0
 FORM = {
     "port": "simulated",
     "fs": "3000",
@@ -76,6 +78,7 @@ class Page:
         return self.state["figures"]
 
     def start(self, **more: Any) -> None:
+        self.wait_until_idle()
         answer = self.request("POST", "/live/run", json.dumps(FORM | {"token": self.state["token"]} | more))
         assert answer.status == 200, answer.text
         number = self.state["run"]
@@ -86,6 +89,8 @@ class Page:
         self.request("POST", "/stop")
         while self.state["running"]:
             self.read()
+
+    def wait_until_idle(self) -> None:
         while json.loads(self.request("GET", "/state").text)["job"]:
             time.sleep(0.2)
 
@@ -126,10 +131,34 @@ def lock_step(page: Page, pid: int, samples: int) -> dict[str, float]:
     return {"samples": ticks, "before_mb": round(before, 1), "growth_mb": round(most - before, 2)}
 
 
+def stops(page: Page, number: int) -> dict[str, float]:
+    """Time from the request of a stop to the STOP frame at the axis [ms]."""
+    begun_s = []
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "axis.csv"
+        words = [*GSID, "simulate", "--paced", "--log", str(log)]
+        axis = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        assert axis.stdout
+        port = axis.stdout.readline().strip()
+        for _ in range(number):
+            page.start(port=port, periods="1000")
+            begun_s.append(time.monotonic())
+            page.stop()
+        axis.terminate()
+        axis.wait(timeout=TIMEOUT_S)
+        t_s, u = np.loadtxt(log, delimiter=",", skiprows=1, usecols=(0, 2)).T
+    is_last = (
+        np.diff(t_s, append=np.inf) > 0.2
+    )  # nothing follows STOP; the axis's own stop goes on with ticks
+    ms = [1e3 * (t_s[(t_s > begin_s) & is_last & (u == 0)][0] - begin_s) for begin_s in begun_s]
+    return {"stops": number, "median_ms": round(float(np.median(ms)), 1), "most_ms": round(max(ms), 1)}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--samples", type=int, default=10_000_000)
+    parser.add_argument("--stops", type=int, default=20)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         server = subprocess.Popen(
@@ -141,12 +170,13 @@ def main() -> int:
             load = os.getloadavg()[0]
             found = {"paced": paced(page, server.pid, options.seconds)}
             found["lock_step"] = lock_step(page, server.pid, options.samples)
+            found["stop"] = stops(page, options.stops)
         finally:
             server.terminate()
             server.wait(timeout=TIMEOUT_S)
     print(json.dumps(found | {"load_before": round(load, 2)}, indent=1))
     good = found["paced"]["cores"] <= CPU_MOST and found["lock_step"]["growth_mb"] < GROWTH_MOST_MB
-    return 0 if good else 1
+    return 0 if good and found["stop"]["most_ms"] <= STOP_MOST_MS else 1
 
 
 if __name__ == "__main__":

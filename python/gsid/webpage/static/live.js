@@ -10,6 +10,7 @@ const KEY = "gsid control"; // of this tab; a reload keeps it
 let socket = null;
 let now = { token: "", running: false }; // as the server last sent it
 let isDrawing = false;
+let wantsFocus = false; // this page has just started the experiment
 let waiting = []; // sets of figures that are not drawn yet
 
 // ---- connection ---------------------------------------------------------------------------------
@@ -75,9 +76,14 @@ const CONTROL = {
 
 function showBar() {
   byId("live-bar").hidden = !now.running;
+  if (now.running && wantsFocus) {
+    wantsFocus = false;
+    byId("live-stop").focus({ preventScroll: true }); // what was pressed is folded away
+  }
   document.body.classList.toggle("live-runs", now.running); // the bar takes the place of the usual job
   byId("live-command").textContent = now.command;
-  byId("live-control").textContent = CONTROL[now.control] + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
+  const control = CONTROL[now.control] + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
+  if (byId("live-control").textContent !== control) byId("live-control").textContent = control; // it is read aloud
   byId("live-take").hidden = now.control === "own";
   byId("live-stop").textContent = now.stopping ? "Stopping" : "Stop the axis";
   if (now.running && byId("live-status").textContent === "") byId("live-status").textContent = "Waiting for the axis.";
@@ -113,8 +119,11 @@ document.addEventListener("keydown", (event) => {
 async function start() {
   const body = JSON.stringify({ token: now.token, ...formValues() });
   const begun = await post("/live/run", body, { headers: { "Content-Type": "application/json" } });
-  if (begun) byId("experiment").open = false;
-  else byId("error").scrollIntoView({ block: "center" });
+  if (!begun) byId("error").scrollIntoView({ block: "center" });
+  else {
+    byId("experiment").open = false;
+    wantsFocus = true;
+  }
 }
 
 byId("experiment").addEventListener("toggle", () => byId("experiment").open && fillForm());
