@@ -25,7 +25,7 @@ from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra, read_as
 from gsid.webpage.edits import Edit, check_out, check_value, extended, may_be_out
 
-MOVES_MOST = 3e8  # of one simulation: some seconds
+MOVES_MOST = 2e7  # of one simulation: a hundred times the usual, some seconds
 STRUCTURES_KEPT = 8  # simulations that stay prepared, one for each choice of effects
 POINTS = (100, 4000)  # fewest and most points of a drawn signal
 DECADES = 2  # of a logarithmic slider, on either side of its centre
