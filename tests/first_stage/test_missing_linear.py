@@ -1,5 +1,6 @@
 """Linear effects that a model lacks: starts from the data, and one trial of each kind of the study."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import linear_axes as axes
@@ -11,8 +12,9 @@ import pytest
 import gsid
 from gsid.base.deadline import Deadline
 from gsid.diagnosis.from_records import draft
+from gsid.diagnosis.from_records.mode_limits import with_limits_of, with_mode_limits
 from gsid.diagnosis.from_records.settings import DEFAULTS
-from gsid.diagnosis.missing_torque.linear_fit import fit_linear_part, fit_null
+from gsid.diagnosis.missing_torque.linear_fit import ModeScan, basis, fit_linear_part, fit_null
 from gsid.diagnosis.missing_torque.other_start import lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import Problem, linear_part
 from gsid.diagnosis.missing_torque.settings import DEFAULTS as STAGE
@@ -45,6 +47,23 @@ def first_stage_of(trial):
     start = trial.start(np.random.default_rng([5, trial.period_samples]), 0.05)
     records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]
     return first_stage(records, PlantModel(trial.fs_hz, effects_of(start), trial.output))
+
+
+def test_bug_two_modes_took_the_values_of_one():
+    """Modes are matched by frequency, and the first one had also those of the mode with its label."""
+    part = part_of({"rigid_body": {"gain": 1.0}, "flexible_mode": mode(2.0), "flexible_mode#2": mode(20.0)})
+    found = with_values_of(part, {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(18.0)}).stack
+    assert (found["flexible_mode"]["f_hz"], found["flexible_mode#2"]["f_hz"]) == (2.0, 18.0)
+
+
+def problem_of(trial, percent, hold="zoh", limited=True):
+    """The fit of the linear part to a trial, and its start."""
+    start = trial.start(np.random.default_rng([percent, trial.period_samples]), percent / 100)
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold=hold) for u, y in trial.records]
+    measured = spectra_of(records)
+    model = PlantModel(trial.fs_hz, effects_of(start), trial.output)
+    model = with_mode_limits(model, measured) if limited else model
+    return Problem(model, measured, None, STAGE), linear_part(model)
 
 
 def mode(f_hz):
@@ -107,13 +126,10 @@ def test_the_answer_of_the_study_is_that_of_steps():
 def test_bug_a_fit_in_a_wrong_minimum_hid_what_is_missing():
     """With the modes 30 % off, they ended on top of each other, and one more mode explained most."""
     trial = axes.drawn(1, "cable_spring", 1)
-    given = part_of(trial.start(np.random.default_rng([30, trial.period_samples]), 0.3))
-    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]
-    problem = Problem(PlantModel(trial.fs_hz, effects_of(trial.lacking)), spectra_of(records), None, STAGE)
-    alone = fit_null(problem, given)
-    better = fit_null(problem, given, with_values_of(given, trial.axis))
-    assert better.cost < 0.7 * alone.cost
-    f_hz = sorted(better.part.stack[label]["f_hz"] for label in ("flexible_mode", "flexible_mode#2"))
+    problem, given = problem_of(trial, 30)
+    alone, better = (fit_null(problem, given, each) for each in (None, with_values_of(given, trial.axis)))
+    assert alone.cost == pytest.approx(better.cost, rel=1e-3)
+    f_hz = sorted(alone.part.stack[label]["f_hz"] for label in ("flexible_mode", "flexible_mode#2"))
     true = sorted(trial.axis[label]["f_hz"] for label in ("flexible_mode", "flexible_mode#2"))
     assert f_hz == pytest.approx(true, rel=0.01)
 
@@ -176,6 +192,75 @@ def test_bug_a_mode_below_a_fiftieth_of_the_band_was_not_searched():
     found = first_stage_of(axes.drawn(61, "flexible_mode", 4))
     assert found.conclusion.effects == ("flexible_mode",)
     assert found.ranking[0].params["f_hz"] == pytest.approx(15.67, rel=1e-3)
+
+
+def test_bug_the_mode_of_a_model_stayed_beside_a_stronger_one():
+    """The model has the mode at 45 Hz, as 32 Hz; the one at 11 Hz, which it lacks, is stronger."""
+    trial = axes.drawn(807, "flexible_mode", 2)
+    problem, given = problem_of(trial, 30)
+    found = fit_null(problem, given)
+    assert found.cost_per_dof < 1.1  # before: 37
+    assert found.part.stack["flexible_mode"]["f_hz"] == pytest.approx(11.15, rel=1e-3)
+
+
+def test_bug_a_mode_stood_in_for_the_missing_delay():
+    """A weak mode at 18 Hz, given at 13 Hz, became one of 8 Hz with a damping ratio of 2.1."""
+    trial = axes.drawn(807, "transport_delay", 3)
+    start = trial.start(np.random.default_rng([30, trial.period_samples]), 0.3)
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0, hold="zoh") for u, y in trial.records]
+    found = first_stage(records, PlantModel(trial.fs_hz, effects_of(start), trial.output))
+    assert found.conclusion.kind == "named", found
+    assert found.conclusion.effects == ("transport_delay",)
+    assert found.ranking[0].linear["flexible_mode#2"]["f_hz"] == pytest.approx(18.28, rel=1e-3)
+
+
+def test_bug_a_mode_of_the_model_took_the_place_of_the_spring():
+    """At 1.85 Hz, with a damping ratio of 0.73 and five times the body, it left nothing of the misfit."""
+    trial = axes.drawn(809, "cable_spring", 3)
+    free, _ = problem_of(trial, 30, hold="none", limited=False)
+    given = linear_part(PlantModel(trial.fs_hz, effects_of(trial.lacking), trial.output))
+    assert fit_null(free, given).cost_per_dof < 1.05
+    problem, limited = problem_of(trial, 30, hold="none")
+    assert fit_null(problem, limited).cost_per_dof > 1.5
+
+
+def test_modes_stay_resonances_and_limits_of_the_model_stay():
+    stack = {"rigid_body": {"gain": 1.0}, "flexible_mode": mode(20.0), "flexible_mode#2": mode(90.0)}
+    stack["flexible_mode#2"] = {"f_hz": 0.7, "zeta": 0.6, "residue": 0.1}
+    model = PlantModel(FS_HZ, effects_of(stack))
+    model["flexible_mode.zeta"].limits = (0.001, 0.02)
+    record = SimpleNamespace(f_hz=np.arange(100.0), excited=np.arange(2, 50))
+    found = with_mode_limits(model, [record])
+    assert found["flexible_mode.f_hz"].limits == (8.0, 49.0)
+    assert found["flexible_mode.zeta"].limits == (0.001, 0.02)
+    assert found["flexible_mode#2.f_hz"].limits == pytest.approx((0.7 / 1.6, 49.0))
+    assert found["flexible_mode#2.zeta"].limits == pytest.approx((0.0, 0.6 * 1.6))
+    again = with_limits_of(found, model)
+    assert again["flexible_mode.f_hz"].limits is None
+    assert again["flexible_mode.zeta"].limits == (0.001, 0.02)
+
+
+def test_the_scan_of_a_mode_is_that_of_its_columns():
+    """Records of the same lines are summed first; against the derivative of the error by the residue."""
+    trial = axes.drawn(807, "flexible_mode", 2)
+    problem, given = problem_of(trial, 5)
+    tangent = basis(problem.tangent(given, problem.commands))
+    f_hz, zeta = np.array([9.0, 11.1, 40.0]), 0.02
+    found = ModeScan(problem, given, tangent).best(f_hz, zeta)
+    free = problem.error(given, problem.commands)
+    free -= tangent @ (tangent.T @ free)
+    gains, residues = [], []
+    for f in f_hz:
+        more = {"flexible_mode#2": {"f_hz": f, "zeta": zeta, "residue": 1e-3}}
+        change = problem.error(replace(given, stack=given.stack | more), problem.commands)
+        column = (change - problem.error(given, problem.commands)) / 1e-3
+        column -= tangent @ (tangent.T @ column)
+        gains.append((free @ column) ** 2 / (column @ column))
+        residues.append(-(free @ column) / (column @ column))
+    best = int(np.argmax(gains))
+    assert found.f_hz == f_hz[best]
+    assert found.gain == pytest.approx(gains[best], rel=1e-2)  # it leaves out the images of the sampling
+    assert found.residue == pytest.approx(residues[best], rel=1e-2)
 
 
 def test_drawn_effects_are_clear_and_drawn_again_alike():

@@ -16,6 +16,7 @@ from gsid.diagnosis.from_records.draft import null_cost
 from gsid.diagnosis.from_records.draw_up import give_up
 from gsid.diagnosis.from_records.law_part import is_of_linear_part, linear_only
 from gsid.diagnosis.from_records.loop import identified_loop, referenced
+from gsid.diagnosis.from_records.mode_limits import with_mode_limits
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import (
     UNKNOWN,
@@ -111,7 +112,9 @@ def _take(run: Run, model: PlantModel) -> None:
     if not model.free_names:
         hint = 'mark what the records may change, such as the gain of rigid_body, with "free": true'
         raise InputError("the given model has no free parameter", "", None, hint)
-    run.given, run.stack, run.judged = model, linear_only(model), run.measured
+    run.given = model
+    model = with_mode_limits(model, run.measured, run.band)
+    run.stack, run.judged = linear_only(model), run.measured
     run.hold_assumed = run.hold_assumed and not model.has_controller
     laws = [effect for effect in model.effects if not is_of_linear_part(effect)]
     if laws:

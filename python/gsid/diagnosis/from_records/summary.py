@@ -14,6 +14,7 @@ from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.fingerprints import LAWS
 from gsid.diagnosis.from_records.law_part import label_of, linear_only, without
+from gsid.diagnosis.from_records.mode_limits import with_limits_of
 from gsid.diagnosis.from_records.probability import Probabilities, probabilities
 from gsid.diagnosis.from_records.result import Diagnosis, RankedLaw
 from gsid.diagnosis.from_records.short_list import started
@@ -65,7 +66,7 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         law_models=_law_models(shown, ranking),
         found=found,
         nearest=_nearest(decision, near),
-        model=found_model if kept else _model(run),
+        model=_as_given(run, found_model if kept else _model(run)),
         cost_per_dof=null,
         cost_per_dof_after=_cost_per_dof(final if kept else joint) or _after(run, null),
         p_value=run.null.fit.noise_p_value if run.null else None,
@@ -77,9 +78,9 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         names=[one.name for one in run.measured],
         measured=run.measured,
         band=run.band,
-        linear=run.null.model if run.null else draft.model if draft else None,
-        law_model=law_model,
-        without_law=_without_law(run, [*kept, *near], law_model),
+        linear=_as_given(run, run.null.model if run.null else draft.model if draft else None),
+        law_model=_as_given(run, law_model),
+        without_law=_as_given(run, _without_law(run, [*kept, *near], law_model)),
         next_experiment=_next_experiment(shown),
         other_delay_s=_fit_shown(run, kept).other_delay_s if run.given and run.null else None,
         remarks=run.notes,
@@ -88,6 +89,11 @@ def summarised(run: Run, rounds: Rounds | None = None) -> Diagnosis:
         interrupted=run.interrupted,
         ripple=run.ripple,
     )
+
+
+def _as_given(run: Run, model: PlantModel | None) -> PlantModel | None:
+    """A model of the result, without the limits that its modes had in the diagnosis."""
+    return model if run.given is None else with_limits_of(model, run.given)
 
 
 def _basis(run: Run) -> Basis | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,6 +14,7 @@ from gsid.diagnosis.missing_torque.problem import (
     LinearPart,
     Problem,
     Responses,
+    linear_part_of,
     split,
 )
 
@@ -21,6 +23,7 @@ KnownFits = dict[tuple, "LinearFit"]  # by the hold of the records and the start
 BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
 LAGS = ("sensor_lag", "motor_lag")
 SAME_COST = 0.01  # relative difference of two costs that is no reason for a slow lag
+ALIKE = 1e-6  # power of a column beside the tangent, over its own, below which it is one of the tangent
 SHAPE_STEP = 1e-3  # relative step of the derivative by a shape: reversals lie between samples
 
 
@@ -227,7 +230,7 @@ def fit_null(
 
     The fit without its modes begins at several delays, and from the best of them at several springs: a spring
     far below the lowest line does not grow. Then each mode is scanned over its frequency and damping, and all
-    are fitted together.
+    are fitted together. Last, each mode is searched again beside the others (`with_modes_searched`).
 
     Parameters
     ----------
@@ -243,6 +246,30 @@ def fit_null(
     LinearFit
     """
     return _with_fast_lag(problem, start, _least_cost(problem, start, other, known))
+
+
+def fit_nulls(
+    problems: Sequence[Problem], start: LinearPart, other: LinearPart | None, known: KnownFits | None
+) -> list[LinearFit]:
+    """`fit_null` of each reading of the hold; where one is bad, also from the minima of the others.
+
+    The readings are compared by their costs, and the hold alone does not move a fit to another minimum.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+        The same records with different holds.
+    start, other, known
+        As `fit_null`.
+    """
+    alone = [fit_null(problem, start, other, known) for problem in problems]
+    best = min(alone, key=lambda fit: fit.cost)
+    found = []
+    for problem, fit in zip(problems, alone, strict=True):
+        if fit is not best and fit.cost_per_dof > problem.settings.good_cost:
+            fit = min(fit, fit_linear_part(problem, best.part), key=lambda each: each.cost)
+        found.append(fit)
+    return found
 
 
 def _least_cost(
@@ -268,8 +295,63 @@ def _least_cost(
     part = min([best, *fits], key=lambda fit: fit.cost).part
     for label in modes:
         part = _scanned(problem, part, start, label)
-    again = fitted(start.at([part.stack[a][b] for a, b in map(split, start.names)]))
-    return min(direct, again, key=lambda fit: fit.cost)
+    again = fitted(start.at(_values(start.names, part)))
+    near = with_modes_searched(problem, min(direct, again, key=lambda fit: fit.cost), start, fitted)
+    if near.cost_per_dof <= problem.settings.good_cost:
+        return near
+    # Beside a large misfit a mode far from its frequency stands in for what is missing.
+    far = with_modes_searched(problem, near, None, fitted)
+    return far if far.cost_per_dof <= problem.settings.good_cost else near
+
+
+def with_modes_searched(
+    problem: Problem,
+    fit: LinearFit,
+    near: LinearPart | None = None,
+    fitted: Callable[[LinearPart], LinearFit] | None = None,
+) -> LinearFit:
+    """A fit, or a better one with one or more of its modes at another resonance.
+
+    A narrow resonance attracts a fit only from within its width: from elsewhere a mode stands in for what is
+    missing, or fits noise. Each mode in turn is left out, the rest is fitted, and the mode is searched over
+    the band, until no mode has a better place.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : LinearFit
+        Without torques.
+    near : LinearPart, optional
+        Modes are searched around their frequencies in this part only.
+    fitted : callable, optional
+        Fits a linear part; default `fit_linear_part`.
+
+    Returns
+    -------
+    LinearFit
+    """
+    fitted = fitted or partial(fit_linear_part, problem)
+    modes = _free_modes(fit.part)
+    since = 0  # modes that were searched since the last one that moved
+    while modes and since < len(modes):
+        label = modes[0]
+        bare = fitted(_without(fit.part, [label])).part
+        found = _scanned(problem, bare, near or fit.part, label, in_band=near is None)
+        again = fitted(fit.part.at(_values(fit.part.names, found)))
+        is_better = again.cost < (1 - problem.settings.mode_gain) * fit.cost
+        fit, since = (again, 1) if is_better else (fit, since + 1)
+        modes = [*modes[1:], label]
+    return fit
+
+
+def _free_modes(part: LinearPart) -> list[str]:
+    """Labels of the modes whose values are all free."""
+    labels = [label for label in part.stack if linear_part_of(label).linear_part == "mode"]
+    return [label for label in labels if all(f"{label}.{name}" in part.names for name in part.stack[label])]
+
+
+def _values(names: Sequence[str], part: LinearPart) -> list[float]:
+    return [part.stack[label][name] for label, name in map(split, names)]
 
 
 def _with_fast_lag(problem: Problem, start: LinearPart, fit: LinearFit) -> LinearFit:
@@ -335,44 +417,107 @@ def _sprung(part: LinearPart, problem: Problem) -> list[LinearPart]:
     return [part.at(np.where(np.arange(len(values)) == i, w**2, values)) for w in corners]
 
 
-def _scanned(problem: Problem, part: LinearPart, start: LinearPart, label: str) -> LinearPart:
-    """The part with one more mode, where its column explains most of the error."""
+def _scanned(
+    problem: Problem, part: LinearPart, start: LinearPart, label: str, in_band: bool = False
+) -> LinearPart:
+    """The part with one more mode, where its column explains most of the error.
+
+    It is searched around its frequency in the start, or over the band as well.
+    """
     given, settings = start.stack[label], problem.settings
-    q = basis(problem.tangent(part, problem.commands))
-    error = problem.error(part, problem.commands)
-    rest = error - q @ (q.T @ error)
-    f_hz = given["f_hz"] * np.geomspace(1 / settings.mode_spread, settings.mode_spread, settings.mode_points)
+    scan = ModeScan(problem, part, basis(problem.tangent(part, problem.commands)))
+    spread = math.log(settings.mode_spread)
     most, best = 0.0, dict(given)
     for zeta in settings.mode_dampings:
-        columns = mode_columns(problem, part, f_hz, zeta)
-        columns -= q @ (q.T @ columns)
-        share = (rest @ columns) / np.sum(columns**2, axis=0)
-        gains = share * (rest @ columns)
-        i = int(np.argmax(gains))
-        if gains[i] > most:
-            most, best = gains[i], {"f_hz": f_hz[i], "zeta": zeta, "residue": -share[i]}
+        around = given["f_hz"] * np.exp(np.linspace(-spread, spread, settings.mode_points))
+        f_hz = np.concatenate([around, mode_grid(problem, zeta)]) if in_band else around
+        found = scan.best(f_hz, zeta)
+        if found.gain > most:
+            most, best = found.gain, {"f_hz": found.f_hz, "zeta": zeta, "residue": found.residue}
     return replace(part, stack=part.stack | {label: best})
 
 
-def mode_columns(problem: Problem, part: LinearPart, f_hz: np.ndarray, zeta: float) -> np.ndarray:
-    """Derivative of the whitened E by the residue of further modes, (n_rows, len(f_hz)).
+def mode_grid(problem: Problem, zeta: float) -> np.ndarray:
+    """Frequencies of the band [Hz] at which no mode of a damping ratio is missed.
+
+    Half of its half-power bandwidth apart, or half a line where the lines are farther apart.
+
+    Parameters
+    ----------
+    problem : Problem
+    zeta : float
+    """
+    lines = problem.first[0].f_hz
+    gap = float(np.median(np.diff(lines))) if len(lines) > 1 else float(lines[0])
+    found = [float(lines[0])]
+    while found[-1] < lines[-1]:
+        found.append(found[-1] + max(zeta * found[-1], gap / 2))
+    return np.array(found)
+
+
+@dataclass(frozen=True)
+class FoundMode:
+    """A mode that lowers the cost by `gain`."""
+
+    f_hz: float
+    residue: float
+    gain: float
+
+
+class ModeScan:
+    """What a further mode explains of the error of a linear part, for many frequencies.
+
+    The columns of a mode in records of the same lines differ only in the input. Their products with the error
+    and with the tangent are therefore summed over the records first.
 
     Parameters
     ----------
     problem : Problem
     part : LinearPart
-    f_hz : (m,) ndarray
-        Frequencies of the modes [Hz].
-    zeta : float
-        Their damping ratio.
+    tangent : (n_rows, m) ndarray
+        Orthonormal: what the linear part can do itself.
+    error : (n_rows,) ndarray, optional
+        Default: what the part leaves.
     """
-    views = [problem.view(part, group) for group in range(problem.n_groups)]
-    w0 = 2 * np.pi * f_hz[:, None]
-    columns = []
-    for r in problem.records:
-        s = 2j * np.pi * r.f_hz
-        columns.append(-views[r.group].direct * r.U * s / (s**2 + 2 * zeta * w0 * s + w0**2))
-    return problem.whiten(columns).T
+
+    def __init__(
+        self, problem: Problem, part: LinearPart, tangent: np.ndarray, error: np.ndarray | None = None
+    ) -> None:
+        error = problem.error(part, problem.commands) if error is None else error
+        error = error - tangent @ (tangent.T @ error)
+        self.s = [2j * np.pi * lines.f_hz for lines in problem.first]
+        rows = np.vstack([error, tangent.T])
+        half = problem.n_rows // 2
+        rows = (rows[:, :half] - 1j * rows[:, half:]).astype(complex)
+        directs = [problem.view(part, group).direct for group in range(problem.n_groups)]
+        self.rows = [np.zeros((len(rows), len(s)), complex) for s in self.s]
+        self.power = [np.zeros(len(s)) for s in self.s]
+        at = 0
+        for r in problem.records:
+            unit = -r.weight * directs[r.group] * r.U * self.s[r.group]
+            self.rows[r.group] += rows[:, at : at + len(r.line)] * unit
+            self.power[r.group] += np.abs(unit) ** 2
+            at += len(r.line)
+
+    def best(self, f_hz: np.ndarray, zeta: float) -> FoundMode:
+        """The frequency with the largest gain.
+
+        Parameters
+        ----------
+        f_hz : (m,) ndarray
+        zeta : float
+        """
+        products, power = np.zeros((len(self.rows[0]), len(f_hz))), np.zeros(len(f_hz))
+        w0 = 2 * np.pi * f_hz
+        for s, rows, weight in zip(self.s, self.rows, self.power, strict=True):
+            shape = 1 / (s[:, None] ** 2 + 2 * zeta * w0 * s[:, None] + w0**2)
+            products += (rows @ shape).real
+            power += weight @ np.abs(shape) ** 2
+        free = power - np.sum(products[1:] ** 2, axis=0)
+        free = np.where(free > ALIKE * power, free, np.inf)
+        gains = products[0] ** 2 / free
+        i = int(np.argmax(gains))
+        return FoundMode(float(f_hz[i]), float(-products[0, i] / free[i]), float(gains[i]))
 
 
 def basis(columns: np.ndarray) -> np.ndarray:

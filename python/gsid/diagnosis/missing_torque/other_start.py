@@ -25,7 +25,8 @@ def with_values_of(part: LinearPart, stack: Stack) -> LinearPart:
     stack : dict of dict of float
         {effect: {parameter: value}}.
     """
-    matched = {label: label for label in part.stack if label in stack}
+    apart = [*_of(part.stack, "lag"), *_of(part.stack, "mode")]
+    matched = {label: label for label in part.stack if label in stack and label not in apart}
     matched |= _matched_lags(part.stack, stack) | _matched_modes(part.stack, stack)
     values = part.values
     for i, name in enumerate(part.names):

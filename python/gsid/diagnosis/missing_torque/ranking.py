@@ -23,8 +23,8 @@ from gsid.diagnosis.missing_torque.law_columns import (
 )
 from gsid.diagnosis.missing_torque.linear_fit import (
     LinearFit,
+    ModeScan,
     basis,
-    mode_columns,
 )
 from gsid.diagnosis.missing_torque.motion import Motion
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem
@@ -366,7 +366,7 @@ def linear_candidates(scan: Scan, effects: Sequence[EffectType], scales: dict[st
     error = scan.freed(scan.fit.error)
     for effect in effects:
         if effect.linear_part == "mode":
-            found.append(_mode_candidate(scan, effect, scales, error))
+            found.append(_mode_candidate(scan, effect, scales))
         else:
             found.append(_linear_candidate(scan, effect, scales, error))
     return found
@@ -383,7 +383,7 @@ def _enlarged(part: LinearPart, effect: EffectType, params: dict[str, float]) ->
     return LinearPart(stack, names, lower, upper)
 
 
-def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float], error: np.ndarray) -> Candidate:
+def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float]) -> Candidate:
     f_hz = effect["f_hz"].grid
     first, last = f_hz.first * scales[f_hz.of], f_hz.last * scales[f_hz.of]
     settings = scan.problem.settings
@@ -391,20 +391,16 @@ def _mode_candidate(scan: Scan, effect: EffectType, scales: dict[str, float], er
     n_points = settings.mode_points * np.log(last / lowest) / np.log(last / first)
     first, frequencies = lowest, np.geomspace(lowest, last, int(n_points))
     best = Candidate(effect.id, effect_family(effect), effect, 0.0)
+    modes = ModeScan(scan.problem, scan.fit.part, scan.q, scan.fit.error)
     for zeta in effect["zeta"].grid.points:
-        columns = scan.freed(mode_columns(scan.problem, scan.fit.part, frequencies, zeta))
-        products = error @ columns
-        share = products / np.sum(columns**2, axis=0)
-        i = int(np.argmax(share * products))
-        if share[i] * products[i] > best.gain:
-            params = {"f_hz": float(frequencies[i]), "zeta": zeta, "residue": float(-share[i])}
+        found = modes.best(frequencies, zeta)
+        if found.gain > best.gain:
+            params = {"f_hz": found.f_hz, "zeta": zeta, "residue": found.residue}
             start = _enlarged(scan.fit.part, effect, params)
             # The given damping is in the grid: a mode beyond the band, or without damping, is another law.
             start.lower[-3], start.upper[-3] = first, last
             start.lower[-2] = 0.2 * min(effect["zeta"].grid.points)
-            best = Candidate(
-                effect.id, effect_family(effect), effect, float(share[i] * products[i]), start=start
-            )
+            best = Candidate(effect.id, effect_family(effect), effect, found.gain, start=start)
     if best.start is None:
         best.start = _enlarged(scan.fit.part, effect, {p.name: p.typical for p in effect.parameters})
     return best

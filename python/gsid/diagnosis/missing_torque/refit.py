@@ -20,9 +20,10 @@ from gsid.diagnosis.missing_torque.linear_fit import (
     fit_linear_part,
     fit_with_shape,
     torque_columns,
+    with_modes_searched,
 )
 from gsid.diagnosis.missing_torque.motion import Motion, motions
-from gsid.diagnosis.missing_torque.problem import LinearPart, Problem
+from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, split
 from gsid.diagnosis.missing_torque.ranking import (
     Candidate,
     Scan,
@@ -120,6 +121,8 @@ def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: Line
                 break
             again = fit_linear_part(problem, with_linear(given, one.effect, point))
             one.fit = min(one.fit, again, key=lambda fit: fit.cost)
+    if one.fit.cost_per_dof > good or _has_strayed(one.fit.part, given, problem.settings.mode_spread):
+        one.fit = with_modes_searched(problem, one.fit)
     one.coefficients = one.fit.part.values[len(null.part.names) :]
     one.kept, one.scatter, one.scatter_error = keep_out(problem, one.fit, one.fit.jacobian, 1)
 
@@ -127,8 +130,9 @@ def _refit_linear(problem: Problem, null: LinearFit, one: Candidate, given: Line
 def _has_strayed(part: LinearPart, given: LinearPart, most: float) -> bool:
     """Whether a fit has left the given values so far behind that they may imitate what is missing."""
     before = given.values
+    now = np.array([part.stack[label][name] for label, name in map(split, given.names)])
     known = before != 0
-    return bool(np.any(np.abs(np.log(np.maximum(part.values[known] / before[known], 1e-9))) > np.log(most)))
+    return bool(np.any(np.abs(np.log(np.maximum(now[known] / before[known], 1e-9))) > np.log(most)))
 
 
 def _refit_command(problem: Problem, null: LinearFit, one: Candidate, moved: Sequence[Motion]) -> None:

@@ -48,6 +48,8 @@ class SearchSettings:
         Its damping ratios there.
     mode_spread : float
         Farthest frequency, as a share of the given one.
+    mode_gain : float
+        Share of the cost by which another place of a mode lowers it: less is the end of a fit.
     good_cost : float
         Cost per degree of freedom above which the fit of the linear part is tried from other starts too.
     steps : int
@@ -148,6 +150,7 @@ class SearchSettings:
     mode_lowest: float = 4.0
     mode_dampings: tuple[float, ...] = (0.005, 0.02, 0.08)
     mode_spread: float = 1.6
+    mode_gain: float = 1e-3
     good_cost: float = 1.5
     steps: int = 30
     tolerance: float = 1e-5

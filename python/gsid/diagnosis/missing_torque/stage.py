@@ -19,7 +19,7 @@ from gsid.diagnosis.missing_torque import catalogue
 from gsid.diagnosis.missing_torque.conclusion import Conclusion, Misfit, choose, conclude, margin
 from gsid.diagnosis.missing_torque.free_functions import FreeFunction, beside
 from gsid.diagnosis.missing_torque.kept_out import keep_out
-from gsid.diagnosis.missing_torque.linear_fit import KnownFits, LinearFit, fit_linear_part, fit_null
+from gsid.diagnosis.missing_torque.linear_fit import KnownFits, LinearFit, fit_linear_part, fit_nulls
 from gsid.diagnosis.missing_torque.motion import Motion, motions
 from gsid.diagnosis.missing_torque.other_start import Stack, lacks, with_values_of
 from gsid.diagnosis.missing_torque.problem import LinearPart, Problem, linear_part
@@ -229,7 +229,7 @@ def first_stage(
         Problem(model, read_as(measured, reading), band, settings, deadline, along) for reading in readings
     ]
     other = None if values is None else with_values_of(given, values)
-    nulls = [(problem, fit_null(problem, given, other, known)) for problem in problems]
+    nulls = list(zip(problems, fit_nulls(problems, given, other, known), strict=True))
     clock.take("linear part")
     found = []
     for each in _possible(nulls, settings):
