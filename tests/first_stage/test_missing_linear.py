@@ -334,14 +334,8 @@ def test_what_a_linear_model_leaves_of_a_linear_axis_is_nothing_and_of_cogging_i
     assert names.left_by(trial, fitted, clean, noise) > 1.0
 
 
-def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
-    """The images of the lines at four times the sample rate were taken for a misfit."""
-    stack = {
-        "rigid_body": {"gain": 80.0},
-        "viscous_friction": {"rate": 190.0},
-        "flexible_mode": {"f_hz": 170.0, "zeta": 0.02, "residue": 0.05},
-        "transport_delay": {"delay_s": 5e-4},
-    }
+def records_without_hold(stack, noise, hold):
+    """Two records of the rate of an axis whose input is not held."""
     n, rng = 1000, np.random.default_rng(8)
     lines = np.arange(3, 230)
     records = []
@@ -351,9 +345,40 @@ def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
         y = np.zeros_like(u)
         y[lines] = axes.response(stack, lines * FS_HZ / n, FS_HZ, "rate", "none") * u[lines]
         u, y = np.tile(np.fft.irfft(u, n), 4), np.tile(np.fft.irfft(y, n), 4)
-        y += 3e-4 * np.std(y) * rng.standard_normal(len(y))
-        records.append(gsid.Record(u, y, FS_HZ, n, 0, hold="none"))
-    lacking = {label: params for label, params in stack.items() if label != "transport_delay"}
-    found = gsid.diagnose_records(records, PlantModel(FS_HZ, effects_of(lacking)))
+        y += noise * np.std(y) * rng.standard_normal(len(y))
+        records.append(gsid.Record(u, y, FS_HZ, n, 0, hold=hold))
+    return records
+
+
+def lacking(stack, effect):
+    return PlantModel(
+        FS_HZ, effects_of({label: params for label, params in stack.items() if label != effect})
+    )
+
+
+def test_bug_a_simulated_input_without_hold_hid_that_only_noise_is_left():
+    """The images of the lines at four times the sample rate were taken for a misfit."""
+    stack = {
+        "rigid_body": {"gain": 80.0},
+        "viscous_friction": {"rate": 190.0},
+        "flexible_mode": {"f_hz": 170.0, "zeta": 0.02, "residue": 0.05},
+        "transport_delay": {"delay_s": 5e-4},
+    }
+    records = records_without_hold(stack, 3e-4, "none")
+    found = gsid.diagnose_records(records, lacking(stack, "transport_delay"))
     assert found.verdict == "missing_effect", found.reasons
     assert "transport_delay" in found.effects
+
+
+def test_bug_a_lag_was_not_named_because_a_refuted_hold_leaves_no_room_for_it():
+    """A hold attenuates more than the lag: beside it the time constant is 0, but that hold does not fit."""
+    stack = {
+        "rigid_body": {"gain": 80.0},
+        "viscous_friction": {"rate": 190.0},
+        "sensor_lag": {"time_constant_s": 1.4e-4},
+        "transport_delay": {"delay_s": 5e-3},
+    }
+    found = gsid.diagnose_records(records_without_hold(stack, 0.01, None), lacking(stack, "sensor_lag"))
+    assert found.hold == "none"
+    assert found.verdict == "missing_effect", (found.reasons, found.remarks)
+    assert "sensor_lag" in found.effects

@@ -1,7 +1,8 @@
 """Records that do not state their hold: an effect has to be missing under both assumptions.
 
 A lag, a delay, a sensor that is sampled and held, or a mode above the band can imitate a hold. Such an effect
-is named only if it is also missing under the other assumption, beside all other effects found.
+is named only if it is also missing under the other assumption, beside all other effects found, or if the
+records refute that assumption.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def check_hold(rounds: Rounds) -> None:
             final, other_hold = plain, other_reading(other_hold)
     whole = _fit(run, final.model, other_hold)
     for one in [one for one in doubtful if one in rounds.kept]:
-        if _is_missing(run, one, final, whole, other_hold):
+        if _is_refuted(run, whole, final) or _is_missing(run, one, final, whole, other_hold):
             continue
         smaller = _fit(run, without(final.model, _names([one])), run.hold)
         if smaller is not None:
@@ -73,6 +74,16 @@ def _read(run: Run, hold: str) -> list[Spectra]:
         replace(one, hold=hold) if was_open else one
         for one, was_open in zip(run.measured, run.open, strict=True)
     ]
+
+
+def _is_refuted(run: Run, other: Simulated | None, final: Simulated) -> bool:
+    """Whether the same model leaves much more under the other assumption, and only noise under this one.
+
+    Nothing is missing beside a hold that does not describe the records: an effect cannot lower its cost.
+    """
+    if other is None or not run.evidence().is_adequate(final):
+        return False
+    return other.cost - final.cost >= run.settings.named_lead
 
 
 def _is_missing(run: Run, one: Run, final: Simulated, whole: Simulated | None, hold: str) -> bool:
