@@ -148,6 +148,23 @@ def test_the_next_steps_are_offered_after_a_restart(study):
     assert Page(Study(study.folder)).state()["steps"] == [before]
 
 
+def test_a_step_of_the_command_line_is_shown(study, monkeypatch):
+    """The page showed the study as its server had changed it."""
+    monkeypatch.setattr(page_module, "FOLLOW_S", 0.01)
+
+    async def follow():
+        page, changed = Page(study), asyncio.Event()
+        page.watchers.add(changed)
+        following = asyncio.create_task(page.follow())
+        await asyncio.sleep(0)
+        Study(study.folder).add_step(["look", "records/a.csv"], 0)
+        await asyncio.wait_for(changed.wait(), DEADLINE_S)
+        following.cancel()
+        return page.state()
+
+    assert [step["verb"] for step in asyncio.run(follow())["steps"]] == ["look"]
+
+
 def test_a_watcher_that_fails_does_not_end_the_command(study, command):
     command("""import sys; print('{"words": "one"}', file=sys.stderr); print('{}')""")
     job = Job(("look",))

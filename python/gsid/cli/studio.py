@@ -55,8 +55,7 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
     from gsid.webpage.server import serve
 
     study = Study(folder)
-    for path in files:
-        study.add_file(path)
+    study.open_files(files)
 
     with tempfile.TemporaryDirectory(prefix="gsid-studio-") as private:
 

@@ -93,6 +93,5 @@ def demo(
 def _study(folder: Path, seed: int) -> Path:
     """A study of the axis with the hidden effect: its records only, for a search by hand."""
     study = Study(folder / f"study{seed}")
-    for record in sorted(folder.glob("hidden*.csv")):
-        study.add_file(record)
+    study.open_files(sorted(folder.glob("hidden*.csv")))
     return study.folder

@@ -168,6 +168,15 @@ class Study:
         return self._read().steps
 
     @property
+    def stamp(self) -> tuple[int, int]:
+        """Changes with each change of the session; (0, 0) if it cannot be read."""
+        try:
+            known = (self.folder / SESSION).stat()
+        except OSError:
+            return 0, 0
+        return known.st_ino, known.st_mtime_ns
+
+    @property
     def last_experiment(self) -> list[str]:
         """Records that were opened or measured together last, relative to the study."""
         experiments = self._read().experiments

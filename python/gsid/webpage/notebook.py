@@ -114,19 +114,19 @@ def studio(
         in use, or another page has the study open.
     """
     study = Study(folder)
-    for record in records:
-        if isinstance(record, Record):
-            _add(study, record)
-        else:
-            study.add_file(record)
+    kept = [_add(study, record) for record in records]
+    if kept:
+        study.begin_experiment(kept)
     return Studio(study.folder, port, browser)
 
 
-def _add(study: Study, record: Record) -> None:
+def _add(study: Study, record: Record | str | os.PathLike) -> str:
+    if not isinstance(record, Record):
+        return study.add_file(record, experiment=None)
     name = usable_name(record.name or "record")
     if name.lower().endswith(KINDS):
         name = Path(name).stem
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.npz"
         write_record(path, record)
-        study.add_file(path)
+        return study.add_file(path, experiment=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from gsid.webpage.jobs import Job
 from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_of, outcome_of
 
 CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
+FOLLOW_S = 1.0  # between two looks at what other commands have changed
 MAX_UPLOAD = 200 << 20
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 
@@ -214,7 +216,19 @@ class Page:
         )
         self._study = self._study_state()
 
-    async def add_file(self, source: Path, name: str) -> str:
+    async def follow(self) -> None:
+        """Show what other commands change in the study, until it is cancelled."""
+        known = self.study.stamp
+        while True:
+            await asyncio.sleep(FOLLOW_S)
+            if self.study.stamp == known:
+                continue
+            known = self.study.stamp
+            with contextlib.suppress(InputError, OSError):  # the next request reports it
+                self._study = await asyncio.to_thread(self._study_state)
+                self.changed()
+
+    async def add_file(self, source: Path, name: str, with_last: bool = False) -> str:
         """Copy a record into the study.
 
         Parameters
@@ -222,13 +236,16 @@ class Page:
         source : Path
         name : str
             Name in the study.
+        with_last : bool
+            Whether it belongs to the last experiment; otherwise it is a new one.
 
         Returns
         -------
         str
             Path in the study.
         """
-        kept = await asyncio.to_thread(self.study.add_file, source, name)
+        experiment = "last" if with_last else "new"
+        kept = await asyncio.to_thread(self.study.add_file, source, name, experiment=experiment)
         self._study = await asyncio.to_thread(self._study_state)
         self.changed()
         return kept

@@ -8,6 +8,7 @@ import errno
 import json
 import signal
 import socket
+import subprocess
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator
 from importlib.resources import files
@@ -29,6 +30,7 @@ from gsid.effects.types import catalogue
 from gsid.study.folder import usable_name
 from gsid.webpage.body import body_of
 from gsid.webpage.edits import law_of
+from gsid.webpage.jobs import COMMAND
 from gsid.webpage.live import Live
 from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
@@ -100,7 +102,7 @@ async def _upload(request: Request) -> Response:
                         "give --max-upload MB",
                     )
                 file.write(block)
-        kept = await page.add_file(place, name)
+        kept = await page.add_file(place, name, request.query_params.get("with") == "last")
     return JSONResponse({"record": kept, "columns": page.state()["columns"].get(kept, [])})
 
 
@@ -110,6 +112,20 @@ async def _file(request: Request) -> Response:
     headers = {"Content-Disposition": "attachment"}
     kind = "application/json" if place.suffix == ".json" else "application/octet-stream"
     return FileResponse(place, media_type=kind, headers=headers)
+
+
+async def _script(request: Request) -> Response:
+    """The Python script that repeats the study, as the command writes it."""
+    words = (*COMMAND, "-C", str(_page_of(request).study.folder), "script")
+    writes = await asyncio.create_subprocess_exec(
+        *words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    text, messages = await writes.communicate()
+    if writes.returncode != 0:
+        place = messages.decode("utf-8", "replace")
+        return JSONResponse({"error": "the script cannot be written", "where": place, "hint": ""}, 500)
+    headers = {"Content-Disposition": "attachment; filename=study.py"}
+    return Response(text, media_type="application/octet-stream", headers=headers)
 
 
 async def _changes(watcher: WebSocket) -> None:
@@ -180,13 +196,16 @@ def application(page: Page, port: int, token: str) -> Guard:
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        following = asyncio.create_task(page.follow())
         yield
+        following.cancel()
         await page.close()
 
     app = Starlette(
         routes=[
             Route("/", _index),
             Route("/state", _state),
+            Route("/study.py", _script),
             Route("/steps", _request_step, methods=["POST"]),
             Route("/law", _check_law, methods=["POST"]),
             Route("/stop", _stop, methods=["POST"]),

@@ -7,9 +7,11 @@ const PATIENCE_MS = 200; // between two looks at the server
 const ticked = new Map(); // record: whether the next step uses it
 
 export async function open(files) {
+  let more = ""; // what is opened together is one experiment
   for (const file of files) {
-    const found = await post(`/records?name=${encodeURIComponent(file.name)}`, file);
+    const found = await post(`/records?name=${encodeURIComponent(file.name)}${more}`, file);
     if (!found) continue;
+    more = "&with=last";
     ticked.set(found.record, true);
     if (!hasSignals(found)) continue;
     if (!(await idle())) return;

@@ -12,5 +12,6 @@ export function showSave() {
   const model = byId("model").value;
   if (!isChanged("save", [model])) return;
   const files = [...(model ? [model] : []), "commands.log"].map(fileLink);
-  byId("save").replaceChildren(...files, button("report"), button("export-c"));
+  const script = element("a", "study.py", { href: "/study.py", download: "study.py" });
+  byId("save").replaceChildren(...files, script, button("report"), button("export-c"));
 }
