@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gsid.diagnosis.next_experiment import Experiment
     from gsid.plant.model import PlantModel
     from gsid.records.record import Record
+    from gsid.spectrum.spectra import Spectra
 
 
 @click.command("next", short_help="Excitation that distinguishes two models.")
@@ -72,7 +73,7 @@ def design_next(
         print_message(f"wrote {output}")
     if ranked:
         draw(lambda: next_experiments(ranked, names, models[0], measured.u_unit), picture)
-    sentence = _sentence(best, names, models[0], measured.n_periods)
+    sentence = _sentence(best, names, models[0], measured)
     rows = [
         {"words": one.words, "separation": one.separation, "peak": one.peak, "travel": one.travel}
         for one in ranked
@@ -81,7 +82,7 @@ def design_next(
         return
     print(sentence)
     print()
-    _print(ranked, models[0])
+    _print(ranked, models[0], measured.u_unit)
 
 
 def _within(ranked: Sequence[Experiment], model: PlantModel, limit_deg: float | None) -> list[Experiment]:
@@ -96,17 +97,19 @@ def _within(ranked: Sequence[Experiment], model: PlantModel, limit_deg: float | 
     return [one for one in ranked if one.travel / 2 <= limit]
 
 
-def _sentence(best: Experiment | None, names: tuple[str, str], model: PlantModel, n_periods: int) -> str:
+def _sentence(best: Experiment | None, names: tuple[str, str], model: PlantModel, measured: Spectra) -> str:
     if best is None:
         return f"No experiment of the menu distinguishes {names[0]} from {names[1]} at this noise level."
+    peak = f"{best.peak:.3g} {measured.u_unit}".rstrip()
     return (
-        f"To distinguish {names[0]} from {names[1]}: {best.words}, with a command up to {best.peak:.3g} and "
-        f"a travel of {best.travel:.3g} {model.angle_unit}. The expected difference in cost is "
-        f"{best.separation:.3g} over {n_periods} periods."
+        f"To distinguish {names[0]} from {names[1]}: {best.words}, with a command up to {peak} and a travel "
+        f"of {best.travel:.3g} {model.angle_unit}. The expected difference in cost is {best.separation:.3g} "
+        f"over {measured.n_periods} periods."
     )
 
 
-def _print(ranked: Sequence[Experiment], model: PlantModel) -> None:
-    head = ["experiment", "difference in cost", "largest command", f"travel [{model.angle_unit}]"]
+def _print(ranked: Sequence[Experiment], model: PlantModel, u_unit: str) -> None:
+    command = f"largest command [{u_unit}]" if u_unit else "largest command"
+    head = ["experiment", "difference in cost", command, f"travel [{model.angle_unit}]"]
     rows = [[one.words, f"{one.separation:.4g}", f"{one.peak:.4g}", f"{one.travel:.4g}"] for one in ranked]
     print_table(Table(head, rows, left=["experiment"]))
