@@ -2,6 +2,13 @@
 
 import pytest
 
+INK = """() => {
+    const canvas = document.getElementById("live-signals");
+    const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    let n = 0;
+    for (let i = 0; i < data.length; i += 4) if (data[i] === 0 && data[i + 1] === 114 && data[i + 2] === 178) n += 1;
+    return n;
+}"""  # pixels in the colour of the signals
 STEP_MS = 180_000
 pytestmark = pytest.mark.parametrize("page", [(1280, 800)], indirect=True, ids=["wide"])
 
@@ -18,8 +25,8 @@ def start(page, **fields):
 
 def moving(page):
     """Wait until figures are drawn."""
-    page.locator("#live-signals .main-svg").first.wait_for()
     page.locator("#live-periods .good").nth(1).wait_for()
+    assert page.evaluate(INK) > 1000
 
 
 def test_an_experiment_by_clicks_gives_a_record_that_is_ticked(page):

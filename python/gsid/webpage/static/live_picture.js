@@ -1,5 +1,6 @@
 // The live picture: extremes of command, rate and travel over time, and the response with its error bars.
 import { byId, element } from "./elements.js";
+import { drawStrips } from "./live_strips.js";
 
 const BINS = 800; // newest ones that are shown
 const DB = 20 / Math.LN10;
@@ -19,7 +20,7 @@ export function clearPicture() {
   time = [];
   extremes = SIGNALS.map(() => ({ low: [], high: [] }));
   byId("live").hidden = true;
-  for (const id of ["live-signals", "live-response"]) if (byId(id).data) Plotly.purge(byId(id));
+  if (byId("live-response").data) Plotly.purge(byId("live-response"));
 }
 
 export async function drawFigures(sets) {
@@ -35,48 +36,18 @@ export async function drawFigures(sets) {
   const newest = sets.at(-1);
   showMeters(newest);
   showPeriods(newest);
-  await drawSignals(newest);
+  drawSignals(newest);
   const found = sets.findLast((one) => one.response)?.response;
   if (found) await drawResponse(found);
 }
 
 function drawSignals(newest) {
-  const traces = SIGNALS.flatMap((_, i) =>
-    ["low", "high"].map((side) => ({
-      x: [...time], // a list that is changed in place is not drawn again
-      y: [...extremes[i][side]],
-      xaxis: "x",
-      yaxis: axisName("y", i),
-      mode: "lines",
-      line: { width: 1, color: "#0072b2" },
-      fill: side === "high" ? "tonexty" : "none",
-      hoverinfo: "skip",
-    })),
-  );
-  const layout = { showlegend: false, font: FONT, margin: MARGIN, xaxis: { title: { text: "time [s]" }, anchor: "y3" } };
-  layout.shapes = [];
-  SIGNALS.forEach(({ name, title }, i) => {
-    const top = 1 - i * 0.345;
-    const most = Math.max(newest.peaks[name] * 1.2, 1e-9);
-    layout[i ? `yaxis${i + 1}` : "yaxis"] = { title: { text: title }, domain: [Math.max(0, top - 0.31), top], range: [-most, most], zeroline: false };
-    if (newest.limits[name] < most) layout.shapes.push(...limitLines(newest.limits[name], axisName("y", i)));
+  const strips = SIGNALS.map(({ name, title }, i) => {
+    const most = Math.max(newest.peaks[name] * 1.1, 1e-9);
+    return { title, ...extremes[i], limit: newest.limits[name], most };
   });
-  return Plotly.react(byId("live-signals"), traces, layout, CONFIG);
+  drawStrips(byId("live-signals"), time, strips);
 }
-
-const axisName = (letter, i) => (i ? `${letter}${i + 1}` : letter);
-
-const limitLines = (limit, axis) =>
-  [-limit, limit].map((value) => ({
-    type: "line",
-    xref: "paper",
-    x0: 0,
-    x1: 1,
-    yref: axis,
-    y0: value,
-    y1: value,
-    line: { color: "#d55e00", width: 1.5, dash: "dash" },
-  }));
 
 function drawResponse(found) {
   const db = found.magnitude.map((value) => DB * Math.log(value));
