@@ -6,7 +6,7 @@ INK = """() => {
     const canvas = document.getElementById("live-signals");
     const {data} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
     let n = 0;
-    for (let i = 0; i < data.length; i += 4) if (data[i] === 0 && data[i + 1] === 114 && data[i + 2] === 178) n += 1;
+    for (let i = 0; i < data.length; i += 4) n += data[i] === 0 && data[i + 1] === 114 && data[i + 2] === 178;
     return n;
 }"""  # pixels in the colour of the signals
 STEP_MS = 180_000

@@ -40,7 +40,7 @@ class Figures:
     Keys of a set: `ticks`, `t_s` (end of each bin), `command`, `rate` and `travel_deg` (`low` and `high` of
     each bin, None without a sample), `limits` and `peaks` of these three, `good`, `spoiled` and `requested`
     periods, `periods` (newest last), `left_s`; and `response` when it has changed: `f_hz`, `magnitude`, its
-    standard deviation `std`, `phase_deg`, `n_lines` (before the thinning).
+    standard deviation `std`, `phase_deg` (-180 to 180), `n_lines` (before the thinning).
     """
 
     def __init__(
@@ -135,7 +135,7 @@ def response_figures(frf: Frf) -> dict[str, Any]:
         "f_hz": _rounded(frf.f_hz[chosen], 9),
         "magnitude": _rounded(np.abs(g)),
         "std": _rounded(np.sqrt(frf.var_g[chosen] / 2)),  # var_g is that of both parts
-        "phase_deg": _rounded(np.degrees(np.unwrap(np.angle(g)))),
+        "phase_deg": _rounded(np.degrees(np.angle(g))),
         "n_lines": n,
     }
 

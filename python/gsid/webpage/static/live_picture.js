@@ -4,6 +4,7 @@ import { drawStrips } from "./live_strips.js";
 
 const BINS = 800; // newest ones that are shown
 const DB = 20 / Math.LN10;
+const LEAST = 0.05; // of the magnitude, at the lower end of a bar that would reach zero
 const SIGNALS = [
   { name: "command", title: "command" },
   { name: "rate", title: "rate" },
@@ -51,14 +52,16 @@ function drawSignals(newest) {
 
 function drawResponse(found) {
   const db = found.magnitude.map((value) => DB * Math.log(value));
-  const bar = found.magnitude.map((value, i) => (DB * found.std[i]) / value); // of small errors
+  const share = found.magnitude.map((value, i) => found.std[i] / value);
   const mode = "markers";
   const marker = { size: 3, color: "#0072b2" };
-  const bars = { type: "data", array: bar, width: 0, thickness: 1, color: "#d55e00" };
-  const degrees = { ...bars, array: found.magnitude.map((value, i) => (180 / Math.PI) * (found.std[i] / value)) };
+  const bars = { type: "data", width: 0, thickness: 1, color: "#d55e00" };
+  const up = share.map((one) => DB * Math.log(1 + one));
+  const down = share.map((one) => -DB * Math.log(Math.max(1 - one, LEAST)));
+  const degrees = share.map((one) => Math.min(180, (180 / Math.PI) * one));
   const traces = [
-    { x: found.f_hz, y: db, error_y: bars, mode, marker, name: "magnitude" },
-    { x: found.f_hz, y: found.phase_deg, error_y: degrees, yaxis: "y2", mode, marker, name: "phase" },
+    { x: found.f_hz, y: db, error_y: { ...bars, symmetric: false, array: up, arrayminus: down }, mode, marker, name: "magnitude" },
+    { x: found.f_hz, y: found.phase_deg, error_y: { ...bars, array: degrees }, yaxis: "y2", mode, marker, name: "phase" },
   ];
   const shown = found.n_lines > found.f_hz.length ? `, ${found.f_hz.length} of ${found.n_lines} lines` : "";
   const layout = {
@@ -67,7 +70,7 @@ function drawResponse(found) {
     margin: MARGIN,
     xaxis: { type: "log", title: { text: `frequency [Hz]; bars: one standard deviation${shown}` }, anchor: "y2" },
     yaxis: { title: { text: "magnitude [dB]" }, domain: [0.42, 1] },
-    yaxis2: { title: { text: "phase [deg]" }, domain: [0, 0.37] },
+    yaxis2: { title: { text: "phase [deg]" }, domain: [0, 0.37], range: [-190, 190], dtick: 90 },
   };
   return Plotly.react(byId("live-response"), traces, layout, CONFIG);
 }
