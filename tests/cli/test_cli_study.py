@@ -356,3 +356,30 @@ def test_every_input_of_a_step_has_a_folder(verb):
         assert inputs <= set(COPIED_TO)
         assert not any(param.secondary_opts for param in command.params)  # written back as they were typed
         assert all(param.nargs == 1 or param.name == "records" for param in command.params)
+
+
+# ---- measuring -------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_the_last_experiment(gsid, study):
+    axis = subprocess.Popen(
+        [*GSID, "simulate", "--once"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    try:
+        port = axis.stdout.readline().strip()
+        excite = ("--period", "600", "--band", "10:600", "--periods", "3", "--settle", "1p")
+        assert gsid("-C", "st", "run", "--port", port, *excite).code == 0
+        axis.wait(timeout=DEADLINE_S)
+    finally:
+        axis.kill()
+        axis.communicate()
+    assert study.steps[0].outputs == ("records/1-run.csv", "verdicts/1-run.json")
+    assert study.last_experiment == ["records/1-run.csv"]
+    assert study.steps[0].words == ("Measured records/1-run.csv: 3 good periods, 0 lost.",)
+    assert gsid("-C", "st", "look").code == 0
+    assert study.steps[1].arguments[:2] == ("look", "records/1-run.csv")
+
+
+def test_a_part_of_a_record_is_the_last_experiment(gsid, study):
+    assert gsid("-C", "st", "cut", "--to", "1.2").code == 0
+    assert study.last_experiment == ["records/1-cut.csv"]
