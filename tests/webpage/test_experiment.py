@@ -393,6 +393,7 @@ def test_no_axis_moves_without_its_limits(server, name, value):
         {"file": "records/../../secret"},
         {"lines": "all"},
         {"low": "600"},
+        {"peak": "51"},
         {"periods": "1.5"},
         {"token": "guessed"},
         {"token": None},
@@ -405,6 +406,11 @@ def test_a_form_that_is_not_valid_is_refused(server, wrong):
     assert code == 400
     assert "error" in json.loads(text)
     assert page.page_state()["job"] is None
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", None])
+def test_another_page_moves_no_axis(ask, origin):
+    assert ask("POST", "/live/run", FORM | {"port": "simulated"}, origin=origin).code == 403
 
 
 def test_a_websocket_of_another_page_gets_no_figures(server):

@@ -83,7 +83,7 @@ LIMITS = (
     Field(
         "limit_rate",
         "Limit of rate",
-        "unit of the output",
+        "deg/s",
         "The run is stopped if the axis runs away.",
         simulated="200",
     ),
@@ -183,6 +183,9 @@ def experiment_of(study: Study, form: Mapping[str, Any]) -> Experiment:
 
 
 def _design(values: Mapping[str, float], form: Mapping[str, Any]) -> tuple[str, ...]:
+    if values["peak"] > values["limit_command"]:
+        found = f"{values['peak']:g}, limit {values['limit_command']:g}"
+        raise InputError("the peak command exceeds its limit", "", found, "lower the peak command")
     lines = form.get("lines") or LINES[0]
     if lines not in LINES:
         raise InputError("not a valid choice", "lines", str(lines)[:TEXT_MOST], f"one of {', '.join(LINES)}")

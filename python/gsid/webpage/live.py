@@ -250,8 +250,8 @@ class Live:
         words, record = wanted.run_step(number, excitation)
         job = LiveJob(tuple(words), added=("--attended",))
         job.number, job.on_figures = self._n_jobs + 1, self.changed
-        self.page.begin(job, [record], number, lambda ended: self._ended(record))
         note_run(self.page.study, number, words, record)
+        self.page.begin(job, [record], number, lambda ended: self._ended(record))
         self.job, self._stage, self._n_jobs = job, job, job.number
 
     def _ended(self, record: str) -> None:
