@@ -1,6 +1,7 @@
 """gsid report: the page is written, its name printed, and misuse is refused."""
 
 import json
+import sys
 from pathlib import Path
 
 from gsid.models.rational import RationalModel
@@ -50,3 +51,19 @@ def test_missing_folder_is_bad_input(gsid, rec_csv):
     result = gsid("report", rec_csv, "-o", "none/page.html")
     assert result.code == 3
     assert "hint:" in result.err
+
+
+def test_interactive_page_has_plotly(gsid, rec_csv):
+    assert gsid("report", rec_csv, "--interactive").code == 0
+    text = Path("report.html").read_text(encoding="utf-8")
+    assert "plotly.js v" in text
+    assert 'class="plot"' in text
+
+
+def test_interactive_without_plotly_is_an_error_with_a_hint(gsid, rec_csv, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    result = gsid("report", rec_csv, "--interactive")
+    assert result.code == 3
+    assert "interactive pictures need plotly" in result.err
+    assert "hint: pip install plotly" in result.err
+    assert not Path("report.html").exists()

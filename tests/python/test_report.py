@@ -367,7 +367,7 @@ def test_diagnosis(friction, found):
         "Error before an effect is added",
         "Missing torque",
         "With the effects found",
-        "Where the model fails",
+        "Bands with an excess",
         "Assumed",
         "Not tried",
     ):

