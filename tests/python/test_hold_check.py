@@ -20,10 +20,14 @@ class Run:
 
     hold_assumed, hold, measured = True, "none", ()
     settings, open = DEFAULTS, ()
+    left = 1.0  # cost per degree of freedom of the fit with all effects
 
     def __init__(self, effect, final, null=None):
         self.decision, self.final, self.null = Decision(MISSING, (effect,)), final, null
         self.notes = []
+
+    def evidence(self):
+        return SimpleNamespace(is_adequate=lambda one: self.left <= DEFAULTS.adequate)
 
     def conclude_without_law(self, null):
         self.null, self.decision = null, Decision(ADEQUATE)
@@ -92,11 +96,22 @@ def test_nothing_is_missing_if_the_other_reading_does_without_the_only_effect(ch
 
 def test_a_lag_that_lowers_no_cost_under_the_other_reading_is_not_named(checked):
     none = {("none", ("motor_lag",)): 900.0, ("none", ()): 5000.0}
-    zoh = {("zoh", ("motor_lag",)): 5099.0, ("zoh", ()): 5100.0}
+    zoh = {("zoh", ("motor_lag",)): 984.0, ("zoh", ()): 985.0}
     found = checked(["motor_lag"], none | zoh)
     assert names(found) == []
     assert found.first.hold == "none"
     assert found.first.null.cost == 5000.0
+
+
+@pytest.mark.parametrize(("left", "named"), [(1.0, ["motor_lag"]), (1.2, [])])
+def test_bug_a_lag_was_not_named_though_the_records_refute_the_other_reading(
+    checked, monkeypatch, left, named
+):
+    """Only a fit that leaves noise refutes the other one: else both are wrong."""
+    monkeypatch.setattr(Run, "left", left)
+    none = {("none", ("motor_lag",)): 900.0, ("none", ()): 5000.0}
+    zoh = {("zoh", ("motor_lag",)): 5099.0, ("zoh", ()): 5100.0}
+    assert names(checked(["motor_lag"], none | zoh)) == named
 
 
 def test_friction_cannot_imitate_a_hold(checked):

@@ -42,7 +42,7 @@ class Run:
         model = plant(GIVEN | {name: VALUES[name] for name in (*known, *([effect] if effect else []))})
         self.final = SimpleNamespace(effects=(effect,), model=model) if effect else None
         null = plant(GIVEN | {name: VALUES[name] for name in known})
-        self.null = SimpleNamespace(model=null, effects=(), cost=3.0)
+        self.null = SimpleNamespace(model=null, effects=(), cost=3.0) if self.share is not None else None
         self.draft = SimpleNamespace(stage=SimpleNamespace(conclusion=SimpleNamespace(kind="named")))
 
     def beside(self, model, null=None):
@@ -95,6 +95,7 @@ def found(**answers):
 
 OVER = "the time is over"
 NOTHING = (ADEQUATE, None, 0.0)
+UNFITTED = (ADEQUATE, None, None)  # by the first stage: no work was left for a simulation
 COULOMB, CUBIC = (MISSING, "coulomb_friction", 0.99), (MISSING, "cubic_spring", 0.99)
 
 
@@ -128,6 +129,16 @@ def test_an_effect_that_later_ones_explain_is_dropped():
         "cubic_spring": dead_zone,
     }
     assert found(**answers) == (["cubic_spring", "drive_dead_zone"], [])
+
+
+def test_bug_a_review_without_a_fit_ended_the_diagnosis():
+    answers = {
+        "alone": (NEAREST, "coulomb_friction", 0.6),
+        "coulomb_friction": (NEAREST, "cubic_spring", 0.6),
+        "coulomb_friction_and_cubic_spring": NOTHING,
+        "cubic_spring": UNFITTED,
+    }
+    assert found(**answers) == ([], ["play"])
 
 
 def test_an_unknown_effect_beside_the_first_leaves_the_first():

@@ -171,6 +171,8 @@ class Rounds:
             if again is None:
                 return None
             if again.decision.verdict == ADEQUATE:  # the others explain what it did
+                if again.null is None:  # no work was left for a fit
+                    return None
                 final = again.null
             elif again.decision.verdict == MISSING or (_is_near(again) and again.is_significant):
                 review.append(again)
