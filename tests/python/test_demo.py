@@ -92,7 +92,8 @@ def test_the_answer_was_hashed_before_the_first_measurement_and_printed_last(sho
     assert command()[1].splitlines()[-2] == result.search.answer_sentence
     page = result.report.read_text()
     assert sha256 in page
-    assert page.rindex(result.search.answer_sentence) > page.rindex("<svg")
+    answered, folded = page.rindex(result.search.answer_sentence), page.index("<details")
+    assert page.rindex("<svg", 0, folded) < answered < folded  # below the pictures
 
 
 def test_the_last_line_opens_a_study_that_has_the_records_and_not_the_answer(shown, command):

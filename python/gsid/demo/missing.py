@@ -201,7 +201,7 @@ def add_to(page: Report, found: Search) -> None:
     story = (
         f"One effect of the catalogue, chosen by seed {found.hidden.seed}, was hidden in the axis. The "
         f"answer was hashed before the measurement (SHA-256 {found.hidden.sha256} of the file hidden.json) "
-        "and is shown at the end of this page. The search gets no model: the linear model is found from "
+        "and is shown below the ladder. The search gets no model: the linear model is found from "
         f"{FITTED} records of each of {len(LEVELS)} levels; {KEPT_OUT} more of each are kept out for "
         "validation."
     )
