@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from gsid.records.files import read_record
+from gsid.webpage.live import LiveJob
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
 DEADLINE_S = 120  # of one wait, on a loaded computer
@@ -369,6 +370,18 @@ def test_a_spoiled_period_has_a_sentence(studio, axis):
     assert "Lost samples spoil a period: check cable" in " ".join(step["words"])
     assert page.seen[-1]["spoiled"] >= 1
     assert 0 in page.seen[-1]["periods"]
+
+
+def test_a_page_that_joins_late_gets_the_last_response_and_10_s_of_figures():
+    job = LiveJob(("run",), on_figures=lambda: None)
+    for n in range(1, 1001):
+        response = ', "response": {"n_lines": 7}' if n == 2 else ""
+        job.takes(b'{"live": {"ticks": %d%s}}\n' % (n, response.encode()))
+    (first, response), *sets = job.after(0)
+    assert (first, json.loads(response)) == (2, {"response": {"n_lines": 7}})
+    assert [json.loads(text)["ticks"] for _, text in sets] == list(range(801, 1001))
+    assert job.after(1000) == []
+    assert [number for number, _ in job.after(998)] == [999, 1000]
 
 
 @pytest.mark.parametrize("name", ["limit_command", "limit_travel_deg", "limit_rate", "peak"])

@@ -64,7 +64,7 @@ class LiveJob(Job):
     figures : deque of (int, str)
         The newest sets of figures as JSON, numbered from 1 on.
     response : (int, str)
-        The newest set that has a response.
+        The newest response alone, and the number of its set.
     """
 
     stdin = asyncio.subprocess.PIPE
@@ -90,15 +90,16 @@ class LiveJob(Job):
         self._n_figures += 1
         one = self._n_figures, line[len(FIGURES) :].rstrip()[:-1].decode()
         self.figures.append(one)
-        if '"response"' in one[1]:
-            self.response = one
+        start = one[1].find('"response"')  # the last key
+        if start >= 0:
+            self.response = self._n_figures, "{" + one[1][start:]
         self.on_figures()
         return True
 
     def after(self, last: int) -> list[tuple[int, str]]:
-        """Sets of figures after this number; the newest response is always among those of a first call."""
+        """Sets of figures after this number; before them the newest response if it is in none."""
         found = [one for one in self.figures if one[0] > last]
-        is_missing = last < self.response[0] and self.response not in found
+        is_missing = found and last < self.response[0] < found[0][0]
         return [self.response, *found] if is_missing else found
 
     def sign_of_life(self) -> None:

@@ -25,7 +25,7 @@ export function clearPicture() {
 }
 
 export async function drawFigures(sets) {
-  for (const set of sets) {
+  for (const set of sets.filter((one) => one.t_s)) {
     time.push(...set.t_s);
     SIGNALS.forEach(({ name }, i) => {
       extremes[i].low.push(...set[name].low);
