@@ -140,12 +140,14 @@ def stops(page: Page, number: int) -> dict[str, float]:
         axis = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
         assert axis.stdout
         port = axis.stdout.readline().strip()
-        for _ in range(number):
-            page.start(port=port, periods="1000")
-            begun_s.append(time.monotonic())
-            page.stop()
-        axis.terminate()
-        axis.wait(timeout=TIMEOUT_S)
+        try:
+            for _ in range(number):
+                page.start(port=port, periods="1000")
+                begun_s.append(time.monotonic())
+                page.stop()
+        finally:
+            axis.terminate()
+            axis.wait(timeout=TIMEOUT_S)
         t_s, u = np.loadtxt(log, delimiter=",", skiprows=1, usecols=(0, 2)).T
     is_last = (
         np.diff(t_s, append=np.inf) > 0.2
