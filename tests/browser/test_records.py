@@ -42,3 +42,14 @@ def test_a_part_is_kept_and_files_are_saved(page, record):
         page.locator("#step-4").get_by_role("link", name="axis_4.h").click()
     assert "_step" in saved.value.path().read_text()
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_bug_the_end_of_a_long_record_was_rounded_past_it(page, tmp_path):
+    """A record that ends at 3333.667 s: six digits made that 3333.67 s, which is outside."""
+    n = 333_367
+    t = np.arange(n)
+    record = gsid.Record(np.sin(0.1 * t), np.cos(0.1 * t), 100.0)
+    gsid.write_record(tmp_path / "long.npz", record)
+    open_file(page, tmp_path / "long.npz")
+    page.get_by_role("button", name="Keep this part").click()
+    assert f"has {n - 1} samples" in step(page, 2) or f"has {n} samples" in step(page, 2)

@@ -11,6 +11,7 @@ from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.records.files import write_record
 from gsid.records.record import Record
+from gsid.webpage import workbench
 
 FS, N, SEED, REQUESTS, DEADLINE_S = 3000.0, 3000, 20261123, 200, 120
 
@@ -77,3 +78,13 @@ def test_after_values_that_cannot_be_simulated_the_sliders_are_there(bench):
     assert answer["sheet"][-1]["label"] == "cubic_spring"
     bench.send(request_of(2))
     assert answer_of(bench)["fit_percent"] > 90
+
+
+def test_any_fault_of_a_simulation_is_answered():
+    class Broken:
+        def answer(self, wanted):
+            raise MemoryError("too much")
+
+    found = json.loads(workbench._answered(Broken(), '{"serial": 7}'))
+    assert found["serial"] == 7
+    assert "MemoryError: too much" in found["where"]

@@ -155,4 +155,10 @@ def _answered(bench: Workbench, request: str) -> str:
         found = {"error": error.message, "where": "", "hint": error.hint}
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         found = {"error": "the request is not valid", "where": f"{type(error).__name__}: {error}", "hint": ""}
+    except Exception as error:  # the sliders wait for an answer
+        found = {
+            "error": "the simulation has failed",
+            "where": f"{type(error).__name__}: {error}",
+            "hint": "",
+        }
     return json.dumps(found | {"serial": serial})

@@ -3,7 +3,7 @@ import { element } from "./elements.js";
 import { act } from "./requests.js";
 import { isOff, requestStep } from "./steps.js";
 
-const DIGITS = 6; // of a time
+const DECIMALS = 6; // of a time: a millionth of a second is less than a sample
 
 // Below the picture of a single record that was looked at.
 export function cutForm(step, picture) {
@@ -34,8 +34,8 @@ function followZoom(picture, from, to) {
   const whole = [...picture.layout.xaxis.range];
   const show = () => {
     const [begin, end] = picture.layout.xaxis.range;
-    from.value = Number(Math.max(begin, whole[0]).toPrecision(DIGITS));
-    to.value = Number(Math.min(end, whole[1]).toPrecision(DIGITS));
+    from.value = Number(Math.max(begin, whole[0]).toFixed(DECIMALS));
+    to.value = Number(Math.min(end, whole[1]).toFixed(DECIMALS));
   };
   show();
   picture.on("plotly_relayout", show);
