@@ -263,6 +263,16 @@ def test_the_scan_of_a_mode_is_that_of_its_columns():
     assert found.residue == pytest.approx(residues[best], rel=1e-2)
 
 
+def test_bug_the_hold_that_imitates_a_missing_lag_excluded_the_other():
+    """Without the lag, the cost with the wrong hold is a fifteenth of that with the right one."""
+    trial = axes.drawn(2900, "lag", 3)
+    start = trial.start(np.random.default_rng([30, trial.period_samples]), 0.3)
+    records = [gsid.Record(u, y, trial.fs_hz, trial.period_samples, 0) for u, y in trial.records]
+    found = first_stage(records, PlantModel(trial.fs_hz, effects_of(start), trial.output))
+    assert (found.hold, trial.hold) == ("none", "none")
+    assert set(found.conclusion.effects) == {"motor_lag", "sensor_lag"}, found
+
+
 def test_drawn_effects_are_clear_and_drawn_again_alike():
     first, again = axes.drawn(2, "transport_delay", 0), axes.drawn(2, "transport_delay", 0)
     assert first.drop == again.drop >= axes.CLEAR

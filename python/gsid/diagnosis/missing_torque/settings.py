@@ -25,6 +25,9 @@ class SearchSettings:
     hold_ratio : float
         Ratio of the linear part's costs with both readings of an unknown hold up to which both are tried, if
         even the better one is not good. On the hysteretic benchmark the wrong one is 10 % better.
+    hold_lag : float
+        Lag [samples] that the readings of an unknown hold are compared with as well: a missing lag attenuates
+        as a hold does.
     motion_band : float
         Highest line of the motion, in highest lines of the fit. Friction moves the axis above the excitation;
         far above it the output is noise.
@@ -141,6 +144,7 @@ class SearchSettings:
     images_least: float = LEAST_POWER
     images_size: float = LARGEST_SIZE
     hold_ratio: float = 4.0
+    hold_lag: float = 0.3
     motion_band: float = 2.0
     oversampling: float = 6.0
     delays: tuple[float, ...] = (0.5, 0.75, 1.0, 1.35, 1.8)

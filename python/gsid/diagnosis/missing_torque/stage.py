@@ -28,9 +28,11 @@ from gsid.diagnosis.missing_torque.ranking import (
     Scan,
     linear_candidates,
     scan_laws,
+    with_linear,
 )
 from gsid.diagnosis.missing_torque.refit import is_at_an_end, refit
 from gsid.diagnosis.missing_torque.settings import DEFAULTS, SearchSettings
+from gsid.effects.types import EffectType
 from gsid.effects.types import catalogue as effect_types
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel, check_plant
@@ -232,7 +234,7 @@ def first_stage(
     nulls = list(zip(problems, fit_nulls(problems, given, other, known), strict=True))
     clock.take("linear part")
     found = []
-    for each in _possible(nulls, settings):
+    for each in _possible(nulls, settings, {*without, *(effect.id for effect in model.effects)}):
         with in_time(bool(found)):
             found.append(_fitted(*each, given, values, model, without, clock=clock, on_step=on_step))
     by_noise = one = min(found, key=lambda each: each.best.kept)
@@ -288,17 +290,28 @@ class _Fitted:
 
 
 def _possible(
-    nulls: list[tuple[Problem, LinearFit]], settings: SearchSettings
+    nulls: list[tuple[Problem, LinearFit]], settings: SearchSettings, left_out: Collection[str]
 ) -> list[tuple[Problem, LinearFit]]:
     """Readings of the hold that the linear part does not exclude.
 
     Half a sample of delay shifts the phase of a resonance by as much as a law does: where much is missing,
-    the linear part alone cannot decide.
+    the linear part alone cannot decide. A hold attenuates as a lag does: where a lag is missing, the wrong
+    reading can be far better without it, and is not with it.
     """
     least = min(null.cost for _, null in nulls)
-    if min(null.cost_per_dof for _, null in nulls) > settings.good_cost:
-        least *= settings.hold_ratio
-    return [(problem, null) for problem, null in nulls if null.cost <= least]
+    if min(null.cost_per_dof for _, null in nulls) <= settings.good_cost:
+        return [(problem, null) for problem, null in nulls if null.cost <= least]
+    found = [(problem, null) for problem, null in nulls if null.cost <= least * settings.hold_ratio]
+    lags = [one for one in effect_types().values() if one.linear_part == "lag" and one.id not in left_out]
+    if len(found) == len(nulls) or not lags:
+        return found
+    best, _ = min(((each, _with_lag(*each, lags[0]).cost) for each in nulls), key=lambda pair: pair[1])
+    return found if any(each is best for each in found) else [*found, best]
+
+
+def _with_lag(problem: Problem, null: LinearFit, lag: EffectType) -> LinearFit:
+    sample_s = 1 / problem.first[0].spectra.fs_hz
+    return fit_linear_part(problem, with_linear(null.part, lag, problem.settings.hold_lag * sample_s))
 
 
 def _fitted(
