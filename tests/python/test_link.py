@@ -238,6 +238,26 @@ def test_ctrl_c_leaves_the_command_at_zero():
     assert len(caught.value.record) >= SETTLE
 
 
+def test_bug_an_error_of_who_is_shown_the_run_must_leave_the_command_at_zero():
+    """What JSON cannot store raised in the function that sends the figures."""
+    line = Loopback(Server(quiet_axis()))
+
+    def show(now):
+        if now.ticks > 3000:
+            raise ValueError("Out of range float values are not JSON compliant: inf")
+
+    with pytest.raises(ValueError, match="Out of range") as caught:
+        run(line, multisine(N), periods=20, settle=SETTLE, on_progress=show)
+    assert line.stopped
+    assert caught.value.record.meta["command_zero_confirmed"] == "yes"
+    assert len(caught.value.record) >= 3000 - N  # whole periods
+
+
+def test_bug_a_run_beyond_the_memory_was_an_internal_error():
+    with pytest.raises(InputError, match="the run is too long"):
+        run(Loopback(Server(quiet_axis())), multisine(N), periods=10**12, settle=0)
+
+
 def test_samples_under_way_when_a_run_is_stopped_are_kept():
     """A busy computer had a tenth of a second of them unread, and threw them away with the answer to STOP."""
 

@@ -422,6 +422,11 @@ def test_an_excitation_from_a_file(folder):
         (("--port", "nowhere", "--u", "none.csv"), 3, "none.csv"),
         (("--port", "nowhere", "--plot", "a.txt"), 2, "--plot draws .png, .svg, .pdf, .json only"),
         (("--port", "nowhere", "--plot", "a.png", "--periods", "1"), 2, "give --periods 2 or more"),
+        (("--port", "nowhere", "--limit-rate", "inf"), 2, "inf is not a finite number"),
+        (("--port", "nowhere", "--limit-command", "nan"), 2, "nan is not a finite number"),
+        (("--port", "nowhere", "--periods", "1000000000000"), 3, "6e+15 samples with settling, limit 1e+08"),
+        (("--port", "nowhere", "--period", "1000000000000"), 3, "the run is too long"),
+        (("--port", "nowhere", "--settle", "1000000000000"), 3, "the run is too long"),
         ((), 2, "--port"),
     ],
 )

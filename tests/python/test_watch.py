@@ -105,3 +105,9 @@ def test_a_run_stopped_while_the_axis_rests_has_no_samples(tmp_path):
 def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():
     with pytest.raises(LimitError, match="planned command exceeds its limit"):
         run("nowhere", multisine(600, 40, 3.0), periods=1, limits=RunLimits(command=1.0))
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, np.inf, np.nan])
+def test_a_limit_that_limits_nothing_is_refused(limit):
+    with pytest.raises(ValueError, match="the limit of rate must be positive and finite"):
+        RunLimits(rate=limit)

@@ -79,6 +79,16 @@ class Value(click.ParamType):
         self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
 
 
+class _FiniteRange(click.FloatRange):
+    """A range without infinity, which no limit is."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found = super().convert(value, param, ctx)
+        if not math.isfinite(found):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return found
+
+
 def add_options(options: Sequence[Callable]) -> Callable:
     """Decorator that adds several options in this order."""
     return lambda command: functools.reduce(lambda c, option: option(c), reversed(options), command)
@@ -90,7 +100,7 @@ def _with_default(text: str, default: str) -> str:
 
 
 SEED = click.IntRange(0, 2**64 - 1)
-LIMIT = click.FloatRange(0, min_open=True)
+LIMIT = _FiniteRange(0, min_open=True)
 
 
 def rate_option(shown_default: str = "", **how: Any) -> Callable:

@@ -158,6 +158,7 @@ def run(
     After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.
     """
     from gsid.response.streaming import StreamingFrf
+    from gsid.rig.samples import check_length
     from gsid.rig.watch import RunLimits
 
     if journal_file is not None:
@@ -168,6 +169,8 @@ def run(
         raise click.UsageError(text, click.get_current_context())
     if picture and periods < 2:
         raise UsageError("--plot draws the frequency response, with its noise", "give --periods 2 or more")
+    if u_file is None:  # before an excitation of this length is designed
+        check_length(period, settle[0] * (period if settle[1] else 1), periods)
     with options_as_arguments():
         plan = _from_file(u_file, fs_hz) if u_file else _multisine(fs_hz, period, band, amplitude, shape)
     n_settle = settle[0] * plan.n_period if settle[1] else settle[0]

@@ -16,7 +16,7 @@ from gsid.records.record import Record
 from gsid.rig.frames import COMMAND, frames
 from gsid.rig.journal import Journal, JournalError, RunDescription
 from gsid.rig.link import QUIET_S, SILENT_S, LimitError, Link, LinkError, Stopped
-from gsid.rig.samples import Samples
+from gsid.rig.samples import Samples, check_length
 from gsid.rig.watch import ROUNDING, RunLimits, Watch
 
 if TYPE_CHECKING:
@@ -118,6 +118,8 @@ def run(
 
     Raises
     ------
+    InputError
+        The run has more than `gsid.rig.samples.SAMPLES_MOST` samples.
     ValueError
         `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
     LinkError
@@ -136,6 +138,7 @@ def run(
     settle = 2 * len(table) if settle is None else int(settle)
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
+    check_length(len(table), settle, periods)
     name = port if isinstance(port, str) else ""
     _check_plan(table, limits, name)
     samples = Samples(table, settle, periods)

@@ -4,12 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsid.base.errors import InputError
 from gsid.rig.frames import LOST_COUNT, SAMPLE
 from gsid.rig.link import LinkError
 
 GAP_HELD = 64  # samples lost in a row that count as a lost command: the 7-bit count of those may have wrapped
 BAD_IN_A_ROW = 8  # periods
 BAD_FACTOR = 4  # periods measured over periods requested
+SAMPLES_MOST = 100_000_000  # of one run: 9 h at 3 kHz, 1.8 GB
+
+
+def check_length(n_period: int, settle: int, periods: int) -> None:
+    """Refuse a run that the memory of a computer cannot hold.
+
+    Parameters
+    ----------
+    n_period : int
+        Samples in a period.
+    settle : int
+        Samples that are discarded at the start.
+    periods : int
+        Good periods requested.
+
+    Raises
+    ------
+    InputError
+        They are more than `SAMPLES_MOST` samples.
+    """
+    n = settle + periods * n_period
+    if n > SAMPLES_MOST:
+        raise InputError(
+            "the run is too long",
+            "",
+            f"{n:.4g} samples with settling, limit {SAMPLES_MOST:.4g}",
+            "lower the number of periods or the period; measure the rest in further runs",
+        )
 
 
 class Echo:

@@ -26,7 +26,7 @@ class RunLimits:
     Raises
     ------
     ValueError
-        A limit is not positive.
+        A limit is not positive and finite.
     """
 
     command: float | None = None
@@ -35,8 +35,8 @@ class RunLimits:
 
     def __post_init__(self) -> None:
         for name, limit in vars(self).items():
-            if limit is not None and not limit > 0:
-                raise ValueError(f"the limit of {name} must be positive, not {limit}")
+            if limit is not None and not 0 < limit < np.inf:
+                raise ValueError(f"the limit of {name} must be positive and finite, not {limit}")
 
 
 class Watch:
