@@ -21,6 +21,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from gsid.records.files import read_record
+from gsid.study.folder import Study
+from gsid.webpage.experiment import experiment_of
 from gsid.webpage.live import LiveJob
 
 pytestmark = pytest.mark.xdist_group("clock")  # CONTRIBUTING.md
@@ -408,6 +410,7 @@ def test_no_axis_moves_without_its_limits(server, name, value):
         {"low": "600"},
         {"peak": "51"},
         {"periods": "1.5"},
+        {"periods": "1000000000000"},
         {"token": "guessed"},
         {"token": None},
     ],
@@ -419,6 +422,18 @@ def test_a_form_that_is_not_valid_is_refused(server, wrong):
     assert code == 400
     assert "error" in json.loads(text)
     assert page.page_state()["job"] is None
+
+
+def test_bug_typed_numbers_were_rounded_to_six_digits_some_upwards(tmp_path):
+    typed = {
+        "limit_rate": "12.3456789",
+        "limit_command": "0.99999996",
+        "peak": "0.99999995",
+        "fs": "3000.0001",
+    }
+    wanted = experiment_of(Study(tmp_path / "st"), FORM | {"port": "/dev/null"} | typed)
+    assert {"--limit-rate=12.3456789", "--limit-command=0.99999996", "--limit-travel-deg=30"} <= {*wanted.run}
+    assert {"--peak=0.99999995", "--fs=3000.0001", "--band=5:500"} <= {*wanted.design}
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", None])

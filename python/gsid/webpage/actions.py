@@ -13,6 +13,7 @@ from gsid.effects.custom import expression
 from gsid.effects.types import catalogue
 from gsid.records.files import KINDS
 from gsid.study.folder import Study
+from gsid.webpage.body import number_of
 
 TEXTS = ("--u", "--y", "--r")
 CHOICES = {"--hold": ("zoh", "none"), "--output": ("rate", "angle", "acceleration")}
@@ -362,10 +363,7 @@ def _number(name: str, value: object) -> float | int:
 
 
 def _finite(name: str, value: object) -> float:
-    try:
-        found = float(value) if isinstance(value, (str, int, float)) else math.nan
-    except (ValueError, OverflowError):
-        found = math.nan
-    if isinstance(value, bool) or not math.isfinite(found):
+    found = number_of(value)
+    if not math.isfinite(found):
         raise InputError("not a finite number", name, str(value)[:NAME_MOST])
     return found

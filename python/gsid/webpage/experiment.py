@@ -9,7 +9,9 @@ from typing import Any
 
 from gsid.base.errors import InputError
 from gsid.rig.axis import HIDDEN
+from gsid.rig.samples import check_length
 from gsid.study.folder import Study
+from gsid.webpage.body import number_of
 
 TEXT_MOST = 200  # characters
 LARGE = 300_000  # samples above which a record is written in binary form
@@ -161,18 +163,20 @@ def experiment_of(study: Study, form: Mapping[str, Any]) -> Experiment:
     Raises
     ------
     InputError
-        A field is empty or not valid.
+        A field is empty or not valid, or the run is too long.
     """
     file = form.get("file") or ""
     needed = (*LENGTH, *LIMITS) if file else FIELDS
     values = {field.name: _number(field, form.get(field.name)) for field in needed}
+    if not file:
+        check_length(values["period"], values["settle"] * values["period"], values["periods"])
     n_samples = values.get("period", LARGE) * (values["settle"] + values["periods"])
     run = (
         "run",
         *_axis(form),
         f"--periods={values['periods']}",
         f"--settle={values['settle']}p",
-        *(f"--{field.name.replace('_', '-')}={values[field.name]:g}" for field in LIMITS),
+        *(f"--{field.name.replace('_', '-')}={_typed(values[field.name])}" for field in LIMITS),
     )
     return Experiment(
         design=() if file else _design(values, form),
@@ -184,24 +188,28 @@ def experiment_of(study: Study, form: Mapping[str, Any]) -> Experiment:
 
 def _design(values: Mapping[str, float], form: Mapping[str, Any]) -> tuple[str, ...]:
     if values["peak"] > values["limit_command"]:
-        found = f"{values['peak']:g}, limit {values['limit_command']:g}"
+        found = f"{_typed(values['peak'])}, limit {_typed(values['limit_command'])}"
         raise InputError("the peak command exceeds its limit", "", found, "lower the peak command")
     lines = form.get("lines") or LINES[0]
     if lines not in LINES:
         raise InputError("not a valid choice", "lines", str(lines)[:TEXT_MOST], f"one of {', '.join(LINES)}")
     if not values["low"] < values["high"]:
-        raise InputError(
-            "the band is empty", "", f"{values['low']:g} to {values['high']:g} Hz", "lower the lowest line"
-        )
+        found = f"{_typed(values['low'])} to {_typed(values['high'])} Hz"
+        raise InputError("the band is empty", "", found, "lower the lowest line")
     return (
         "design",
         "multisine",
-        f"--fs={values['fs']:g}",
+        f"--fs={_typed(values['fs'])}",
         f"--period={values['period']}",
-        f"--band={values['low']:g}:{values['high']:g}",
+        f"--band={_typed(values['low'])}:{_typed(values['high'])}",
         f"--lines={lines}",
-        f"--peak={values['peak']:g}",
+        f"--peak={_typed(values['peak'])}",
     )
+
+
+def _typed(value: float) -> str:
+    """A number with all its digits: a limit is never rounded upwards."""
+    return repr(value).removesuffix(".0")
 
 
 def _axis(form: Mapping[str, Any]) -> list[str]:
@@ -240,12 +248,7 @@ def _number(field: Field, value: object) -> float | int:
         raise InputError(
             f"{field.title}: no value is given", "", None, f"fill it in [{field.unit}]. {field.why}"
         )
-    try:
-        found = (
-            float(value) if isinstance(value, (str, int, float)) and not isinstance(value, bool) else math.nan
-        )
-    except (ValueError, OverflowError):
-        found = math.nan
+    found = number_of(value)
     is_good = math.isfinite(found) and (found >= field.least if field.whole else found > field.least)
     if not is_good or (field.whole and found != int(found)):
         kind = "a whole number" if field.whole else "a positive number"

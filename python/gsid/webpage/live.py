@@ -24,7 +24,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gsid.base.errors import InputError
-from gsid.webpage.body import body_of
+from gsid.webpage.body import object_of
 from gsid.webpage.experiment import (
     EFFECTS,
     EXCITATION,
@@ -327,13 +327,7 @@ class Live:
         return JSONResponse(await asyncio.to_thread(self.form))
 
     async def _start(self, request: Request) -> Response:
-        try:
-            form = json.loads(await body_of(request, MAX_REQUEST))
-        except ValueError as error:
-            raise InputError("the request is not JSON", "", error) from error
-        if not isinstance(form, dict):
-            raise InputError("the request is not an object", "", type(form).__name__)
-        self.start(form)
+        self.start(await object_of(request, MAX_REQUEST))
         return JSONResponse({"begun": True})
 
     async def _watch(self, watcher: WebSocket) -> None:

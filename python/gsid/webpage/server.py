@@ -28,7 +28,7 @@ from gsid.base.errors import InputError
 from gsid.base.tables import templates
 from gsid.effects.types import catalogue
 from gsid.study.folder import usable_name
-from gsid.webpage.body import body_of
+from gsid.webpage.body import object_of
 from gsid.webpage.edits import law_of
 from gsid.webpage.jobs import COMMAND
 from gsid.webpage.live import Live
@@ -70,13 +70,7 @@ async def _check_law(request: Request) -> Response:
 
 
 async def _wanted(request: Request) -> dict[str, Any]:
-    try:
-        wanted = json.loads(await body_of(request, MAX_REQUEST))
-    except ValueError as error:
-        raise InputError("the request is not JSON", "", error) from error
-    if not isinstance(wanted, dict):
-        raise InputError("the request is not an object", "", type(wanted).__name__)
-    return wanted
+    return await object_of(request, MAX_REQUEST)
 
 
 async def _stop(request: Request) -> Response:
