@@ -1,5 +1,6 @@
 """Which of several effects a given model lacks: the rules alone, on rounds whose verdicts are given."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -7,6 +8,7 @@ from plants import plant
 
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.diagnosis.from_records import rounds as rounds_of
+from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, NEAREST, UNKNOWN, Decision
@@ -210,3 +212,16 @@ def test_bug_a_deadline_in_a_further_round_erased_the_first_effect():
 def test_a_deadline_in_the_review_leaves_the_first_effect():
     answers = {"alone": COULOMB, "coulomb_friction": CUBIC, "coulomb_friction_and_cubic_spring": NOTHING}
     assert found(**answers, cubic_spring=(OVER, None, 0.0)) == (["coulomb_friction"], [])
+
+
+def test_bug_the_fit_without_a_dropped_effect_had_no_name_for_the_one_that_stays():
+    """The summary takes the names of the kept effects from their fits."""
+    fit = Simulated((), SimpleNamespace(), True, 1.0, 0.0, 0.0)
+    rounds = Rounds(SimpleNamespace(decision=Decision(MISSING, ("coulomb_friction",)), settings=DEFAULTS))
+    first, second = (
+        SimpleNamespace(final=replace(fit, effects=(name,))) for name in ("coulomb_friction", "motor_lag")
+    )
+    rounds.kept = [first, second]
+    rounds.drop([second], replace(fit, kept=1.5))
+    assert rounds.kept == [first]
+    assert first.final == replace(fit, effects=("coulomb_friction",), kept=1.5)

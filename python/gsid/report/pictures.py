@@ -63,7 +63,7 @@ class Picture:
 
 CAPTIONS = {
     "Measured and simulated signal": "The difference of an adequate model is noise: it is as "
-    "large as the grey band, and has no form.",
+    "large as the grey band, and shows no pattern.",
     "Estimators": "If only noise remains, the errors stay below the bound. Linear least squares is "
     "inaccurate at low frequencies. Maximum likelihood has its largest errors where the noise is largest.",
     "Excitation": "One period in time and its lines. A crest factor near 1.4 gives the most power within a "

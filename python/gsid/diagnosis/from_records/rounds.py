@@ -9,7 +9,7 @@ dropped. One that is not confirmed is the nearest beside those that are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gsid.base.deadline import OutOfTime
 from gsid.diagnosis.from_records.confirm import Simulated
@@ -99,7 +99,8 @@ class Rounds:
         self.kept = [one for one in self.kept if one not in rounds]
         self.near, self.joint = [], None  # they were judged beside these effects
         if self.kept:
-            self.kept[-1].final = final
+            last = self.kept[-1]
+            last.final = replace(final, effects=last.final.effects)
         else:
             self.first.conclude_without_law(final)
 
