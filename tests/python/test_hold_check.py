@@ -1,5 +1,6 @@
 """Which effects a diagnosis names when the hold is unknown: the rules alone, on costs that are given."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,7 @@ from gsid.diagnosis.from_records.hold_check import check_hold
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.settings import DEFAULTS
 from gsid.diagnosis.from_records.verdict import ADEQUATE, MISSING, Decision
+from gsid.plant.model import PlantModel
 
 GIVEN = {"rigid_body": {"gain": 40.0}, "viscous_friction": {"rate": 25.0}}
 ADDED = {"motor_lag": {"time_constant_s": 1e-3}, "coulomb_friction": {"level": 1.0}}
@@ -33,10 +35,18 @@ class Run:
         self.null, self.decision = null, Decision(ADEQUATE)
 
 
+@dataclass
+class Fitted:
+    model: PlantModel
+    cost: float
+    fit: SimpleNamespace
+    effects: tuple[str, ...]
+
+
 def simulated(model, cost):
     """The effect under judgement stands last in the model."""
     fit = SimpleNamespace(n_dof=500, delay_s=None, model=model, hold_assumed=False)
-    return SimpleNamespace(model=model, cost=cost, fit=fit, effects=(model.effects[-1].id,))
+    return Fitted(model, cost, fit, (model.effects[-1].id,))
 
 
 @pytest.fixture
