@@ -291,7 +291,7 @@ def test_a_command_that_does_not_stop_is_ended_by_force(study, command, monkeypa
 def test_the_end_of_the_server_stops_the_command_and_keeps_the_step(
     study, command, monkeypatch, script, exit_code
 ):
-    monkeypatch.setattr(page_module, "CLOSE_S", 3.0 if script == SLOW else 0.2)
+    monkeypatch.setattr(Job, "close_s", 3.0 if script == SLOW else 0.2)
 
     async def close():
         page = Page(study)

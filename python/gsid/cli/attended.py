@@ -11,7 +11,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-ABSENT_S = 3.0  # without a sign of life
+from gsid.rig import ABSENT_S
+
 STDIN, STDERR = 0, 2
 PATIENCE_S = 1.0  # for the last figures, when the run has ended
 

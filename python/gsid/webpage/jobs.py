@@ -18,6 +18,7 @@ from gsid.webpage.words import INTERRUPTED
 
 # -P: the study, which is the working folder, is not searched for modules; a file in it may be named click.py
 COMMAND = (sys.executable, "-P", "-m", "gsid.cli.main")
+CLOSE_S = 5.0  # the same when the server ends
 MAX_STDOUT = 64 << 20  # bytes of one command
 MAX_LINE = 1 << 16
 STOP_S = 60.0  # between Ctrl-C and the end by force: a diagnosis still judges and draws
@@ -43,9 +44,12 @@ class Job:
         Whether it was asked to stop.
     added : tuple of str
         Further words of the command, which are neither shown nor noted.
+    kept_open : tuple of int
+        Descriptors that the command inherits.
     """
 
     stdin = asyncio.subprocess.DEVNULL
+    close_s = CLOSE_S
 
     arguments: tuple[str, ...]
     step: str = "starting"
@@ -54,6 +58,7 @@ class Job:
     exit_code: int | None = None
     is_stopping: bool = False
     added: tuple[str, ...] = ()
+    kept_open: tuple[int, ...] = ()
     _process: asyncio.subprocess.Process | None = None
     _force: asyncio.TimerHandle | None = None
 
@@ -78,6 +83,7 @@ class Job:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
+            pass_fds=self.kept_open,
             limit=MAX_LINE,
             env=os.environ | {"NO_COLOR": "1", "COLUMNS": "120", "GSID_PROGRESS": "json"},
         )  # fmt: skip

@@ -10,7 +10,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import re
+import signal
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -24,7 +26,10 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gsid.base.errors import InputError
+from gsid.rig import ABSENT_S
+from gsid.study.folder import INTERRUPTED, Step
 from gsid.webpage.body import object_of
+from gsid.webpage.edits import step_command
 from gsid.webpage.experiment import (
     EFFECTS,
     EXCITATION,
@@ -36,20 +41,23 @@ from gsid.webpage.experiment import (
     experiment_of,
     ports,
 )
-from gsid.webpage.interrupted import adopt_run, forget_run, note_run
-from gsid.webpage.jobs import Job
+from gsid.webpage.interrupted import SERVER_ENDED, adopt_run, forget_run, has_note, note_run
+from gsid.webpage.jobs import STOP_S, Job
 from gsid.webpage.page import Page
 from gsid.webpage.safety import new_token
 
 FIGURES = b'{"live": '  # begins a line of figures on stderr
 HISTORY = 200  # sets of figures that a page which joins gets: 10 s
 SIGN_S = 0.25  # shortest time between two signs of life that are passed on
+ADOPT_S = 1.0  # between two attempts to note a step
+LOOK_S = 0.05  # between two looks at who holds control
 BEAT_S = 0.5  # longest time between two messages to a page while an experiment runs
 MAX_REQUEST = 1 << 14
 RECORD_LINE = re.compile(r"wrote (\S+): (\d+) samples, (\d+) good periods, (\d+) lost")
 KILLED = (
-    "The axis was not stopped by STOP. Firmware that follows rule 7 of docs/reference/protocol.md sets the"
-    " command to zero 0.25 s after the last frame: check that the axis stands still before you go near it."
+    "gsid run was ended by force, and may not have sent STOP. Firmware that follows rule 7 of"
+    " docs/reference/protocol.md sets the command to zero 0.25 s after the last frame: check that the axis"
+    " stands still before you go near it."
 )
 
 
@@ -68,6 +76,7 @@ class LiveJob(Job):
     """
 
     stdin = asyncio.subprocess.PIPE
+    close_s = STOP_S  # after STOP a large record is written
 
     number: int = 0
     figures: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=HISTORY))
@@ -161,8 +170,10 @@ class Live:
         self._stage: Job | None = None  # the present step of an experiment: its design, or its run
         self._form: dict[str, Any] = {}
         self._n_jobs = 0
-        if adopt_run(page.study):
-            page.read_study()
+        self._is_preparing = False  # from the request on until the run begins
+        self._adopting: asyncio.Task | None = None
+        with contextlib.suppress(InputError):  # the study is in use: the first page tries again
+            self._show_adopted(adopt_run(page.study))
 
     # ---- control ---------------------------------------------------------------------------------------
 
@@ -176,6 +187,8 @@ class Live:
         is_back = token and token == self.control and not self._is_there(token)
         seat = Seat(token if is_back else new_token())
         self.seats.add(seat)
+        if has_note(self.page.study) and not self.is_running:
+            self._adopt_later()
         self.changed()
         return seat
 
@@ -201,7 +214,7 @@ class Live:
     @property
     def is_running(self) -> bool:
         """Whether an experiment is prepared or runs."""
-        return self._stage is not None and self.page.job is self._stage
+        return self._is_preparing or (self._stage is not None and self.page.job is self._stage)
 
     def changed(self) -> None:
         """Have something sent to every page."""
@@ -210,7 +223,7 @@ class Live:
 
     # ---- an experiment ---------------------------------------------------------------------------------
 
-    def start(self, form: Mapping[str, Any]) -> None:
+    async def start(self, form: Mapping[str, Any]) -> None:
         """Begin an experiment: its excitation, then the run, then a look at the record.
 
         Parameters
@@ -221,55 +234,134 @@ class Live:
         Raises
         ------
         InputError
-            A field is not valid, another step runs, or the page has no connection.
+            A field is not valid, another step runs, the last experiment is not noted, or the page has no
+            connection.
         """
         token = form.get("token")
         if not isinstance(token, str) or not self._is_there(token):
             raise InputError("the page has no connection for live figures", "", None, "reload the page")
         self.page.check_idle()
+        if self._is_preparing:
+            raise InputError("another step is running", "", "run", "wait, or stop it")
         wanted = experiment_of(self.page.study, form)
         self.control = token
         self._form = {name: value for name, value in form.items() if name != "token"}
-        if wanted.design:
-            number = self.page.study.begin_step()
-            words, path = wanted.design_step(number)
-            self._stage = Job(tuple(words))
-            self.page.begin(self._stage, [path], number, lambda job: self._designed(job, wanted, path))
-        else:
-            self._run(wanted, wanted.file)
-        self.changed()
+        self.page.is_stopped, self._is_preparing = False, True
+        try:
+            await self._prepare(wanted)
+        except BaseException:
+            self._is_preparing = False
+            raise
+        finally:
+            self.changed()
 
-    def _designed(self, job: Job, wanted: Experiment, excitation: str) -> None:
+    async def _prepare(self, wanted: Experiment) -> None:
+        """Design the excitation, or run at once if there is one."""
+        if has_note(self.page.study):
+            self._show_adopted(await asyncio.to_thread(adopt_run, self.page.study))
+        if has_note(self.page.study):
+            raise InputError("the last run still writes its record", "", None, "wait until it has ended")
+        if not wanted.design:
+            await self._run(wanted, wanted.file)
+            return
+        number = await asyncio.to_thread(self.page.study.begin_step)
+        if self.page.is_stopped:
+            self._is_preparing = False
+            return
+        words, path = wanted.design_step(number)
+        stage = Job(tuple(words))
+        self.page.begin(stage, [path], number, lambda job: self._designed(job, wanted, path))
+        self._stage = stage
+
+    async def _designed(self, job: Job, wanted: Experiment, excitation: str) -> None:
         self.changed()
-        if job.exit_code == 0 and not self.page.is_stopped:
-            if not self._is_there(self.control):
+        try:
+            if job.exit_code != 0 or self.page.is_stopped:
+                return
+            if not await self._has_control():
                 raise InputError("the page that started the experiment has gone: it was not begun")
-            self._run(wanted, excitation)
+            await self._run(wanted, excitation)
+        finally:
+            self._is_preparing = False
+            self.changed()
 
-    def _run(self, wanted: Experiment, excitation: str) -> None:
-        number = self.page.study.begin_step()
+    async def _has_control(self) -> bool:
+        """Whether a page holds control; one that is reloaded has the time in which a run goes on too."""
+        end_s = time.monotonic() + ABSENT_S
+        while not self._is_there(self.control) and time.monotonic() < end_s:
+            await asyncio.sleep(LOOK_S)
+        return self._is_there(self.control)
+
+    async def _run(self, wanted: Experiment, excitation: str) -> None:
+        """Begin the run: first all that can fail, so that no axis moves without signs of life."""
+        study = self.page.study
+        number = await asyncio.to_thread(study.begin_step)
+        self._is_preparing = False
+        if self.page.is_stopped:
+            return
+        self.page.check_idle()
         words, record = wanted.run_step(number, excitation)
-        job = LiveJob(tuple(words), added=("--attended",))
+        held = note_run(study, number, words, record)
+        job = LiveJob(tuple(words), added=("--attended",), kept_open=(held,))
         job.number, job.on_figures = self._n_jobs + 1, self.changed
-        note_run(self.page.study, number, words, record)
-        self.page.begin(job, [record], number, lambda ended: self._ended(record))
         self.job, self._stage, self._n_jobs = job, job, job.number
+        self.page.begin(job, [record], number, lambda ended: self._ended(ended, number, record, held))
 
-    def _ended(self, record: str) -> None:
+    async def _ended(self, job: Job, number: int, record: str, held: int) -> None:
         """Look at the record; make it of the journal if the run was ended by force."""
         self.changed()
-        forget_run(self.page.study)
+        study = self.page.study
+        try:
+            step = await asyncio.to_thread(self._step, number)
+            if step is not None:
+                forget_run(study)
+        finally:
+            os.close(held)
+        if step is None:
+            exit_code = -signal.SIGKILL if job.exit_code is None else job.exit_code
+            self._adopt_later("The run has ended, and its step could not be noted at once.", exit_code)
+            return
         journal = f"{record}.journal"
-        if (self.page.study.folder / record).is_file():
-            self.page.request_step({"verb": "look", "records": [record]})
-        elif (self.page.study.folder / journal).is_file():
+        if (study.folder / record).is_file():
+            await self._look(record)
+        elif (study.folder / journal).is_file():
             words = ("run", f"--recover={journal}", "-o", record, "--json")
-            number = self.page.study.begin_step()
-            self.page.begin(Job(words), [record], number, lambda job: self._recovered(job, record))
+            recovery = await asyncio.to_thread(study.begin_step)
+            self.page.begin(Job(words), [record], recovery, lambda job: self._recovered(job, record))
 
-    def _recovered(self, job: Job, record: str) -> None:
+    async def _recovered(self, job: Job, record: str) -> None:
         if job.exit_code == 0:
-            self.page.request_step({"verb": "look", "records": [record]})
+            await self._look(record)
+
+    async def _look(self, record: str) -> None:
+        wanted = {"verb": "look", "records": [record]}
+        number, arguments, outputs = await asyncio.to_thread(step_command, self.page.study, wanted)
+        self.page.begin(Job(tuple(arguments)), outputs, number)
+
+    # ---- steps that are noted later --------------------------------------------------------------------
+
+    def _step(self, number: int) -> Step | None:
+        """A step of the study; None if it is not noted, or the study cannot be read."""
+        with contextlib.suppress(InputError, OSError):
+            return next((one for one in self.page.study.steps if one.number == number), None)
+        return None
+
+    def _adopt_later(self, why: str = SERVER_ENDED, exit_code: int = INTERRUPTED) -> None:
+        if self._adopting is None or self._adopting.done():
+            self._adopting = asyncio.create_task(self._adopt(why, exit_code))
+
+    async def _adopt(self, why: str, exit_code: int) -> None:
+        """Note the step of a run that is not noted, as soon as it has ended and the study can be written."""
+        while has_note(self.page.study):
+            with contextlib.suppress(InputError, OSError):
+                report = await asyncio.to_thread(adopt_run, self.page.study, why, exit_code)
+                self._show_adopted(report)
+            await asyncio.sleep(ADOPT_S)
+
+    def _show_adopted(self, report: str | None) -> None:
+        if report is not None:
+            self.page.error = report or self.page.error
+            self.page.read_study()
 
     # ---- what is sent ----------------------------------------------------------------------------------
 
@@ -291,6 +383,7 @@ class Live:
         state = {
             "token": seat.token,
             "control": control,
+            "absent_s": ABSENT_S,
             "n_pages": len(self.seats),
             "run": None if job is None else job.number,
             "command": "" if job is None else job.command,
@@ -327,7 +420,7 @@ class Live:
         return JSONResponse(await asyncio.to_thread(self.form))
 
     async def _start(self, request: Request) -> Response:
-        self.start(await object_of(request, MAX_REQUEST))
+        await self.start(await object_of(request, MAX_REQUEST))
         return JSONResponse({"begun": True})
 
     async def _watch(self, watcher: WebSocket) -> None:

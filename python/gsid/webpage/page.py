@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from gsid.base.errors import InputError
@@ -15,7 +15,6 @@ from gsid.webpage.edits import step_command, unedited
 from gsid.webpage.jobs import Job
 from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_of, outcome_of
 
-CLOSE_S = 5.0  # of a command, between Ctrl-C and the end by force, when the server ends
 FOLLOW_S = 1.0  # between two looks at what other commands have changed
 MAX_UPLOAD = 200 << 20
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
@@ -146,12 +145,14 @@ class Page:
         self.begin(Job(tuple(arguments)), outputs, number)
 
     def check_idle(self) -> None:
-        """Raise InputError if a step runs."""
+        """Raise InputError if a step runs, or the server ends."""
+        if self._is_closing:
+            raise InputError("the server is ending")
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
 
     def begin(
-        self, job: Job, outputs: list[str], number: int, then: Callable[[Job], None] | None = None
+        self, job: Job, outputs: list[str], number: int, then: Callable[[Job], Awaitable[None]] | None = None
     ) -> None:
         """Begin a step.
 
@@ -176,7 +177,7 @@ class Page:
         self._running = asyncio.create_task(self._run(job, then))
         self.changed()
 
-    async def _run(self, job: Job, then: Callable[[Job], None] | None) -> None:
+    async def _run(self, job: Job, then: Callable[[Job], Awaitable[None]] | None) -> None:
         try:
             try:
                 await job.run(self.study.folder, self.changed)
@@ -187,13 +188,14 @@ class Page:
             self.error = f"{job.command}: {type(error).__name__}: {error}"
         finally:
             self.job = None
-            if then is not None and not self._is_closing:
-                self._follow_up(then, job)
             self.changed()
+            if then is not None and not self._is_closing:
+                await self._follow_up(then, job)
+                self.changed()
 
-    def _follow_up(self, then: Callable[[Job], None], job: Job) -> None:
+    async def _follow_up(self, then: Callable[[Job], Awaitable[None]], job: Job) -> None:
         try:
-            then(job)
+            await then(job)
         except Exception as error:
             self.error = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
@@ -264,7 +266,7 @@ class Page:
             return
         if self.job is not None:
             self.job.stop()
-            await asyncio.wait([self._running], timeout=CLOSE_S)
+            await asyncio.wait([self._running], timeout=self.job.close_s)
         if self.job is not None:
             self.job.kill()
         await asyncio.wait([self._running])
