@@ -1,5 +1,6 @@
 """`gsid -C DIR script`: the script that repeats a study, run in a copy of it."""
 
+import ast
 import json
 import os
 import shlex
@@ -7,16 +8,17 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gsid.cli.in_study import STEPS
-from gsid.cli.study_script import MEASURES, WRITERS
+from gsid.cli.study_script import MEASURES, WRITERS, python_script, shell_script
 from gsid.models.load import load_model
 from gsid.plant.model import PlantModel
 from gsid.records.files import read_record, write_record
-from gsid.study.folder import Study
+from gsid.study.folder import Step, Study
 
 GSID = [sys.executable, "-m", "gsid.cli.main"]
 LAW = "c*w"
@@ -41,15 +43,27 @@ STORY = [
 ]
 
 
+# Files that are made and used again: each line of the script in sh is a process.
+SHORT_STORY = [
+    ["cut", "--to", "1.6"],
+    ["fit", "--order", "2/0"],
+    ["design", "multisine", "--fs", "1000", "--period", "400", "--band", "5:100"],
+]
+
+
 @pytest.fixture
-def study(gsid, record, tmp_path):
-    """A study with every verb that has a function of the package, and one that has none."""
-    write_record(tmp_path / "angle.csv", replace(record, y_unit="deg"))
-    gsid("-C", "my study", "open", "angle.csv")
-    for words in STORY:
-        result = gsid("-C", "my study", *words)
-        assert result.code == 0, (words, result.err)
-    return Study("my study")
+def told(gsid, record, tmp_path):
+    """Make a study of steps."""
+
+    def make(story):
+        write_record(tmp_path / "angle.csv", replace(record, y_unit="deg"))
+        gsid("-C", "my study", "open", "angle.csv")
+        for words in story:
+            result = gsid("-C", "my study", *words)
+            assert result.code == 0, (words, result.err)
+        return Study("my study")
+
+    return make
 
 
 def numbers_of(path):
@@ -81,26 +95,31 @@ def _path(folder):
     return f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
 
 
-def test_both_scripts_make_the_models_of_the_study(gsid, study, tmp_path):
-    for name in ("study.py", "commands.sh"):
-        assert gsid("-C", "my study", "script", "-o", name).code == 0
-    copies = [
-        repeated(study, "by_python", [sys.executable, str(tmp_path / "study.py")]),
-        repeated(study, "by_commands", ["sh", "-e", str(tmp_path / "commands.sh")]),
-    ]
+def check_files(study, copy, n_models):
+    """The files of a copy are those of the study."""
     models = [name for name in study.models if not name.startswith("models/14-")]  # nothing is missing
-    assert len(models) == 8
-    for copy in copies:
-        for name in models:
-            expected = numbers_of(study.folder / name)
-            np.testing.assert_allclose(
-                numbers_of(copy / name), expected, rtol=1e-9, atol=1e-300, err_msg=name
-            )
-        part, again = (read_record(folder / "records/15-cut.csv") for folder in (study.folder, copy))
-        np.testing.assert_array_equal(part.y, again.y)
-        assert (copy / "excitation/17-design.csv").read_bytes() == (
-            study.folder / "excitation/17-design.csv"
-        ).read_bytes()
+    assert len(models) == n_models
+    for name in models:
+        expected = numbers_of(study.folder / name)
+        np.testing.assert_allclose(numbers_of(copy / name), expected, rtol=1e-9, atol=1e-300, err_msg=name)
+    outputs = [name for step in study.steps for name in step.outputs]
+    (cut,) = (name for name in outputs if name.startswith("records/"))
+    np.testing.assert_array_equal(read_record(study.folder / cut).y, read_record(copy / cut).y)
+    (design,) = (name for name in outputs if name.startswith("excitation/"))
+    assert (copy / design).read_bytes() == (study.folder / design).read_bytes()
+
+
+def test_the_script_in_sh_makes_the_models_of_the_study(gsid, told, tmp_path):
+    study = told(SHORT_STORY)
+    assert gsid("-C", "my study", "script", "-o", "commands.sh").code == 0
+    check_files(study, repeated(study, "copy", ["sh", "-e", str(tmp_path / "commands.sh")]), 1)
+
+
+def test_the_script_in_python_makes_the_models_of_the_study(gsid, told, tmp_path):
+    """Every verb that has a function of the package, and one that has none."""
+    study = told(STORY)
+    assert gsid("-C", "my study", "script", "-o", "study.py").code == 0
+    check_files(study, repeated(study, "copy", [sys.executable, str(tmp_path / "study.py")]), 8)
     text = (tmp_path / "study.py").read_text()  # only verbs without a function call the command
     assert [line for line in text.splitlines() if line.startswith("command(")] == [
         f"command({study.steps[-1].command.removeprefix('gsid ')!r})"
@@ -141,6 +160,62 @@ def test_a_failed_criterion_does_not_end_the_script(gsid, rec_csv, tmp_path):
     assert gsid("-C", "st", "compare", "--check").code == 1
     gsid("-C", "st", "script", "-o", "a.sh")
     repeated(Study("st"), "copy", ["sh", str(tmp_path / "a.sh")])
+
+
+def test_a_failed_criterion_of_a_command_does_not_end_the_script_in_python(gsid, rec_csv, tmp_path):
+    """Its subprocess was run with check=True."""
+    lines = (tmp_path / rec_csv).read_text().splitlines()
+    values = [line if line[0] == "#" else f"{line},{line.split(',')[1]}" for line in lines]
+    (tmp_path / rec_csv).write_text("\n".join(values).replace("u,y,u\n", "u,y,r\n"))
+    gsid("-C", "st", "open", rec_csv)
+    gsid("-C", "st", "fit", "--order", "1/0", "--delay", "none")
+    assert gsid("-C", "st", "compare", "--check", "--r", "r").code == 1  # --r: no function of the package
+    gsid("-C", "st", "script", "-o", "a.py")
+    assert "', exit_code=1)" in (tmp_path / "a.py").read_text()
+    repeated(Study("st"), "copy", [sys.executable, str(tmp_path / "a.py")])
+
+
+def test_a_line_break_does_not_end_a_comment(tmp_path):
+    """What followed it in a word, a name or a digest was a line of the script."""
+    evil = "\n    touch owned\nimport owned\n"
+    step = Step(1, "look", ("look", evil), 0, outputs=(evil,))
+    steps = [step, replace(step, number=2, exit_code=3), replace(step, number=3, verb="run")]
+    study = SimpleNamespace(files={f"records/{evil}": f"1{evil}"}, steps=steps)
+    (tmp_path / "gsid").write_text("#!/bin/sh\n")
+    (tmp_path / "gsid").chmod(0o755)
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    subprocess.run(["sh", "-c", shell_script(study)], env={"PATH": path}, check=True)
+    assert not (tmp_path / "owned").exists()
+    imports = [node for node in ast.walk(ast.parse(python_script(study))) if isinstance(node, ast.Import)]
+    assert [name.name for node in imports for name in node.names] == ["gsid"]
+
+
+def test_inputs_that_no_line_writes_are_listed_with_their_digest(gsid, rec_csv, tmp_path):
+    """A model that the page changed is an output of its step; in Python no table of responses is made."""
+    gsid("-C", "st", "open", rec_csv)
+    gsid("-C", "st", "frf")
+    study = Study("st")
+    (study.folder / "models/2-edited-from-1-start.json").write_text("{}")
+    words = [
+        "fit",
+        "records/rec.csv",
+        "--model",
+        "models/2-edited-from-1-start.json",
+        "-o",
+        "models/2-fit.json",
+    ]
+    (study.folder / "models/2-fit.json").write_text("{}")
+    outputs = ["models/2-edited-from-1-start.json", "models/2-fit.json"]
+    study.add_step(words, 0, outputs=outputs, number=2)
+    words = ["compare", "responses/1-frf.csv", "--model", "models/2-fit.json"]
+    study.add_step(words, 0, number=3)
+    listed = {}
+    for name in ("a.sh", "a.py"):
+        gsid("-C", "st", "script", "-o", name)
+        lines = [line.split() for line in (tmp_path / name).read_text().splitlines()]
+        listed[name] = {words[2] for words in lines if len(words) == 3 and words[1] in study.files.values()}
+    used = {"records/rec.csv", "models/2-edited-from-1-start.json"}
+    assert listed == {"a.sh": used, "a.py": used | {"responses/1-frf.csv"}}
 
 
 @pytest.mark.parametrize(

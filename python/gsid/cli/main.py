@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
@@ -114,11 +114,12 @@ def main(argv: list[str] | None = None) -> int:
     _log_to_stderr()
     _use_one_thread_for_algebra()
     MESSAGES.clear()
-    step, caller = StudyStep(), Path.cwd()
+    step = StudyStep()
     try:
         return _exit_code(lambda: step.end(_exit_code(lambda: _run(argv, step))))
     finally:
-        os.chdir(caller)
+        with contextlib.suppress(OSError):  # the folder was deleted
+            step.leave()
 
 
 def _exit_code(run: Callable[[], int]) -> int:

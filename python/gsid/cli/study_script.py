@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,8 @@ import click
 
 from gsid.cli.common import EXIT_CRITERION, EXIT_INTERRUPT
 from gsid.cli.in_study import Typed
+from gsid.cli.options import InputPath
+from gsid.cli.output import visible
 
 if TYPE_CHECKING:
     from gsid.study.folder import Step, Study
@@ -25,9 +28,11 @@ READING = {
 }
 HELPER = '''
 
-def command(line):
-    """Run a step that the package has no function for."""
-    subprocess.run([sys.executable, "-m", "gsid.cli.main", *shlex.split(line)], check=True)
+def command(line, exit_code=0):
+    """Run a step that the package has no function for; it may end with the exit code of the study."""
+    words = [sys.executable, "-m", "gsid.cli.main", *shlex.split(line)]
+    if (code := subprocess.run(words).returncode) not in (0, exit_code):
+        sys.exit(code)
 
 '''
 
@@ -43,15 +48,17 @@ def shell_script(study: Study) -> str:
     -------
     str
     """
-    lines = ["#!/bin/sh -e", *_head(study)]
+    lines, written = [], []
     for step in study.steps:
         if why := _why_not(step):
-            lines.append(f"# {why}: {step.command}")
-        elif step.exit_code == EXIT_CRITERION:
+            lines.append(_comment(f"{why}: {step.command}"))
+            continue
+        written.append((step, set(step.outputs)))
+        if step.exit_code == EXIT_CRITERION:
             lines.append(f"{step.command} || [ $? -eq {EXIT_CRITERION} ]  # its criterion was not met")
         else:
             lines.append(step.command)
-    return "\n".join(lines) + "\n"
+    return "\n".join(["#!/bin/sh -e", *_head(study, written), *lines]) + "\n"
 
 
 def python_script(study: Study) -> str:
@@ -65,25 +72,61 @@ def python_script(study: Study) -> str:
     -------
     str
     """
-    writer = _Writer()
+    writer, written = _Writer(), []
     for step in study.steps:
-        writer.add(step)
+        files = writer.add(step)
+        if not _why_not(step):
+            written.append((step, files))
     imports = sorted(writer.imports)
     plain = "".join(f"{line}\n" for line in imports if line.startswith("import "))
     others = "".join(f"{line}\n" for line in ["import gsid", *imports] if not plain or line not in plain)
-    head = "\n".join(_head(study))
+    head = "\n".join(_head(study, written))
     helper = HELPER if "import subprocess" in imports else ""
     return f"{head}\n\n{plain}\n{others}{helper}\n" + "\n".join(writer.lines) + "\n"
 
 
-def _head(study: Study) -> list[str]:
-    """What the script needs: the files that no step of it makes, with their hashes."""
-    made = {name for step in study.steps if not _why_not(step) for name in (*step.outputs, step.answer)}
-    files = [f"#     {digest}  {name}" for name, digest in study.files.items() if name not in made]
+def _comment(text: str) -> str:
+    """One line of comment: words and names of a study must not end it."""
+    return f"# {visible(text)}".replace("\n", r"\n")  # `visible` keeps some breaks of lines
+
+
+def _head(study: Study, written: list[tuple[Step, set[str]]]) -> list[str]:
+    """What the script needs, with hashes: files that no step made, and inputs that no line before writes.
+
+    `written` has the repeated steps, each with the files that its lines write.
+    """
+    made, needed, products = set(), set(), set()
+    for step, files in written:
+        needed |= _inputs(step) - made
+        made |= files
+        products |= {*step.outputs, step.answer}
+    files = [
+        _comment(f"    {digest}  {name}")
+        for name, digest in study.files.items()
+        if name in needed or name not in products
+    ]
     return [
         "# Repeats a study of gsid: run it in its folder, or in a copy. SHA-256 of the files it uses:",
         *files,
     ]
+
+
+def _inputs(step: Step) -> set[str]:
+    """Files that the command of a step reads, as its words name them."""
+    typed = _typed(step)
+    params = [] if typed is None else typed.params(InputPath)
+    return {text for param in params for text in typed.values.get(param.name, [])}
+
+
+def _typed(step: Step) -> Typed | None:
+    """Its words by parameter, without a --library before the verb."""
+    from gsid.cli.main import gsid
+
+    root = click.Context(gsid, info_name="gsid", help_option_names=["-h", "--help"])
+    words = list(step.arguments)
+    with contextlib.suppress(click.UsageError):  # of another version of gsid
+        return Typed.read(root, words[words.index(step.verb) :]) if step.verb in words else None
+    return None
 
 
 def _why_not(step: Step) -> str:
@@ -107,12 +150,13 @@ class _Writer:
     imports: set[str] = field(default_factory=set)
     _known: str = ""  # the expression of which `records` holds the value
 
-    def add(self, step: Step) -> None:
-        """Add the lines of a step."""
-        self.lines.append(f"# {step.number}. {step.command}")
+    def add(self, step: Step) -> set[str]:
+        """Add the lines of a step; returns the files that they write."""
+        title = f"{step.number}. {step.command}"
         if why := _why_not(step):
-            self.lines[-1] += f"  ({why})"
-            return
+            self.lines.append(_comment(f"{title}  ({why})"))
+            return set()
+        self.lines.append(_comment(title))
         before, known = len(self.lines), self._known
         values = _Values.of(step)
         try:
@@ -124,7 +168,11 @@ class _Writer:
             self._known = known
             self.imports |= {"import shlex", "import subprocess", "import sys"}
             words = step.command.removeprefix("gsid ")
-            self.lines.append(f"command({words!r})")
+            more = f", exit_code={step.exit_code}" if step.exit_code else ""
+            self.lines.append(f"command({words!r}{more})")
+            return set(step.outputs)
+        text = "\n".join(self.lines[before:])
+        return {name for name in step.outputs if repr(name) in text}
 
     def records(self, values: _Values) -> str:
         """Name of the records of a step, which are read unless they were."""
@@ -143,12 +191,9 @@ class _Values:
 
     @classmethod
     def of(cls, step: Step) -> _Values | None:
-        from gsid.cli.main import gsid
-
-        root = click.Context(gsid, info_name="gsid", help_option_names=["-h", "--help"])
         if step.arguments[0] != step.verb:  # --library before it
             return None
-        typed = Typed.read(root, step.arguments)
+        typed = _typed(step)
         if typed is None:
             return None
         params = {param.name: param for param in typed.command.params}
