@@ -336,7 +336,7 @@ class StudyStep:
         """
         if self.study is None:
             return exit_code
-        os.chdir(self._caller)
+        self.leave()
         with Stopping().caught():
             if exit_code == EXIT_USAGE:
                 self.study.cancel_step(self._number)
@@ -345,6 +345,11 @@ class StudyStep:
             if exit_code in ENDS_WELL:
                 self._write_copies()
         return exit_code
+
+    def leave(self) -> None:
+        """Go back to the caller's folder, from that of the study."""
+        if self.study is not None:
+            os.chdir(self._caller)
 
     def _note(self, exit_code: int) -> None:
         from gsid.webpage.words import outcome_of
