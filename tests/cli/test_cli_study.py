@@ -383,3 +383,30 @@ def test_a_run_is_the_last_experiment(gsid, study):
 def test_a_part_of_a_record_is_the_last_experiment(gsid, study):
     assert gsid("-C", "st", "cut", "--to", "1.2").code == 0
     assert study.last_experiment == ["records/1-cut.csv"]
+
+
+def test_a_word_with_a_line_break_is_refused_before_the_step(gsid, study):
+    """commands.log has one command a line."""
+    result = gsid("-C", "st", "look", "--u", "u\nreboot")
+    assert result.code == 3
+    assert "cannot be printed" in result.err
+    assert (study.steps, study.begin_step()) == ([], 1)
+
+
+def test_a_port_in_the_callers_folder_is_not_searched_in_the_study(gsid, study, tmp_path):
+    """The path that `gsid simulate` or a link names was taken from the folder of the study."""
+    (tmp_path / "axis").write_text("no serial port")
+    result = gsid("-C", "st", "run", "--port", "axis")
+    assert result.code == 3
+    (step,) = study.steps
+    assert f"--port {tmp_path / 'axis'}" in step.command
+    assert "No such file" not in result.err
+
+
+def test_the_version_in_a_deleted_folder_is_no_traceback(gsid, tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    result = gsid("--version")
+    assert (result.code, result.out[:5]) == (0, "gsid ")
+    assert gsid("look", "none.csv").code == 3

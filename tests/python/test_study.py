@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import gsid
+from gsid.base.errors import InputError
 from gsid.study import folder as study_folder
 from gsid.study.folder import FOLDERS, LOCK, LOG, SESSION, VERSION, Step, Study, usable_name
 
@@ -404,3 +405,34 @@ def test_no_study_is_made_where_one_is_expected(tmp_path):
             Study(tmp_path / name, create=False)
     assert list((tmp_path / "empty").iterdir()) == []
     assert not (tmp_path / "none").exists()
+
+
+EVIL = "look\ntouch owned"
+
+
+@pytest.mark.parametrize(
+    "place",
+    [("steps", 0, "arguments", 0), ("steps", 0, "verb"), ("experiments", 0, 0), ("files", "records/a.csv")],
+)
+def test_a_session_with_a_line_break_in_a_word_is_refused(tmp_path, place):
+    """A script of the study had what followed it as a line of its own."""
+    study = Study(tmp_path / "st")
+    (tmp_path / "a.csv").write_text("u,y\n1,2\n")
+    study.open_files([tmp_path / "a.csv"])
+    study.add_step(["look", "records/a.csv"], 0)
+    known = json.loads((study.folder / SESSION).read_text())
+    entry = known
+    for key in place[:-1]:
+        entry = entry[key]
+    entry[place[-1]] = EVIL
+    (study.folder / SESSION).write_text(json.dumps(known))
+    with pytest.raises(InputError, match="not the session of a study"):
+        Study(study.folder)
+
+
+def test_a_step_with_a_line_break_is_not_noted(tmp_path):
+    """The log of commands had two lines, and the next reader no session."""
+    study = Study(tmp_path / "st")
+    with pytest.raises(InputError, match="cannot be printed"):
+        study.add_step([EVIL], 0)
+    assert Study(study.folder).steps == []

@@ -132,3 +132,23 @@ def test_a_typed_law_has_its_parameters_or_an_error_with_its_column():
 def test_an_added_law_is_an_effect_with_its_parameters():
     assert Added(law="c*w", params={"c": 2.0}).type().names == ("c",)
     assert edit_of({}) == Edit()
+
+
+LINES = "c*(w+\nreboot\n)"
+
+
+def test_a_law_of_several_lines_is_refused(study):
+    """The log of the study has one command a line."""
+    assert "cannot be printed" in law_of({"law": LINES})["error"]
+    request = {"verb": "add", "law": LINES, "params": {"c": 1.0, "reboot": 1.0}}
+    with pytest.raises(InputError, match="cannot be printed"):
+        step_command(study, request | {"records": ["records/rec.csv"], "model": "models/2-start.json"})
+    with pytest.raises(InputError, match="cannot be printed"):
+        step_command(study, request_of(added=[{"law": LINES, "params": {"c": 1.0, "reboot": 1.0}}]))
+
+
+def test_a_model_of_moved_values_gets_its_hash_in_the_session(study):
+    request = request_of(values={"coulomb_friction.level": 3.5})
+    number, arguments, outputs = step_command(study, request)
+    study.add_step(arguments, 3, outputs=outputs, number=number)
+    assert f"models/{number}-edited-from-2-start.json" in study.files

@@ -187,13 +187,15 @@ class StudyStep:
         typed = Typed.read(ctx, words)
         if typed is None:
             return words  # click reports what is wrong, or prints the help
-        from gsid.study.folder import Study
+        from gsid.study.folder import Study, check_words
 
         study, self._caller = Study(folder, create=False), Path.cwd()
+        self._take_port(typed)
         self._take_inputs(study, ctx, typed)
         self._take_records(study, typed)
         self._take_model(study, typed)
         wanted = self._check_outputs(study, typed)
+        check_words(typed.words())
         self._number, self._verb, self.study = study.begin_step(), words[0], study
         for param in typed.params(OutputPath):
             self._take_output(typed, param, wanted.get(param.name))
@@ -221,6 +223,13 @@ class StudyStep:
                     typed.values[param.name][i] = f"{self._copied(study, path, 'models')}:{name}"
         libraries = ctx.params["libraries"]
         ctx.params["libraries"] = [(self._copied(study, path, "models"), name) for path, name in libraries]
+
+    def _take_port(self, typed: Typed) -> None:
+        """A port in the caller's folder, as a link to that of `gsid simulate`, is named from the root."""
+        for i, name in enumerate(typed.values.get("port", [])):
+            path = self._caller / name
+            if path.exists() and not path.is_dir():
+                typed.values["port"][i] = str(path)
 
     def _found(self, study: Study, name: str) -> tuple[Path, bool]:
         """A file, and whether it is outside the study; it is searched in the caller's folder first."""

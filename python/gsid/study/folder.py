@@ -19,7 +19,7 @@ import os
 import shlex
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -445,7 +445,13 @@ class Study:
         Returns
         -------
         Step
+
+        Raises
+        ------
+        InputError
+            A word has a character that cannot be printed: a command is one line of the log.
         """
+        check_words((*arguments, *outputs))
         verb, number = verb or arguments[0], self.begin_step() if number is None else number
         made = tuple(one for one in outputs if (self.folder / one).is_file())
         kept = self._keep_answer(f"verdicts/{number}-{verb}.answer.json", answer)
@@ -502,6 +508,24 @@ def usable_name(name: str) -> str:
     return own
 
 
+def check_words(words: Iterable[str]) -> None:
+    """Refuse words that are not one line of commands.log.
+
+    Parameters
+    ----------
+    words : iterable of str
+
+    Raises
+    ------
+    InputError
+        One has a character that cannot be printed, as a line break.
+    """
+    for word in words:
+        if not word.isprintable():
+            hint = "leave out line breaks, tabs and control characters"
+            raise InputError("a word of the command cannot be printed", "", f"{word[:NAME_MOST]!a}", hint)
+
+
 def _is_of_a_new_study(path: Path) -> bool:
     """The lock, an empty folder or an unfinished session: all there is if the process ended before it was."""
     if path.name == LOCK or path.name.startswith(TEMPORARY):
@@ -522,19 +546,27 @@ def _meta_of(source: Path, own: str) -> dict[str, Any] | None:
 
 
 def _state_of(known: dict[str, Any]) -> _State:
-    files = {str(name): str(digest) for name, digest in known["files"].items()}
+    files = {_printable(name): _printable(digest) for name, digest in known["files"].items()}
     steps = [_step_of(entry) for entry in known["steps"]]
     if known["gsid_study"] == 1:  # it had neither: all its records were one list
         records = [name for name in files if name.startswith("records/") and Path(name).name != META]
         return _State(files, steps, [records] if records else [], max((s.number for s in steps), default=0))
-    experiments = [list(map(str, records)) for records in known["experiments"]]
+    experiments = [list(map(_printable, records)) for records in known["experiments"]]
     return _State(files, steps, experiments, int(known["n_numbers"]))
 
 
 def _step_of(entry: dict[str, Any]) -> Step:
-    several = {name: tuple(map(str, entry[name])) for name in ("arguments", "words", "outputs")}
-    own = {"exit_code": int(entry["exit_code"]), "answer": str(entry.get("answer", ""))}
-    return Step(int(entry["number"]), str(entry["verb"]), **own, **several)
+    several = {name: tuple(map(_printable, entry[name])) for name in ("arguments", "outputs")}
+    own = {"exit_code": int(entry["exit_code"]), "answer": _printable(entry.get("answer", ""))}
+    words = tuple(map(str, entry["words"]))
+    return Step(int(entry["number"]), _printable(entry["verb"]), words=words, **own, **several)
+
+
+def _printable(text: object) -> str:
+    """Text that stays one line, in the log of commands and in a script."""
+    if not str(text).isprintable():
+        raise ValueError(f"a character that cannot be printed: {str(text)[:NAME_MOST]!a}")
+    return str(text)
 
 
 def _sha256(path: Path) -> str:

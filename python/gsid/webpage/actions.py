@@ -10,7 +10,7 @@ from typing import Any
 
 from gsid.base.errors import InputError
 from gsid.effects.custom import expression
-from gsid.effects.types import catalogue
+from gsid.effects.types import EffectType, catalogue
 from gsid.records.files import KINDS
 from gsid.study.folder import Study
 from gsid.webpage.body import number_of
@@ -279,7 +279,7 @@ def inside(study: Study, name: object, folder: str) -> Path:
     InputError
         There is no such file in this folder.
     """
-    if not isinstance(name, str) or not name.startswith(folder):
+    if not isinstance(name, str) or not name.startswith(folder) or not name.isprintable():
         raise InputError("no such file in the study", str(name)[:NAME_MOST], None, "choose one of the list")
     return study.path(name)
 
@@ -292,7 +292,7 @@ def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
     params = _start_values(request.get("params"))
     start = [f"--param={name}={value}" for name, value in params.items()]
     if law is not None:
-        expression(law, params)
+        typed_law(law, params)
         return [f"--torque={law}", *start]
     if not isinstance(effect, str) or effect not in catalogue():
         raise InputError("no such effect", "", effect, "choose one of the catalogue")
@@ -301,6 +301,28 @@ def _effect(action: Action, request: Mapping[str, object]) -> list[str]:
         if name not in known.names or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError("not a start value", f"{effect}.{name}"[:NAME_MOST], str(value)[:NAME_MOST])
     return [effect, *start]
+
+
+def typed_law(text: object, params: Mapping[str, float]) -> EffectType:
+    """A law that was typed on the page. It is parsed, never run.
+
+    Parameters
+    ----------
+    text : object
+        As the page gave it.
+    params : mapping of float
+        Start values of its parameters.
+
+    Raises
+    ------
+    InputError
+        It is not a valid law, or not one line: the log of the study has one command a line.
+    """
+    if isinstance(text, str) and not text.isprintable():
+        hint = "write it on one line, without tabs"
+        shown = f"{text!a}"[:NAME_MOST]
+        raise InputError("a torque law has a character that cannot be printed", "", shown, hint)
+    return expression(text, params)
 
 
 def _start_values(given: object) -> dict[str, Any]:

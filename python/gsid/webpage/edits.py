@@ -12,14 +12,13 @@ from typing import Any
 
 from gsid.base.errors import InputError
 from gsid.diagnosis.ladder import ladder
-from gsid.effects.custom import expression
 from gsid.effects.law_text import names_of
 from gsid.effects.types import EffectParameter, EffectType, catalogue
 from gsid.models.load import load_plant
 from gsid.plant.effect import Effect
 from gsid.plant.model import PlantModel
 from gsid.study.folder import Study
-from gsid.webpage.actions import command_of, inside
+from gsid.webpage.actions import command_of, inside, typed_law
 from gsid.webpage.words import words_of
 
 SHOWN = 60  # characters of a wrong value in a message
@@ -53,7 +52,7 @@ class Added:
             There is no such effect, or the law is not valid.
         """
         if self.law:
-            return expression(self.law, self.params)
+            return typed_law(self.law, self.params)
         if self.effect not in catalogue():
             raise InputError("no such effect", "", self.effect[:SHOWN], "choose one of the catalogue")
         return catalogue()[self.effect]
@@ -296,7 +295,7 @@ def law_of(request: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError("the law is not text", "", type(text).__name__)
     try:
         start = dict.fromkeys(names_of(text), 1.0)
-        expression(text, start)
+        typed_law(text, start)
     except InputError as error:  # half a law, while it is typed, is no fault
         return words_of(error)
     return {"law": text, "params": start}
