@@ -89,3 +89,43 @@ def test_a_second_page_watches_takes_control_and_stops(page, chromium, studio):
     other.close()
     page.locator("#steps > li:nth-child(3) .answer").wait_for()
     assert "The step was stopped." in page.locator("#steps > li:nth-child(2) .answer").inner_text()
+
+
+STRIPS = "export function drawStrips(canvas, time) { window.drawn = [...time]; }"
+SOCKETS = """
+    window.sockets = [];
+    const Usual = WebSocket;
+    window.WebSocket = class extends Usual {
+        constructor(...words) { super(...words); sockets.push(this); }
+    };
+"""
+
+
+def test_bug_a_connection_that_came_back_drew_the_run_twice(page):
+    page.route(
+        "**/static/live_strips.js", lambda one: one.fulfill(body=STRIPS, content_type="text/javascript")
+    )
+    page.add_init_script(SOCKETS)
+    page.reload()
+    start(page, periods="1000")
+    page.locator("#live-periods .good").nth(3).wait_for()
+    before = page.evaluate("drawn.at(-1)")
+    page.evaluate("sockets.findLast((one) => one.url.endsWith('/live')).close()")
+    while page.evaluate("drawn.at(-1)") < before + 1:
+        page.wait_for_timeout(100)
+    page.locator("#live-control").get_by_text("This page holds control").wait_for()
+    drawn = page.evaluate("drawn")
+    assert drawn == sorted(set(drawn))
+    page.keyboard.press("Escape")
+    page.locator("#steps > li:nth-child(3) .answer").wait_for()
+
+
+def test_bug_a_hidden_tab_kept_every_set_of_figures(page):
+    kept = page.evaluate("""async () => {
+        const { newestOf } = await import("/static/live_picture.js");
+        let sets = [];
+        for (let n = 0; n < 1000; n += 1) sets = newestOf([...sets, n === 3 ? { n, response: "r" } : { n }]);
+        return sets;
+    }""")
+    assert kept[0] == {"response": "r"}
+    assert [one["n"] for one in kept[1:]] == list(range(800, 1000))

@@ -1,14 +1,15 @@
 // An experiment while it runs: the connection with its control, the bar with Stop, and what is drawn.
 import { byId } from "./elements.js";
 import { fillForm, formValues } from "./live_form.js";
-import { clearPicture, drawFigures } from "./live_picture.js";
+import { clearPicture, drawFigures, newestOf } from "./live_picture.js";
 import { act, answerOf, post } from "./requests.js";
 
-const RETRY_MS = 300; // a reload or a short loss within 3 s does not end the experiment
+const RETRY_MS = 300; // a reload or a short loss does not end the experiment
 const KEY = "gsid control"; // of this tab; a reload keeps it
 
 let socket = null;
 let now = { token: "", running: false }; // as the server last sent it
+let isNew = true; // the next message begins with the history of the run
 let isDrawing = false;
 let wantsFocus = false; // this page has just started the experiment
 let waiting = []; // sets of figures that are not drawn yet
@@ -17,7 +18,10 @@ let waiting = []; // sets of figures that are not drawn yet
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/live`);
-  socket.addEventListener("open", () => socket.send(sessionStorage.getItem(KEY) ?? ""));
+  socket.addEventListener("open", () => {
+    isNew = true;
+    socket.send(sessionStorage.getItem(KEY) ?? "");
+  });
   socket.addEventListener("message", (event) => {
     socket.send("read"); // a sign of life; it does not wait for the drawing
     take(JSON.parse(event.data));
@@ -32,13 +36,15 @@ async function reconnect() {
 }
 
 function take(message) {
-  if (message.run !== now.run) {
+  if (isNew || message.run !== now.run) {
     waiting = [];
     clearPicture();
+    if (message.run !== now.run) byId("live").hidden = true;
   }
+  isNew = false;
   if (message.token !== now.token) sessionStorage.setItem(KEY, message.token);
   now = message;
-  waiting.push(...message.figures);
+  waiting = newestOf([...waiting, ...message.figures]);
   now.figures = [];
   showBar();
   if (waiting.length && !isDrawing) {
@@ -50,6 +56,10 @@ function take(message) {
 async function draw() {
   const newest = waiting;
   waiting = [];
+  if (!newest.length) {
+    isDrawing = false; // another run has begun meanwhile
+    return;
+  }
   if (byId("live").hidden) {
     byId("live").hidden = false;
     if (now.running) byId("live").scrollIntoView();
@@ -69,9 +79,9 @@ async function draw() {
 // ---- the bar ------------------------------------------------------------------------------------
 
 const CONTROL = {
-  own: "This page holds control.",
-  other: "Another page holds control.",
-  none: "No page holds control: the run stops 3 s after the last one has gone.",
+  own: () => "This page holds control.",
+  other: () => "Another page holds control.",
+  none: () => `No page holds control: the run stops ${now.absent_s} s after the last one has gone.`,
 };
 
 function showBar() {
@@ -82,7 +92,7 @@ function showBar() {
   }
   document.body.classList.toggle("live-runs", now.running); // the bar takes the place of the usual job
   byId("live-command").textContent = now.command;
-  const control = CONTROL[now.control] + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
+  const control = CONTROL[now.control]() + (now.n_pages > 1 ? ` ${now.n_pages} pages watch.` : "");
   if (byId("live-control").textContent !== control) byId("live-control").textContent = control; // it is read aloud
   byId("live-take").hidden = now.control === "own";
   byId("live-stop").textContent = now.stopping ? "Stopping" : "Stop the axis";
@@ -91,7 +101,7 @@ function showBar() {
 }
 
 function showLost() {
-  if (now.running) byId("live-control").textContent = "No connection to gsid studio: the run stops after 3 s.";
+  if (now.running) byId("live-control").textContent = `No connection to gsid studio: the run stops after ${now.absent_s} s.`;
 }
 
 function showStatus(figures) {

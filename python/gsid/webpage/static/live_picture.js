@@ -3,6 +3,7 @@ import { byId, element } from "./elements.js";
 import { drawStrips } from "./live_strips.js";
 
 const BINS = 800; // newest ones that are shown
+const SETS = 200; // that wait to be drawn: with 4 bins each, all that is shown
 const DB = 20 / Math.LN10;
 const LEAST = 0.05; // of the magnitude, at the lower end of a bar that would reach zero
 const SIGNALS = [
@@ -20,8 +21,14 @@ let extremes = null; // low and high of each signal and bin
 export function clearPicture() {
   time = [];
   extremes = SIGNALS.map(() => ({ low: [], high: [] }));
-  byId("live").hidden = true;
   if (byId("live-response").data) Plotly.purge(byId("live-response"));
+}
+
+// A hidden tab draws nothing: only so many sets wait, and the last response.
+export function newestOf(sets) {
+  const kept = sets.slice(-SETS);
+  const last = sets.findLast((one) => one.response);
+  return last && !kept.includes(last) ? [{ response: last.response }, ...kept] : kept;
 }
 
 export async function drawFigures(sets) {
