@@ -14,6 +14,7 @@ import pytest
 from gsid.base.errors import InputError
 from gsid.records.files import write_record
 from gsid.records.record import Record
+from gsid.study import folder as study_folder
 from gsid.study.folder import Study
 from gsid.webpage import jobs, server
 from gsid.webpage import page as page_module
@@ -60,7 +61,7 @@ def command(monkeypatch):
 
 async def look(page):
     """One step, to its end."""
-    page.request_step(LOOK)
+    await page.request_step(LOOK)
     await ended(page)
 
 
@@ -77,7 +78,7 @@ async def until(condition):
 
 async def ready(page):
     """One step that runs and can be stopped."""
-    page.request_step(LOOK)
+    await page.request_step(LOOK)
     await until(lambda: page.job.step == "ready")
 
 
@@ -98,9 +99,9 @@ def test_a_module_in_the_study_is_not_run(study):
 def test_a_second_step_is_refused_from_the_first_moment(study):
     async def both():
         page = Page(study)
-        page.request_step(LOOK)
+        await page.request_step(LOOK)
         with pytest.raises(InputError, match="another step is running"):
-            page.request_step(LOOK)
+            await page.request_step(LOOK)
         await ended(page)
 
     asyncio.run(both())
@@ -397,3 +398,55 @@ def test_the_browser_gets_the_address_in_a_file_of_its_user(studio, tmp_path, mo
     process.send_signal(signal.SIGTERM)
     process.wait(timeout=20)
     assert not os.path.exists(words.strip())  # a file of the token stays nowhere
+
+
+# ---- at the same time ------------------------------------------------------------------------------------
+
+
+def test_a_stop_does_not_wait_for_a_study_in_use(study):
+    """A requested step waited for the lock of the study, and the whole server with it."""
+
+    async def stop_meanwhile():
+        page = Page(study)
+        with study._lock():
+            beginning = asyncio.create_task(page.request_step(LOOK))
+            begun = time.monotonic()
+            await asyncio.sleep(0.05)
+            with pytest.raises(InputError, match="another step is about to begin"):
+                await page.request_step(LOOK)
+            page.stop()
+            assert time.monotonic() - begun < study_folder.LOCK_TIME_S / 2
+        with pytest.raises(InputError, match="stopped before it began"):
+            await beginning
+        assert page.job is None
+        await page.request_step(LOOK)
+        await ended(page)
+
+    asyncio.run(stop_meanwhile())
+    assert [step.number for step in study.steps] == [1]
+
+
+def test_an_upload_does_not_replace_a_newer_state(study, tmp_path, monkeypatch):
+    """Its reading had begun before a step ended, and was stored after that of the step."""
+    (tmp_path / "b.csv").write_text("u,y\n" + "1,3\n2,1\n" * 50)
+    read, reads = Page._study_state, []
+
+    def slow_at_first(page):
+        found = read(page)
+        reads.append(found)
+        if len(reads) == 2:  # the first is that of the constructor
+            time.sleep(1.0)
+        return found
+
+    async def upload_while_a_step_ends():
+        page = Page(study)
+        job = Job(("look", "records/a.csv"))
+        job.exit_code, page.number = 0, study.begin_step()
+        adding = asyncio.create_task(page.add_file(tmp_path / "b.csv", "b.csv"))
+        await until(lambda: len(reads) == 2)
+        await page._record(job)
+        await adding
+        return page.state()
+
+    monkeypatch.setattr(Page, "_study_state", slow_at_first)
+    assert len(asyncio.run(upload_while_a_step_ends())["steps"]) == 1

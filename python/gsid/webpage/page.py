@@ -58,7 +58,9 @@ class Page:
         self.watchers: set[asyncio.Event] = set()
         self._columns: dict[str, list[str]] = {}  # of each record
         self._running: asyncio.Task | None = None
-        self._is_closing = False
+        self._is_closing = self._is_preparing = False
+        self._n_stops = 0
+        self._n_readings, self._shown_reading = 0, 0
         self.is_stopped = False  # since the last step began, even if it had ended: what follows is not begun
         self._study = self._study_state()
 
@@ -122,8 +124,21 @@ class Page:
 
     def read_study(self) -> None:
         """Show the study as its folder has it now."""
-        self._study = self._study_state()
+        self._store(self._next_reading(), self._study_state())
         self.changed()
+
+    async def _read_in_thread(self) -> None:
+        number = self._next_reading()
+        self._store(number, await asyncio.to_thread(self._study_state))
+
+    def _next_reading(self) -> int:
+        self._n_readings += 1
+        return self._n_readings
+
+    def _store(self, number: int, found: dict) -> None:
+        """Keep a state, unless one whose reading began later is there."""
+        if number > self._shown_reading:
+            self._study, self._shown_reading = found, number
 
     def changed(self) -> None:
         """Have the state sent to every page that watches, when it next reads."""
@@ -132,24 +147,39 @@ class Page:
 
     # ---- what is done --------------------------------------------------------------------------------
 
-    def request_step(self, wanted: dict) -> None:
-        """Begin the step that the page asks for.
+    async def request_step(self, wanted: dict) -> None:
+        """Begin the step that the page asks for. The server goes on while another command writes the study.
 
         Raises
         ------
         InputError
-            Another one runs, or the request is not understood.
+            Another one runs, the request is not understood, or it was stopped before it began.
         """
         self.check_idle()
-        number, arguments, outputs = step_command(self.study, wanted)
+        self._is_preparing, n_stops = True, self._n_stops
+        try:
+            number, arguments, outputs = await asyncio.to_thread(step_command, self.study, wanted)
+            if self._n_stops > n_stops:
+                await asyncio.to_thread(self._withdraw, number, outputs)
+                raise InputError("the step was stopped before it began")
+        finally:
+            self._is_preparing = False
         self.begin(Job(tuple(arguments)), outputs, number)
 
+    def _withdraw(self, number: int, outputs: list[str]) -> None:
+        """Give back the number of a step that is not begun, without the model that was saved for it."""
+        for name in outputs:
+            (self.study.folder / name).unlink(missing_ok=True)
+        self.study.cancel_step(number)
+
     def check_idle(self) -> None:
-        """Raise InputError if a step runs, or the server ends."""
+        """Raise InputError if a step runs or is about to begin, or the server ends."""
         if self._is_closing:
             raise InputError("the server is ending")
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
+        if self._is_preparing:
+            raise InputError("another step is about to begin", "", None, "wait, or stop it")
 
     def begin(
         self, job: Job, outputs: list[str], number: int, then: Callable[[Job], Awaitable[None]] | None = None
@@ -216,7 +246,7 @@ class Page:
             answer=job.stdout,
             number=self.number,
         )
-        self._study = self._study_state()
+        await self._read_in_thread()
 
     async def follow(self) -> None:
         """Show what other commands change in the study, until it is cancelled."""
@@ -227,7 +257,7 @@ class Page:
                 continue
             known = self.study.stamp
             with contextlib.suppress(InputError, OSError):  # the next request reports it
-                self._study = await asyncio.to_thread(self._study_state)
+                await self._read_in_thread()
                 self.changed()
 
     async def add_file(self, source: Path, name: str, with_last: bool = False) -> str:
@@ -248,13 +278,14 @@ class Page:
         """
         experiment = "last" if with_last else "new"
         kept = await asyncio.to_thread(self.study.add_file, source, name, experiment=experiment)
-        self._study = await asyncio.to_thread(self._study_state)
+        await self._read_in_thread()
         self.changed()
         return kept
 
     def stop(self) -> None:
         """Stop the step that runs; it keeps what it has found."""
         self.is_stopped = True
+        self._n_stops += 1
         if self.job is not None:
             self.job.stop()
             self.changed()

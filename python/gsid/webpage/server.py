@@ -61,7 +61,7 @@ async def _state(request: Request) -> Response:
 
 
 async def _request_step(request: Request) -> Response:
-    _page_of(request).request_step(await _wanted(request))
+    await _page_of(request).request_step(await _wanted(request))
     return JSONResponse({"begun": True})
 
 
