@@ -450,3 +450,13 @@ def test_an_upload_does_not_replace_a_newer_state(study, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Page, "_study_state", slow_at_first)
     assert len(asyncio.run(upload_while_a_step_ends())["steps"]) == 1
+
+
+def test_unfinished_uploads_of_a_killed_server_are_removed(studio, tmp_path):
+    process, _ = studio()
+    process.kill()
+    process.wait()
+    (tmp_path / "st/.upload-abc").mkdir()
+    (tmp_path / "st/.upload-abc/upload").write_text("half a file")
+    studio()
+    assert not (tmp_path / "st/.upload-abc").exists()

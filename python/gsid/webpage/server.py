@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -39,6 +40,7 @@ from gsid.webpage.workbench import follow_workbench
 
 MAX_REQUEST = 1 << 16  # bytes of a requested step
 LOCK = ".server.lock"
+UPLOAD = ".upload-"  # begins the name of the folder of a file that arrives
 INVALID = (OSError, ValueError, TypeError, OverflowError, RecursionError)  # by a value of a request
 
 
@@ -82,7 +84,7 @@ async def _upload(request: Request) -> Response:
     """A file as the body, its name in the query: it is read in blocks and never wholly in memory."""
     page = _page_of(request)
     name = usable_name(request.query_params.get("name", ""))
-    with tempfile.TemporaryDirectory(dir=page.study.folder, prefix=".upload-") as folder:
+    with tempfile.TemporaryDirectory(dir=page.study.folder, prefix=UPLOAD) as folder:
         place = Path(folder) / "upload"
         size = 0
         with open(place, "wb") as file:
@@ -275,6 +277,8 @@ def _locked(folder: Path) -> Iterator[None]:
         hint = "use its page, or name another --folder"
         raise InputError("the study is open in another gsid studio", str(folder), None, hint) from error
     try:
+        for unfinished in folder.glob(f"{UPLOAD}*"):  # of a server that was killed
+            shutil.rmtree(unfinished, ignore_errors=True)
         yield
     finally:
         lock.release()
