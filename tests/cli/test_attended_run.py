@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -40,8 +41,12 @@ def until_moving(process):
 
 
 def ended(process):
-    _, text = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 130
+    """Its last lines; `communicate` would lose those that `readline` has read ahead."""
+    end = threading.Timer(DEADLINE_S, process.kill)
+    end.start()
+    text = process.stderr.read()
+    assert process.wait() == 130
+    end.cancel()
     return text.decode()
 
 
@@ -60,8 +65,13 @@ def test_the_end_of_the_program_that_attends_ends_the_run(attended, tmp_path):
     until_moving(attended)
     attended.stdin.close()
     attended.stdin = None
-    assert "the program that attended the run has ended" in ended(attended)
-    assert read_record(tmp_path / "rec.csv").meta["command_zero_confirmed"] == "yes"
+    text = ended(attended)
+    assert "the program that attended the run has ended" in text
+    record = read_record(tmp_path / "rec.csv")
+    assert record.meta["command_zero_confirmed"] == "yes"
+    (written,) = (json.loads(line)["record"] for line in text.splitlines() if line.startswith('{"record":'))
+    good, spoiled = (int(record.meta[name]) for name in ("good_periods", "spoiled_periods"))
+    assert written == {"path": "rec.csv", "samples": len(record), "good": good, "spoiled": spoiled}
 
 
 def test_a_reader_that_hangs_does_not_delay_the_axis(attended, tmp_path):

@@ -267,6 +267,13 @@ def test_a_page_that_joins_gets_the_run_that_has_ended_meanwhile(study, monkeypa
     assert not has_note(study)
 
 
+def test_bug_the_record_of_a_run_was_read_from_the_words_of_a_message():
+    job = LiveJob(("run",))
+    line = '{"record": {"path": "records/a b.csv", "samples": 70, "good": 6, "spoiled": 1}}\n'
+    assert job.takes(line.encode())
+    assert job.messages == ["records/a b.csv keeps 70 samples: 6 good periods, 1 spoiled."]
+
+
 def test_a_note_that_is_not_one_is_removed(study):
     (study.folder / NOTE).write_text("[]")
     with contextlib.suppress(InputError):

@@ -85,6 +85,20 @@ class LineWriter:
             self._thread.join(PATIENCE_S)
 
 
+def print_record(path: str, n_samples: int, good: int, spoiled: int) -> None:
+    """Print the record that was written, as a JSON line on stderr.
+
+    Parameters
+    ----------
+    path : str
+    n_samples, good, spoiled : int
+        Samples, and periods.
+    """
+    values = {"path": path, "samples": n_samples, "good": good, "spoiled": spoiled}
+    with contextlib.suppress(OSError):  # the reader may have ended
+        os.write(STDERR, json.dumps({"record": values}).encode() + b"\n")
+
+
 @contextlib.contextmanager
 def line_writer() -> Iterator[LineWriter]:
     """A writer that is closed at the end."""

@@ -14,7 +14,7 @@ import click
 
 from gsid.base.files import is_stdout
 from gsid.base.tables import Table
-from gsid.cli.attended import Attendance, line_writer
+from gsid.cli.attended import Attendance, line_writer, print_record
 from gsid.cli.options import (
     INPUT,
     LIMIT,
@@ -244,7 +244,10 @@ def _drive(
         if stopping():
             print_if_open(f"{stopping.name()}: the run is stopped")
         if record is not None:
-            _keep(path, record, journal, failure)
+            is_written = _keep(path, record, journal, failure)
+            if is_written and attended:
+                good, spoiled = (int(record.meta[name]) for name in ("good_periods", "spoiled_periods"))
+                print_record(str(path), len(record), good, spoiled)
         if isinstance(failure, Stopped) and not stopping() and isinstance(is_gone, Attendance):
             print_if_open(f"{is_gone.reason}: the run is stopped")  # last: the reader may hang
     if failure is not None:
@@ -254,8 +257,8 @@ def _drive(
     return record
 
 
-def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> None:
-    """Write the record, then remove the journal; the journal is kept if the record cannot be written."""
+def _keep(path: Path, record: Record, journal: Path, failure: BaseException | None) -> bool:
+    """Write the record, then remove the journal, which is kept if that fails; whether it is written."""
     from gsid.base.errors import InputError
 
     try:
@@ -266,8 +269,9 @@ def _keep(path: Path, record: Record, journal: Path, failure: BaseException | No
         if failure is None:
             raise InputError("the record cannot be written", str(path), reason, hint) from error
         print_if_open(f"the record cannot be written: {path}: {reason}\n  hint: {hint}")
-        return
+        return False
     journal.unlink(missing_ok=True)
+    return True
 
 
 def _warn(meta: dict[str, str]) -> None:

@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import json
 import os
-import re
 import signal
 import time
 from collections import deque
@@ -47,13 +46,13 @@ from gsid.webpage.page import Page
 from gsid.webpage.safety import new_token
 
 FIGURES = b'{"live": '  # begins a line of figures on stderr
+RECORD = b'{"record": '  # begins the line of the record that was written
 HISTORY = 200  # sets of figures that a page which joins gets: 10 s
 SIGN_S = 0.25  # shortest time between two signs of life that are passed on
 ADOPT_S = 1.0  # between two attempts to note a step
 LOOK_S = 0.05  # between two looks at who holds control
 BEAT_S = 0.5  # longest time between two messages to a page while an experiment runs
 MAX_REQUEST = 1 << 14
-RECORD_LINE = re.compile(r"wrote (\S+): (\d+) samples, (\d+) good periods, (\d+) lost")
 KILLED = (
     "gsid run was ended by force, and may not have sent STOP. Firmware that follows rule 7 of"
     " docs/reference/protocol.md sets the command to zero 0.25 s after the last frame: check that the axis"
@@ -86,14 +85,18 @@ class LiveJob(Job):
     _sign_s: float = 0.0
 
     async def run(self, folder: Path, on_change: Callable[[], None]) -> None:
-        """Run the command, then put its messages into plain sentences."""
+        """Run the command, then warn if it was ended by force."""
         await super().run(folder, on_change)
-        self.messages = [sentence(line) for line in self.messages]
         if self.exit_code is not None and self.exit_code < 0:
             self.messages.append(KILLED)
 
     def takes(self, line: bytes) -> bool:
-        """Keep a set of figures."""
+        """Keep a set of figures, or the record as a sentence."""
+        if line.startswith(RECORD):
+            found = json.loads(line)["record"]
+            counts = f"{found['good']} good periods, {found['spoiled']} spoiled"
+            self.messages.append(f"{found['path']} keeps {found['samples']} samples: {counts}.")
+            return True
         if not line.startswith(FIGURES):
             return False
         self._n_figures += 1
@@ -119,20 +122,6 @@ class LiveJob(Job):
         self._sign_s = now_s
         with contextlib.suppress(OSError, RuntimeError):
             self._process.stdin.write(b".")
-
-
-def sentence(line: str) -> str:
-    """A message of `gsid run` in the words of the page.
-
-    Parameters
-    ----------
-    line : str
-    """
-    found = RECORD_LINE.match(line)
-    if not found:
-        return line
-    path, n, good, lost = found.groups()
-    return f"{path} keeps {n} samples: {good} good periods, {lost} spoiled."
 
 
 class Seat:
