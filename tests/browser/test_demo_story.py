@@ -29,7 +29,7 @@ def picture_of(page, part, name):
     page.locator(f"{part} .picture .main-svg").first.wait_for()
     if folder := os.environ.get("GSID_PICTURES"):
         page.mouse.move(0, 0)
-        page.locator(part).scroll_into_view_if_needed()
+        page.locator(part).evaluate("one => one.scrollIntoView({block: 'start'})")
         page.wait_for_timeout(SETTLE_MS)
         page.screenshot(path=Path(folder) / name)
 

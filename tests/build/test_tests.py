@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
@@ -47,6 +48,12 @@ def test_every_test_asserts_something():
         if one.name.startswith("test_") and not asserts(one, helpers)
     ]
     assert not idle
+
+
+def test_bug_two_files_of_tests_had_one_name():
+    """pytest then collects neither, but only in a run of both folders."""
+    names = Counter(path.name for path in TESTS.rglob("test_*.py"))
+    assert not [name for name, n in names.items() if n > 1]
 
 
 def test_no_test_names_what_it_replaces_by_a_path():
