@@ -28,7 +28,6 @@ from gsid.base.errors import InputError
 from gsid.rig import ABSENT_S
 from gsid.study.folder import INTERRUPTED, Step
 from gsid.webpage.body import object_of
-from gsid.webpage.edits import step_command
 from gsid.webpage.experiment import (
     EFFECTS,
     EXCITATION,
@@ -323,9 +322,7 @@ class Live:
             await self._look(record)
 
     async def _look(self, record: str) -> None:
-        wanted = {"verb": "look", "records": [record]}
-        number, arguments, outputs = await asyncio.to_thread(step_command, self.page.study, wanted)
-        self.page.begin(Job(tuple(arguments)), outputs, number)
+        await self.page.request_step({"verb": "look", "records": [record]})
 
     # ---- steps that are noted later --------------------------------------------------------------------
 
