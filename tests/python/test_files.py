@@ -265,7 +265,7 @@ def test_nothing_writes_but_through_this_function():
             if isinstance(call, ast.Call) and _writes(call) and path != package / "base/files.py":
                 found.append((path.relative_to(package).as_posix(), ast.unparse(call)[:100]))
     outside = [one for one in found if "part" not in one[1]]
-    # Writers of formats, called by `write_record` with the temporary name; and a figure drawn in memory.
+    # Writers of formats, called by `write_record` with the temporary name; and figures drawn in memory.
     assert {(where, text.split("(")[0]) for where, text in outside} <= {
         ("records/arrays.py", "np.savez"),
         ("records/arrays.py", "savemat"),
@@ -273,6 +273,7 @@ def test_nothing_writes_but_through_this_function():
         ("records/csv.py", "open"),
         ("cli/simulate.py", "path.open"),  # the log: called with the temporary name too
         ("report/pictures.py", "figure.savefig"),
+        ("plots/style.py", "self.savefig"),
         ("study/folder.py", "open"),  # the log of commands: a line is appended
         ("study/folder.py", "os.replace"),  # a whole copy, under the lock of the study
         ("webpage/safety.py", "place.write_text"),  # the address, in a temporary folder
