@@ -105,7 +105,7 @@ def test_progress_keeps_focus_and_the_chosen_text(page, record):
         page.locator("#job-step").get_by_text(step).wait_for()
         assert page.evaluate("node => node === document.activeElement", node)
     page.send_state(job=None, records=["records/aaa.csv", "records/axis.csv"])
-    page.get_by_text("aaa.csv").wait_for()
+    page.locator("#records").get_by_text("aaa.csv").wait_for()
     assert page.evaluate("node => node === document.activeElement", node)
     assert page.locator("#records li").all_inner_texts() == [" aaa.csv", " axis.csv"]
 

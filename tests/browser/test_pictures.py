@@ -10,7 +10,7 @@ from gsid.plots.interactive import interactive
 from gsid.prediction import PredictedOutput
 
 TEXTS = ".picture .annotation-text, .picture text[class$='title']"
-N_TEXTS = 4 + 4 + 2  # titles of signals, labels of the left axes, labels of time
+N_TEXTS = 4 + 4 + 4  # titles of signals, labels of the left axes, labels of time
 
 
 def predicted():
