@@ -59,7 +59,14 @@ def test_the_page_never_scrolls_sideways(page, width):
     page.set_viewport_size({"width": width, "height": 900})
     for opened in ("false", "true"):
         page.evaluate(f"document.querySelectorAll('details').forEach(one => one.open = {opened})")
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
+
+
+LEGIBLE = """() => {
+  const texts = [...document.querySelector("figure").querySelectorAll("svg text")];
+  const heights = texts.map((one) => one.getBoundingClientRect().height).filter((height) => height > 0);
+  return heights.length > 0 && Math.min(...heights) > 8;  // pixels
+}"""
 
 
 def test_each_width_has_its_own_picture(page):
@@ -67,9 +74,7 @@ def test_each_width_has_its_own_picture(page):
         page.set_viewport_size({"width": width, "height": 900})
         visible = page.locator("figure").first.locator("svg:visible, .plot:visible").first
         assert visible.get_attribute("class").split()[0] in (shown, "plot")
-        texts = page.locator("figure").first.locator("svg:visible text")
-        text = min(one.bounding_box()["height"] for one in texts.all() if one.is_visible())
-        assert text > 8  # pixels
+        page.wait_for_function(LEGIBLE)  # plotly draws again after the window has a new size
 
 
 def test_print_opens_what_is_folded_and_cuts_nothing(page):

@@ -22,7 +22,7 @@ export async function open(files) {
 // Whether input and output are named u and y, or were chosen; else the user is asked to choose them.
 function hasSignals({ record, columns }) {
   const missing = ["--u", "--y"].map(readingField).filter((field) => !columns.includes(field.value || field.placeholder));
-  if (!columns.length || !missing.length) return true; // without a list, the next step says what is there
+  if (columns.length < 2 || !missing.length) return true; // nothing to choose from: the next step has the error
   byId("reading").closest("details").open = true;
   showColumns(columns);
   missing[0].focus();
