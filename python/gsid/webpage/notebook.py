@@ -65,6 +65,7 @@ class Studio:
 
     @property
     def is_running(self) -> bool:
+        """Whether the server has not ended."""
         return self._process.poll() is None
 
     def __enter__(self) -> Studio:
