@@ -59,7 +59,7 @@ def test_the_page_never_scrolls_sideways(page, width):
     page.set_viewport_size({"width": width, "height": 900})
     for opened in ("false", "true"):
         page.evaluate(f"document.querySelectorAll('details').forEach(one => one.open = {opened})")
-        page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
+        assert page.wait_for_function("width => document.documentElement.scrollWidth <= width", arg=width)
 
 
 LEGIBLE = """() => {
@@ -74,7 +74,7 @@ def test_each_width_has_its_own_picture(page):
         page.set_viewport_size({"width": width, "height": 900})
         visible = page.locator("figure").first.locator("svg:visible, .plot:visible").first
         assert visible.get_attribute("class").split()[0] in (shown, "plot")
-        page.wait_for_function(LEGIBLE)  # plotly draws again after the window has a new size
+        assert page.wait_for_function(LEGIBLE)  # plotly draws again after the window has a new size
 
 
 def test_print_opens_what_is_folded_and_cuts_nothing(page):
