@@ -99,6 +99,7 @@ typedef struct {
     const uint32_t *column;       /* private: [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
     uint32_t n_entries, n_slopes, n_delays;     /* private */
     gsid_linear_entry *entry, *slope, *delay;   /* private: NULL while they are counted */
+    uint32_t sensor;       /* private: the first of the states that follow the output */
 } gsid_linear;
 
 /** Add a state.  @return its entry of z */

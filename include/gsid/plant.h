@@ -62,6 +62,12 @@ gsid_status gsid_plant_update(gsid_plant *plant);
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE */
 gsid_status gsid_plant_reset(gsid_plant *plant);
 
+/** Move the axis to an angle and a rate; the other states stay. A plant with stops has several periodic orbits: from where the
+ *  axis was measured, gsid_plant_periodic finds the measured one.
+ *  @param[in]  angle, rate  of the axis
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE; GSID_E_NONFINITE a value is not finite: nothing changed */
+gsid_status gsid_plant_place(gsid_plant *plant, gsid_real angle, gsid_real rate);
+
 /** Advance one sample.
  *  @param[in]  u   command, or the reference when the stack has a controller
  *  @param[out] y   at the instant from which u is applied
@@ -91,15 +97,16 @@ gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_r
 gsid_status gsid_plant_start_linear(gsid_plant *plant, uint32_t n_period, const gsid_real *u);
 
 /** Find the periodic steady state by shooting: Newton's method on the state at the period's start, from the state the plant
- *  is in. A state that no equation determines (the angle of an axis without a spring) stays where it is.
+ *  is in. A state that no equation determines (the angle of an axis without a spring) stays where it is. Such an axis may
+ *  turn by a constant angle in each period: y as its angle is then given without this turn, as y[n] - n / n_period turn.
  *  Effects that are not locked to the excitation (periodic_disturbance) are left out. A sensor's refresh starts at the
  *  period's first sample: rate_hz n_period / fs_hz should be whole.
  *  @param[in]  u         [n_period] one period
  *  @param[in]  n_settle_periods  simulated first
  *  @param[in]  n_newton  at most so many corrections of the values, and again of values and sensitivities
- *  @param[out] y         [n_period]
+ *  @param[out] y         [n_period] without a turn
  *  @param[out] dy        [n_free][n_period] sensitivities of the periodic answer, the moving initial state included; or NULL
- *  @param[out] angle     [n_period] of the axis; or NULL
+ *  @param[out] angle     [n_period] of the axis, with its turn; or NULL
  *  @param[out] rate      [n_period] of the axis; or NULL
  *  @param[out] residual  bound on how much y changes in one more period (to first order), in units of y; or NULL
  *  @return GSID_OK; GSID_MAX_ITER the residual is above rounding: judge it; GSID_E_NULL; GSID_E_STATE; GSID_E_CONFIG n_period

@@ -102,6 +102,7 @@
 #define gsid_plant_init GSID_NAME(gsid_plant_init)
 #define gsid_plant_update GSID_NAME(gsid_plant_update)
 #define gsid_plant_reset GSID_NAME(gsid_plant_reset)
+#define gsid_plant_place GSID_NAME(gsid_plant_place)
 #define gsid_plant_step GSID_NAME(gsid_plant_step)
 #define gsid_plant_periodic GSID_NAME(gsid_plant_periodic)
 #define gsid_expression_effect GSID_NAME(gsid_expression_effect)

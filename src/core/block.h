@@ -29,4 +29,6 @@ static inline void *gsid_block_take(gsid_block *b, size_t n_rows, size_t n_colum
     return at;
 }
 
+#define gsid_block_of(type, b, n_rows, n_columns) ((type *)gsid_block_take(b, n_rows, n_columns, sizeof(type)))
+
 #endif

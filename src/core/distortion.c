@@ -78,7 +78,7 @@ static gsid_status init_with(gsid_distortion *d, const gsid_distortion_cfg *cfg,
     memset(mem, 0, GSID_DISTORTION_MEAN_SIZE(n_excited + n_free, n_excited));
     d->cfg = *cfg;
     d->frf_size = frf_size;
-    d->mean = mem; /* a complex number has the alignment of a real: nothing needs padding */
+    d->mean = (gsid_cplx *)mem; /* a complex number has the alignment of a real: nothing needs padding */
     d->m2 = (gsid_real *)(void *)(d->mean + n_excited);
     d->noise = d->m2 + n_excited;
     d->power = d->noise + n_excited;

@@ -84,7 +84,7 @@ gsid_status gsid_equations_init(gsid_equations *q, const gsid_frd *data, const g
         return GSID_E_TOO_FEW;
     }
     const size_t lsq_size = GSID_LSQ_MEM_SIZE(q->n);
-    unsigned char *bytes = mem;
+    unsigned char *bytes = (unsigned char *)mem;
     gsid_lsq_init(&q->normal, q->n, bytes, lsq_size);
     gsid_lsq_init(&q->damped, q->n, bytes + lsq_size, lsq_size);
     q->block = (gsid_real *)(void *)(bytes + 2 * lsq_size);

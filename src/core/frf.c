@@ -72,7 +72,7 @@ gsid_status gsid_frf_init_with(const struct gsid_frf_engine *engine, gsid_frf *f
     frf->settle_left = cfg->n_settle;
     /* Complex numbers first, integers (in the engine) last: nothing needs padding. */
     const size_t n = (size_t)cfg->n_lines * gsid_frf_channels(cfg);
-    frf->mean = mem;
+    frf->mean = (gsid_cplx *)mem;
     gsid_cplx *end = frf->mean + n;
     if (cfg->u_known == NULL) {
         frf->cross = end;

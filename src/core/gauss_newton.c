@@ -126,7 +126,7 @@ static gsid_cplx second_of_error(const gsid_frd *data, const linearised *l, gsid
 /* q->bend <- J' times the second derivative of the errors along q->step. */
 static gsid_status project_bend(gsid_equations *q, const gsid_frd *data, const gsid_cplx *drift,
                                 const gsid_rational *model) {
-    gsid_rational step = {0};
+    gsid_rational step = {GSID_DOMAIN_S, 0, 0, 0, 0, 0, {0}, {0}};
     linearised l;
     gsid_equations_set(q, q->step, 0, &step);
     memset(q->bend, 0, q->n * sizeof(*q->bend));

@@ -37,7 +37,7 @@ gsid_status gsid_lsq_init(gsid_lsq *q, uint32_t n_columns, void *mem, size_t mem
         return GSID_E_MEMORY;
     }
     q->n_columns = n_columns;
-    q->r = mem;
+    q->r = (gsid_real *)mem;
     q->row = q->r + ((size_t)n_columns + 1) * ((size_t)n_columns + 1);
     return gsid_lsq_reset(q);
 }

@@ -84,7 +84,6 @@ static void count(const gsid_plant_cfg *cfg, needs *n) {
         n->looks_at_angle |= effect->looks_at_angle || effect->control != NULL;
         n->maps_command |= effect->command != NULL || effect->control != NULL;
     }
-    n->looks_at_angle |= cfg->output_angle != 0;
 }
 
 static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
@@ -114,12 +113,12 @@ static gsid_status check(const gsid_plant_cfg *cfg, needs *n) {
 /* ---- layout ---- */
 
 static gsid_real *take_reals(gsid_block *b, size_t n) {
-    return gsid_block_take(b, n, 1, sizeof(gsid_real));
+    return gsid_block_of(gsid_real, b, n, 1);
 }
 
 /* [n_rows][n_columns] */
 static gsid_real *take_table(gsid_block *b, size_t n_rows, size_t n_columns) {
-    return gsid_block_take(b, n_rows, n_columns, sizeof(gsid_real));
+    return gsid_block_of(gsid_real, b, n_rows, n_columns);
 }
 
 static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
@@ -138,9 +137,9 @@ static void lay_out_maps(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_l
 }
 
 static void take_lists(const needs *n, gsid_linear *linear, gsid_block *b) {
-    linear->entry = gsid_block_take(b, n->linear.n_entries, 1, sizeof(gsid_linear_entry));
-    linear->slope = gsid_block_take(b, n->linear.n_slopes, 1, sizeof(gsid_linear_entry));
-    linear->delay = gsid_block_take(b, n->linear.n_delays, 1, sizeof(gsid_linear_entry));
+    linear->entry = gsid_block_of(gsid_linear_entry, b, n->linear.n_entries, 1);
+    linear->slope = gsid_block_of(gsid_linear_entry, b, n->linear.n_slopes, 1);
+    linear->delay = gsid_block_of(gsid_linear_entry, b, n->linear.n_delays, 1);
 }
 
 static void take_blocks(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l, gsid_block *b) {
@@ -156,12 +155,12 @@ static void take_blocks(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_la
     const size_t n_columns = l->shape.n_columns, n_rows = l->shape.n_rows, n_shoot = l->shooting.n_max;
     take_lists(n, &l->linear.a, b);
     take_lists(n, &l->linear.draft, b);
-    l->stack.item = gsid_block_take(b, cfg->n_items, 1, sizeof *l->stack.item);
-    l->laws.law = gsid_block_take(b, n->n_laws, 1, sizeof *l->laws.law);
-    l->stack.column = gsid_block_take(b, cfg->n_items, GSID_EFFECT_PARAMETERS_MAX, sizeof *l->stack.column);
-    l->linear.slope_column = gsid_block_take(b, cfg->n_free, 1, sizeof *l->linear.slope_column);
-    l->shape.row = gsid_block_take(b, n->linear.n, 1, sizeof *l->shape.row);
-    l->shooting.row = gsid_block_take(b, n_shoot, 1, sizeof *l->shooting.row);
+    l->stack.item = gsid_block_of(gsid_plant_item, b, cfg->n_items, 1);
+    l->laws.law = gsid_block_of(plant_law, b, n->n_laws, 1);
+    l->stack.column = gsid_block_of(uint32_t, b, cfg->n_items, GSID_EFFECT_PARAMETERS_MAX);
+    l->linear.slope_column = gsid_block_of(uint32_t, b, cfg->n_free, 1);
+    l->shape.row = gsid_block_of(uint32_t, b, n->linear.n, 1);
+    l->shooting.row = gsid_block_of(uint32_t, b, n_shoot, 1);
     lay_out_maps(cfg, n, l, b);
     l->z = take_table(b, n_rows, n_columns);
     l->motion.next = take_table(b, n_rows, n_columns);
@@ -231,6 +230,7 @@ static void list_items(const gsid_plant_cfg *cfg, gsid_plant_layout *l) {
 static void set_kind(const gsid_plant_cfg *cfg, const needs *n, gsid_plant_layout *l) {
     l->stack.has_controller = n->n_controllers > 0;
     l->stack.looks_at_angle = n->looks_at_angle;
+    l->stack.turns = cfg->output_angle && !n->looks_at_angle;
     l->stack.looks_at_command = n->looks_at_command;
     l->laws.can_hold = n->holds;
     l->laws.have_side = n->holds || n->n_memories > 0;
@@ -245,7 +245,7 @@ gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_
     }
     needs n;
     gsid_plant_layout draft;
-    gsid_block b = {mem, 0, SIZE_MAX};
+    gsid_block b = {(unsigned char *)mem, 0, SIZE_MAX};
     memset(&draft, 0, sizeof draft);
     const gsid_status status = plan(cfg, &n, &draft, &b);
     if (status != GSID_OK) {
@@ -255,7 +255,7 @@ gsid_status gsid_plant_lay_out(const gsid_plant_cfg *cfg, void *mem, size_t mem_
         return GSID_E_MEMORY;
     }
     memset(mem, 0, b.used);
-    gsid_plant_layout *l = mem;
+    gsid_plant_layout *l = (gsid_plant_layout *)mem;
     *l = draft;
     set_kind(cfg, &n, l);
     l->linear.a.column = l->linear.draft.column = l->stack.column;

@@ -105,6 +105,7 @@ static void build(const gsid_plant_cfg *cfg, gsid_real instant_s, gsid_linear *t
     add_stage(cfg, to, GSID_STAGE_ACTUATOR, 0);
     add_stage(cfg, to, GSID_STAGE_TORQUE, 0);
     add_stage(cfg, to, GSID_STAGE_STRUCTURE, 0);
+    to->sensor = to->n;
     add_stage(cfg, to, GSID_STAGE_SENSOR, 0);
     add_channels(cfg, to);
 }

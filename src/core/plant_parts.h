@@ -23,6 +23,7 @@ typedef struct {
     uint32_t *column;      /* [n_items][GSID_EFFECT_PARAMETERS_MAX] of the sensitivities, 0: not free */
     int has_controller;
     int looks_at_angle;   /* an effect depends on the angle */
+    int turns;            /* the output is an angle that no effect depends on */
     int looks_at_command; /* a law depends on the motor's command */
 } plant_stack;
 

@@ -1,5 +1,6 @@
 /* The periodic steady state: Newton's method on the state at the period's start (shooting), with the sensitivities of that
- * fixed point. */
+ * fixed point. An axis whose angle has no influence may turn: its angle, and the sensor that follows it, then end each period
+ * further on by the same turn. */
 #include <string.h>
 
 #include "gsid/lsq.h"
@@ -95,6 +96,25 @@ static void run_period(shooting *s) {
     }
 }
 
+/* How far the axis has turned in the period, in a column; 0 where its angle is one of the states that are searched. */
+static gsid_real turn(const shooting *s, uint32_t column) {
+    if (!s->l->stack.turns) {
+        return 0;
+    }
+    return s->l->z[GSID_Z_ANGLE * s->l->shape.n_columns + column] - (column == VALUE ? s->angle_start : GSID_R(0.0));
+}
+
+/* Leave the turn out of the output and its sensitivities: what remains repeats. */
+static void remove_turn(const shooting *s) {
+    for (uint32_t n = 0; n < s->n_period; n++) {
+        const gsid_real part = (gsid_real)n / (gsid_real)s->n_period;
+        s->y[n] -= part * turn(s, VALUE);
+        for (uint32_t p = 0; p < s->l->shape.n_free; p++) {
+            s->dy[(size_t)p * s->n_period + n] -= part * turn(s, FIRST_FREE + p);
+        }
+    }
+}
+
 /* ---- the state at the start ---- */
 
 static gsid_real *state(const shooting *s, uint32_t j) {
@@ -103,6 +123,13 @@ static gsid_real *state(const shooting *s, uint32_t j) {
 
 static gsid_real *start(const shooting *s, uint32_t j) {
     return s->l->shooting.start + (size_t)j * s->l->shape.n_columns;
+}
+
+/* State j at the end of the period, without the turn. */
+static gsid_real end(const shooting *s, uint32_t j, uint32_t column) {
+    const uint32_t row = s->l->shooting.row[j];
+    const int follows = row >= s->l->linear.a.sensor && row < s->l->linear.a.n;
+    return state(s, j)[column] - (follows ? turn(s, column) : GSID_R(0.0));
 }
 
 /* Value and free columns come from the start that was found; each further column is the derivative by one state alone. */
@@ -151,7 +178,7 @@ static void go_back(const shooting *s) {
 static gsid_real change_of(const shooting *s, uint32_t column) {
     gsid_real sum = 0;
     for (uint32_t j = 0; j < s->l->shooting.n; j++) {
-        sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(state(s, j)[column] - start(s, j)[column]);
+        sum += s->l->shooting.largest_dy[s->first_shoot + j] * gsid_fabs(end(s, j, column) - start(s, j)[column]);
     }
     return sum;
 }
@@ -194,9 +221,9 @@ static gsid_status correct_start(shooting *s) {
         status = gsid_lsq_reset(&q);
         for (uint32_t i = 0; i < n && status == GSID_OK; i++) {
             for (uint32_t j = 0; j < n; j++) {
-                l->shooting.correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - state(s, i)[s->first_shoot + j];
+                l->shooting.correction[j] = (i == j ? GSID_R(1.0) : GSID_R(0.0)) - end(s, i, s->first_shoot + j);
             }
-            status = gsid_lsq_add(&q, l->shooting.correction, state(s, i)[c - 1] - start(s, i)[c - 1]);
+            status = gsid_lsq_add(&q, l->shooting.correction, end(s, i, c - 1) - start(s, i)[c - 1]);
         }
         if (status == GSID_OK) {
             status = gsid_lsq_solve(&q, RANK_TOL, l->shooting.correction, NULL);
@@ -213,9 +240,9 @@ static gsid_real left_of_change(const shooting *s) {
     const gsid_plant_layout *l = s->l;
     gsid_real sum = 0;
     for (uint32_t i = 0; i < l->shooting.n; i++) {
-        gsid_real left = state(s, i)[VALUE] - start(s, i)[VALUE]; /* the start is corrected already */
+        gsid_real left = end(s, i, VALUE) - start(s, i)[VALUE]; /* the start is corrected already */
         for (uint32_t j = 0; j < l->shooting.n; j++) {
-            left += state(s, i)[s->first_shoot + j] * l->shooting.correction[j];
+            left += end(s, i, s->first_shoot + j) * l->shooting.correction[j];
         }
         sum += l->shooting.largest_dy[s->first_shoot + i] * gsid_fabs(left);
     }
@@ -416,6 +443,9 @@ gsid_status gsid_plant_periodic(gsid_plant *plant, uint32_t n_period, const gsid
             gsid_plant_clear_ring(l, FIRST_FREE);
         }
         status = find_orbit(&s, n_newton, &change);
+    }
+    if (status >= 0 && l->stack.turns) {
+        remove_turn(&s);
     }
     l->shape.n_free = 0;
     l->shape.n_active = 1;

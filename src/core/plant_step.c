@@ -73,6 +73,24 @@ gsid_status gsid_plant_reset(gsid_plant *plant) {
     return GSID_OK;
 }
 
+gsid_status gsid_plant_place(gsid_plant *plant, gsid_real angle, gsid_real rate) {
+    if (plant == NULL) {
+        return GSID_E_NULL;
+    }
+    if (plant->layout == NULL) {
+        return GSID_E_STATE;
+    }
+    if (!gsid_is_finite(angle) || !gsid_is_finite(rate)) {
+        return GSID_E_NONFINITE;
+    }
+    gsid_plant_layout *l = plant->layout;
+    l->z[GSID_Z_ANGLE * l->shape.n_columns] = angle;
+    l->z[GSID_Z_RATE * l->shape.n_columns] = rate;
+    gsid_plant_choose_zones(l);
+    gsid_plant_choose_regime(l);
+    return GSID_OK;
+}
+
 gsid_status gsid_plant_step(gsid_plant *plant, gsid_real u, gsid_real *y, gsid_real *dy) {
     if (plant == NULL || y == NULL) {
         return GSID_E_NULL;

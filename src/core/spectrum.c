@@ -42,7 +42,7 @@ gsid_status gsid_spectrum_init(gsid_spectrum *s, const gsid_spectrum_cfg *cfg, v
         return status;
     }
     s->cfg = *cfg;
-    s->sum = mem;
+    s->sum = (gsid_cplx *)mem;
     s->phase = (uint32_t *)(void *)(s->sum + (size_t)cfg->n_lines * cfg->n_channels);
     s->scale = GSID_R(2.0) / (gsid_real)cfg->n_period;
     return gsid_spectrum_reset(s);

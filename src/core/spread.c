@@ -3,9 +3,9 @@
 #include "complex_math.h"
 #include "streaming.h"
 
-/* Instructions of a Cortex-M7 for a butterfly of each radix, and for a tick that adds a line to a mean. Only their ratios
+/* Instructions of a Cortex-M7 for a butterfly of each radix (the index), and for a tick that adds a line to a mean. Only their ratios
  * matter. */
-static const uint16_t cost_of[8] = {[2] = 36, [3] = 61, [4] = 71, [5] = 112, [7] = 450};
+static const uint16_t cost_of[8] = {0, 0, 36, 61, 71, 112, 0, 450};
 enum { COST_LINE = 90 };
 
 /* ---- the plan: which butterflies, and how many of them in a tick ---- */
@@ -106,7 +106,7 @@ gsid_status gsid_spread_init(gsid_spread *s, const gsid_spectrum_cfg *cfg, void 
     }
     const uint32_t n_points = cfg->n_period / 2;
     s->cfg = *cfg;
-    s->work = mem;
+    s->work = (gsid_cplx *)mem;
     s->filling = &s->work[cfg->n_channels * n_points].re;
     s->place = (uint32_t (*)[2])(void *)(s->work + 2 * (size_t)cfg->n_channels * n_points);
     s->scale = GSID_R(1.0) / (gsid_real)cfg->n_period;
@@ -220,7 +220,7 @@ static void butterfly_7(const gsid_spread *s, gsid_cplx *x, uint32_t step) {
 }
 
 static void (*const butterfly_of[8])(const gsid_spread *s, gsid_cplx *x, uint32_t step) = {
-    [2] = butterfly_2, [3] = butterfly_3, [4] = butterfly_4, [5] = butterfly_5, [7] = butterfly_7};
+    NULL, NULL, butterfly_2, butterfly_3, butterfly_4, butterfly_5, NULL, butterfly_7};
 
 /* ---- the slices ---- */
 

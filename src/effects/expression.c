@@ -132,7 +132,7 @@ static void combine(gsid_expression_kind kind, dual *x, const dual *y) {
 }
 
 static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer) {
-    const gsid_expression *expression = item->data;
+    const gsid_expression *expression = (const gsid_expression *)item->data;
     dual stack[GSID_EXPRESSION_DEPTH_MAX];
     uint32_t depth = 0;
     for (uint32_t i = 0; i < expression->n_steps; i++) {

@@ -94,7 +94,7 @@ static void look_up(const gsid_table *t, gsid_real x, gsid_real *value, gsid_rea
 }
 
 static void torque(const gsid_plant_item *item, const gsid_motion *motion, gsid_torque *answer) {
-    const gsid_table *t = item->data;
+    const gsid_table *t = (const gsid_table *)item->data;
     const gsid_real scale = item->value[0];
     gsid_real value, slope;
     switch (t->variable) {
