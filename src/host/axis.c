@@ -8,12 +8,12 @@
 #define RADIANS (PI / 180.0)
 
 /* Between two events (the delayed command switches, the rate passes zero, the gyro is refreshed) the axis is
- *   theta' = w,   w' = gain u - viscous w - spring theta - level s - curved(theta, w),   s the sign of w
+ *   theta' = w,   w' = gain u + noise - viscous w - spring theta - level s - curved(theta, w),   s the sign of w
  *   p' = w0 r,    r' = residue gain u - w0 p - 2 zeta w0 r            (r = q', p = w0 q: rates both, well scaled)
  *   gyro' = (w + r - gyro) / lag
  * with constant inputs: but for the curved laws a step of any length is a matrix. While the axis sticks, theta and w
  * stand still, and no law is curved. */
-enum { THETA, RATE, MODE_P, MODE_R, GYRO, N_STATES, IN_COMMAND = N_STATES, IN_FRICTION, N_ALL };
+enum { THETA, RATE, MODE_P, MODE_R, GYRO, N_STATES, IN_COMMAND = N_STATES, IN_FRICTION, IN_TORQUE, N_ALL };
 
 typedef struct {
     double m[N_ALL][N_ALL];
@@ -52,6 +52,8 @@ struct gsid_axis {
     double spare;               /* second half of the last pair of normal numbers */
     int has_spare;
     double low_noise, low_pole; /* coloured noise and the pole of its filter */
+    double torque, torque_pole; /* process noise of this tick, and the pole of its filter */
+    double first_refresh;       /* time of the gyro's first refresh, in refreshes, 0 .. 1 */
 };
 
 /* ---- the step of a linear system ---- */
@@ -121,6 +123,7 @@ static void fill_rates(const gsid_axis_cfg *cfg, regime how, matrix *rates) {
         a[RATE][THETA] = -cfg->spring_stiffness;
         a[RATE][IN_COMMAND] = cfg->gain;
         a[RATE][IN_FRICTION] = -cfg->coulomb_level;
+        a[RATE][IN_TORQUE] = 1.0;
     }
     if (w0 > 0.0) {
         a[MODE_P][MODE_R] = w0;
@@ -139,6 +142,7 @@ static void advance(gsid_axis *axis, const matrix *e, double u) {
     memcpy(z, axis->x, sizeof axis->x);
     z[IN_COMMAND] = u;
     z[IN_FRICTION] = axis->side;
+    z[IN_TORQUE] = axis->torque;
     for (int i = 0; i < N_STATES; i++) {
         double change = 0.0;
         for (int j = 0; j < N_ALL; j++) {
@@ -150,11 +154,20 @@ static void advance(gsid_axis *axis, const matrix *e, double u) {
 
 /* ---- stick and slip ---- */
 
+/* Angle beyond a stop, deg; 0 between the stops. */
+static double depth(const gsid_axis *axis) {
+    const double low = axis->cfg.stop_low_deg, high = axis->cfg.stop_high_deg, theta = axis->x[THETA];
+    if (high > 0.0 && theta > high) {
+        return theta - high;
+    }
+    return low < 0.0 && theta < low ? theta - low : 0.0;
+}
+
 /* The laws of the angle alone. */
 static double position_torque(const gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
     const double theta = axis->x[THETA], turned = theta * RADIANS, rest = cfg->unbalance_angle_deg * RADIANS;
-    double torque = cfg->cubic_stiffness * theta * theta * theta;
+    double torque = cfg->cubic_stiffness * theta * theta * theta + cfg->stop_stiffness * depth(axis);
     if (cfg->unbalance_level > 0.0) {
         torque += cfg->unbalance_level * (sin(turned + rest) - sin(rest));
     }
@@ -169,6 +182,9 @@ static double curved_torque(const gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
     const double w = axis->x[RATE];
     double torque = position_torque(axis) + cfg->drag_rate * w * fabs(w);
+    if (depth(axis) != 0.0) {
+        torque += cfg->stop_damping * w;
+    }
     if (cfg->stribeck_extra > 0.0) {
         const double ratio = w / cfg->stribeck_velocity;
         torque += axis->side * cfg->stribeck_extra * exp(-ratio * ratio);
@@ -177,7 +193,7 @@ static double curved_torque(const gsid_axis *axis) {
 }
 
 static double spring_and_motor(const gsid_axis *axis, double u) {
-    return axis->cfg.gain * u - axis->cfg.spring_stiffness * axis->x[THETA] - position_torque(axis);
+    return axis->cfg.gain * u + axis->torque - axis->cfg.spring_stiffness * axis->x[THETA] - position_torque(axis);
 }
 
 /* At rest friction holds what it can; only a switch of the command can break it loose, since theta stands still. */
@@ -324,7 +340,8 @@ static double until_refresh(const gsid_axis *axis) {
     if (axis->cfg.gyro_refresh_hz == 0.0) {
         return INFINITY;
     }
-    return (double)axis->n_refreshes * axis->cfg.fs_hz / axis->cfg.gyro_refresh_hz - (double)axis->tick;
+    const double n = (double)axis->n_refreshes + axis->first_refresh;
+    return n * axis->cfg.fs_hz / axis->cfg.gyro_refresh_hz - (double)axis->tick;
 }
 
 static double gyro(const gsid_axis *axis) {
@@ -413,6 +430,11 @@ static double noise(gsid_axis *axis) {
     return sum;
 }
 
+static double process_noise(gsid_axis *axis) {
+    const double pole = axis->torque_pole, drive = axis->cfg.torque_noise_rms * sqrt(1.0 - pole * pole);
+    return pole * axis->torque + drive * random_normal(axis);
+}
+
 /* The phase comes from the tick's number, not from a running sum: it cannot drift. */
 static double fan(const gsid_axis *axis) {
     const gsid_axis_cfg *cfg = &axis->cfg;
@@ -442,6 +464,9 @@ gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg) {
         .gyro_lag_s = 1e-3,
         .command_limit = 179.0,
         .command_bits = 12,
+        .stop_stiffness = 1e5, /* with damping that leaves 91 % of the rate after a contact */
+        .stop_damping = 20.0,
+        .torque_noise_hz = 10.0,
         .noise_rms = 0.010,
         .noise_low_rms = 0.010,
         .noise_low_hz = 5.0,
@@ -456,13 +481,14 @@ gsid_status gsid_axis_cfg_init(gsid_axis_cfg *cfg) {
 
 static gsid_status check_numbers(const gsid_axis_cfg *c) {
     const double any[] = {c->gain,     c->mode_residue,  c->unbalance_angle_deg, c->cogging_phase_rad,
-                          c->fan_f_hz, c->fan_amplitude, c->fan_phase_rad};
+                          c->fan_f_hz, c->fan_amplitude, c->fan_phase_rad,       c->stop_low_deg};
     const double magnitudes[] = {c->fs_hz,          c->viscous_rate,      c->coulomb_level,   c->stribeck_extra,
                                  c->drag_rate,      c->stribeck_velocity, c->cubic_stiffness, c->spring_stiffness,
                                  c->cogging_cycles, c->unbalance_level,   c->cogging_level,   c->delay_s,
                                  c->mode_f_hz,      c->mode_zeta,         c->gyro_lag_s,      c->command_limit,
                                  c->drive_limit,    c->drive_dead_zone,   c->gyro_refresh_hz, c->noise_rms,
-                                 c->noise_low_rms,  c->noise_low_hz};
+                                 c->noise_low_rms,  c->noise_low_hz,      c->stop_stiffness,  c->stop_damping,
+                                 c->stop_high_deg,  c->torque_noise_rms,  c->torque_noise_hz};
     gsid_status status = GSID_OK;
     for (size_t i = 0; i < sizeof any / sizeof any[0]; i++) {
         if (!isfinite(any[i])) {
@@ -480,11 +506,16 @@ static gsid_status check_numbers(const gsid_axis_cfg *c) {
     return status;
 }
 
+static int has_stop(const gsid_axis_cfg *c) {
+    return c->stop_low_deg < 0.0 || c->stop_high_deg > 0.0;
+}
+
 /* Those of curved laws are as fast as the ticks at most, since their steps are fractions of one. */
 static int has_slow_laws(const gsid_axis_cfg *c) {
     const double fastest = c->fs_hz, cogging = c->cogging_level * c->cogging_cycles * RADIANS;
-    return c->stribeck_extra <= fastest * c->stribeck_velocity && c->unbalance_level * RADIANS <= fastest * fastest &&
-           cogging <= fastest * fastest;
+    const int slow_stops = c->stop_stiffness <= fastest * fastest && c->stop_damping <= fastest;
+    return (slow_stops || !has_stop(c)) && c->stribeck_extra <= fastest * c->stribeck_velocity &&
+           c->unbalance_level * RADIANS <= fastest * fastest && cogging <= fastest * fastest;
 }
 
 static gsid_status check(const gsid_axis_cfg *c) {
@@ -494,6 +525,9 @@ static gsid_status check(const gsid_axis_cfg *c) {
     }
     if (c->fs_hz == 0.0 || c->delay_s * c->fs_hz >= DELAY_MAX || c->command_bits > 31 ||
         c->gyro_refresh_hz > c->fs_hz) {
+        return GSID_E_CONFIG;
+    }
+    if (c->stop_low_deg > 0.0 || c->gyro_free_running > 1 || (c->torque_noise_rms > 0.0 && c->torque_noise_hz == 0.0)) {
         return GSID_E_CONFIG;
     }
     if (c->noise_low_rms > 0.0 && c->noise_low_hz == 0.0) {
@@ -509,7 +543,7 @@ static gsid_status check(const gsid_axis_cfg *c) {
 
 static int has_curved_law(const gsid_axis_cfg *c) {
     return c->stribeck_extra > 0.0 || c->drag_rate > 0.0 || c->cubic_stiffness > 0.0 || c->unbalance_level > 0.0 ||
-           c->cogging_level > 0.0;
+           c->cogging_level > 0.0 || has_stop(c);
 }
 
 static void make_steps(gsid_axis *axis, piece *p) {
@@ -545,6 +579,7 @@ gsid_status gsid_axis_create(gsid_axis **axis, const gsid_axis_cfg *cfg) {
         make_steps(made, &made->pieces[i]);
     }
     made->low_pole = exp(-2.0 * PI * cfg->noise_low_hz / cfg->fs_hz);
+    made->torque_pole = exp(-2.0 * PI * cfg->torque_noise_hz / cfg->fs_hz);
     gsid_axis_reset(made);
     *axis = made;
     return GSID_OK;
@@ -564,6 +599,9 @@ gsid_status gsid_axis_reset(gsid_axis *axis) {
     axis->has_spare = 0;
     random_seed(axis->random, axis->cfg.seed);
     axis->low_noise = axis->cfg.noise_low_rms > 0.0 ? axis->cfg.noise_low_rms * random_normal(axis) : 0.0;
+    axis->torque = axis->cfg.torque_noise_rms > 0.0 ? axis->cfg.torque_noise_rms * random_normal(axis) : 0.0;
+    axis->first_refresh = axis->cfg.gyro_free_running ? ldexp((double)(random_bits(axis->random) >> 11), -53) : 0.0;
+    axis->shown = 0.0; /* until the first refresh */
     return GSID_OK;
 }
 
@@ -612,6 +650,9 @@ gsid_status gsid_axis_step(gsid_axis *axis, uint32_t n, const double *u, double 
         run_piece(axis, &axis->pieces[0], 0.0, command_before(axis, axis->delay_ticks + 1), disturbance);
         run_piece(axis, &axis->pieces[1], axis->pieces[0].duration_s * axis->cfg.fs_hz,
                   command_before(axis, axis->delay_ticks), disturbance);
+        if (axis->cfg.torque_noise_rms > 0.0) {
+            axis->torque = process_noise(axis);
+        }
         axis->tick++;
     }
     return GSID_OK;

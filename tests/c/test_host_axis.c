@@ -190,6 +190,73 @@ static void a_slow_gyro_holds_its_noise(void **state) {
     assert_int_equal(n_changes, 399); /* 400 refreshes, the first at tick 0 */
 }
 
+/* 400.02 Hz: the instants drift through the tick by 0.005 %, from a first one that the seed sets. The response is that of
+ * the closed form at the last instant of n / 400.02 Hz + start. */
+static void a_free_running_gyro_drifts_through_the_ticks(void **state) {
+    (void)state;
+    step_of(10.0, 3000);
+    double starts[20];
+    for (uint32_t seed = 0; seed < 20; seed++) {
+        gsid_axis_cfg cfg = quiet();
+        cfg.gyro_lag_s = 0.0;
+        cfg.gyro_refresh_hz = 400.02;
+        cfg.gyro_free_running = 1;
+        cfg.seed = seed;
+        run(&cfg, 3000);
+        uint32_t changes = 0, last = 0, first = 0;
+        for (uint32_t i = 17; i < 3000; i++) {
+            if (y[i] != y[i - 1]) {
+                first = changes++ == 0 ? i : first;
+                last = i;
+            }
+        }
+        const double period = 3000.0 / 400.02, n = round((last - first) / period);
+        assert_true(changes - 1 == n);
+        /* the start that agrees with the closed form at one refresh agrees at all */
+        double low = (first - 1) / 3000.0, high = first / 3000.0;
+        for (int k = 0; k < 60; k++) {
+            const double middle = 0.5 * (low + high);
+            *(fabs(10.0 * step_response(&cfg, middle - cfg.delay_s)) < fabs(y[first]) ? &low : &high) = middle;
+        }
+        for (uint32_t i = first; i < 3000; i++) {
+            const double since = floor((i / 3000.0 - low) * 400.02 + 1e-9) / 400.02;
+            assert_near(y[i], 10.0 * step_response(&cfg, low + since - cfg.delay_s), 1e-9);
+        }
+        starts[seed] = fmod(low * 400.02, 1.0);
+    }
+    double lowest = 1.0, highest = 0.0;
+    for (uint32_t seed = 0; seed < 20; seed++) {
+        lowest = fmin(lowest, starts[seed]);
+        highest = fmax(highest, starts[seed]);
+    }
+    assert_true(lowest < 0.2 && highest > 0.8);
+}
+
+/* Variance of the rate of w' = torque - viscous w, with the torque of an AR(1) sequence held over each tick:
+ * the stationary solution of the two-state difference equation. */
+static void process_noise_moves_the_axis_as_much_as_its_theory_says(void **state) {
+    (void)state;
+    gsid_axis_cfg cfg = rigid();
+    cfg.spring_stiffness = 0.0;
+    cfg.viscous_rate = 200.0;
+    cfg.torque_noise_rms = 50.0;
+    cfg.torque_noise_hz = 100.0;
+    memset(u, 0, N_MAX * sizeof *u);
+    const double a = exp(-200.0 / 3000.0), b = (1.0 - a) / 200.0, p = exp(-2.0 * PI * 100.0 / 3000.0), s2 = 2500.0;
+    const double cross = b * p * s2 / (1.0 - a * p); /* E w torque */
+    const double want = (b * b * s2 + 2.0 * a * b * cross) / (1.0 - a * a);
+    double sum = 0.0;
+    uint32_t n = 0;
+    for (uint64_t seed = 0; seed < 5; seed++) {
+        cfg.seed = seed;
+        run(&cfg, N_MAX);
+        for (uint32_t i = 1000; i < N_MAX; i++, n++) {
+            sum += y[i] * y[i];
+        }
+    }
+    assert_near(sum / n / want, 1.0, 0.05); /* about 10 000 independent values: sigma 1.5 % */
+}
+
 static void the_command_of_a_tick_shows_in_the_next_sample(void **state) {
     (void)state;
     const gsid_axis_cfg cfg = rigid();
@@ -296,12 +363,13 @@ static void bad_configurations_are_refused(void **state) {
     (void)state;
     gsid_axis_cfg c;
     gsid_axis_cfg_init(&c);
-    double *const not_negative[] = {&c.viscous_rate,  &c.coulomb_level,  &c.spring_stiffness,  &c.delay_s,
-                                    &c.mode_f_hz,     &c.mode_zeta,      &c.gyro_lag_s,        &c.command_limit,
-                                    &c.noise_rms,     &c.noise_low_rms,  &c.noise_low_hz,      &c.fs_hz,
-                                    &c.drag_rate,     &c.stribeck_extra, &c.stribeck_velocity, &c.cubic_stiffness,
-                                    &c.cogging_level, &c.cogging_cycles, &c.unbalance_level,   &c.gyro_refresh_hz,
-                                    &c.drive_limit,   &c.drive_dead_zone};
+    double *const not_negative[] = {&c.viscous_rate,  &c.coulomb_level,    &c.spring_stiffness,  &c.delay_s,
+                                    &c.mode_f_hz,     &c.mode_zeta,        &c.gyro_lag_s,        &c.command_limit,
+                                    &c.noise_rms,     &c.noise_low_rms,    &c.noise_low_hz,      &c.fs_hz,
+                                    &c.drag_rate,     &c.stribeck_extra,   &c.stribeck_velocity, &c.cubic_stiffness,
+                                    &c.cogging_level, &c.cogging_cycles,   &c.unbalance_level,   &c.gyro_refresh_hz,
+                                    &c.drive_limit,   &c.drive_dead_zone,  &c.stop_high_deg,     &c.stop_stiffness,
+                                    &c.stop_damping,  &c.torque_noise_rms, &c.torque_noise_hz};
     for (size_t i = 0; i < sizeof not_negative / sizeof not_negative[0]; i++) {
         assert_refused(c, not_negative[i], &c, -1.0, GSID_E_CONFIG);
         assert_refused(c, not_negative[i], &c, (double)NAN, GSID_E_NONFINITE);
@@ -319,6 +387,11 @@ static void bad_configurations_are_refused(void **state) {
     assert_refused(c, &c.gyro_refresh_hz, &c, 3001.0, GSID_E_CONFIG);
     assert_refused(c, &c.stribeck_extra, &c, 1.0, GSID_E_CONFIG); /* at a velocity of 0 */
     assert_refused(c, &c.unbalance_level, &c, 1e9, GSID_E_CONFIG);
+    assert_refused(c, &c.stop_low_deg, &c, 1.0, GSID_E_CONFIG);
+    assert_refused(c, &c.stop_low_deg, &c, (double)NAN, GSID_E_NONFINITE);
+    c.torque_noise_rms = c.stop_high_deg = 1.0;
+    assert_refused(c, &c.torque_noise_hz, &c, 0.0, GSID_E_CONFIG);
+    assert_refused(c, &c.stop_stiffness, &c, 1e7, GSID_E_CONFIG);
     c.cogging_cycles = 1000.0;
     assert_refused(c, &c.cogging_level, &c, 1e6, GSID_E_CONFIG);
     c.command_bits = 32;
@@ -359,6 +432,8 @@ int main(void) {
         cmocka_unit_test(command_is_clipped_and_rounded),
         cmocka_unit_test(the_drive_has_a_dead_zone_and_a_limit),
         cmocka_unit_test(a_slow_gyro_shows_its_last_refresh),
+        cmocka_unit_test(a_free_running_gyro_drifts_through_the_ticks),
+        cmocka_unit_test(process_noise_moves_the_axis_as_much_as_its_theory_says),
         cmocka_unit_test(a_slow_gyro_holds_its_noise),
         cmocka_unit_test(the_command_of_a_tick_shows_in_the_next_sample),
         cmocka_unit_test(the_seed_decides_the_noise),

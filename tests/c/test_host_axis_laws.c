@@ -24,6 +24,67 @@ static void coulomb_alone_stops_where_it_must(void **state) {
     }
 }
 
+/* A coasting axis meets one stop only: in contact its angle is half a sine of sqrt(stiffness), and it leaves as fast as it
+ * came; on the other side, without a stop, it turns on forever. */
+static void a_stop_on_one_side_is_a_spring_on_that_side(void **state) {
+    (void)state;
+    const double w0 = 40.0, pushed_s = 0.1, k = 1e4, root = sqrt(k);
+    for (int side = -1; side <= 1; side += 2) {
+        gsid_axis_cfg cfg = rigid();
+        cfg.spring_stiffness = cfg.viscous_rate = 0.0;
+        cfg.gain = 1.0;
+        cfg.stop_high_deg = 10.0;
+        cfg.stop_stiffness = k;
+        cfg.stop_damping = 0.0;
+        step_of(side * w0 / pushed_s, 6000);
+        memset(u + 300, 0, 5700 * sizeof *u);
+        run(&cfg, 6000);
+        const double contact_s = pushed_s + (10.0 - 0.5 * w0 * pushed_s) / w0;
+        for (uint32_t i = 300; i < 6000; i++) {
+            const double t = i / 3000.0, in = t - contact_s,
+                         free_angle = side * (0.5 * w0 * pushed_s + w0 * (t - pushed_s));
+            if (side < 0 || in <= 0.0) {
+                assert_near(angle[i], free_angle, 1e-9);
+                assert_near(y[i], side * w0, 1e-9);
+            } else if (in < PI / root) { /* the corner of the law costs the fourth-order steps some digits */
+                assert_near(angle[i], 10.0 + w0 / root * sin(root * in), 2e-5);
+                assert_near(y[i], w0 * cos(root * in), 2e-3);
+            } else {
+                assert_near(y[i], -w0, 2e-3);
+            }
+        }
+    }
+}
+
+static void a_damped_stop_takes_energy_and_both_sides_hold(void **state) {
+    (void)state;
+    gsid_axis_cfg cfg = rigid();
+    cfg.spring_stiffness = cfg.viscous_rate = 0.0;
+    cfg.gain = 1.0;
+    cfg.stop_low_deg = -135.0;
+    cfg.stop_high_deg = 50.0;
+    cfg.stop_stiffness = 1e4;
+    cfg.stop_damping = 60.0;
+    step_of(0.0, N_MAX);
+    step_of(-2000.0, 300);
+    run(&cfg, N_MAX);
+    /* between the stops the rate is constant; each contact of w'' + damping w' + stiffness w = 0 leaves a fixed share */
+    const double half = 30.0, wd = sqrt(1e4 - half * half), share = exp(-half * PI / wd);
+    double lowest = 0.0, highest = 0.0, before = -200.0;
+    uint32_t bounces = 0;
+    for (uint32_t i = 301; i < N_MAX; i++) {
+        lowest = fmin(lowest, angle[i]);
+        highest = fmax(highest, angle[i]);
+        const int is_free = angle[i] > -134.0 && angle[i] < 49.0;
+        if (is_free && y[i] * before < 0.0) {
+            assert_near(-y[i] / before, share, 2e-3 * share);
+            before = y[i];
+            bounces++;
+        }
+    }
+    assert_true(bounces >= 3 && lowest > -138.0 && lowest < -135.0 && highest > 50.0 && highest < 52.0);
+}
+
 static void it_sticks_up_to_the_level_and_not_beyond(void **state) {
     (void)state;
     gsid_axis_cfg cfg = rigid();
@@ -294,6 +355,8 @@ static void stribeck_breaks_away_at_the_sum(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(coulomb_alone_stops_where_it_must),
+        cmocka_unit_test(a_stop_on_one_side_is_a_spring_on_that_side),
+        cmocka_unit_test(a_damped_stop_takes_energy_and_both_sides_hold),
         cmocka_unit_test(it_sticks_up_to_the_level_and_not_beyond),
         cmocka_unit_test(energy_only_falls_once_the_command_is_zero),
         cmocka_unit_test(friction_agrees_with_a_slow_integrator),

@@ -14,7 +14,7 @@ extern "C" {
 #define GSID_AXIS_RATE_MAX 1000.0
 
 /* Values divided by the inertia, as in the design's table of effects. A zero switches an effect off. Everything but the
- * gain, the residue, the fan, angles and phases is >= 0. */
+ * gain, the residue, the fan, the lower stop, angles and phases is >= 0. */
 typedef struct {
     double fs_hz;                    /* ticks per second, > 0 */
     double gain;                     /* deg/s^2 per command */
@@ -30,10 +30,17 @@ typedef struct {
     double cogging_level;            /* deg/s^2: torque level sin(cycles theta + phase) */
     double cogging_cycles;           /* in a turn; the law's oscillation is slower than fs_hz [rad/s] */
     double cogging_phase_rad;
+    double stop_low_deg;             /* <= 0: a spring below this angle; 0: no stop on this side */
+    double stop_high_deg;            /* >= 0: a spring above this angle; 0: no stop on this side */
+    double stop_stiffness;           /* 1/s^2, <= fs_hz^2 */
+    double stop_damping;             /* 1/s, <= fs_hz, within a stop only */
+    double torque_noise_rms;         /* deg/s^2, process noise: of the torque, filtered at torque_noise_hz */
+    double torque_noise_hz;          /* Hz */
     double delay_s;                  /* of the command, >= 0, any fraction of a tick, < 64 ticks */
     double mode_f_hz, mode_zeta, mode_residue; /* adds q' to the rate: q'' + 2 zeta w q' + w^2 q = residue gain u */
     double gyro_lag_s;               /* first order */
     double gyro_refresh_hz;          /* the gyro, with its noise, is held between refreshes, <= fs_hz; 0: no hold */
+    uint32_t gyro_free_running;      /* 1: the seed sets the time of the first refresh; 0: it is at tick 0 */
     double command_limit;            /* clipped at +- this, then rounded; 0: neither */
     uint32_t command_bits;           /* steps of 2 command_limit / 2^bits, <= 31; 0: not rounded */
     double drive_dead_zone;          /* subtracted from the size of each command; smaller commands become 0 */

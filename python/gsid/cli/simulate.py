@@ -4,24 +4,61 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, SEED, Value, json_option, options_as_arguments
+from gsid.cli.options import FILE_OUTPUT, INPUT, SEED, Value, is_given, json_option, options_as_arguments
 from gsid.cli.output import print_json, print_message
 
 if TYPE_CHECKING:
     from gsid.rig.server import Damage, Server
 
 
+GYROS = {
+    "every-tick": {"gyro_refresh_hz": 0.0},
+    "locked": {"gyro_refresh_hz": 400.0},
+    "free-running": {"gyro_refresh_hz": 400.02, "gyro_free_running": 1},
+}
+
+
+class Stops(click.ParamType):
+    """LO:HI around 0, of which one may be empty."""
+
+    name = "LO:HI"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        low, colon, high = str(value).partition(":")
+        try:
+            ends = float(low or 0), float(high or 0)
+        except ValueError:
+            colon = ""
+            ends = 0.0, 0.0
+        if not colon or not (-math.inf < ends[0] <= 0 <= ends[1] < math.inf) or ends == (0, 0):
+            self.fail(f"{value} is not like -135:50, -135: or :50, with 0 between the stops", param, ctx)
+        return ends
+
+
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
 @click.option("--paced", is_flag=True, help="Run in real time. [default: as fast as commands come]")
 @click.option("--link", metavar="PATH", type=click.Path(), help="Make a symlink to the pseudo-terminal.")
 @click.option("--once", is_flag=True, help="End when the host closes the port.")
+@click.option(
+    "--axis",
+    "axis_file",
+    metavar="FILE.json",
+    type=INPUT,
+    help="Simulate this model, or the axis whose parameters --truth wrote. [default: the axis of the thesis]",
+)
 @click.option(
     "--coulomb",
     metavar="LEVEL",
@@ -60,6 +97,27 @@ if TYPE_CHECKING:
     help="Share of frames to damage, in both directions. [default: 0]",
 )
 @click.option(
+    "--gyro",
+    type=click.Choice(list(GYROS)),
+    default="every-tick",
+    show_default=True,
+    help="When the gyro measures: at every tick; at 400 Hz in step with the ticks; or at 400.02 Hz by its own"
+    " clock, from an instant that --seed sets.",
+)
+@click.option(
+    "--stops",
+    metavar="LO:HI",
+    type=Stops(),
+    help="Angles of the mechanical stops [deg], for example -135:50; an empty end has none. [default: none]",
+)
+@click.option(
+    "--torque-noise",
+    metavar="RMS",
+    type=click.FloatRange(0),
+    default=0.0,
+    help="Process noise: rms torque over inertia [deg/s^2], below torque_noise_hz (10 Hz). [default: 0]",
+)
+@click.option(
     "--set",
     "assignments",
     metavar="NAME=VALUE",
@@ -79,6 +137,7 @@ def simulate(
     paced: bool,
     link: str | None,
     once: bool,
+    axis_file: str | None,
     coulomb: float | None,
     effect: str | None,
     params: tuple[tuple[str, float], ...],
@@ -86,6 +145,9 @@ def simulate(
     noise_scale: float,
     seed: int | None,
     damage: float,
+    gyro: str,
+    stops: tuple[float, float] | None,
+    torque_noise: float,
     assignments: tuple[str, ...],
     truth: str | None,
     log: str | None,
@@ -100,6 +162,7 @@ def simulate(
 
     made = server_of(
         paced=paced,
+        axis_file=axis_file,
         coulomb=coulomb,
         effect=effect,
         params=params,
@@ -107,6 +170,9 @@ def simulate(
         noise_scale=noise_scale,
         seed=seed,
         damage=damage,
+        gyro=gyro,
+        stops=stops,
+        torque_noise=torque_noise,
         assignments=assignments,
     )
     server, damage_in, damage_out = made
@@ -122,7 +188,7 @@ def simulate(
                 print_json({"port": path, "paced": paced, "damage": damage, "parameters": axis.parameters})
             else:
                 print(path)
-            click.get_text_stream("stdout").flush()
+            sys.stdout.flush()
             with contextlib.suppress(KeyboardInterrupt):
                 serve_line(server, axis_fd, host_fd, damage_in, damage_out, once)
 
@@ -141,6 +207,7 @@ def simulate(
 def server_of(
     *,
     paced: bool,
+    axis_file: str | None,
     coulomb: float | None,
     effect: str | None,
     params: tuple[tuple[str, float], ...],
@@ -148,6 +215,9 @@ def server_of(
     noise_scale: float,
     seed: int | None,
     damage: float,
+    gyro: str,
+    stops: tuple[float, float] | None,
+    torque_noise: float,
     assignments: tuple[str, ...],
 ) -> tuple[Server, Damage, Damage]:
     """The axis that these options describe, and the damage to its line in both directions."""
@@ -157,7 +227,13 @@ def server_of(
 
     if params and not effect:
         raise click.UsageError("--param needs --effect", click.get_current_context())
-    values = _scaled_noise(noise_scale)
+    values = _scaled_noise(noise_scale) | GYROS[gyro] | {"torque_noise_rms": torque_noise}
+    if axis_file is not None:
+        from gsid.rig.axis_file import axis_parameters
+
+        values |= axis_parameters(axis_file) | _typed_in(values, noise_scale, gyro, torque_noise)
+    if stops is not None:
+        values |= {"stop_low_deg": stops[0], "stop_high_deg": stops[1]}
     if linear:
         values |= {"coulomb_level": 0.0, "command_limit": 0.0}
     if coulomb is not None:
@@ -175,6 +251,20 @@ def server_of(
             raise click.UsageError(text, click.get_current_context()) from error
     random = int(axis.parameters["seed"])
     return Server(axis, paced), Damage(damage, random), Damage(damage, random + 1)
+
+
+def _typed_in(
+    values: dict[str, float], noise_scale: float, gyro: str, torque_noise: float
+) -> dict[str, float]:
+    """Of the values by options, those that were typed: they replace what a file states."""
+    context = click.get_current_context()
+    typed = {
+        "noise_scale": _scaled_noise(noise_scale),
+        "gyro": GYROS[gyro],
+        "torque_noise": {"torque_noise_rms": torque_noise},
+    }
+    kept = {name for option, own in typed.items() if is_given(context, option) for name in own}
+    return {name: value for name, value in values.items() if name in kept}
 
 
 def _logged(path: Path, server: Server, serve: Callable[[], None]) -> None:
