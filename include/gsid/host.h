@@ -14,6 +14,7 @@
 #include "gsid/host/optimise_excitation.h"
 #include "gsid/host/pool.h"
 #include "gsid/host/structure.h"
+#include "gsid/host/transform.h"
 
 #ifdef GSID_SINGLE
 #error "the host library is double precision only"

@@ -37,22 +37,37 @@ static gsid_status check(uint32_t n_periods, uint32_t n_period, const double *x,
     return is_all_finite((size_t)n_periods * n_period, x) ? GSID_OK : GSID_E_NONFINITE;
 }
 
+static gsid_status by_given(const gsid_transform *given, uint32_t n_periods, uint32_t n_period, const double *x,
+                            uint32_t n_lines, const uint32_t *line, gsid_cplx *lines) {
+    gsid_cplx *all = malloc(((size_t)n_period / 2 + 1) * sizeof *all);
+    if (all == NULL) {
+        return GSID_E_NO_MEMORY;
+    }
+    for (uint32_t p = 0; p < n_periods; p++) {
+        given->to_lines(n_period, x + (size_t)p * n_period, all);
+        gsid_cplx *of_period = lines + (size_t)p * n_lines;
+        for (uint32_t i = 0; i < n_lines; i++) {
+            const uint32_t k = line[i];
+            const double scale = k == 0 || 2 * k == n_period ? 1.0 / n_period : 2.0 / n_period;
+            of_period[i] = (gsid_cplx){scale * all[k].re, scale * all[k].im};
+        }
+    }
+    free(all);
+    return GSID_OK;
+}
+
 #ifdef GSID_WITH_FFTW
 
-gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                               const uint32_t *line, gsid_cplx *lines) {
-    gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
-    return status == GSID_OK ? gsid_fftw_lines(n_periods, n_period, x, n_lines, line, lines) : status;
+static gsid_status by_build(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                            const uint32_t *line, gsid_cplx *lines) {
+    return gsid_fftw_lines(n_periods, n_period, x, n_lines, line, lines);
 }
 
 #else
 
-gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
-                               const uint32_t *line, gsid_cplx *lines) {
-    gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
-    if (status != GSID_OK) {
-        return status;
-    }
+static gsid_status by_build(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                            const uint32_t *line, gsid_cplx *lines) {
+    gsid_status status = GSID_OK;
     gsid_cplx *twiddle = malloc(n_period * sizeof *twiddle);
     size_t mem_size = GSID_SPECTRUM_MEM_SIZE(n_lines, 1);
     void *mem = malloc(mem_size);
@@ -77,6 +92,17 @@ gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const doub
 }
 
 #endif
+
+gsid_status gsid_batch_spectra(uint32_t n_periods, uint32_t n_period, const double *x, uint32_t n_lines,
+                               const uint32_t *line, gsid_cplx *lines) {
+    gsid_status status = check(n_periods, n_period, x, n_lines, line, lines);
+    if (status != GSID_OK) {
+        return status;
+    }
+    const gsid_transform *given = gsid_transform_given();
+    return given != NULL ? by_given(given, n_periods, n_period, x, n_lines, line, lines)
+                         : by_build(n_periods, n_period, x, n_lines, line, lines);
+}
 
 /* Non-finite samples are found before the first one is taken, so that a refused block leaves the object as it was. */
 static int is_block_finite(const gsid_frf *frf, size_t n, const double *u, const double *y, const uint8_t *valid) {

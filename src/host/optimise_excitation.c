@@ -27,7 +27,7 @@ static gsid_status check(const gsid_optimise_cfg *cfg, const double *phase_rad) 
     return largest > 0 ? GSID_OK : GSID_E_CONFIG;
 }
 
-#if defined(GSID_WITH_FFTW) && defined(GSID_WITH_NLOPT)
+#ifdef GSID_WITH_NLOPT
 
 enum { POINTS_PER_TURN = 16, ORDER_FIRST = 4, ORDER_LAST = 256, N_PER_STAGE = 150 };
 
@@ -39,7 +39,7 @@ typedef struct {
 
 typedef struct {
     const gsid_optimise_cfg *cfg;
-    gsid_real_transform *transform;
+    gsid_real_transform *transform; /* as of gsid_transform_plan */
     uint32_t n, n_signals;
     unsigned order; /* of the norm: a power of 2 */
     signal signals[2];
@@ -57,7 +57,7 @@ static double make_samples(search *s, signal *a) {
         /* half: the transform adds the negative frequencies */
         s->spectrum[cfg->line[i]] = (gsid_cplx){0.5 * (l.re * t.re - l.im * t.im), 0.5 * (l.re * t.im + l.im * t.re)};
     }
-    gsid_fftw_to_samples(s->transform, s->spectrum, a->x);
+    gsid_transform_to_samples(s->transform, s->n, s->spectrum, a->x);
     double peak = 0;
     for (uint32_t i = 0; i < s->n; i++) {
         const double size = fabs(a->x[i]);
@@ -86,7 +86,7 @@ static double raise(double *x, uint32_t n, double peak, unsigned order) {
 
 static void add_gradient(search *s, const signal *a, double scale, double *gradient) {
     const gsid_optimise_cfg *cfg = s->cfg;
-    gsid_fftw_to_lines(s->transform, a->x, s->spectrum);
+    gsid_transform_to_lines(s->transform, s->n, a->x, s->spectrum);
     for (uint32_t i = 0; i < cfg->n_lines; i++) {
         const gsid_cplx l = a->line[i], t = s->turn[i], w = s->spectrum[cfg->line[i]];
         const gsid_cplx z = {l.re * t.re - l.im * t.im, l.re * t.im + l.im * t.re};
@@ -162,10 +162,13 @@ gsid_status gsid_optimise_phases(const gsid_optimise_cfg *cfg, double *phase_rad
     }
     const uint32_t n_lines = cfg->n_lines, n = grid_of(cfg->line[n_lines - 1]);
     search s = {.cfg = cfg, .n = n, .n_signals = cfg->travel == NULL ? 1 : 2, .least = INFINITY};
-    s.transform = gsid_fftw_real_transform(n);
+    status = gsid_transform_plan(n, &s.transform);
+    if (status != GSID_OK) {
+        return status;
+    }
     gsid_cplx *lines = malloc((3 * (size_t)n_lines + n / 2 + 1) * sizeof *lines);
     double *reals = malloc((2 * (size_t)n + 2 * (size_t)n_lines) * sizeof *reals);
-    if (s.transform != NULL && lines != NULL && reals != NULL) {
+    if (lines != NULL && reals != NULL) {
         s.turn = lines + 2 * (size_t)n_lines;
         s.spectrum = s.turn + n_lines;
         s.best = reals + 2 * (size_t)n;
@@ -185,7 +188,7 @@ gsid_status gsid_optimise_phases(const gsid_optimise_cfg *cfg, double *phase_rad
     }
     free(reals);
     free(lines);
-    gsid_fftw_real_destroy(s.transform);
+    gsid_transform_forget(s.transform);
     return status;
 }
 

@@ -119,6 +119,11 @@ def stack_of_effects(**how):
     return fit_plant(plant(coulomb_friction={"level": 3.0}), records, **how).model.free_values
 
 
+def stops():
+    sprung = {"cable_spring": {"stiffness": 100.0}, "hard_stop": {"angle_deg": 0.1, "stiffness": 1e4}}
+    return plant(**sprung).predict(simulated(1)).y
+
+
 def missing_torque():
     found = first_stage([simulated(seed) for seed in (1, 2)], plant())
     return [[one.gain for one in found.ranking], found.cost_per_dof]
@@ -222,7 +227,7 @@ def failures():
 JOBS = {
     job.__name__: job
     for job in (spectra_of_several_periods, a_long_period, phases, phases_of_command_and_travel,
-                several_inputs, linear_structure, missing_torque, distorted, excitations, axis,
+                several_inputs, linear_structure, missing_torque, stops, distorted, excitations, axis,
                 frames_there_and_back, responses, laws, versions, failures)
 }  # fmt: skip
 for name in ("ls", "iwls", "ga", "nls", "log", "ml", "ml-io", "nls-output"):

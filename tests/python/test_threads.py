@@ -16,8 +16,10 @@ PACKAGE = Path(gsid.__file__).parent
 SEED = 14
 N_FORKS = 200  # a hang in 1 of 20 is missed with a probability of 4e-5
 NOT_CALLED = {
-    "gsid_arrow_reduce_dense"
-}  # stands in for gsid_arrow_reduce in builds without SuiteSparse; no state
+    "gsid_arrow_reduce_dense",  # stands in for gsid_arrow_reduce in builds without SuiteSparse; no state
+    "gsid_transform_use",  # called before other threads use the library
+}
+CALLED_BY_C = {"gsid_python_to_lines", "gsid_python_to_samples"}  # functions in Python, not of the library
 
 
 def run(script, *arguments, seconds):
@@ -43,7 +45,7 @@ def test_every_c_function_that_the_package_calls_is_called_in_threads(in_threads
     sources = "\n".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
     called_by_package = set(re.findall(r"\b_?lib(?:32)?\.(gsid_\w+)", sources))
     assert len(called_by_package) > 60
-    assert called_by_package - set(in_threads["called"]) == set()
+    assert called_by_package - set(in_threads["called"]) - CALLED_BY_C <= NOT_CALLED
 
 
 def test_every_function_of_the_host_headers_is_called_in_threads(in_threads):

@@ -1,4 +1,5 @@
-/* Whole records and lists of frequencies at once: spectra by FFTW where it was built in, by the streaming core where not. */
+/* Whole records and lists of frequencies at once: spectra by the functions of gsid_transform_use, else by FFTW where it was built in,
+ * else by the streaming core. */
 #ifndef GSID_HOST_BATCH_H
 #define GSID_HOST_BATCH_H
 

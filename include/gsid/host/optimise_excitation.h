@@ -24,8 +24,8 @@ typedef struct {
  *  @param[in,out] phase_rad  [n_lines] start; the best phases met
  *  @param[out]    peak       largest |command| on that grid; with travel, the larger of |command| and |travel|, each over
  *                            its limit
- *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY; GSID_E_BACKEND built without FFTW or
- *          NLopt
+ *  @return GSID_OK; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE; GSID_E_NO_MEMORY; GSID_E_BACKEND built without NLopt, or without
+ *          FFTW and no gsid_transform_use
  *  Cost: 7 n_per_stage evaluations of two transforms each (twice that with travel).
  *  Context: any thread; callers wait for each other only while FFTW plans. */
 gsid_status gsid_optimise_phases(const gsid_optimise_cfg *cfg, double *phase_rad, double *peak);

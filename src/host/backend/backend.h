@@ -4,12 +4,16 @@
 #define GSID_HOST_BACKEND_H
 
 #include "gsid/host/greybox.h"
+#include "gsid/host/transform.h"
 #include "gsid/types.h"
 
 /* Version of the library as linked. */
 const char *gsid_fftw_version_str(void);
 const char *gsid_nlopt_version_str(void);
 const char *gsid_suitesparse_version_str(void);
+
+/* Transforms that the caller has given; NULL: none.  In transform.c. */
+const gsid_transform *gsid_transform_given(void);
 
 /* gsid_batch_spectra, its arguments checked already.
  * GSID_OK; GSID_E_NO_MEMORY. */
@@ -26,6 +30,13 @@ void gsid_fftw_to_samples(gsid_real_transform *transform, const gsid_cplx *lines
 
 /* lines[k] = sum over i of x[i] exp(-j 2 pi k i / n). */
 void gsid_fftw_to_lines(gsid_real_transform *transform, const double *x, gsid_cplx *lines);
+
+/* The same by the functions that the caller has given, or else by FFTW. `plan` is NULL for those of the caller. In transform.c.
+ * GSID_OK; GSID_E_NO_MEMORY; GSID_E_BACKEND neither is there */
+gsid_status gsid_transform_plan(uint32_t n, gsid_real_transform **plan);
+void gsid_transform_forget(gsid_real_transform *plan);
+void gsid_transform_to_samples(gsid_real_transform *plan, uint32_t n, const gsid_cplx *lines, double *x);
+void gsid_transform_to_lines(gsid_real_transform *plan, uint32_t n, const double *x, gsid_cplx *lines);
 
 /* gsid_arrow_reduce, its arguments checked already; signs of rows as they come.
  * GSID_OK; GSID_E_NO_MEMORY. */
