@@ -80,3 +80,23 @@ def test_bug_a_large_spike_made_its_whole_period_stand_out():
     y = noisy()
     y[1007] += 1e5
     assert seen_in(y).spikes.tolist() == [1007]
+
+
+def test_bug_the_refreshes_of_a_free_running_gyro_were_spikes():
+    """The gyro holds its output for 7.5 samples by its own clock: its steps shift over the periods."""
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    refresh = np.arange(0, 20 * N, 7.497)
+    measured = np.cos(2 * np.pi * 7 * refresh / N) + 0.01 * rng.standard_normal(len(refresh))
+    held = measured[np.searchsorted(refresh, np.arange(20 * N), side="right") - 1]
+    assert not len(seen_in(held).spikes)
+    held[[2000, 2001, 5555]] += 3.0
+    assert seen_in(held).spikes.tolist() == [2000, 5555]
+
+
+@pytest.mark.parametrize("periods", [2, 3, 4, 5])
+def test_bug_noise_of_three_periods_had_spikes(periods):
+    """The median of three is one of them: a third of all deviations from it are 0."""
+    rng = np.random.default_rng(SEED)
+    found = [seen_in(noisy(int(rng.integers(2**31)), periods)).spikes for _ in range(30)]
+    assert not len(np.concatenate(found))

@@ -169,7 +169,16 @@ BAD_CSV = {
     "no header": (ROWS, "no header", ""),
     "header only": ("t_s,u,y\n", "no samples", ""),
     "keys only": ("# fs_hz: 5\n", "no samples", ""),
-    "semicolons": (rows().replace(",", ";"), "no column named u", ""),
+    "word between semicolons": (
+        rows(line30="0.28,1,overflow\n").replace(",", ";"),
+        "not a number",
+        "line 30, column y",
+    ),
+    "tabs and semicolons": (
+        rows(line30="0.28,1,1\n").replace(",", ";").replace(";", "\t", 2),
+        "columns",
+        "line 2",
+    ),
     "twice": (rows(line1="u,u,y\n"), "same name", ""),
     "fs not a number": ("# fs_hz: fast\n" + rows(), "fs_hz is not", ""),
     "fs does not match the times": ("# fs_hz: 200\n" + rows(), "not match the times", ""),
@@ -179,6 +188,19 @@ BAD_CSV = {
     "unknown hold": ("# hold: foh\n" + rows(), "hold", ""),
     "empty": ("", "empty", ""),
 }
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("point", [".", ","])
+def test_columns_are_separated_by_semicolons_or_tabs(tmp_path, separator, point):
+    """Bug: the export of a spreadsheet in German or French was refused."""
+    text = rows().replace(",", separator).replace(".", point)
+    (tmp_path / "plain.csv").write_text(rows())
+    (tmp_path / "other.csv").write_text("# u_unit: V, peak\n" + text)
+    plain, other = (read_record(tmp_path / name) for name in ("plain.csv", "other.csv"))
+    assert np.array_equal(plain.u, other.u)
+    assert np.array_equal(plain.y, other.y)
+    assert (other.fs_hz, other.u_unit) == (plain.fs_hz, "V, peak")
 
 
 @pytest.mark.parametrize("kind", BAD_CSV)
@@ -418,3 +440,14 @@ def test_the_columns_of_a_file_are_listed_without_reading_them(tmp_path, kind):
     listed = columns_of(tmp_path / f"rec.{kind}")
     assert {"u", "y", "speed"} <= set(listed)
     assert not {"fs_hz", "period_samples"} & set(listed)
+
+
+def test_a_column_with_a_non_breaking_space_is_written_and_read(tmp_path):
+    """CSV refused the name as not printable; a line break stays refused."""
+    x = np.arange(6.0)
+    record = Record(x, x, 1000.0, columns={"Drive\u00a0[V]": x})
+    write_record(tmp_path / "a.csv", record)
+    assert list(read_record(tmp_path / "a.csv").columns) == ["Drive\u00a0[V]"]
+    for name in ("Drive\u2028[V]", "Drive\x85[V]"):
+        with pytest.raises(InputError, match="cannot store the name of a column"):
+            write_record(tmp_path / "b.csv", Record(x, x, 1000.0, columns={name: x}))

@@ -183,7 +183,7 @@ def test_a_bad_model_file_is_reported_with_fault_and_place(tmp_path, text, what)
 
 
 def test_python_control_and_back():
-    system = axis().to_control()
+    system = axis().to_control(pade_order=6)
     for f in (2.0, 6 / (2 * np.pi * DELAY)):  # the documented limit of a Pade approximant of order 6
         turn = system(2j * np.pi * f) / axis().response([f])[0]
         assert abs(turn) == pytest.approx(1)

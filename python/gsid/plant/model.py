@@ -23,7 +23,7 @@ from gsid.effects.types import EffectParameter, EffectType, find
 from gsid.plant.effect import Effect, Param
 from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.periodic import PeriodicPlant, Prediction, input_period
-from gsid.plant.units import RADIANS
+from gsid.plant.units import RADIANS, torque_text
 from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from gsid.spectrum.spectra import Spectra
@@ -55,6 +55,8 @@ class PlantModel:
         Steps by which the stack was built, oldest first.
     cov_names : list of str or None
         Parameters that were free in the fit that gave `cov`; None: those that are free now.
+    inertia_kg_m2 : float or None
+        Inertia of the axis. The parameters stay divided by it, and are printed as torques too.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class PlantModel:
     fit: dict[str, Any] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     cov_names: list[str] | None = None
+    inertia_kg_m2: float | None = None
 
     def __post_init__(self) -> None:
         self._check("")
@@ -89,6 +92,13 @@ class PlantModel:
                 raise InputError(f"{name} must be one of {', '.join(known)}", where, value)
         for name, value in (("u_unit", self.u_unit), ("y_unit", self.y_unit)):
             printable_text(name, value, where)
+        inertia = self.inertia_kg_m2
+        if inertia is not None and not (_is_number(inertia) and 0 < inertia < math.inf):
+            hint = "give that of the axis in kg m^2, or leave it out"
+            raise InputError("inertia_kg_m2 is not a positive number", where, inertia, hint)
+        if inertia is not None and self.angle_unit == "m":
+            hint = "leave it out: it is for an axis that turns"
+            raise InputError("inertia_kg_m2 belongs to an angle", where, self.angle_unit, hint)
         for effect in self.effects:
             _check_params(effect, where)
         n_bodies = sum(effect.id == "rigid_body" for effect in self.effects)
@@ -358,6 +368,8 @@ class PlantModel:
                 for effect in self.effects
             ],
         }
+        if self.inertia_kg_m2 is not None:
+            data["inertia_kg_m2"] = self.inertia_kg_m2
         if (cov := self.covariance) is not None:
             data["covariance"] = {"names": self.free_names, "matrix": cov.tolist()}
         if self.fit is not None:
@@ -402,6 +414,7 @@ class PlantModel:
         )
         model.output, model.angle_unit = data.get("output", "rate"), data.get("angle_unit", "deg")
         model.u_unit, model.y_unit = data.get("u_unit", ""), data.get("y_unit", "")
+        model.inertia_kg_m2 = data.get("inertia_kg_m2")
         model.fit, model.history = _read_story(data, where)
         model.cov, model.cov_names = None, None
         model._check(where)
@@ -432,8 +445,22 @@ class PlantModel:
         rows = []
         for effect in self.effects:
             for i, (name, param) in enumerate(effect.params.items()):
-                rows.append((effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name)))
-        return Table(("effect", "parameter", "value", "unit"), rows, title=title)
+                row = (effect.id if i == 0 else "", name, str(param), self.unit_of(effect, name))
+                rows.append((*row, *self.torques_of(effect, name)))
+        return Table(("effect", "parameter", "value", "unit", *self.torque_head), rows, title=title)
+
+    @property
+    def torque_head(self) -> tuple[str, ...]:
+        """Title of a column with torques; empty: the inertia is not known."""
+        return () if self.inertia_kg_m2 is None else (f"with {self.inertia_kg_m2:.5g} kg m^2",)
+
+    def torques_of(self, effect: Effect, name: str) -> tuple[str, ...]:
+        """Cell of that column: the parameter as a torque; empty: the inertia is not known."""
+        if self.inertia_kg_m2 is None:
+            return ()
+        value = effect.params[name].value
+        how = self.inertia_kg_m2, self.angle_unit, self.u_unit
+        return ("" if effect.type.definition else torque_text(effect.id, name, value, *how),)
 
     def unit_of(self, effect: Effect, name: str) -> str:
         """Unit of a parameter in this model's unit of angle."""
@@ -444,7 +471,8 @@ class PlantModel:
         table = self._table()
         lines = [table.title]
         lines += [
-            f"  {effect:22}{name:18}{value:28}{unit}".rstrip() for effect, name, value, unit in table.rows
+            f"  {effect:22}{name:18}{value:28}{'  '.join(rest)}".rstrip()
+            for effect, name, value, *rest in table.rows
         ]
         if self.fit is not None:
             lines.append(f"  cost per degree of freedom {self.fit.get('cost_per_dof', math.nan):.4g}")
@@ -471,7 +499,7 @@ def transport_delay_s(model: PlantModel) -> float | None:
 # A model file has no other keys: a misspelt key must not be ignored.
 KEYS = (
     *("gsid_model", "made_by", "fs_hz", "output", "angle_unit", "u_unit", "y_unit"),
-    *("effects", "covariance", "fit", "history"),
+    *("inertia_kg_m2", "effects", "covariance", "fit", "history"),
 )
 EFFECTS_MOST = 100  # the whole catalogue four times over
 PARAM_KEYS = ("value", "free", "std", "limits")

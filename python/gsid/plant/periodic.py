@@ -13,6 +13,7 @@ from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import InputError, SimulationError
 from gsid.base.zero_order_hold import hold_factor
 from gsid.plant.effect import Stack
+from gsid.plant.measured_start import has_several_orbits, measured_state
 from gsid.plant.units import RADIANS, check_plant_units
 from gsid.spectrum.lines import lines_of, period_of
 from gsid.spectrum.spectra import Spectra
@@ -172,6 +173,7 @@ class PeriodicPlant:
         self._moves_left = ffi.new("uint64_t *")
         self._cfg.moves_left = self._moves_left
         self.bound(math.inf)
+        self._begin: tuple[float, float] | None = None  # angle and rate
         self._kept: np.ndarray | None = None
 
     def bound(self, moves: float) -> None:
@@ -219,15 +221,19 @@ class PeriodicPlant:
             )
         check_plant_units(model, measured)
         oversampling = _oversampling(measured, model.has_controller)
-        return cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
+        plant = cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
+        if has_several_orbits(model):
+            plant._begin = measured_state(model, measured)
+        return plant
 
     def run(
         self, values: Sequence[float] | None = None, *, sensitivities: bool = False, patient: bool = True
     ) -> Prediction:
-        """Find the periodic steady state (PLT-2). The start is the one kept last, or that of the linear part.
+        """Find the periodic steady state (PLT-2).
 
-        A plant with stops or backlash can have several periodic steady states; this finds the one near the
-        start.
+        The start is the one kept last, or that of the linear part; with stops it is where the axis was
+        measured. A plant with stops or backlash can have several periodic steady states; this finds the one
+        near the start.
 
         Parameters
         ----------
@@ -245,6 +251,34 @@ class PeriodicPlant:
         OutOfTime
             The deadline or the bound on the work was reached before the steady state.
         """
+        self._enter(values)
+        answer = self._run(SETTLE_PERIODS if self._kept is None else 0, sensitivities)
+        return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
+
+    def run_near(self, values: Sequence[float]) -> Prediction:
+        """As `run`, at less cost where the plant settles within a period from what was kept.
+
+        Parameters
+        ----------
+        values : (n_free,) array_like
+            Values of the free parameters.
+
+        Raises
+        ------
+        GsidError, OutOfTime
+            As `run`.
+        """
+        if self._kept is None:
+            return self.run(values)
+        self._enter(values)
+        try:
+            answer = self._run(1, False, newton_steps=0)
+        except SimulationError:  # far from what was kept: `run` takes one step of Newton's method first
+            return self.run(values)
+        return answer if answer.settled else self.run(values)
+
+    def _enter(self, values: Sequence[float] | None) -> None:
+        """Put the values in, and the state at the start."""
         for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
             self._items[i].value[j] = value
         if self._kept is None:
@@ -252,8 +286,6 @@ class PeriodicPlant:
         else:
             self._memory[:] = self._kept
             _check(lib.gsid_plant_update(self._plant))
-        answer = self._run(SETTLE_PERIODS if self._kept is None else 0, sensitivities)
-        return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
 
     def keep(self) -> None:
         """Start the next searches from the last result, so that rejected steps have no influence."""
@@ -269,8 +301,10 @@ class PeriodicPlant:
         start = lib.gsid_plant_start_linear(plant, len(self._u), ffi.from_buffer("double[]", self._u))
         if start != lib.GSID_E_NONFINITE:  # then it starts at rest
             _check(start)
+        if self._begin is not None:
+            _check(lib.gsid_plant_place(self._plant, *self._begin))
 
-    def _run(self, settle: int, sensitivities: bool) -> Prediction:
+    def _run(self, settle: int, sensitivities: bool, newton_steps: int = NEWTON_STEPS) -> Prediction:
         n = len(self._u)
         out = np.empty((3, n))
         dy = np.empty((len(self._free), n)) if sensitivities and self._free else None
@@ -279,7 +313,7 @@ class PeriodicPlant:
         dy_c = ffi.NULL if dy is None else ffi.cast("double *", ffi.from_buffer(dy))
         u, y, angle, rate = pointers
         status = lib.gsid_plant_periodic(
-            self._plant, n, u, settle, NEWTON_STEPS, y, dy_c, angle, rate, residual
+            self._plant, n, u, settle, newton_steps, y, dy_c, angle, rate, residual
         )
         _check(status)
         sampled = out[:, :: self._m]

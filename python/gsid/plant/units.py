@@ -6,6 +6,7 @@ import math
 from typing import Protocol
 
 from gsid.base.errors import InputError
+from gsid.effects.types import find
 from gsid.plant.effect import Stack
 from gsid.spectrum.spectra import Spectra
 
@@ -28,6 +29,68 @@ def kind_of_unit(unit: str) -> str | None:
         if unit.endswith(ending):
             return kind
     return "angle" if unit in {*RADIANS, "mm", "um", "mrad"} else None
+
+
+TORQUES = {
+    "deg/s^2": ("N m", 1),
+    "deg/s^2 per command": ("N m per command", 1),
+    "1/s": ("N m s/rad", 0),
+    "1/s^2": ("N m/rad", 0),
+    "1/deg": ("N m s^2/rad^2", -1),
+    "1/(s^2 deg)": ("N m/rad^2", -1),
+    "1/(s^2 deg^2)": ("N m/rad^3", -2),
+}
+"""Units of parameters over the inertia: the unit with it, and the power of the unit of angle in rad."""
+NOT_OVER_INERTIA = {("presliding_friction", "stiffness"), ("bouc_wen", "unloading"), ("bouc_wen", "loading")}
+"""Shapes of hysteresis, in the units of a torque."""
+
+
+def torque_of(
+    effect: str, name: str, value: float, inertia_kg_m2: float, angle_unit: str = "deg"
+) -> tuple[float, str] | None:
+    """A parameter that is divided by the inertia, multiplied by it.
+
+    Parameters
+    ----------
+    effect, name : str
+        Of the catalogue.
+    value : float
+        In the catalogue's unit, with `angle_unit` for degrees.
+    inertia_kg_m2 : float
+        In kg m^2.
+    angle_unit : {"deg", "rad"}
+
+    Returns
+    -------
+    value : float
+    unit : str
+        In newton metres and radians. None: the parameter is not over the inertia.
+    """
+    known = find(effect)
+    found = TORQUES.get(known[name].unit)
+    if known.stage != "torque" or found is None or (effect, name) in NOT_OVER_INERTIA:
+        return None
+    unit, power = found
+    return value * inertia_kg_m2 * RADIANS[angle_unit] ** power, unit
+
+
+def torque_text(
+    effect: str, name: str, value: float, inertia_kg_m2: float | None, angle_unit: str, u_unit: str = ""
+) -> str:
+    """As `torque_of`, to print; empty: nothing to print.
+
+    Parameters
+    ----------
+    effect, name, value, inertia_kg_m2, angle_unit
+        As of `torque_of`; None: the inertia is not known.
+    u_unit : str
+    """
+    if inertia_kg_m2 is None or angle_unit not in ("deg", "rad"):
+        return ""
+    found = torque_of(effect, name, value, inertia_kg_m2, angle_unit)
+    if found is None:
+        return ""
+    return f"{found[0]:.5g} {found[1]}".replace("per command", f"per {u_unit or 'command'}")
 
 
 class WithUnits(Protocol):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsid.base.arguments import is_one_line
 from gsid.base.errors import InputError, choose
 from gsid.records.raw import TIME_NAMES, Raw, keys_of
 from gsid.records.record import Record
@@ -22,16 +23,48 @@ def read_csv(path: Path, u: str, y: str, fs_hz: float | None) -> Raw:
 
     try:
         with open(path, encoding="utf-8-sig") as file:
-            keys, names = _read_head(path, file)
+            keys, names, separator = _read_head(path, file)
             missing = [name for name in (u, y) if name not in names]
             if missing:
                 raise InputError(
                     f"no column named {missing[0]}", str(path), None, _columns_hint(missing[0], y, names)
                 )
-            table, kept = _read_rows(path, file, names, {u, y, *TIME_NAMES, "valid"})
+            rows = (_with_commas(line, separator) for line in file)
+            table, kept = _read_rows(path, rows, names, {u, y, *TIME_NAMES, "valid"})
     except UnicodeDecodeError as error:
         raise InputError("the file is not text", str(path), None, "is it really CSV?") from error
     return Raw(dict(zip(kept, table.T, strict=True)), keys, where, "column")
+
+
+def read_columns(path: Path, needed: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, object]]:
+    """Columns and keys of a CSV file of numbers that is not a record.
+
+    Parameters
+    ----------
+    path : Path
+    needed : iterable of str
+        Columns that must be present.
+
+    Returns
+    -------
+    dict of (n,) ndarrays, dict
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, a column is missing, or a value is not a number.
+    """
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            keys, names, separator = _read_head(path, file)
+            missing = [name for name in needed if name not in names]
+            if missing:
+                raise InputError(f"no column named {missing[0]}", str(path), None, choose(missing[0], names))
+            rows = (_with_commas(line, separator) for line in file)
+            table, kept = _read_rows(path, rows, names, set(needed))
+    except UnicodeDecodeError as error:
+        raise InputError("the file is not text", str(path), None, "is it really CSV?") from error
+    return dict(zip(kept, table.T, strict=True)), keys
 
 
 def csv_columns(path: Path) -> list[str]:
@@ -44,13 +77,21 @@ def csv_columns(path: Path) -> list[str]:
 
 
 def _columns_hint(missing: str, y: str, names: list[str]) -> str:
-    if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
-        return "separate the columns with commas"
     return f"{choose(missing, names)}; select it with {'--y' if missing == y else '--u'}"
 
 
-def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str]]:
-    """Read the `# key: value` lines and the names of the columns."""
+def _separator(header: str) -> str:
+    """What separates the columns: a comma, a semicolon or a tab."""
+    return max(",;\t", key=header.count)
+
+
+def _with_commas(line: str, separator: str) -> str:
+    """A row with commas between the columns. Where another character separates them, a comma is a decimal."""
+    return line if separator == "," else line.replace(",", ".").replace(separator, ",")
+
+
+def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list[str], str]:
+    """Read the `# key: value` lines, the names of the columns, and what separates them."""
     keys: dict[str, object] = {}
     for line in file:
         if line.startswith("#"):
@@ -58,15 +99,16 @@ def _read_head(path: Path, file: Iterable[str]) -> tuple[dict[str, object], list
             if colon:
                 keys[key.strip()] = value.strip()
         elif line.strip():
-            names = [name.strip().strip('"') for name in line.split(",")]
-            if _is_number(names[0]):
+            separator = _separator(line)
+            names = [name.strip().strip('"') for name in line.split(separator)]
+            if _is_number(names[0].replace(",", ".")):
                 raise InputError(
                     "no header row", str(path), line.strip()[:60], "name the columns first: t_s,u,y"
                 )
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
                 raise InputError("two columns have the same name", str(path), twice, "rename one of them")
-            return keys, names
+            return keys, names, separator
     raise InputError("there are no samples", str(path), None, "measure again, or check the export")
 
 
@@ -117,8 +159,9 @@ def _data_lines(path: Path) -> Iterable[tuple[int, str]]:
     with open(path, encoding="utf-8-sig") as file:
         lines = ((number, line) for number, line in enumerate(file, 1) if line.strip())
         rows = itertools.dropwhile(lambda item: item[1].startswith("#"), lines)
-        next(rows)
-        yield from rows
+        _, header = next(rows)
+        separator = _separator(header)
+        yield from ((number, _with_commas(line, separator)) for number, line in rows)
 
 
 def _line_of_sample(path: Path, sample: int) -> int:
@@ -157,12 +200,12 @@ def _check_writable(record: Record, keys: dict[str, object]) -> None:
     """Refuse names and texts that a reader would interpret as other lines, columns or keys."""
     hint = "rename it, or write .npz, .mat or .h5"
     for name in record.columns:
-        if not name.isprintable() or name != name.strip().strip('"') or set(name) & set(',"') or not name:
+        if not is_one_line(name) or name != name.strip().strip('"') or set(name) & set(',"') or not name:
             raise InputError("CSV cannot store the name of a column", record.name, repr(name), hint)
     for key, value in keys.items():
-        if not str(value).isprintable():
+        if not is_one_line(str(value)):
             raise InputError(f"CSV cannot store the value of {key}", record.name, repr(value)[:60], hint)
-        if not key.isprintable() or ":" in key or not key.strip():
+        if not is_one_line(key) or ":" in key or not key.strip():
             raise InputError("CSV cannot store the name of a key", record.name, repr(key), hint)
 
 

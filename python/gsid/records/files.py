@@ -7,6 +7,7 @@ An error in a file is an `InputError` that names the line or the sample, the col
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from gsid.records.foreign import names_in
 from gsid.records.raw import DAMAGED_HINT, KEYS
 from gsid.records.record import Record
 from gsid.records.ulog import read_ulog
+from gsid.records.units import in_units
 
 _READERS = {
     ".csv": read_csv,
@@ -43,6 +45,8 @@ def read_record(
     period: int | None = None,
     settle: int | None = None,
     hold: str | None = None,
+    units: Mapping[str, str] | None = None,
+    factors: Mapping[str, float] | None = None,
     zero_input: bool = False,
 ) -> Record:
     """Read one realisation from a file.
@@ -65,6 +69,11 @@ def read_record(
     hold : {"zoh", "none"}, optional
         Whether the input was held over each sample. It replaces the value in the file. The hold is unknown
         (None) if neither is given.
+    units : mapping of str, optional
+        Units of the columns u and y, after the conversion; these replace the units in the file.
+    factors : mapping of float, optional
+        Factors by which columns are multiplied, for example {"gyro": 57.29578} for deg/s of a column in
+        rad/s. Those of u and y need a unit.
     zero_input : bool
         Whether a file without an input is read with zero input. If False, the input is required.
 
@@ -94,7 +103,7 @@ def read_record(
     record = to_record(path, raw, u, y, fs_hz)
     record.period_samples = record.period_samples if period is None else period
     record.settle_samples = record.settle_samples if settle is None else settle
-    return record
+    return in_units(record, u, y, units or {}, factors or {}) if units or factors else record
 
 
 def columns_of(path: str | os.PathLike) -> list[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from gsid.base.errors import InputError
+from gsid.base.errors import InputError, choose
 from gsid.records.files import read_record
 from gsid.records.record import Record
 
@@ -103,6 +103,8 @@ def read_mimo_record(
     period: int | None = None,
     settle: int | None = None,
     hold: str | None = None,
+    units: Mapping[str, str] | None = None,
+    factors: Mapping[str, float] | None = None,
 ) -> MimoRecord:
     """Read one experiment from a file that has a column or array for each channel.
 
@@ -118,6 +120,9 @@ def read_mimo_record(
         Period and settling [samples]; these replace the values in the file.
     hold : {"zoh", "none"}, optional
         As `gsid.read_record`.
+    units : mapping of str, optional
+    factors : mapping of float, optional
+        As `gsid.read_record`, for inputs and outputs.
 
     Returns
     -------
@@ -129,8 +134,17 @@ def read_mimo_record(
         As `gsid.read_record`.
     """
     how = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
-    us = [read_record(path, u=name, y=outputs[0], **how) for name in inputs]
-    ys = [us[0]] + [read_record(path, u=inputs[0], y=name, **how) for name in outputs[1:]]
+
+    def one(u: str, y: str) -> Record:
+        own = {} if units is None else {name: unit for name, unit in units.items() if name in (u, y)}
+        return read_record(path, u=u, y=y, units=own, factors=factors, **how)
+
+    unknown = [name for name in units or {} if name not in (*inputs, *outputs)]
+    if unknown:
+        hint = choose(unknown[0], [*inputs, *outputs])
+        raise InputError("units are kept of inputs and outputs only", str(path), unknown[0], hint)
+    us = [one(name, outputs[0]) for name in inputs]
+    ys = [us[0]] + [one(inputs[0], name) for name in outputs[1:]]
     first = us[0]
     return MimoRecord(
         np.column_stack([record.u for record in us]),

@@ -57,3 +57,27 @@ def cut(record: Record, from_s: float = 0.0, to_s: float | None = None) -> Recor
         settle_samples=None,
         name=f"{record.name} {first / record.fs_hz:.6g} to {last / record.fs_hz:.6g} s".strip(),
     )
+
+
+def in_unit(record: Record, scale: float, u_unit: str) -> Record:
+    """The record with its command in another unit.
+
+    Parameters
+    ----------
+    record : Record
+    scale : float
+        Present number for a command of 1 `u_unit`: 17.9 for volts if 179 is 10 V.
+    u_unit : str
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    ValueError
+        The scale is 0 or not finite.
+    """
+    if not (np.isfinite(scale) and scale):
+        raise ValueError(f"the scale must be a finite number other than 0, not {scale}")
+    return replace(record, u=record.u / scale, u_unit=u_unit)

@@ -11,6 +11,7 @@ import numpy as np
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError, NotPeriodicError
 from gsid.records.record import check_range
+from gsid.records.turn import ramp, turn_of
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
@@ -39,6 +40,9 @@ class Periods:
     period_samples, settle_samples : int
     u_repeats : bool
         Whether all periods of the input are identical: the input is then known exactly, without noise.
+    turn : float
+        What the output gains in each period, as the angle of an axis that turns on and on [y_unit]. It is
+        left out of `y` (`gsid.records.turn`); 0 if no such gain was found.
     """
 
     u: np.ndarray
@@ -48,6 +52,7 @@ class Periods:
     period_samples: int
     settle_samples: int
     u_repeats: bool
+    turn: float = 0.0
 
     def __repr__(self) -> str:
         return (
@@ -113,7 +118,11 @@ def split_periods(record: Record, *, period: int | None = None, settle: int | No
         )
     if not np.any(y - y[0, 0]):
         _log.warning("%s: y is constant: nothing was measured", label)
-    return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats)
+    turn = turn_of(y, kept)
+    if turn:
+        _log.info("%s: y gains %.4g %s in each period, which is left out", label, turn, record.y_unit)
+        y = y - turn * ramp(kept, period)
+    return Periods(u, y, kept, n_spoiled, int(period), int(settle), u_repeats, turn)
 
 
 def require_period(period: int, settle: int | None, name: str) -> None:
