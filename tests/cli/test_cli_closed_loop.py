@@ -87,6 +87,23 @@ def test_an_effect_is_added_inside_the_loop_that_the_record_shows(gsid):
     assert found["rms_error"] == pytest.approx(same["rms_error"], rel=0.3)
 
 
+def test_the_values_are_fitted_inside_the_loop_that_the_record_shows(gsid):
+    model = json.loads(Path("axis.json").read_text())
+    model["effects"].append({"effect": "drive_dead_zone", "params": {"half_width": DEAD * 1.4}})
+    Path("dead.json").write_text(json.dumps(model))
+    result = gsid("fit", "loop.csv", "--r", "r", "--model", "dead.json", "-o", "fitted.json")
+    assert result.code == 0, result.err
+    found = load_model("fitted.json")
+    assert found["position_velocity_loop.kp"].value == pytest.approx(KP, rel=1e-3)
+    for name, true in (
+        ("rigid_body.gain", GAIN),
+        ("viscous_friction.rate", RATE),
+        ("drive_dead_zone.half_width", DEAD),
+    ):
+        assert abs(found[name].value - true) < 5 * found[name].std, name
+    assert gsid("compare", "new.csv", "--r", "r", "--model", "fitted.json", "--check").code == 0
+
+
 def test_a_model_without_a_controller_is_compared_inside_the_loop(gsid):
     """Driven by the measured command, the simulated axis drifts: its error is larger."""
     inside = json.loads(gsid("compare", "loop.csv", "--r", "r", "--model", "axis.json", "--json").out)

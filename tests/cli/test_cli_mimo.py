@@ -51,7 +51,8 @@ def test_json(gsid, experiments):
     result = gsid("fit", *fitted, *CHANNELS, *options)
     assert result.code == 0, result.err
     d = json.loads(result.out)
-    assert d.keys() == {*JSON_KEYS, "std", "modes", "nrmse"}
+    assert d.keys() == {*JSON_KEYS, "std", "modes", "nrmse", "n_masked", "masked_hz"}
+    assert (d["n_masked"], d["masked_hz"]) == (0, [])
     assert (d["inputs"], d["outputs"], d["n_poles"], d["n_zeros"]) == (["u1", "u2"], ["y1", "y2"], 4, 3)
     assert d["stable"]
     assert d["converged"]
@@ -105,9 +106,13 @@ def test_a_band_is_all_that_counts(gsid, experiments, tmp_path):
     header = f"# fs_hz: {FS_HZ}\n# period_samples: {N}\n# settle_samples: 0\nu1,u2,y1,y2"
     np.savetxt(tmp_path / "c.csv", samples, delimiter=",", header=header, comments="")
     fit = ("fit", experiments[0], "c.csv", *CHANNELS, "--order", "4/3", "--held-out", experiments[1])
-    whole = gsid(*fit)
-    assert whole.code == 3
-    assert "cannot be separated at" in whole.err
+    whole = gsid(*fit, "--json")
+    assert whole.code == 0
+    assert "do not separate the inputs there: 50 (" in whole.err
+    assert json.loads(whole.out)["n_masked"] == 50
+    upper = gsid(*fit, "--band", "120:240")
+    assert upper.code == 3
+    assert "cannot be separated at" in upper.err
     result = gsid(*fit, "--band", "5:150", "--json")
     assert result.code == 0, result.err
     d = json.loads(result.out)

@@ -107,6 +107,39 @@ def test_too_few_experiments():
         frf_mimo(gimbal.experiments(7)[:3])
 
 
+def same_inputs_at(experiments, line):
+    """The experiments, with the inputs and outputs of the second those of the first at these lines."""
+    first, second = experiments[:2]
+    n = first.period_samples
+    changed = []
+    for mine, theirs in ((second.u, first.u), (second.y, first.y)):
+        spectra = [np.fft.rfft(x.reshape(-1, n, x.shape[1]), axis=1) for x in (mine, theirs)]
+        periods = min(len(one) for one in spectra)
+        spectra[0][:periods, line] = spectra[1][:periods, line]
+        changed.append(np.fft.irfft(spectra[0], n, axis=1).reshape(-1, mine.shape[1]))
+    return [first, replace(second, u=changed[0], y=changed[1]), *experiments[2:]]
+
+
+def test_one_line_that_is_not_separated_is_masked(caplog):
+    """A fault: one line of a condition number over 100 refused the whole measurement."""
+    whole = frf_mimo(gimbal.experiments(7))
+    measured = frf_mimo(same_inputs_at(gimbal.experiments(7), whole.line[[4, 9]]))
+    assert measured.masked_hz == pytest.approx(whole.f_hz[[4, 9]])
+    assert (measured.n_masked, whole.n_masked) == (2, 0)
+    assert np.isfinite(measured.g).all()
+    assert np.isfinite(measured.var_g).all()
+    kept = np.delete(np.arange(len(whole.line)), [4, 9])
+    np.testing.assert_allclose(measured.g, whole.g[kept], rtol=1e-6)
+    assert "do not separate the inputs there: 2 (" in caplog.text
+
+
+def test_fewer_than_half_of_the_lines_is_refused():
+    whole = frf_mimo(gimbal.experiments(7))
+    line = whole.line[: len(whole.line) // 2 + 1]
+    with pytest.raises(InputError, match=f"at {len(line)} of {len(whole.line)} lines"):
+        frf_mimo(same_inputs_at(gimbal.experiments(7), line))
+
+
 def test_the_same_experiment_again_has_no_power():
     first = gimbal.experiments(7)[0]
     with pytest.raises(InputError, match="cannot be separated"):
@@ -127,7 +160,7 @@ def test_a_channel_is_a_rational_model(exact, model):
         np.testing.assert_allclose(one, model.response(exact.f_hz)[:, i, j], rtol=1e-7)
 
 
-SEEDS = range(6)
+SEEDS = range(3)  # the study has many: `make coverage-mimo`
 
 
 def test_a_gimbal_of_four_axes_is_recovered_within_its_intervals():
@@ -144,7 +177,7 @@ def test_a_gimbal_of_four_axes_is_recovered_within_its_intervals():
         n = counts.size // 2
         low, _ = coverage.bounds(n)
         assert counts.mean() >= low / n, f"{kind}: {counts.mean():.3f} of {counts.size}"
-        # No wrong minimum anywhere: of 720 normal numbers the largest is below 5 but once in 2400.
+        # No wrong minimum anywhere: of 360 normal numbers the largest is below 5 but once in 4800.
         assert np.nanmax(np.abs([one[kind] for one in seeds])) < 5
 
 

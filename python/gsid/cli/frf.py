@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from gsid.base.tables import Table
 from gsid.cli.options import (
+    INPUT,
     OUTPUT,
     band_option,
     json_option,
@@ -48,6 +48,13 @@ if TYPE_CHECKING:
     type=click.IntRange(4),
     help="Length of the Hann windows, for an input that is not periodic. [default: chosen from the data]",
 )
+@click.option(
+    "--controller",
+    metavar="C.json",
+    type=INPUT,
+    help="Rational model of the controller of a closed loop whose reference is u (--u NAME): gives the "
+    "response of the plant behind it, T/(C (1 - T)).",
+)
 @click.option("--merge", is_flag=True, help="Join the records: they are parts of one realisation.")
 @click.option(
     "--min-input",
@@ -67,6 +74,7 @@ def frf(
     remove_periodic: bool,
     lpm: bool,
     window: int | None,
+    controller: str | None,
     merge: bool,
     min_input: float,
     picture: str | None,
@@ -96,41 +104,42 @@ def frf(
             merge=merge,
             min_input=min_input,
         )
+        if controller is not None:
+            result = _behind(controller, result, reference)
     if output:
-        _write(output, result)
-        print_message(f"wrote {output}")
+        write(output, result)
     draw(result.plot, picture)
     if not answered(as_json, lambda: _values(result)) and not output:
         _print(result)
 
 
+def _behind(path: str, loop: Frf, reference: str | None) -> Frf:
+    """Response of the plant in a loop with this controller."""
+    from gsid.models.load import load_single
+    from gsid.models.rational import RationalModel
+    from gsid.response.closed_loop import plant_of_loop
+
+    controller = load_single(path)
+    if reference is not None or not isinstance(controller, RationalModel):
+        raise ValueError("--controller takes a rational model, without --r: name the reference with --u")
+    return plant_of_loop(loop, controller.response(loop.f_hz))
+
+
+def write(path: str, response: Frf) -> None:
+    """Write a response to the file of -o."""
+    from gsid.response.files import write_response
+
+    with options_as_arguments():
+        write_response(path, response)
+    print_message(f"wrote {path}")
+
+
 def _values(frf: Frf) -> dict:
+    from gsid.response.files import columns_of, keys_of
+
     removed = [{"f_hz": tone.f_hz, "amplitude": tone.amplitude} for tone in frf.removed]
     others = {"coherence": frf.coherence, "rejected_hz": frf.rejected_hz, "removed": removed}
-    return _columns(frf) | _keys(frf) | others
-
-
-def _columns(frf: Frf) -> dict:
-    return {
-        "line": frf.line,
-        "f_hz": frf.f_hz,
-        "g_re": frf.g.real,
-        "g_im": frf.g.imag,
-        "var_g": frf.var_g,
-        "u_re": frf.u.real,
-        "u_im": frf.u.imag,
-        "y_re": frf.y.real,
-        "y_im": frf.y.imag,
-        "var_u": frf.var_u,
-        "var_y": frf.var_y,
-        "cov_yu_re": frf.cov_yu.real,
-        "cov_yu_im": frf.cov_yu.imag,
-    }
-
-
-def _keys(frf: Frf) -> dict:
-    names = ("n_periods", "n_realisations", "n_spoiled", "period_samples", "settle_samples", "fs_hz", "hold")
-    return {name: getattr(frf, name) for name in (*names, "u_unit", "y_unit", "n_dof", "method")}
+    return columns_of(frf) | keys_of(frf) | others
 
 
 def _print(frf: Frf) -> None:
@@ -153,31 +162,3 @@ def _print(frf: Frf) -> None:
             [[f"{f:.4f}", f"{g:.3f}", f"{p:.2f}", f"{s:.2f}"] for f, g, p, s in rows],
         )
     )
-
-
-def _write(path: str, frf: Frf) -> None:
-    import numpy as np
-
-    from gsid.base.files import kind_of, write_atomically
-
-    columns = _columns(frf)
-    keys = {key: value for key, value in _keys(frf).items() if value is not None}  # a hold may be unknown
-
-    def write_csv(part: Path) -> None:
-        head = [f"# {key}: {value}" for key, value in keys.items()] + [",".join(columns)]
-        np.savetxt(
-            part, np.column_stack(list(columns.values())), "%.17g", ",", header="\n".join(head), comments=""
-        )
-
-    def write_mat(part: Path) -> None:
-        from scipy.io import savemat
-
-        savemat(part, columns | keys, oned_as="column")
-
-    writers = {".csv": write_csv, ".npz": lambda part: np.savez(part, **columns, **keys), ".mat": write_mat}
-    kind = kind_of(path, stream=".csv")
-    if kind not in writers:
-        raise click.UsageError(
-            f"cannot write {Path(path).name}: .csv, .npz or .mat", click.get_current_context()
-        )
-    write_atomically(path, writers[kind])

@@ -208,3 +208,52 @@ def _through_reference(each: Sequence[tuple[Spectra, Spectra]], chosen: np.ndarr
         u_unit=to_u.u_unit,
         y_unit=to_y.y_unit,
     )
+
+
+def plant_of_loop(loop: Frf, controller: np.ndarray) -> Frf:
+    """Response of a plant from that of its closed loop and a known controller.  Eq: FRF-8
+
+    Parameters
+    ----------
+    loop : Frf
+        T from the reference to the output, with the reference as input, measured.
+    controller : (F,) complex array_like
+        C from the error, reference minus output, to the command, at the lines of `loop`. It is assumed to be
+        exact.
+
+    Returns
+    -------
+    Frf
+        G = T/(C (1 - T)), with the command C (1 - T) R as input. Where |1 - T| is small, the loop shows
+        little of the plant, and the variance is large. Use `closed_loop_frf` if the command was recorded.
+
+    Raises
+    ------
+    ValueError
+        The controller has another length, is not finite or is zero at a line; or T is 1 at a line.
+    """
+    controller = np.asarray(controller, complex)
+    if controller.shape != loop.g.shape:
+        raise ValueError(f"the controller has {controller.shape} values, the response {loop.g.shape}")
+    path = controller * (1 - loop.g)
+    bad = np.flatnonzero(~(np.isfinite(path) & (np.abs(path) > 0)))
+    if bad.size:
+        raise ValueError(
+            f"the controller and the loop do not determine the plant at {loop.f_hz[bad[0]]:g} Hz"
+        )
+    g, u = loop.g / path, path * loop.u
+    variance = loop.var_g / np.abs(path * (1 - loop.g)) ** 2  # |dG/dT| = 1/|C (1 - T)^2|
+    zero = np.zeros(len(g))
+    return replace(
+        loop,
+        g=g,
+        var_g=variance,
+        u=u,
+        y=g * u,
+        var_u=zero,
+        var_y=variance * np.abs(u) ** 2 * loop.n_periods,
+        cov_yu=zero.astype(complex),
+        var_total=None
+        if loop.var_total is None
+        else loop.var_total * np.divide(variance, loop.var_g, out=np.ones(len(g)), where=loop.var_g > 0),
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from gsid.base.errors import InputError, NotPeriodicError
 from gsid.records.record import Record
 from gsid.response.frf import Frf, check_response, merged, response_of
+from gsid.response.stepped import are_stepped, stepped_frf
 from gsid.spectrum.lines import covariance, sample_variance
 from gsid.spectrum.realisation import Realisation, common_lines, listed, realisations, rejected_lines
 from gsid.spectrum.spectra import Spectra
@@ -40,7 +41,8 @@ def frf(
 ) -> Frf:
     """Estimate the frequency response at the lines excited in every realisation.
 
-    A record whose input is not periodic is divided into windows, with a warning: see `window`.
+    A record whose input is not periodic is divided into windows, with a warning: see `window`. Records of a
+    stepped sine, whose layout is in their keys, are evaluated sine by sine (`gsid.response.stepped`).
 
     Parameters
     ----------
@@ -101,6 +103,10 @@ def frf(
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
     records = listed(records)
+    if not options and are_stepped(records):
+        result = stepped_frf(records, band=band, min_input=min_input)
+        _report_rejected(result)
+        return result
     has_samples = not any(isinstance(record, Spectra) for record in records)
     if not has_samples and (remove_periodic or lpm or window):
         raise ValueError(f"{options[0]} needs the samples: give records, not their spectra")

@@ -71,6 +71,9 @@ class Frf(Plottable):
         Variance of g by noise and distortion (`gsid.response.with_distortion`); None if it is not measured.
     smooth_phases : bool
         The excitation hides its distortion: one realisation with smooth phases (Schroeder).
+    dof : (F,) ndarray or None
+        Degrees of freedom of the variance of each line, where they differ between lines as in bands that were
+        measured apart; None: `n_dof` holds for all lines.
     """
 
     line: np.ndarray
@@ -98,6 +101,7 @@ class Frf(Plottable):
     method: str = "periods"
     var_total: np.ndarray | None = None
     smooth_phases: bool = False
+    dof: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.n_dof is None:

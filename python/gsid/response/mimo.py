@@ -12,8 +12,9 @@ C is the covariance of the output error Y - G U of one period, which includes th
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,8 +25,12 @@ from gsid.records.periods import Periods, find_period, find_settling, split_peri
 from gsid.spectrum.excited import excited_lines
 from gsid.spectrum.lines import period_lines
 
+_log = logging.getLogger(__name__)
+
 CONDITION_MAX = 100.0
-"""Largest condition number of the matrix of inputs over experiments at a line."""
+"""Largest condition number of the matrix of inputs over experiments at a line that is used."""
+LEAST_KEPT = 0.5
+"""Share of the excited lines that must be usable."""
 
 
 @dataclass(repr=False)
@@ -53,6 +58,8 @@ class MimoFrf:
     inputs, outputs, u_units, y_units : list of str
         Names and units of the channels.
     hold : str
+    masked_hz : (R,) [Hz]
+        Excited lines that are not used, because the experiments do not separate the inputs there.
     """
 
     line: np.ndarray
@@ -71,6 +78,12 @@ class MimoFrf:
     u_units: list[str]
     y_units: list[str]
     hold: str | None = "none"
+    masked_hz: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def n_masked(self) -> int:
+        """Number of excited lines that are not used."""
+        return len(self.masked_hz)
 
     @property
     def n_y(self) -> int:
@@ -170,7 +183,8 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     ------
     InputError
         There are too few experiments; the experiments differ in rate, period or channels; or the inputs
-        cannot be separated at a line of the band; or as `gsid.spectra`.
+        cannot be separated at half of the lines of the band; or as `gsid.spectra`. Fewer such lines are
+        masked, with a warning (`MimoFrf.masked_hz`).
     ValueError
         The band contains no line.
     """
@@ -195,7 +209,11 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     us, ys = ([part[i][..., chosen] for part in parts] for i in (0, 1))  # each (P, channels, F)
     mean_u, mean_y = (np.stack([x.mean(axis=0) for x in xs], axis=-1).swapaxes(0, 1) for xs in (us, ys))
     weight = np.array([len(u) for u in us], dtype=float)
-    _require_separable(mean_u, f_hz[chosen], first.name)
+    usable = _separable(mean_u, f_hz[chosen], first.name)
+    masked_hz = f_hz[chosen][~usable]
+    chosen[chosen] = usable
+    mean_u, mean_y = mean_u[usable], mean_y[usable]
+    us, ys = ([x[..., usable] for x in xs] for xs in (us, ys))
     spread = np.linalg.inv((mean_u * weight) @ _adjoint(mean_u))
     g = (mean_y * weight) @ _adjoint(mean_u) @ spread
     error_of_mean = mean_y - g @ mean_u
@@ -220,6 +238,7 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
         hold=first.hold,
         u_units=first.u_units,
         y_units=first.y_units,
+        masked_hz=masked_hz,
     )
 
 
@@ -273,17 +292,36 @@ def _require_same(records: list[MimoRecord], periods: list[int]) -> None:
             raise InputError("the experiments differ in their period", record.name, period)
 
 
-def _require_separable(u: np.ndarray, f_hz: np.ndarray, name: str) -> None:
+def _separable(u: np.ndarray, f_hz: np.ndarray, name: str) -> np.ndarray:
+    """Lines at which the experiments separate the inputs, (F,) bool; the others are reported.
+
+    Raises
+    ------
+    InputError
+        Fewer than half of the lines remain.
+    """
     size = np.linalg.norm(u, axis=-1, keepdims=True)
-    condition = np.linalg.cond(u / size)
-    worst = int(np.argmax(condition))
-    if not condition[worst] < CONDITION_MAX:
+    condition = np.linalg.cond(u / np.where(size > 0, size, 1))
+    usable = condition <= CONDITION_MAX
+    if usable.all():
+        return usable
+    n_lost = int(np.sum(~usable))
+    where = ", ".join(f"{f:g}" for f in f_hz[~usable][:8]) + ", ..." * (n_lost > 8)
+    if np.mean(usable) < LEAST_KEPT:
+        worst = int(np.argmax(condition))
         raise InputError(
-            f"the inputs cannot be separated at {f_hz[worst]:g} Hz",
+            f"the inputs cannot be separated at {n_lost} of {len(f_hz)} lines ({where} Hz)",
             name,
-            f"condition number {condition[worst]:.3g} of the inputs over the experiments",
+            f"condition number up to {condition[worst]:.3g} of the inputs over the experiments",
             "use different phases or signs in each experiment, for example orthogonal multisines",
         )
+    _log.warning(
+        "%s: lines left out because the experiments do not separate the inputs there: %d (%s Hz)",
+        name or "the experiments",
+        n_lost,
+        where,
+    )
+    return usable
 
 
 def _scatter_over_periods(us: list, ys: list, g: np.ndarray) -> tuple[np.ndarray, int]:

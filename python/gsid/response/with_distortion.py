@@ -15,6 +15,8 @@ from gsid.base.errors import InputError
 from gsid.records.record import Record
 from gsid.response.estimate import as_response, frf
 from gsid.response.frf import Frf, error_variance
+from gsid.response.stepped import are_stepped
+from gsid.spectrum.realisation import listed
 from gsid.spectrum.spectra import Spectra
 
 MEASURABLE = 1.5
@@ -48,7 +50,7 @@ def frf_with_distortion(
     from gsid.response.total_variance import total_variance
 
     response = frf(records, reference=reference)
-    if response.method != "periods":
+    if response.method != "periods" or are_stepped(listed(records)):
         return response
     try:
         total = total_variance(records, reference=reference)
