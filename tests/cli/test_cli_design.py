@@ -102,3 +102,44 @@ def test_budget(gsid, rec_csv):
     assert plan["n_periods"] > 6
     assert plan["time_s"] == pytest.approx(plan["n_periods"] * 0.4)
     assert gsid("design", "budget", rec_csv, "--sigma", 3).code == 2
+
+
+def test_signals_of_the_thesis_as_it_names_them(gsid):
+    """Sections 3.5 and 3.7: an offset of 0.2793 rad, and a cosine at 45 degrees, without its mean."""
+    band = ("--fs", "3000", "--period", "6000", "--band", "0.5:250")
+    offset = json.loads(gsid("design", "multisine", *band, "--offset-phase", "0.2793", "--json").out)
+    assert offset["crest_factor"] == pytest.approx(1.734, abs=0.0005)
+    sweep = ("design", "sweep", *band, "--kind", "log", "--phase-deg", "45", "--phase-of", "cosine", "--jump")
+    values = json.loads(gsid(*sweep, "--no-mean", "--json").out)
+    assert values["crest_factor"] == pytest.approx(1.51, abs=0.005)
+    assert values["mean"] == pytest.approx(0, abs=1e-12)
+    assert abs(json.loads(gsid(*sweep, "--json").out)["mean"]) > 0.01
+
+
+def test_a_transient_is_written_run_and_checked_against_the_limits(gsid):
+    band = ("--fs", "3000", "--period", "6000", "--band", "1:100")
+    doublets = ("design", "transient", *band, "--kind", "3-2-1-1")
+    made = gsid(*doublets, "--limit-command", "20", "-o", "u.csv", "--json")
+    assert made.code == 0, made.err
+    assert json.loads(made.out)["peak"] == pytest.approx(20)
+    run = ("run", "--simulate", "", "--u", "u.csv", "--periods", "2")
+    refused = gsid(*run, "--limit-command", "19")
+    assert (refused.code, "the planned command exceeds its limit" in refused.err) == (3, True)
+    assert gsid(*run, "--limit-command", "20.1", "-o", "rec.csv").code == 0  # the drive rounds up
+    assert gsid(*run, "--offset-phase", "1").code == 2  # of a multisine
+    stopped = gsid(*run, "--limit-travel-deg", "0.01", "-o", "stopped.csv")
+    assert (stopped.code, "the axis exceeds a limit" in stopped.err) == (3, True)
+
+
+def test_the_course_of_the_search_is_drawn(gsid, tmp_path):
+    band = ("--fs", "1000", "--period", "500", "--band", "2:100", "--phases", "random")
+    assert gsid("design", "multisine", *band, "--optimise", "--plot-search", "s.png").code == 0
+    assert (tmp_path / "s.png").stat().st_size > 5000
+    assert gsid("design", "multisine", *band, "--plot-search", "s.png").code == 2
+    assert gsid("design", "multisine", *band, "--optimise", "--plot-search", "s.txt").code == 2
+
+
+def test_a_seed_of_a_pulse_is_refused(gsid):
+    pulse = ("design", "transient", "--fs", 1000, "--period", 1000, "--band", "2:100", "--kind", "pulse")
+    assert gsid(*pulse).code == 0
+    assert gsid(*pulse, "--seed", 4).code == 2

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from gsid.excitation.generators import Prbs, Sweep
-from gsid.excitation.limits import fit_to_limits, optimise, plan_budget, travel, travel_response
+from gsid.excitation.limits import (
+    fit_to_limits,
+    optimise,
+    plan_budget,
+    search_course,
+    travel,
+    travel_response,
+)
 from gsid.excitation.multisine import Multisine
 from gsid.excitation.periodic import Limits
 from gsid.models.rational import RationalModel
@@ -36,6 +43,21 @@ def multisine(**design):
 
 
 # ---------------------------------------------------------------- phases
+
+
+def test_the_course_of_the_search_falls_to_its_result():
+    """Each point is the search with that many evaluations, by itself; the last is `optimise`'s own."""
+    start = multisine(phases="random", seed=1)
+    limits = Limits(command=100.0, travel=1.0)
+    found = search_course(start, limits, LAG, efforts=(2, 10, 150))
+    np.testing.assert_array_equal(found.evaluations, [0, 14, 70, 1050])
+    assert found.crest_factor[0] == start.crest_factor_fine
+    assert found.travel[0] == travel(start, LAG)
+    last = optimise(start, limits, LAG)
+    np.testing.assert_array_equal(found.best.phase_rad, last.phase_rad)
+    cost = np.maximum(found.crest_factor * start.rms / 100.0, found.travel / 1.0)
+    assert cost[-1] < cost[1] < cost[0], cost
+    assert np.isnan(search_course(start, efforts=(1,)).travel).all()
 
 
 @pytest.mark.parametrize(("shape", "crest"), [(0.0, 1.40), (-10.0, 1.23)])

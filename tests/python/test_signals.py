@@ -15,10 +15,12 @@ FS_HZ = 3000.0
 
 def test_source_definition_3_5_1_schroeder_crest_factor_1_73():
     """500 lines of 3 V, the "offset phase" of 0.2793 rad added to every line's."""
-    m = Multisine.design(FS_HZ, 6000, (0.5, 250), amplitude=3.0)
-    m.phase_rad = m.phase_rad + 0.2793
+    m = Multisine.design(FS_HZ, 6000, (0.5, 250), amplitude=3.0, offset_phase_rad=0.2793)
+    k, t = np.arange(1, 501)[:, None], np.arange(6000) / FS_HZ
+    u = 3 * np.cos(np.pi * k * t - k * (k - 1) * np.pi / 500 + 0.2793).sum(axis=0)
+    np.testing.assert_allclose(m.table(), u, atol=1e-9)
     assert len(m.line) == 500
-    assert m.crest_factor == pytest.approx(1.73, abs=0.005)
+    assert m.crest_factor == pytest.approx(1.734, abs=0.0005)
     assert m.p_int_over_p_tot == pytest.approx(1)
 
 
@@ -42,6 +44,17 @@ def test_source_section_3_7_log_sweep():
     assert int(100 * s.p_int_over_p_tot) == 99
     assert s.crest_factor == pytest.approx(1.465, abs=0.001)
     assert crest_factor(s.table() - s.table().mean(), s.line) == pytest.approx(1.51, abs=0.005)
+    named = Sweep.design(
+        *(FS_HZ, 6000, (0.5, 250)),
+        kind="log",
+        amplitude=16,
+        phase_rad=np.radians(45),
+        phase_of="cosine",
+        has_mean=False,
+        continuous=False,
+    )
+    np.testing.assert_allclose(named.table(), s.table() - s.table().mean(), atol=1e-9)
+    assert named.crest_factor == pytest.approx(1.51, abs=0.005)
     schroeder = Multisine.design(FS_HZ, 6000, (0.5, 250))
     assert abs(schroeder.table().mean()) < 1e-12  # the source's other signals have none: their figures stand
     prbs = Prbs.design(FS_HZ, 4 * 1553, (0.48, 300)).table()

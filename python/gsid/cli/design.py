@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.design_methods import compare_methods
 from gsid.cli.design_next import design_next
 from gsid.cli.options import (
+    FILE_OUTPUT,
     INPUT,
     LIMIT,
     OUTPUT,
+    SEED,
     Band,
     add_options,
     amplitude_option,
     band_option,
+    is_given,
     json_option,
     limit_command_option,
     limit_travel_option,
@@ -31,10 +35,11 @@ from gsid.cli.options import (
     rate_option,
     record_options,
 )
-from gsid.cli.output import answered, print_message, print_table, working
+from gsid.cli.output import answered, draw, print_message, print_table, working
 
 if TYPE_CHECKING:
     from gsid.excitation.limits import Model
+    from gsid.excitation.multisine import Multisine
     from gsid.excitation.periodic import Limits, Periodic
     from gsid.records.record import Record
 
@@ -47,6 +52,7 @@ def design() -> None:
 
 
 design.add_command(design_next)
+design.add_command(compare_methods)
 
 BASIC = (
     rate_option(required=True),
@@ -122,6 +128,14 @@ def _finished(command: Callable) -> Callable:
     is_flag=True,
     help="Search phases with low peaks of the command, and of the travel if it is limited.",
 )
+@click.option(
+    "--plot-search",
+    "search_picture",
+    metavar="FILE",
+    type=FILE_OUTPUT,
+    help="With --optimise: draw crest factor and travel against the evaluations of the search to .png, .svg"
+    " or .pdf.",
+)
 @_finished
 def multisine(
     *,
@@ -132,6 +146,7 @@ def multisine(
     amplitude: float | None,
     peak: float | None,
     optimise: bool,
+    search_picture: str | None,
     limits: Limits | None,
     model: Model | None,
 ) -> Periodic:
@@ -141,15 +156,33 @@ def multisine(
     leave the even lines free to show even distortion. odd-random also leaves out one odd line in four to show
     odd distortion. With limits the amplitude is the largest that they allow.
     """
-    from gsid.excitation.limits import optimise as search
     from gsid.excitation.multisine import Multisine
 
     signal = Multisine.design(fs_hz, period, band, **shape, amplitude=amplitude, peak=peak)
+    if search_picture and not optimise:
+        raise click.UsageError("--plot-search needs --optimise", click.get_current_context())
+    if search_picture and Path(search_picture).suffix.lower() not in (".png", ".svg", ".pdf"):
+        text = f"cannot draw {Path(search_picture).name}: .png, .svg or .pdf"
+        raise click.UsageError(text, click.get_current_context())
     if optimise:
         with working("searching phases"):
-            signal = search(signal, limits, model)
+            signal = _searched(signal, limits, model, search_picture)
         signal = signal if peak is None else signal.scaled(peak / signal.peak)
     return signal
+
+
+def _searched(
+    signal: Multisine, limits: Limits | None, model: Model | None, picture: str | None
+) -> Multisine:
+    from gsid.excitation.limits import optimise, search_course, travel_unit
+
+    if picture is None:
+        return optimise(signal, limits, model)
+    from gsid.plots.search import search_course as figure
+
+    found = search_course(signal, limits, model)
+    draw(lambda: figure(found, travel_unit(model) if model else ""), picture)
+    return found.best
 
 
 @design.command(short_help="Pseudorandom binary sequence.")
@@ -190,9 +223,15 @@ def prbs(
     show_default=True,
     help="Frequency as a function of time.",
 )
+@click.option("--phase-deg", metavar="DEG", type=float, default=0.0, help="Phase at the start. [default: 0]")
 @click.option(
-    "--phase-deg", metavar="DEG", type=float, default=0.0, help="Phase of the sine at the start. [default: 0]"
+    "--phase-of",
+    type=click.Choice(["sine", "cosine"]),
+    default="sine",
+    show_default=True,
+    help="What the phase refers to; the thesis has a cosine at 45 degrees.",
 )
+@click.option("--no-mean", is_flag=True, help="Subtract the mean of the period.")
 @click.option("--jump", is_flag=True, help="Keep the requested band, with a phase jump after each period.")
 @AMPLITUDE
 @_finished
@@ -203,6 +242,8 @@ def sweep(
     band: tuple[float, float],
     kind: str,
     phase_deg: float,
+    phase_of: str,
+    no_mean: bool,
     jump: bool,
     amplitude: float | None,
     limits: Limits | None,
@@ -218,8 +259,62 @@ def sweep(
 
     size, phase_rad = 1.0 if amplitude is None else amplitude, math.radians(phase_deg)
     return Sweep.design(
-        fs_hz, period, band, kind=kind, amplitude=size, phase_rad=phase_rad, continuous=not jump
+        fs_hz,
+        period,
+        band,
+        kind=kind,
+        amplitude=size,
+        phase_rad=phase_rad,
+        phase_of=phase_of,
+        has_mean=not no_mean,
+        continuous=not jump,
     )
+
+
+@design.command(short_help="Random burst, impulse, pulse or doublets, then zero input.")
+@add_options(BASIC)
+@click.option(
+    "--kind",
+    type=click.Choice(["random-burst", "impulse", "pulse", "3-2-1-1"]),
+    default="random-burst",
+    show_default=True,
+    help="Noise; one sample; a rectangle; steps of alternating sign with lengths 3, 2, 1 and 1.",
+)
+@click.option(
+    "--length",
+    "length_s",
+    metavar="SECONDS",
+    type=LIMIT,
+    help="Duration of the signal. [default: of a burst half the period; of a pulse and of the shortest step"
+    " half a cycle of HI]",
+)
+@click.option("--seed", metavar="N", type=SEED, default=0, help="Random seed of the burst. [default: 0]")
+@AMPLITUDE
+@_finished
+def transient(
+    *,
+    fs_hz: float,
+    period: int,
+    band: tuple[float, float],
+    kind: str,
+    length_s: float | None,
+    seed: int,
+    amplitude: float | None,
+    limits: Limits | None,
+    model: Model | None,
+) -> Periodic:
+    """Design a signal at the start of the period, with zero input after it.
+
+    The response must have decayed at the end of the period. Such a signal has power outside the band, which
+    p_int_over_p_tot shows; a multisine of the same peak measures with less noise.
+    """
+    from gsid.excitation.transient import Transient
+
+    context = click.get_current_context()
+    if kind != "random-burst" and is_given(context, "seed"):
+        raise click.UsageError(f"--seed is for a random burst, not for {kind}", context)
+    size = 1.0 if amplitude is None else amplitude
+    return Transient.design(fs_hz, period, band, kind=kind, length_s=length_s, amplitude=size, seed=seed)
 
 
 @design.command("stepped-sine", short_help="One sine after another.")
@@ -308,6 +403,7 @@ def _show(signal: Periodic, travel_deg: float | None, as_json: bool) -> None:
         "n_lines": len(signal.line),
         "peak": signal.peak,
         "rms": signal.rms,
+        "mean": float(signal.table().mean()),
         "slew": signal.slew,
         "travel_deg": travel_deg,
     }

@@ -56,6 +56,22 @@ def design_next(
     input. The experiments are ranked by the expected difference of the costs, without the part that the free
     values of the first model can imitate. Check the command and the travel against the rig.
     """
+    limits = {"limit_command": limit_command, "limit_travel_deg": limit_travel_deg}
+    distinguishing(records, model_path, rival_path, output=output, picture=picture, as_json=as_json, **limits)
+
+
+def distinguishing(
+    records: list[Record],
+    model_path: str,
+    rival_path: str,
+    *,
+    limit_command: float | None,
+    limit_travel_deg: float | None,
+    output: str | None,
+    picture: str | None,
+    as_json: bool,
+) -> None:
+    """Rank experiments by how well they distinguish two models; print, write and draw the best."""
     from gsid.diagnosis.next_experiment import ENOUGH, next_experiment
     from gsid.models.load import load_plant
     from gsid.plots import next_experiments
@@ -78,7 +94,15 @@ def design_next(
         {"words": one.words, "separation": one.separation, "peak": one.peak, "travel": one.travel}
         for one in ranked
     ]
-    if answered(as_json, lambda: {"sentence": sentence, "experiments": rows, "enough": ENOUGH}):
+    chosen = {
+        "amplitude": best and best.peak,
+        "n_periods": measured.n_periods,
+        "n_realisations": 1,
+        "time_s": measured.n_periods * measured.period_samples / measured.fs_hz,
+        "expected_std": None,
+        "reason": sentence,
+    }
+    if answered(as_json, lambda: chosen | {"sentence": sentence, "experiments": rows, "enough": ENOUGH}):
         return
     print(sentence)
     print()

@@ -12,6 +12,7 @@ from gsid._lib import check, ffi, lib
 from gsid.base.bands import ON_A_LINE
 from gsid.excitation.multisine import Multisine, lines_of_band, whole_lines
 from gsid.excitation.periodic import Periodic, require_one_of, require_rate, whole_period
+from gsid.response.stepped import Steps
 
 PRBS_KINDS = {
     "quadratic-residue": lib.GSID_PRBS_QUADRATIC_RESIDUE,
@@ -43,10 +44,23 @@ def _lines_of_interest(fs_hz: float, period_samples: int, band_hz: tuple[float, 
     return np.arange(first, last + 1)
 
 
-def _request(
+def request(
     fs_hz: float, period_samples: float, band_hz: tuple[float, float], amplitude: float
 ) -> tuple[int, np.ndarray]:
-    """Check a request; return its period [samples] and lines of interest, (F,) int."""
+    """Check a request; return its period [samples] and lines of interest, (F,) int.
+
+    Parameters
+    ----------
+    fs_hz : float
+    period_samples : int
+    band_hz : (lo, hi)
+    amplitude : float
+
+    Raises
+    ------
+    ValueError
+        The request cannot be met.
+    """
     _require_amplitude(amplitude)
     require_rate(fs_hz)
     n_period = whole_period(period_samples)
@@ -115,7 +129,7 @@ class Prbs(Periodic):
             The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, PRBS_KINDS)
-        period_samples, line = _request(fs_hz, period_samples, band_hz, amplitude)
+        period_samples, line = request(fs_hz, period_samples, band_hz, amplitude)
         n_hold = max(1, math.floor(fs_hz / (CLOCK_OVER_BAND * band_hz[1]) + ON_A_LINE))
         requested = round(period_samples / n_hold)
         n_chips = int(lib.gsid_prbs_nearest(PRBS_KINDS[kind], requested))
@@ -170,6 +184,8 @@ class Sweep(Periodic):
     phase_rad : float
         Phase of the sine at the start of a period [rad].
     kind : {"linear", "log"}
+    has_mean : bool
+        False: the mean of the period is subtracted.
     """
 
     fs_hz: float
@@ -180,6 +196,7 @@ class Sweep(Periodic):
     amplitude: float = 1.0
     phase_rad: float = 0.0
     kind: str = "linear"
+    has_mean: bool = True
 
     @classmethod
     def design(
@@ -191,6 +208,8 @@ class Sweep(Periodic):
         kind: str = "linear",
         amplitude: float = 1.0,
         phase_rad: float = 0.0,
+        phase_of: str = "sine",
+        has_mean: bool = True,
         continuous: bool = True,
     ) -> Sweep:
         """Design a sweep.
@@ -208,7 +227,11 @@ class Sweep(Periodic):
         amplitude : float
             Unit of the command.
         phase_rad : float
-            Phase of the sine at the start of a period [rad].
+            Phase at the start of a period [rad].
+        phase_of : {"sine", "cosine"}
+            What the phase refers to. The thesis (section 3.7) has a cosine at 45 degrees.
+        has_mean : bool
+            False: subtract the mean of the period, which moves an axis without doing anything else.
         continuous : bool
             Lower the upper frequency slightly, so that a period contains a whole number of turns and the
             phase is continuous from one period to the next.
@@ -223,9 +246,13 @@ class Sweep(Periodic):
             The request cannot be met. The message contains the nearest valid request.
         """
         require_one_of("kind", kind, SWEEP_KINDS)
-        period_samples, line = _request(fs_hz, period_samples, band_hz, amplitude)
+        require_one_of("phase_of", phase_of, ("sine", "cosine"))
+        period_samples, line = request(fs_hz, period_samples, band_hz, amplitude)
         start_hz, stop_hz = map(float, band_hz)
-        sweep = cls(float(fs_hz), period_samples, start_hz, stop_hz, line, amplitude, phase_rad, kind)
+        phase_rad += math.pi / 2 if phase_of == "cosine" else 0.0
+        sweep = cls(
+            float(fs_hz), period_samples, start_hz, stop_hz, line, amplitude, phase_rad, kind, has_mean
+        )
         return sweep._whole() if continuous else sweep
 
     def _cfg(self) -> object:
@@ -257,7 +284,8 @@ class Sweep(Periodic):
         """One period, (N,) float64, unit of the command."""
         sweep = ffi.new("gsid_sweep *")
         check(lib.gsid_sweep_init(sweep, self._cfg()), "setting up the sweep")
-        return _samples(lambda u: lib.gsid_sweep_step(sweep, u), self.period_samples)
+        u = _samples(lambda u: lib.gsid_sweep_step(sweep, u), self.period_samples)
+        return u if self.has_mean else u - u.mean()
 
     def scaled(self, factor: float) -> Sweep:
         """The same sweep, times a factor."""
@@ -394,7 +422,12 @@ class SteppedSine(Periodic):
 
     def _head(self) -> dict[str, object]:
         each = f"{self.settle_samples} samples to settle, {self.n_periods} periods of {self.n_base}"
-        return {"stepped_sine": f"{len(self.line)} sines, each {each}"}
+        return {"stepped_sine": f"{len(self.line)} sines, each {each}", **self.steps.keys()}
+
+    @property
+    def steps(self) -> Steps:
+        """Layout of the sequence, by which :func:`gsid.frf` evaluates its record."""
+        return Steps(self.n_base, self.settle_samples, self.n_periods)
 
     def __repr__(self) -> str:
         f_hz = self.f_hz

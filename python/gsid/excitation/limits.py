@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from gsid._lib import check, ffi, lib
+from gsid.excitation.expected import Errors, periods_for
 from gsid.excitation.multisine import Multisine
 from gsid.excitation.periodic import Periodic
 from gsid.models.rational import RationalModel
@@ -27,6 +28,7 @@ _log = logging.getLogger(__name__)
 Model = RationalModel | PlantModel
 Signal = TypeVar("Signal", bound=Periodic)
 BISECTIONS = 20  # of the octave of amplitude that contains the limit of travel: accuracy 1e-6
+STAGES = 7  # of the search for phases
 OCTAVES = 40  # of amplitude searched for that octave, upwards and downwards
 DRIFT = 0.01  # smallest drift per period that is reported, relative to the travel
 DEG = {"deg": 1.0, "rad": 180 / math.pi}
@@ -95,7 +97,8 @@ def _orbit(u: np.ndarray, fs_hz: float, model: Model) -> tuple[np.ndarray, float
     drift = 0.0
     if isinstance(model, PlantModel):
         answer, unit = _angle_model(model, fs_hz).simulate(u), DEG.get(model.angle_unit, 1.0)
-        angle, drift = answer.angle * unit, answer.residual * unit
+        turn = 0.0 if model.looks_at_angle else abs(float(answer.rate.mean())) * len(u) / fs_hz
+        angle, drift = answer.angle * unit, max(answer.residual, turn) * unit
     else:
         spectrum = np.fft.rfft(u)
         line = np.flatnonzero(np.abs(spectrum) > 1e-12 * np.abs(spectrum).max())
@@ -257,6 +260,65 @@ def optimise(
     return replace(multisine, phase_rad=phase_rad, optimised=True)
 
 
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Results of the search for phases with more and more evaluations.
+
+    Attributes
+    ----------
+    evaluations : (n,) int
+        Of the cost, from 0: the starting phases.
+    crest_factor : (n,) float64
+        Between the samples too.
+    travel : (n,) float64
+        Travel to each side of its middle; NaN without a model.
+    best : Multisine
+        Result of the last one.
+    """
+
+    evaluations: np.ndarray
+    crest_factor: np.ndarray
+    travel: np.ndarray
+    best: Multisine
+
+
+def search_course(
+    multisine: Multisine,
+    limits: Limits | None = None,
+    model: Model | None = None,
+    *,
+    efforts: Sequence[int] = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 150),
+) -> Search:
+    """Repeat the search of `optimise` with rising effort (thesis, figure 3.13).
+
+    Parameters
+    ----------
+    multisine, limits, model
+        As of `optimise`.
+    efforts : sequence of int
+        Evaluations in each of the stages, rising.
+
+    Returns
+    -------
+    Search
+        Each search starts anew: later stages approximate the peak better, so that the course need not fall at
+        every step.
+
+    Raises
+    ------
+    ValueError, GsidError
+        As of `optimise`.
+    """
+    found = [multisine, *(optimise(multisine, limits, model, effort=effort) for effort in efforts)]
+    moved = [travel(one, model) if model is not None else math.nan for one in found]
+    return Search(
+        np.array([0, *(STAGES * effort for effort in efforts)]),
+        np.array([one.crest_factor_fine for one in found]),
+        np.array(moved),
+        found[-1],
+    )
+
+
 @dataclass(frozen=True)
 class Budget:
     """Measurement time that a required uncertainty needs.
@@ -301,11 +363,10 @@ def plan_budget(measured: Frf, relative_std: float) -> Budget:
     """
     if not 0 < relative_std < 1:
         raise ValueError(f"the relative standard deviation must be between 0 and 1, not {relative_std}")
-    relative_var = measured.var_g / np.abs(measured.g) ** 2 * measured.n_periods  # of one period
-    if not np.isfinite(relative_var).all():
-        raise ValueError("the measurement lacks a variance at some lines: measure at least 2 periods")
+    errors = Errors.of(measured)
+    relative_var = errors.noise / np.abs(measured.u * measured.g) ** 2  # of one period
     worst = int(np.argmax(relative_var))
-    n_periods = max(2, math.ceil(relative_var[worst] / relative_std**2))
+    n_periods = periods_for(relative_var, np.full(len(relative_var), relative_std**2))
     return Budget(
         n_periods,
         n_periods * measured.period_samples / measured.fs_hz,

@@ -63,6 +63,7 @@ class Multisine(Periodic):
         grid: str = "full",
         phases: str = "schroeder",
         seed: int = 0,
+        offset_phase_rad: float = 0.0,
         shape_db_per_decade: float = 0.0,
         amplitude: float | None = None,
         rms: float | None = None,
@@ -87,6 +88,9 @@ class Multisine(Periodic):
             phases, uniform on [0, 2 pi) (EXC-3; thesis, definition 5.3.1).
         seed : int
             Seed of random phases and of the grid "odd-random", 0 .. 2^64 - 1.
+        offset_phase_rad : float
+            Added to every phase [rad]. It moves the mean position of an axis; the thesis has 0.2793 with
+            Schroeder phases (section 3.5).
         shape_db_per_decade : float
             Slope of the amplitude over frequency. 0 is flat; -10 falls as 1/sqrt(f).
         amplitude, rms, peak : float, optional
@@ -121,12 +125,14 @@ class Multisine(Periodic):
             check(lib.gsid_phase_random(len(line), seed, _real(phase_rad)), "drawing random phases")
         else:
             check(lib.gsid_phase_schroeder(len(line), _real(shape), _real(phase_rad)), "Schroeder phases")
+        if not math.isfinite(offset_phase_rad):
+            raise ValueError(f"the offset of the phases must be a finite number, not {offset_phase_rad}")
         unit = cls(
             float(fs_hz),
             n_period,
             line,
             shape,
-            phase_rad,
+            phase_rad + offset_phase_rad,
             grid,
             float(shape_db_per_decade),
             seed if phases == "random" else None,
