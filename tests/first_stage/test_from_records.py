@@ -21,6 +21,7 @@ from gsid.records.record import Record
 from gsid.spectrum.realisation import spectra_of
 from measured import BENCH, DATA, needs_bench
 
+pytestmark = pytest.mark.xdist_group("from_records")  # the module's fixture is made once
 SEED = 161  # a development seed
 SILVERBOX = DATA / "silverbox" / "Schroeder80mV.npz"
 EMPS = DATA / "emps" / "estimation.npz"

@@ -18,6 +18,7 @@ from gsid.diagnosis.from_records.canonical import (
     insignificant,
     pruned,
     resonant_stack,
+    unit_of_values,
     without_wrong_unit,
 )
 from gsid.diagnosis.from_records.confirm import has_converged, judged
@@ -168,6 +169,23 @@ def test_a_unit_that_the_output_contradicts_is_removed(output, unit, left):
     one = Spectra(FS_HZ, 8, line, flat, flat, 0, 0, excited=line > 0, y_unit=unit)
     (found,) = without_wrong_unit([one], model(BODY, output=output))
     assert found.y_unit == left
+
+
+@pytest.mark.parametrize(
+    ("unit", "output", "said"),
+    [
+        ("counts", "angle", "values in deg are in counts;"),
+        ("rpm", "rate", "values in deg are in rpm;"),
+        ("counts/s", "rate", "values in deg are in counts;"),
+        ("deg/s", "rate", None),
+        ("", "angle", None),
+    ],
+)
+def test_values_of_an_output_in_counts_state_so(unit, output, said):
+    """Bug: the gain of an axis measured in counts was printed in deg/s^2 without a word."""
+    text = unit_of_values(unit, model(BODY, output=output))
+    assert (text is None) == (said is None)
+    assert said is None or said in text
 
 
 # ---- linear effects first --------------------------------------------------------------------------
@@ -500,7 +518,7 @@ def test_the_work_of_a_fit_and_that_of_all_fits_are_bounded(monkeypatch, needed,
 def test_play_has_work_of_its_own(monkeypatch):
     """It is tried last, when the other laws may have used up theirs."""
     given = []
-    monkeypatch.setattr(confirming, "fit_play", lambda *how: given.append(how[-1].moves_left))
+    monkeypatch.setattr(confirming, "fit_play", lambda *how: given.append(how[5].moves_left))
     deadline = Deadline().bounded(0.0)
     fits = confirming.Simulations([None], None, deadline, DEFAULTS, lambda text: None)
     assert fits.fit_play(None, None, 0.0) is None

@@ -9,6 +9,7 @@ from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.effects.types import catalogue
 from gsid.greybox.fit import fit_plant
 
+pytestmark = pytest.mark.xdist_group("bouc_wen")  # the module's fixture is made once
 FS_HZ, N, SETTLE = 500.0, 250, 10
 GAIN, RATE, STIFFNESS = 500.0, 25.0, 13000.0
 # z' = ALPHA w - BETA (GAMMA |w| z + DELTA w |z|)

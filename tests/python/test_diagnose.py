@@ -30,7 +30,7 @@ TRUTH = {
     "flexible_mode": {"f_hz": 179.0, "zeta": 0.015, "residue": 0.15},
     "sensor_lag": {"time_constant_s": 1e-3},
 }
-FS, N = 3000.0, 6000
+FS, N = 3000.0, 3000
 SLIGHT = 0.02  # Coulomb friction [deg/s^2] that these records hardly show
 diagnose = partial(diagnosis.diagnose, time_s=600.0)  # the answer shall not depend on what else runs
 FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_friction", "drive_dead_zone", "bouc_wen"}

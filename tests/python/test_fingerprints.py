@@ -13,6 +13,7 @@ from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
 
+pytestmark = pytest.mark.xdist_group("fingerprints")  # the module's fixture is made once
 FS, N, PERIODS, SEED, LEVEL = 1000.0, 2000, 4, 20261123, 20.0
 
 
@@ -67,3 +68,17 @@ def test_both_curves_have_the_same_bins_and_the_entries_are_numbers(found):
 
 def test_nothing_missing_has_no_fingerprints(found):
     assert fingerprints(dataclasses.replace(found, verdict="adequate")) == []
+
+
+def test_a_law_of_a_small_share_is_not_presented_as_the_missing_one(found):
+    """It "explains 1.158 % of the misfit and follows 99.92 % of the torque": read as a success."""
+    first = fingerprints(found)[0]
+
+    def sentence(share):
+        law = dataclasses.replace(first.law, share_kept_out=share)
+        return dataclasses.replace(first, law=law).sentence
+
+    assert first.follows > 0.5
+    assert "explains only 1.158 % of the misfit: it is not what is missing" in sentence(0.01158)
+    assert "explains 97 % of the misfit, and its curve over the rate follows" in sentence(0.97)
+    assert sentence(float("nan")).startswith("The curve of coulomb_friction over the rate follows")

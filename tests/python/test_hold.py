@@ -22,6 +22,7 @@ from gsid.response.frf import Frf
 
 SEED = 20261122
 FS_HZ = 3000.0
+SHORT = 1500  # samples in a period, for fits by simulation
 
 
 def response(truth: RationalModel, rng, f_hz, noise=1e-4) -> Frf:
@@ -94,9 +95,9 @@ AXIS = {
 }
 
 
-def held_record(top_hz, noise, hold=None, **more):
+def held_record(top_hz, noise, hold=None, n=3000, **more):
     """A held command on a delayed axis, from the simulator; the record does not state it."""
-    u = Multisine.design(FS_HZ, 3000, (5, top_hz), rms=1.0).table()
+    u = Multisine.design(FS_HZ, n, (5, top_hz), rms=1.0).table()
     record = axis_record(u, 8, noise, SEED, gain=40.0, viscous_rate=25.0, delay_s=1e-3, **more)
     return dataclasses.replace(record, hold=hold)
 
@@ -133,10 +134,10 @@ def unheld_record(top_hz, noise, lag_s=0.0, hold=None):
 
 def test_bug_a_held_null_without_a_header_got_a_lag_by_name():
     """It was taken as not held: its sinc and images looked like a lag."""
-    as_before = fit_plant(plant(AXIS), held_record(900, 1e-4, "none"))  # how a silent file was read
+    as_before = fit_plant(plant(AXIS), held_record(900, 1e-4, "none", SHORT))  # how a silent file was read
     assert as_before.cost_per_dof > 1.5
-    found = diagnose(plant(AXIS), held_record(900, 1e-4))
-    stated = diagnose(plant(AXIS), held_record(900, 1e-4, "zoh"))
+    found = diagnose(plant(AXIS), held_record(900, 1e-4, None, SHORT))
+    stated = diagnose(plant(AXIS), held_record(900, 1e-4, "zoh", SHORT))
     assert found.adequate
     assert found.p_value == stated.p_value
     assert (found.hold, found.hold_assumed, stated.hold_assumed) == ("zoh", True, False)
@@ -153,7 +154,7 @@ def test_a_lag_that_is_missing_under_both_is_named(record):
 
 
 def test_friction_is_named_beside_an_unknown_hold_and_no_mode_that_imitates_it():
-    found = diagnose(plant(AXIS), held_record(200, 1e-3, coulomb_level=5.0))
+    found = diagnose(plant(AXIS), held_record(200, 1e-3, None, SHORT, coulomb_level=5.0))
     assert (found.verdict, found.hold, found.hold_assumed) == ("missing_effect", "zoh", True)
     assert [effects[0] for effects in found.found] == ["coulomb_friction"]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gsid.cli.main import main
+from gsid.cli.report import fitted as fitted_for_report
 from gsid.fitting.order import select_order
 from gsid.fitting.rational import fit
 from gsid.fitting.roots import doubtful
@@ -17,6 +18,7 @@ from gsid.records.record import Record
 from gsid.response.estimate import frf
 from gsid.response.frf import Frf
 from gsid.response.with_distortion import frf_with_distortion
+from gsid.spectrum.realisation import spectra
 from measured import BENCH, DATA, needs_bench
 
 SEED = 20261125
@@ -44,6 +46,13 @@ def test_bug_friction_was_fitted_by_poles(seed):
     assert choice.relative_error is not None
     assert mode_hz(choice.chosen.model) == pytest.approx(179.0, rel=1e-3)
     assert doubtful(choice.chosen.model, np.arange(0.5, 250.0), small_pairs=True) == []
+
+
+def test_bug_the_report_followed_distortion_that_the_fit_avoids():
+    """It chose 8/7 and more with the weights of the noise, and every estimator took minutes for it."""
+    model, _ = fitted_for_report([spectra(simulated(0.05, 0))], "auto", None, False)
+    assert (model.n_poles, model.n_zeros) == (5, 3)
+    assert model.weights == "total"
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -14,6 +14,7 @@ from gsid.cli.options import (
     alpha_option,
     band_option,
     found_model_option,
+    inertia_option,
     is_given,
     json_option,
     options_as_arguments,
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(0, min_open=True),
     help="Time limit. The result is the best one found until then. [default: 60]",
 )
+@inertia_option
 @found_model_option
 @click.option(
     "--curve",
@@ -85,6 +87,7 @@ def diagnose(
     reference: str | None,
     model_path: str | None,
     y_is: str | None,
+    inertia_kg_m2: float | None,
     band: tuple[float, float] | None,
     fast: bool,
     time_s: float | None,
@@ -127,6 +130,7 @@ def diagnose(
             alpha=alpha,
             on_step=on_step,
         )
+    _give_inertia(found, inertia_kg_m2 or (model.inertia_kg_m2 if model else None))
     before = _compared(found)
     note_assumed_hold(model is not None and found.hold_assumed, found.hold, found.other_delay_s)
     final = _saved(model, found, path) if path else None
@@ -147,6 +151,11 @@ def diagnose(
         _print_ladder(ladder(final))
     _suggest(found, records, model_path, curve)
     return _exit_code(found)
+
+
+def _give_inertia(found: Diagnosis, inertia_kg_m2: float | None) -> None:
+    if found.model is not None and found.model.angle_unit != "m":
+        found.model.inertia_kg_m2 = inertia_kg_m2
 
 
 def _exit_code(found: Diagnosis) -> int:

@@ -10,6 +10,7 @@ the later fit by simulation removes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -202,15 +203,20 @@ def twist_of(
     """
     edge = gap / 2
     a = np.maximum(damping / h, STIFFEST * stiffness)
-    mean = np.ascontiguousarray((torque + np.roll(torque, 1, axis=1)).T / 2)
-    n = len(mean)
-    x, spring, twist = np.zeros(len(gap)), np.zeros(len(gap)), np.empty_like(mean)
-    for i in range(-(n // WARM), n):
-        right = mean[i] + a * x - spring / 2
-        within = right / a
-        beyond = (right + np.sign(right) * stiffness / 2 * edge) / (a + stiffness / 2)
-        x = np.where(np.abs(within) <= edge, within, beyond)
-        spring = stiffness * (x - np.clip(x, -edge, edge))
-        if i >= 0:
-            twist[i] = x
-    return twist.T
+    mean = (torque + np.roll(torque, 1, axis=1)).T / 2
+    n, warm = len(mean), len(mean) // WARM
+    # Each step solves a x + spring(x) / 2 = push, and the next push is mean + a x - spring / 2.
+    edge_push, softer = a * edge, 1 / (a + stiffness / 2)
+    of_push, of_inner = 2 * a * softer - 1, 2 - 2 * a * softer
+    push = np.concatenate([mean[n - warm :], mean])
+    lower, inner = -edge_push, np.empty_like(edge_push)
+    for before, here in pairwise(push):
+        np.minimum(before, edge_push, out=inner)
+        np.maximum(inner, lower, out=inner)
+        inner *= of_inner
+        here += inner
+        np.multiply(before, of_push, out=inner)
+        here += inner
+    push = push[warm:]
+    within = np.clip(push, -edge_push, edge_push)
+    return (within / a + (push - within) * softer).T

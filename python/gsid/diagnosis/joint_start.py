@@ -53,7 +53,8 @@ def joint_start(fit: PlantFit, given: PlantModel) -> PlantModel | None:
     highest = max(float(one.f_hz[one.excited].max()) for one in loud)
     before = linear_error(linear_start(fit.model, loud), loud)
     trials = []
-    for origin in (fit.model, _as_given(fit.model, given)):
+    origins = [fit.model] if given is fit.model else [fit.model, _as_given(fit.model, given)]
+    for origin in origins:
         for share in FREQUENCIES:
             model = linear_start(_with_joint(origin, share * highest, RATIOS[0]), loud)
             trials.append((linear_error(model, loud), origin, share, model))

@@ -20,7 +20,7 @@ from gsid.models.rational import RationalModel
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import OUTPUTS as OF_PLANTS
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS, kind_of_unit
+from gsid.plant.units import RADIANS, kind_of_unit, torque_text
 from gsid.records.record import Record
 from gsid.response.sample_hold import held_response
 from gsid.response.total_variance import TotalVariance
@@ -78,6 +78,8 @@ class Start(Plottable):
         Of the estimated parameters, in the order of `names`.
     names : list of str
         "effect.parameter" of the estimated parameters.
+    inertia_kg_m2 : float or None
+        Inertia of the axis, with which the parameters are also printed as torques.
     """
 
     effects: dict[str, dict[str, float]]
@@ -96,6 +98,7 @@ class Start(Plottable):
     sensor_rate_hz: float | None = None
     covariance: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     names: list[str] = field(default_factory=list)
+    inertia_kg_m2: float | None = None
 
     def model(self) -> PlantModel:
         """Return the stack as a plant model with its covariance.
@@ -123,6 +126,7 @@ class Start(Plottable):
             angle_unit=unit if unit in RADIANS else "deg",
             u_unit=self.measured.u_unit,
             y_unit=self.measured.y_unit,
+            inertia_kg_m2=self.inertia_kg_m2,
         )
         order = [self.names.index(name) for name in model.free_names]
         model.cov = self.covariance[np.ix_(order, order)]
@@ -172,15 +176,21 @@ class Start(Plottable):
         from gsid.effects.types import find
 
         unit_of_angle = self.measured.y_unit.partition("/")[0] or "deg"
-        rows = []
+        rows, more = [], []
+        if self.inertia_kg_m2 is not None:
+            more = [f"with {self.inertia_kg_m2:.5g} kg m^2"]
         for label, params in self.effects.items():
             for name, value in params.items():
                 std, noise = (of.get(label, {}).get(name) for of in (self.std, self.std_noise_only))
-                unit = find(label.partition("#")[0])[name].unit.replace("deg", unit_of_angle)
+                effect = label.partition("#")[0]
+                unit = find(effect)[name].unit.replace("deg", unit_of_angle)
+                torque = torque_text(
+                    effect, name, value, self.inertia_kg_m2, unit_of_angle, self.measured.u_unit
+                )
                 spread = ["fixed", ""] if std is None else [f"{std:.2g}", f"{noise:.2g}"]
-                rows.append([label, name, f"{value:.6g}", *spread, unit])
-        head = ["effect", "parameter", "value", "std", "noise only", "unit"]
-        return Table(head, rows, left=["effect", "parameter", "unit"], title=self.summary())
+                rows.append([label, name, f"{value:.6g}", *spread, unit, *([torque] if more else [])])
+        head = ["effect", "parameter", "value", "std", "noise only", "unit", *more]
+        return Table(head, rows, left=["effect", "parameter", "unit", *more], title=self.summary())
 
     def summary(self) -> str:
         """One line: what the axis is, and how well the model represents it."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.plant.effect import Effect, Param
 from gsid.plant.model import PlantModel
-from gsid.plant.units import RADIANS
+from gsid.plant.units import OUTPUTS, RADIANS
 from gsid.spectrum.spectra import Spectra
 
 BODY, DAMPING, SPRING = "rigid_body", "viscous_friction", "cable_spring"
@@ -102,17 +102,31 @@ def resonant_stack(model: PlantModel, f_lo_hz: float, settings: DecisionSettings
     if not in_band or _resonates(stack):
         return None
     lowest = min(in_band, key=lambda mode: mode.params["f_hz"].value)
-    values = {name: p.value for name, p in lowest.params.items()}
+    smaller = with_mode_as_body(model, lowest)
+    stays = [e for e in smaller.effects if e.id != MODE or e in in_band]
+    return canonical_stack(replace(smaller, effects=stays), f_lo_hz, settings, merged=False)
+
+
+def with_mode_as_body(model: PlantModel, mode: Effect) -> PlantModel:
+    """A linear model with a mode as the sprung body, in place of its body, damping and spring.
+
+    Parameters
+    ----------
+    model : PlantModel
+    mode : Effect
+        One of its modes.
+    """
+    values = _values(mode.params)
+    gain = next(effect.params["gain"].value for effect in model.effects if effect.id == BODY)
     w0 = 2 * math.pi * values["f_hz"]
     of_body = {
-        BODY: {"gain": stack[BODY]["gain"] * values["residue"]},
+        BODY: {"gain": gain * values["residue"]},
         DAMPING: {"rate": 2 * values["zeta"] * w0},
         SPRING: {"stiffness": w0**2},
     }
     effects = [Effect(label, _free(params)) for label, params in of_body.items()]
-    stays = [e for e in model.effects if e.id not in of_body and (e.id != MODE or e in in_band)]
-    smaller = replace(model, effects=effects + [e for e in stays if e is not lowest])
-    return canonical_stack(smaller, f_lo_hz, settings, merged=False)
+    effects += [e for e in model.effects if e.id not in of_body and e is not mode]
+    return replace(model, effects=effects)
 
 
 def _resonates(stack: Stack) -> bool:
@@ -197,3 +211,23 @@ def without_wrong_unit(measured: Sequence[Spectra], model: PlantModel) -> list[S
     """
     units = {unit + ("" if model.output == "angle" else "/s") for unit in RADIANS}
     return [replace(one, y_unit=one.y_unit if one.y_unit in units else "") for one in measured]
+
+
+def unit_of_values(y_unit: str, model: PlantModel) -> str | None:
+    """The sentence that values are in the unit of the output where they state that of the model's angle.
+
+    Parameters
+    ----------
+    y_unit : str
+        Of the record.
+    model : PlantModel
+
+    Returns
+    -------
+    str or None
+        None if the unit is not stated, or is one that a model can have.
+    """
+    if not y_unit or y_unit in OUTPUTS:
+        return None
+    unit = y_unit.removesuffix("/s") if model.output == "rate" else y_unit
+    return f"y is in {y_unit}: values in {model.angle_unit} are in {unit}; --factor and --unit convert it"

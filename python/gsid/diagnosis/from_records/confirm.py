@@ -157,7 +157,13 @@ class Simulations:
         stays = [effect for effect in model.effects if effect.id not in self.left_out]
         return replace(model, effects=[*stays, *known])
 
-    def fit_play(self, null: PlantFit, given: PlantModel, beaten: float) -> Simulated | None:
+    def fit_play(
+        self,
+        null: PlantFit,
+        given: PlantModel,
+        beaten: float,
+        pruned: Callable[[PlantModel], PlantModel] = lambda model: model,
+    ) -> Simulated | None:
         """Fit play between motor and load; None if it lowers no cost, or if there was no time.
 
         Parameters
@@ -168,6 +174,8 @@ class Simulations:
             The model before any fit.
         beaten : float
             Least cost of the other laws.
+        pruned : callable
+            As `short_list`.
         """
         if self.deadline.is_over:
             self.not_tried[BACKLASH] = "the time was over before its fit by simulation"
@@ -175,7 +183,7 @@ class Simulations:
         self.on_step(f"fitting {BACKLASH} by simulation")
         deadline = self.deadline.bounded(self.settings.moves_of_play)
         try:
-            fit = fit_play(null, given, self.measured, self.band, beaten, deadline)
+            fit = fit_play(null, given, self.measured, self.band, beaten, deadline, pruned)
         except OutOfTime:
             self.not_tried[BACKLASH] = self._why_stopped()
             return None

@@ -4,8 +4,9 @@
 2. The laws are judged on a canonical stack by the first stage; linear effects that are missing enter the
    stack first.
 3. The winner, its relatives and the best law of another family are fitted by simulation.
-4. A law is named if these fits confirm it; otherwise it is the nearest, or unknown.
-5. If a law is named, its part of the output is subtracted and the linear structure is found again.
+4. If no law explains a clear misfit, play between motor and load is tried beside simpler structures.
+5. A law is named if these fits confirm it; otherwise it is the nearest, or unknown.
+6. If a law is named, its part of the output is subtracted and the linear structure is found again.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from gsid.diagnosis.from_records.mend_structure import mend_structure
 from gsid.diagnosis.from_records.result import Diagnosis
 from gsid.diagnosis.from_records.rounds import Rounds
 from gsid.diagnosis.from_records.run import ALPHA, Run
+from gsid.diagnosis.from_records.seek_play import seek_play
+from gsid.diagnosis.from_records.seek_stop import seek_stop
 from gsid.diagnosis.from_records.settings import DEFAULTS, DecisionSettings
 from gsid.diagnosis.from_records.steps import BEFORE_FITS, Steps
 from gsid.diagnosis.from_records.summary import summarised
@@ -113,6 +116,8 @@ def diagnose_records(
                 draw_up(run)
                 if not fast:
                     confirm(run)
+                    seek_stop(run)
+                    seek_play(run)
                     mend_structure(run)
                     if model is not None:
                         rounds = Rounds(run)

@@ -9,6 +9,7 @@ from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.ripple import remaining_ripple
 from gsid.diagnosis.from_records.run import Run
 from gsid.greybox.fit import fit_plant
+from gsid.plant.linear_response import BACKLASH
 
 
 def weigh_model_error(run: Run) -> None:
@@ -22,6 +23,8 @@ def weigh_model_error(run: Run) -> None:
     """
     if run.final is None or run.evidence().is_adequate(run.final):
         return
+    if BACKLASH in run.final.effects and not run.decision.effects:
+        return  # a fit with play takes ten times as long, and no name rests on it
     with run.timed("fit with equal weights"):
         run.on_step("fitting with equal weights")
         how = {"band": run.band, "method": "nls-output", "deadline": run.deadline}

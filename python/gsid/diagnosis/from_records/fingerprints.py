@@ -15,6 +15,7 @@ import numpy as np
 
 from gsid.base.errors import GsidError, InputError
 from gsid.diagnosis.from_records.law_part import missing_torque, without
+from gsid.diagnosis.from_records.settings import DecisionSettings
 from gsid.diagnosis.torque_residual import Curve
 from gsid.effects.types import find
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 LAWS = 3  # of the ranking
 RECORDS = 2  # the more are used, the longer it takes; the curves change little
+MAIN = DecisionSettings.nearest_share  # of the misfit: below it, a law is not the main effect
 LEAST_SHARE = 0.005  # of the missing torque's mean square over a variable: below it, a law has no curve
 
 
@@ -54,11 +56,17 @@ class Fingerprint:
     @property
     def sentence(self) -> str:
         """What the law is, and how well it follows the data."""
-        name, variable = " or ".join(self.law.effects), self.measured.name
-        kept_out = self.law.share_kept_out
-        explains = "" if math.isnan(kept_out) else f"explains {_percent(kept_out)} of the misfit and "
-        curve = f"follows {_percent(self.follows)} of the torque that is missing over the {variable}"
-        return f"{name} {explains}{curve}. {find(self.law.effects[0]).sentence}"
+        name, kept_out = " or ".join(self.law.effects), self.law.share_kept_out
+        if math.isnan(kept_out):
+            start = f"The curve of {name}"
+        elif kept_out < MAIN <= self.follows:  # of a small part of the torque a law may follow all
+            start = f"{name} explains only {_percent(kept_out)} of the misfit"
+            start += ": it is not what is missing, or only a part of it, although its curve"
+        else:
+            start = f"{name} explains {_percent(kept_out)} of the misfit, and its curve"
+        over, share = self.measured.name, _percent(self.follows)
+        sentence = find(self.law.effects[0]).sentence
+        return f"{start} over the {over} follows {share} of the torque missing there. {sentence}"
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `fingerprints` in `gsid diagnose --json`."""

@@ -7,17 +7,16 @@ import numpy as np
 from gsid.diagnosis.from_records.canonical import (
     SPRING,
 )
-from gsid.diagnosis.from_records.confirm import Simulations
+from gsid.diagnosis.from_records.confirm import Simulated, Simulations
 from gsid.diagnosis.from_records.drive_laws import drive_starts
 from gsid.diagnosis.from_records.evidence import is_simpler_of_angle
 from gsid.diagnosis.from_records.play import may_have_play
 from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.short_list import Candidate, short_list
 from gsid.diagnosis.from_records.verdict import ADEQUATE, NEAREST, UNKNOWN, Decision
+from gsid.diagnosis.from_records.working_point import BIAS, CUBIC, cubic_in_place_of_cogging
 from gsid.plant.linear_response import BACKLASH
 from gsid.plant.model import PlantModel
-
-BIAS = "torque_bias"
 
 
 def confirm(run: Run) -> None:
@@ -134,4 +133,16 @@ def _add_bias(run: Run, fits: Simulations) -> None:
         fitted = fits.fit(one.model.with_effect(BIAS, {"level": 0.0}), one.effects, best.cost)
         if fitted is not None and evidence.is_worse(one, fitted):
             run.laws[i] = fitted
+    _try_cubic(run, fits, best)
     run.decide()
+
+
+def _try_cubic(run: Run, fits: Simulations, best: Simulated) -> None:
+    """A cubic spring that a constant torque has shifted, in place of a cogging that is the best law."""
+    model = None if CUBIC in run.without else cubic_in_place_of_cogging(best)
+    fitted = fits.fit(model, (CUBIC,), best.cost) if model is not None else None
+    if fitted is None:
+        return
+    known = [one for one in run.laws if one.effects == (CUBIC,)]
+    if not known or fitted.cost < known[0].cost:
+        run.laws = [one for one in run.laws if one.effects != (CUBIC,)] + [fitted]

@@ -15,6 +15,7 @@ from gsid.diagnosis.from_records.run import Run
 from gsid.diagnosis.from_records.verdict import (
     MISSING,
 )
+from gsid.plant.linear_response import BACKLASH
 from gsid.structure.start import start
 
 
@@ -30,7 +31,9 @@ def mend_structure(run: Run) -> None:
     """
     if run.decision.verdict != MISSING or run.start is None or run.final is None or run.loop:
         return
-    if is_linear(run.decision.effects[0]):
+    if (
+        is_linear(run.decision.effects[0]) or BACKLASH in run.decision.effects
+    ):  # play was fitted beside its own
         return
     with run.timed("structure beside the law"):
         if run.evidence().is_adequate(run.final):

@@ -6,7 +6,7 @@ values come from the response and from the measured motion of the load (`gsid.di
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from gsid.base.deadline import Deadline, OutOfTime
@@ -19,11 +19,12 @@ from gsid.spectrum.spectra import Spectra
 
 LOOK = 3  # iterations of the first fit, which decides whether it is continued
 FURTHER = 15  # iterations of the last one
-ALONE = 10  # iterations of the fit of one record
+ALONE = 10  # iterations of the fit of one record, and of it with each further one
 WALLS = 3  # restarts from one record
 FORGIVEN = 0.5  # share of the cost without play: a fit that leaves more is not restarted
 SAME = 10.0  # fall of the cost by which a restart has to be better
 NOISE = 0.05  # p-value of noise at which a fit needs no restart
+ENOUGH = 1.15  # cost per degree of freedom at which one that has converged needs none: only noise is left
 
 
 def may_have_play(model: PlantModel) -> bool:
@@ -44,6 +45,7 @@ def fit_play(
     band: tuple[float, float] | None,
     beaten: float,
     deadline: Deadline,
+    pruned: Callable[[PlantModel], PlantModel] = lambda model: model,
 ) -> PlantFit | None:
     """Fit a model with play; None if play does not improve the response.
 
@@ -61,10 +63,13 @@ def fit_play(
     beaten : float
         Least cost of the other laws.
     deadline : Deadline
+    pruned : callable
+        Removes elements of a stack that became zero: a lag of zero makes the simulation stiff.
     """
     start = joint_start(null, given)
     if start is None:
         return None
+    start = pruned(start)
     fit = fit_plant(start, measured, band=band, max_iter=LOOK, deadline=deadline)
     if fit.cost < FORGIVEN * null.cost:
         fit = _beyond_the_walls(fit, measured, band, deadline)
@@ -85,14 +90,17 @@ def _beyond_the_walls(
     """
     n_records = len(measured)
     for _ in range(WALLS if n_records > 1 else 0):
-        if fit.noise_p_value > NOISE or deadline.is_over:
+        if _leaves_noise(fit) or deadline.is_over:
             break
         try:
             alone = [
-                fit_plant(fit.model, one, band=band, max_iter=ALONE, deadline=deadline) for one in measured
+                fit_plant(fit.model, one, band=band, max_iter=LOOK, deadline=deadline) for one in measured
             ]
             order = sorted(range(n_records), key=lambda i: alone[i].cost_per_dof)
             further = alone[order[0]]
+            if not further.converged:
+                first = measured[order[0]]
+                further = fit_plant(further.model, first, band=band, max_iter=ALONE, deadline=deadline)
             for n in range(2, n_records + 1):
                 chosen = [measured[i] for i in sorted(order[:n])]
                 further = fit_plant(further.model, chosen, band=band, max_iter=ALONE, deadline=deadline)
@@ -102,3 +110,8 @@ def _beyond_the_walls(
             break
         fit = further
     return fit
+
+
+def _leaves_noise(fit: PlantFit) -> bool:
+    """Whether a fit needs no restart."""
+    return fit.noise_p_value > NOISE or (fit.converged and fit.cost_per_dof <= ENOUGH)

@@ -111,6 +111,7 @@ class DecisionSettings:
     clear_misfit : float
         Cost per degree of freedom of the linear part above which fewer periods are enough. Thirds of the
         lines are left out then; the periods only show how large the noise is, and the misfit is far above it.
+        The same of the best law, above which play is tried without a given model.
     named_scatter, scatter_errors : float
         Largest scatter of the law's coefficient over realisations, or in standard errors.
     worse : float

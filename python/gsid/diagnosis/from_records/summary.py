@@ -10,6 +10,7 @@ import numpy as np
 
 from gsid.base.hold import DECLARE, MEANING
 from gsid.diagnosis.from_records.basis import Basis, basis_of_draft
+from gsid.diagnosis.from_records.canonical import unit_of_values
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.evidence import Evidence
 from gsid.diagnosis.from_records.fingerprints import LAWS
@@ -286,6 +287,8 @@ def _assumed(run: Run) -> list[str]:
         texts = [text for text in run.start.assumed if not text.startswith("the input was")]
         structure = ", ".join(run.start.effects) or f"rational, order {run.start.order}"
         texts.append(f"linear structure: {structure}")
+        unit = unit_of_values(run.start.measured.y_unit, run.stack) if run.stack is not None else None
+        texts += [unit] if unit else []
     else:
         texts = [f"period {one.period_samples} samples, {one.settle_samples} samples discarded at the start"]
     if run.hold_assumed and run.draft:

@@ -1,7 +1,8 @@
 """Motion of the axis over one period, from the measured output.
 
 The output is divided by the sensor's response, and the part of a flexible mode is subtracted. Each line
-has the Wiener weight max(0, 1 - variance / |Y|^2). The mean angle of a rate sensor is not known: 0.
+has the Wiener weight max(0, 1 - variance / |Y|^2). The mean angle of a rate sensor is not known: 0. The mean
+rate is that of an angle that turns on and on (`gsid.records.turn`), else 0.
 """
 
 from __future__ import annotations
@@ -101,6 +102,7 @@ def _motion(problem: Problem, part: LinearPart, r: Lines, line: np.ndarray, view
     step_s = period_s / n
     mean = float(r.moved[0].real) if problem.output_angle else 0.0
     signals = synthesis(np.array([angle, rate, s * rate, held]), line, n)
+    signals[1] += r.spectra.turn / period_s if problem.output_angle else 0.0
     side = np.empty(n)
     doubles = [ffi.from_buffer("double[]", np.ascontiguousarray(x)) for x in (signals[1], signals[2], side)]
     check(lib.gsid_law_side(n, step_s, *doubles), "mean direction")

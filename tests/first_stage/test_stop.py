@@ -1,0 +1,82 @@
+"""Stops that the axis runs into at the high level only."""
+
+import hard
+import numpy as np
+import pytest
+from from_records_study import record_of
+from test_steps import BODY, SPRING, VISCOUS, model
+
+import gsid
+from gsid.diagnosis.from_records.seek_stop import Edges, edges_along_motion, with_edges
+from gsid.diagnosis.missing_torque.problem import Problem, linear_part
+from gsid.diagnosis.missing_torque.settings import DEFAULTS
+from gsid.spectrum.realisation import spectra_of
+
+SEED, INDEX = 92002, 2  # lost by the search before
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return hard.make_hard(SEED, INDEX, "single")
+
+
+@pytest.fixture(scope="module")
+def measured(trial):
+    return spectra_of([record_of(u, y) for u, y in trial.records])
+
+
+def truth_of(trial):
+    """The simulated axis of the trial, which shares no code, as a model without its stops."""
+    truth = trial.key["truth"]
+    mode = {"f_hz": truth["mode_hz"], "zeta": truth["mode_zeta"], "residue": truth["mode_residue"]}
+    return model(
+        {"rigid_body": {"gain": truth["gain"]}},
+        {"viscous_friction": {"rate": truth["viscous_rate"]}},
+        {"cable_spring": {"stiffness": truth["spring_stiffness"]}},
+        {"flexible_mode": mode},
+        {"sensor_lag": {"time_constant_s": truth["sensor_lag_s"]}},
+        {"transport_delay": {"delay_s": truth["delay_s"]}},
+    )
+
+
+def test_edges_and_stiffness_stand_in_the_missing_torque(trial, measured):
+    truth = trial.key["truth"]
+    problem = Problem(truth_of(trial), measured[2:], None, DEFAULTS)
+    found = edges_along_motion(problem, linear_part(truth_of(trial)))
+    assert -found.low == pytest.approx(truth["stop_angle_deg"], rel=0.005)
+    assert found.high == pytest.approx(truth["stop_angle_deg"], rel=0.005)
+    assert found.stiffness == pytest.approx(truth["stop_stiffness"], rel=0.02)
+    assert found.left < 1e-4
+
+
+def test_the_simulation_begins_where_the_axis_was_measured(trial, measured):
+    """Bug: with the true values the simulation ended in another periodic orbit, 120 % away."""
+    plant = truth_of(trial).with_effect("hard_stop", trial.key["effects"][0]["params"])
+    for one in measured:
+        answer = plant.predict(one)
+        line = np.flatnonzero(one.excited)
+        assert answer.settled
+        assert np.linalg.norm((answer.Y - one.y)[line]) < 0.02 * np.linalg.norm(one.y[line])
+
+
+@pytest.mark.parametrize(("low", "high"), [(-2.0, 2.0), (-1.0, 3.0)])
+def test_edges_about_another_middle_are_stops_beside_a_constant_torque(low, high):
+    """At the edges, the spring and the constant torque leave the middle of the stops at angle 0."""
+    plant = with_edges(model(BODY, VISCOUS, SPRING), Edges(low, high, 500.0, 0.0, 0, 0.1)).stack()
+    mean = -plant["torque_bias"]["level"] / plant["cable_spring"]["stiffness"]
+    assert plant["hard_stop"]["angle_deg"] - mean == pytest.approx(high)
+    assert -plant["hard_stop"]["angle_deg"] - mean == pytest.approx(low)
+
+
+def test_no_edges_where_the_linear_part_is_adequate(trial, measured):
+    problem = Problem(truth_of(trial), measured[:2], None, DEFAULTS)
+    assert edges_along_motion(problem, linear_part(truth_of(trial))) is None
+
+
+def test_stops_that_only_the_high_level_reaches_are_named(trial, measured):
+    """Bug: all four stops of a study were lost: the linear part of all records is far from the truth."""
+    truth = trial.key["truth"]
+    found = gsid.diagnose_records(measured, time_s=600)
+    assert found.laws[0] == ("hard_stop",)
+    assert found.model["hard_stop.angle_deg"].value == pytest.approx(truth["stop_angle_deg"], rel=0.005)
+    assert found.model["hard_stop.stiffness"].value == pytest.approx(truth["stop_stiffness"], rel=0.02)

@@ -1,0 +1,65 @@
+"""A cubic spring that a constant torque has shifted, and the cogging that looks like it."""
+
+from types import SimpleNamespace
+
+import hard
+import numpy as np
+import pytest
+from from_records_study import record_of
+from test_steps import BODY, SPRING, VISCOUS, model, values
+
+import gsid
+from gsid.diagnosis.from_records.working_point import cubic_in_place_of_cogging
+
+COGGING = {"motor_cogging": {"level": 600.0, "cycles_per_rev": 12.0, "phase_rad": 2.6}}
+MEAN_DEG = 3.0
+
+
+def fitted(plant, mean=MEAN_DEG):
+    record = SimpleNamespace(prediction=SimpleNamespace(angle=mean + np.sin(np.arange(60))))
+    return SimpleNamespace(model=plant, fit=SimpleNamespace(records=[record]))
+
+
+@pytest.mark.parametrize("phase", [2.6, -0.7])
+def test_both_models_have_the_same_torque_about_the_inflection(phase):
+    """Two torques over the angle, independent of the code of the laws: they differ by the fifth power."""
+    plant = model(BODY, VISCOUS, SPRING)
+    level, cycles = 600.0, 12.0
+    plant = plant.with_effect("motor_cogging", {"level": level, "cycles_per_rev": cycles, "phase_rad": phase})
+    k = values(plant, "cable_spring")["stiffness"]
+    cubic = cubic_in_place_of_cogging(fitted(plant))
+    wave = np.deg2rad(cycles)
+    inflections = (np.pi * np.arange(-5, 6) - phase) / wave
+    at = inflections[np.argmin(abs(inflections - MEAN_DEG))]
+    t = np.linspace(-1.0, 1.0, 21)
+    torque = k * (at + t) + level * np.sin(wave * (at + t) + phase)
+    found = (
+        values(cubic, "torque_bias")["level"]
+        + values(cubic, "cable_spring")["stiffness"] * t
+        + values(cubic, "cubic_spring")["stiffness"] * t**3
+    )
+    np.testing.assert_allclose(found, torque, atol=level * wave**5 / 120)
+    assert "motor_cogging" not in cubic.stack()
+
+
+def test_a_known_constant_torque_is_added_to():
+    plant = model(BODY, VISCOUS, SPRING).with_effect("motor_cogging", COGGING["motor_cogging"])
+    alone = values(cubic_in_place_of_cogging(fitted(plant)), "torque_bias")["level"]
+    both = cubic_in_place_of_cogging(fitted(plant.with_effect("torque_bias", {"level": 5.0})))
+    assert values(both, "torque_bias")["level"] == pytest.approx(alone + 5.0)
+
+
+def test_there_is_none_without_cogging_or_without_a_spring():
+    assert cubic_in_place_of_cogging(fitted(model(BODY, VISCOUS, SPRING))) is None
+    free = model(BODY, VISCOUS).with_effect("motor_cogging", COGGING["motor_cogging"])
+    assert cubic_in_place_of_cogging(fitted(free)) is None
+
+
+def test_a_stiffening_spring_beside_a_constant_torque_is_named():
+    """Bug: it was found as cogging whose fit did not converge, and the verdict was unknown."""
+    trial = hard.make_hard(92003, 3, "single")
+    truth = trial.key["truth"]
+    found = gsid.diagnose_records([record_of(u, y) for u, y in trial.records], time_s=600)
+    assert found.laws[0] == ("cubic_spring",)
+    assert found.model["cubic_spring.stiffness"].value == pytest.approx(truth["cubic_stiffness"], rel=0.01)
+    assert found.model["cable_spring.stiffness"].value == pytest.approx(truth["spring_stiffness"], rel=0.01)
