@@ -22,6 +22,7 @@ from gsid.response.frf import Frf, check_response
 if TYPE_CHECKING:
     import control
     import matplotlib.figure
+    from scipy import signal
 
 
 @dataclass(eq=False, repr=False)
@@ -503,15 +504,17 @@ class RationalModel(Plottable):
         """
         return cls.from_dict(read_model_file(path), str(path))
 
-    def to_control(self, pade_order: int = 6) -> control.TransferFunction:
+    def to_control(self, pade_order: int | None = None) -> control.TransferFunction:
         """Convert to a transfer function of python-control, which has neither delay nor hold.
+
+        `control.ss` makes a state space of it, and `from_control` accepts both.
 
         Parameters
         ----------
-        pade_order : int
-            Domain "s": order of the Pade approximation of the delay. With order 6 or more the phase error is
-            at most 0.1 degree up to pade_order / (2 pi delay_s) Hz. Domain "z": not used; the delay must be a
-            whole number of samples.
+        pade_order : int, optional
+            Domain "s": order of a Pade approximation of the delay. With order 6 or more the phase error is
+            at most 0.1 degree up to pade_order / (2 pi delay_s) Hz. Default: the result lacks the delay,
+            `delay_s`. Domain "z": not used; the delay must be a whole number of samples.
 
         Returns
         -------
@@ -527,9 +530,9 @@ class RationalModel(Plottable):
 
         if self.domain == "s":
             system = control.tf(self.num, self.den)
-            return (
-                system if self.delay_s == 0 else system * control.tf(*control.pade(self.delay_s, pade_order))
-            )
+            if self.delay_s == 0 or pade_order is None:
+                return system
+            return system * control.tf(*control.pade(self.delay_s, pade_order))
         assert self.fs_hz is not None
         samples = self.delay_s * self.fs_hz
         if abs(samples - round(samples)) > 1e-9:
@@ -542,12 +545,14 @@ class RationalModel(Plottable):
         return control.tf(num, den, 1.0 / self.fs_hz)
 
     @classmethod
-    def from_control(cls, system: control.TransferFunction, delay_s: float = 0.0) -> RationalModel:
-        """Make a model from a transfer function of python-control with one input and one output.
+    def from_control(
+        cls, system: control.TransferFunction | control.StateSpace, delay_s: float = 0.0
+    ) -> RationalModel:
+        """Make a model from a system of python-control with one input and one output.
 
         Parameters
         ----------
-        system : control.TransferFunction
+        system : control.TransferFunction or control.StateSpace
             Continuous, or discrete with a sample time.
         delay_s : float
             Delay to add [s].
@@ -565,16 +570,79 @@ class RationalModel(Plottable):
             raise ValueError(
                 f"one input and one output are required, got {system.ninputs} and {system.noutputs}"
             )
-        num, den = np.trim_zeros(system.num[0][0], "f"), np.trim_zeros(system.den[0][0], "f")
-        if system.isctime():
-            return cls(num, den, delay_s)
         if system.dt is True:
             raise ValueError("the discrete system has no sample time: set its dt")
+        if hasattr(system, "A"):
+            import control
+
+            system = control.tf(system)
+        return cls._of_descending(
+            system.num[0][0], system.den[0][0], delay_s, None if system.isctime() else system.dt
+        )
+
+    def to_scipy(self) -> signal.TransferFunction:
+        """Convert to a transfer function of scipy.signal, which has neither delay nor hold.
+
+        Its methods `to_ss` and `to_zpk` give the other forms, and `from_scipy` accepts them.
+
+        Returns
+        -------
+        scipy.signal.TransferFunction
+            Domain "s": without the delay, `delay_s`. Domain "z": with `dt`, and with the delay, which must be
+            a whole number of samples.
+
+        Raises
+        ------
+        ValueError
+            Domain "z", and a delay that is not a whole number of samples.
+        """
+        from scipy import signal
+
+        system = self.to_control()
+        sample_time = {} if self.domain == "s" else {"dt": system.dt}
+        return signal.TransferFunction(system.num[0][0], system.den[0][0], **sample_time)
+
+    @classmethod
+    def from_scipy(cls, system: signal.lti | signal.dlti, delay_s: float = 0.0) -> RationalModel:
+        """Make a model from a system of scipy.signal with one input and one output.
+
+        Parameters
+        ----------
+        system : scipy.signal.lti or scipy.signal.dlti
+            `TransferFunction`, `ZerosPolesGain` or `StateSpace`; discrete with a sample time.
+        delay_s : float
+            Delay to add [s].
+
+        Returns
+        -------
+        RationalModel
+
+        Raises
+        ------
+        ValueError
+            Several inputs or outputs, a discrete system without sample time, or one that is not causal.
+        """
+        inputs, outputs = getattr(system, "inputs", 1), getattr(system, "outputs", 1)
+        if (inputs or 1, outputs or 1) != (1, 1):
+            raise ValueError(f"one input and one output are required, got {inputs} and {outputs}")
+        if system.dt is True:
+            raise ValueError("the discrete system has no sample time: set its dt")
+        as_ratio = system.to_tf()
+        return cls._of_descending(np.atleast_2d(as_ratio.num)[0], as_ratio.den, delay_s, system.dt)
+
+    @classmethod
+    def _of_descending(
+        cls, num: np.ndarray, den: np.ndarray, delay_s: float, sample_s: float | None
+    ) -> RationalModel:
+        """Make a model from coefficients of s, or with `sample_s` [s] of z, highest power first."""
+        num, den = np.trim_zeros(num, "f"), np.trim_zeros(den, "f")
+        if sample_s is None:
+            return cls(num, den, delay_s)
         lag = len(den) - len(num)
         if lag < 0:
             orders = f"{len(num) - 1} zeros, {len(den) - 1} poles"
             raise ValueError(f"the discrete system is not causal: {orders}")
-        return cls(np.concatenate([np.zeros(lag), num]), den, delay_s, "z", 1.0 / system.dt)
+        return cls(np.concatenate([np.zeros(lag), num]), den, delay_s, "z", 1.0 / sample_s)
 
     def plot(self, frf: Frf | None = None) -> matplotlib.figure.Figure:
         """Bode diagram with 95 % bands, over the measured response if one is given."""
