@@ -7,6 +7,8 @@ import pytest
 from known_system import FS_HZ
 
 from gsid.records.files import write_record
+from gsid.spectrum.noise import Noise
+from gsid.study.folder import Study
 
 N = 8000
 
@@ -78,3 +80,48 @@ def test_frf_without_the_disturbance(gsid, record, tmp_path):
     assert with_fan["removed"] == []
     near = int(np.argmin(np.abs(np.array(with_fan["f_hz"]) - 61.3)))
     assert without["var_g"][near] < 0.01 * with_fan["var_g"][near]
+
+
+def test_zero_input_shows_fan_refresh_drift_and_keeps_the_noise_of_the_study(gsid, tmp_path):
+    """The fan of the simulated axis turns at 30.9 Hz; a gyro refreshed at 400.02 Hz shows its images."""
+    assert gsid("-C", "study", "open").code == 0
+    gsid("-C", "study", "run", "--simulate", "", "--periods", "2", "-o", "excited.csv")
+    result = gsid("-C", "study", "run", "--simulate", "--gyro free-running", "--zero", "20", "--json")
+    assert result.code == 0, result.err
+    answer = json.loads(result.out)
+    assert answer["peak_command"] == 0
+    assert answer["n_periods"] == 10
+    fan, *images = answer["noise"]["tones"]
+    assert abs(fan["f_hz"] - 30.9) < 4 * fan["std_f_hz"] < 0.01
+    assert abs(fan["amplitude"] - 0.005) < 4 * fan["std_amplitude"]
+    low = min(images, key=lambda tone: abs(tone["f_hz"] - 369.12))
+    assert abs(low["f_hz"] + fan["f_hz"] - 400.02) < 4 * (low["std_f_hz"] + fan["std_f_hz"])
+    assert abs(answer["noise"]["drift"]) < 4 * answer["noise"]["std_drift"]
+    study = Study("study", create=False)
+    assert study.noise_model == "responses/2-run-noise.json"
+    kept = Noise.load(study.path(study.noise_model))
+    assert kept.tones[0].f_hz == fan["f_hz"]
+    assert study.last_experiment == ["records/1-run.csv"]  # which the next verbs use
+    assert study.steps[-1].words[1] == answer["noise"]["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--zero", "1", "--periods", "2"), "--zero excites nothing: leave out --periods"),
+        (("--zero", "1", "--amplitude", "2"), "--zero excites nothing: leave out --amplitude"),
+        (("--zero", "0"), "0"),
+        (("--zero", "1", "--attended"), "no response"),
+        (("--noise-model", "n.json"), "--noise-model needs --zero"),
+    ],
+)
+def test_zero_input_excites_nothing(gsid, options, words):
+    result = gsid("run", "--simulate", "", *options)
+    assert result.code == 2
+    assert words in result.err
+
+
+def test_noise_of_a_record_as_a_model(gsid, rest_csv):
+    assert gsid("noise", rest_csv, "--noise-model", "n.json").code == 0
+    assert Noise.load("n.json").n_samples == N
+    assert gsid("noise", rest_csv, rest_csv, "--noise-model", "n.json").code == 2

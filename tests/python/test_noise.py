@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter, welch
 from scipy.stats import binom
+from scipy.stats import t as student_t
 
 from gsid.base.errors import InputError
 from gsid.excitation.multisine import Multisine
 from gsid.records.record import Record
 from gsid.response.estimate import frf
-from gsid.spectrum.noise import noise, without_tones
+from gsid.spectrum.noise import Noise, noise, without_tones
 from gsid.spectrum.tones import false_alarm, find_tones
 
 FS_HZ = 1000.0
@@ -45,6 +46,54 @@ def test_density_is_that_of_the_filter_and_lies_in_its_interval():
     )  # 3 sigma of 64000 / 19 samples
     assert found.tones == []
     assert "No periodic disturbance (at a false-alarm rate of 0.01)" in found.sentence
+
+
+def test_mean_and_drift_are_covered_by_their_intervals():
+    """Student's t of the windows less 2 degrees of freedom, white and coloured noise; seeds 0 to 399."""
+    n, slope, mean = 16000, 3e-3, 0.7
+    t_s = np.arange(n) / FS_HZ
+    limit = student_t.ppf(0.975, 14)
+    for colour in (([1.0], [1.0]), COLOUR):
+        covered = np.zeros(2, int)
+        for seed in range(400):
+            y = lfilter(*colour, white(seed, n + 1000))[1000:] + mean + slope * (t_s - t_s.mean())
+            found = noise(zero_input(y))
+            covered += [
+                abs(found.mean - mean) < limit * found.std_mean,
+                abs(found.drift - slope) < limit * found.std_drift,
+            ]
+        assert all(within_binomial(count, 400, 0.95) for count in covered), covered
+
+
+def test_drift_is_numpys_line_through_the_means_of_windows():
+    y = white(3, 16000) + np.linspace(0, 1, 16000)
+    record = zero_input(y, valid=np.arange(16000) // 1000 != 4)  # a lost window
+    found = noise(record, period=1000)
+    keep = np.delete(np.arange(16), 4)
+    line, cov = np.polyfit(keep + 0.5, y.reshape(16, 1000)[keep].mean(axis=1), 1, cov=True)
+    assert (found.drift, found.std_drift) == pytest.approx((line[0], np.sqrt(cov[0, 0])), rel=1e-9)
+    short = noise(zero_input(y[:2000]), period=1000)
+    assert np.isnan([short.drift, short.std_drift, short.std_mean]).all()
+    assert "drift" not in short.drift_words
+
+
+def test_a_noise_model_is_read_as_it_was_written(tmp_path):
+    y = white(4, 16000) + 0.5 * np.cos(2 * np.pi * 30.9 * np.arange(16000) / FS_HZ)
+    for record in (zero_input(y), zero_input(y[:500])):
+        found = noise(record, period=250)
+        found.save(tmp_path / "noise.json")
+        again = Noise.load(tmp_path / "noise.json")
+        assert repr(again) == repr(found)
+        np.testing.assert_equal(dataclasses.asdict(again), dataclasses.asdict(found))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"gsid_noise": 2}', '{"gsid_noise": 1, "f_hz": [1]}'])
+def test_a_file_that_is_no_noise_model_is_refused(tmp_path, text):
+    (tmp_path / "noise.json").write_text(text)
+    with pytest.raises(InputError, match="not a noise model"):
+        Noise.load(tmp_path / "noise.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        Noise.load(tmp_path / "missing.json")
 
 
 def test_density_is_scipys():

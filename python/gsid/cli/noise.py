@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +12,7 @@ from gsid.cli.options import (
     UsageError,
     alpha_option,
     json_option,
+    noise_model_option,
     picture_option,
     reading_options,
     records_argument,
@@ -28,12 +30,14 @@ if TYPE_CHECKING:
 @records_argument
 @reading_options
 @alpha_option(0.01)
+@noise_model_option
 @picture_option
 @json_option
 def noise(
     records: Sequence[str],
     read: Callable[..., list[Record]],
     alpha: float,
+    noise_model: str | None,
     picture: str | None,
     as_json: bool,
 ) -> None:
@@ -47,17 +51,39 @@ def noise(
 
     if picture and len(records) > 1:
         raise UsageError("--plot draws the noise of one record", "run `gsid noise` once for each record")
+    if noise_model and len(records) > 1:
+        raise UsageError("--noise-model is that of one record", "run `gsid noise` once for each record")
     found = [analyse(record, alpha=alpha) for record in read(records, zero_input=True)]
     draw(found[0].plot, picture)
-    if not answered(as_json, lambda: {"records": [_values(one) for one in found]}):
+    save_noise_model(found[0], noise_model)
+    if not answered(as_json, lambda: {"records": [noise_values(one) for one in found]}):
         for one in found:
-            _print(one)
+            print_noise(one)
 
 
-def _values(n: Noise) -> dict:
+def save_noise_model(found: Noise, path: str | None) -> None:
+    """Write a noise model, if a file is named."""
+    if path:
+        found.save(path)
+        print_message(f"wrote {path}")
+
+
+def noise_values(n: Noise) -> dict:
+    """Of a record, for --json."""
     low, high = n.interval()
     tones = [vars(tone) | {"name": tone.name} for tone in n.tones]
-    keys = ("variance", "variance_rest", "alpha", "segment_samples", "period_samples", "settle_samples")
+    keys = (
+        "variance",
+        "variance_rest",
+        "mean",
+        "std_mean",
+        "drift",
+        "std_drift",
+        "alpha",
+        "segment_samples",
+        "period_samples",
+        "settle_samples",
+    )
     return {
         "record": n.name,
         "f_hz": n.f_hz,
@@ -65,12 +91,18 @@ def _values(n: Noise) -> dict:
         "psd_95": [low, high],
         "n_dof": n.n_dof,
         "tones": tones,
-        **{key: getattr(n, key) for key in (*keys, "n_samples", "n_lost", "fs_hz", "y_unit")},
+        **{key: _or_null(getattr(n, key)) for key in (*keys, "n_samples", "n_lost", "fs_hz", "y_unit")},
         "sentence": n.sentence,
+        "level": n.drift_words,
     }
 
 
-def _print(n: Noise) -> None:
+def _or_null(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def print_noise(n: Noise) -> None:
+    """Print bands, periodic disturbances, mean and drift, and the sentence."""
     import numpy as np
 
     less = f", without the part that repeats every {n.period_samples} samples" if n.period_samples else ""
@@ -114,4 +146,5 @@ def _print(n: Noise) -> None:
                 left=["disturbance"],
             )
         )
+    print(f"{n.drift_words[0].upper()}{n.drift_words[1:]}.")
     print(n.sentence)

@@ -6,14 +6,19 @@ disturbances from rotating machines nearby. For an excited record, the mean peri
 
 from __future__ import annotations
 
+import json
 import logging
-from dataclasses import dataclass, replace
+import math
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
+from gsid.base.files import write_atomically
+from gsid.base.json_files import read_json
 from gsid.base.plottable import Plottable
 from gsid.records.periods import find_period, split_periods
 from gsid.records.record import Record, check_range
@@ -24,6 +29,7 @@ _log = logging.getLogger(__name__)
 SEGMENTS = 16  # of a record without a known period: the resolution is coarser than 1/T by this factor
 FEWEST = 256  # samples
 SHORTEST = 8  # samples of a window: Hann's reaches two lines, and one line must be free of 0 Hz and of fs/2
+FORMAT = 1  # of the file of a noise model
 CORRELATION = 1 / 36  # of the powers of Hann windows that overlap by half
 
 
@@ -44,6 +50,11 @@ class Noise(Plottable):
     variance, variance_rest : float
         Variance of y about its trend or its mean period, with and without the disturbances; unit of y
         squared.
+    mean, std_mean : float
+        Mean output, without the disturbances, and its standard deviation; unit of y (NOI-4).
+    drift, std_drift : float
+        Slope of a straight line through the output, and its standard deviation; unit of y per s (NOI-4). NaN
+        if the record has fewer than 3 windows.
     alpha : float
         False-alarm rate: probability of detecting a disturbance in noise that has none.
     segment_samples : int
@@ -61,6 +72,10 @@ class Noise(Plottable):
     tones: list[Tone]
     variance: float
     variance_rest: float
+    mean: float
+    std_mean: float
+    drift: float
+    std_drift: float
     alpha: float
     segment_samples: int
     period_samples: int
@@ -114,6 +129,49 @@ class Noise(Plottable):
         tones = np.array([tone.f_hz for tone in self.tones])
         return (np.abs(np.asarray(f_hz)[:, None] - tones) <= width_hz).any(axis=1)
 
+    def save(self, path: str | Path) -> None:
+        """Write a noise model (.json), which `Noise.load` reads. An existing file is replaced atomically."""
+        values = {"gsid_noise": FORMAT} | asdict(self)
+        values |= {"f_hz": self.f_hz.tolist(), "psd": self.psd.tolist()}
+        values |= {name: None for name in ("std_mean", "drift", "std_drift") if math.isnan(values[name])}
+        text = json.dumps(values, allow_nan=False, default=lambda scalar: scalar.item()) + "\n"
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Noise:
+        """Read a noise model.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, or is not a noise model.
+        """
+        hint = "`gsid run --zero 50 --noise-model FILE` writes one"
+        try:
+            known = read_json(path)
+            if known.pop("gsid_noise") != FORMAT:
+                raise ValueError("of another version")
+            known |= {name: math.nan for name, value in known.items() if value is None}
+            known["tones"] = [Tone(**tone) for tone in known["tones"]]
+            known |= {name: np.asarray(known[name], float) for name in ("f_hz", "psd")}
+            made = cls(**known)
+            if made.f_hz.ndim != 1 or made.f_hz.shape != made.psd.shape or not np.all(made.psd >= 0):
+                raise ValueError("f_hz and psd do not match")
+        except OSError as error:
+            raise InputError("the noise model cannot be read", str(path), error.strerror, hint) from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise InputError("the file is not a noise model", str(path), error, hint) from error
+        return made
+
+    @property
+    def drift_words(self) -> str:
+        """Mean and drift of the output, with their standard deviations."""
+        unit = f" {self.y_unit}" if self.y_unit else ""
+        mean = f"mean {self.mean:.4g} +- {self.std_mean:.2g}{unit}"
+        if math.isnan(self.std_drift):
+            return mean
+        return f"{mean}; drift {self.drift:.3g} +- {self.std_drift:.2g}{unit}/s"
+
     @property
     def sentence(self) -> str:
         """Summary of the periodic disturbances in one sentence."""
@@ -153,7 +211,7 @@ def noise(
     Returns
     -------
     Noise
-        NOI-1 to NOI-3.
+        NOI-1 to NOI-4.
 
     Raises
     ------
@@ -168,7 +226,7 @@ def noise(
         raise ValueError(f"alpha must be between 0 and 1, not {alpha}")
     if not isinstance(record, Record):
         raise TypeError(f"noise analyses one Record at a time, got {type(record).__name__}")
-    part, period_samples, segment = _noise_alone(record, period, settle)
+    part, period_samples, segment, turn = _noise_alone(record, period, settle)
     y, valid = record.y[part], record.valid[part]
     if len(y) < FEWEST:
         raise InputError(
@@ -177,6 +235,7 @@ def noise(
     if segment < SHORTEST:
         hint = f"give a period of at least {SHORTEST} samples; a multiple of the period is also a period"
         raise InputError("the period is too short for a spectrum", record.name, f"{segment} samples", hint)
+    y = y - turn * np.arange(len(y)) / segment if turn else y
     tones, rest = find_tones(y, record.fs_hz, valid=valid, period=period_samples, alpha=alpha)
     tones = [_from_first_sample(tone, part.start / record.fs_hz) for tone in tones]
     f_hz, psd, n_dof = spectrum(rest, record.fs_hz, valid, segment)
@@ -185,6 +244,7 @@ def noise(
     variance_rest = float(np.mean(rest[valid] ** 2)) / share
     t_s = np.arange(part.start, part.stop)[valid] / record.fs_hz
     periodic = sum((tone.at(t_s) for tone in tones), np.zeros(n_valid))
+    level = _level(_without(tones, record)[part], valid, segment, record.fs_hz)
     return Noise(
         f_hz=f_hz,
         psd=psd / (share if period_samples else 1),
@@ -192,6 +252,10 @@ def noise(
         tones=tones,
         variance=variance_rest + float(np.mean(periodic**2)),
         variance_rest=variance_rest,
+        mean=level[0],
+        std_mean=level[1],
+        drift=level[2],
+        std_drift=level[3],
         alpha=alpha,
         segment_samples=segment,
         period_samples=period_samples,
@@ -227,28 +291,50 @@ def without_tones(
         As `noise`.
     """
     tones = noise(record, alpha=alpha, period=period, settle=settle).tones
-    return replace(record, y=record.y - sum((tone.at(record.t_s) for tone in tones), 0.0)), tones
+    return replace(record, y=_without(tones, record)), tones
 
 
-def _noise_alone(record: Record, period: int | None, settle: int | None) -> tuple[slice, int, int]:
-    """Return the samples to analyse, the period to subtract (0: zero input) and the window length."""
+def _without(tones: list[Tone], record: Record) -> np.ndarray:
+    """The output without periodic disturbances, (n,) float."""
+    return record.y - sum((tone.at(record.t_s) for tone in tones), 0.0)
+
+
+def _level(y: np.ndarray, valid: np.ndarray, segment: int, fs_hz: float) -> tuple[float, float, float, float]:
+    """Mean and slope with their standard deviations, from the means of windows (NOI-4)."""
+    n = len(y) // segment
+    rows = slice(0, n * segment)
+    count = valid[rows].reshape(n, segment).sum(axis=1)
+    keep = np.flatnonzero(count > 0.5 * segment)  # a window with few samples has a mean of larger variance
+    if len(keep) < 3:
+        return float(np.mean(y[valid])), math.nan, math.nan, math.nan
+    means = (np.where(valid, y, 0.0)[rows].reshape(n, segment).sum(axis=1)[keep]) / count[keep]
+    t_s = (keep - keep.mean()) * segment / fs_hz
+    slope = float(t_s @ means / (t_s @ t_s))
+    rest = means - means.mean() - slope * t_s
+    variance = float(rest @ rest) / (len(keep) - 2)
+    errors = math.sqrt(variance / len(keep)), math.sqrt(variance / float(t_s @ t_s))
+    return float(means.mean()), errors[0], slope, errors[1]
+
+
+def _noise_alone(record: Record, period: int | None, settle: int | None) -> tuple[slice, int, int, float]:
+    """Return samples to analyse, period to subtract (0: zero input), window length and gain in a period."""
     stated = record.period_samples if period is None else whole_samples("period", period)
     start = (record.settle_samples or 0) if settle is None else whole_samples("settle", settle)
     if not record.valid.any():
         raise InputError("no valid samples", record.name, "valid is 0 everywhere", "measure again")
     check_range(record)
     if np.ptp(record.u[record.valid]) == 0:
-        return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS)
+        return slice(start, len(record)), 0, stated or max(1, (len(record) - start) // SEGMENTS), 0.0
     try:
         found = stated or find_period(record.u, valid=record.valid, name=record.name)
     except InputError:
         name = record.name or "record"
         _log.warning("%s: u is neither zero nor periodic: assumed to be zero with measurement noise", name)
-        return slice(start, len(record)), 0, max(1, (len(record) - start) // SEGMENTS)
+        return slice(start, len(record)), 0, max(1, (len(record) - start) // SEGMENTS), 0.0
     periods = split_periods(record, period=found, settle=settle)
     n_periods = (len(record) - periods.settle_samples) // found
     stop = periods.settle_samples + n_periods * found
-    return slice(periods.settle_samples, stop), found, found
+    return slice(periods.settle_samples, stop), found, found, periods.turn
 
 
 def _share_of_noise(valid: np.ndarray, period_samples: int) -> float:

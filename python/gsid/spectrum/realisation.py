@@ -54,6 +54,7 @@ def spectra(record: Record, *, period: int | None = None, settle: int | None = N
         u_unit=part.u_unit,
         y_unit=part.y_unit,
         name=part.name,
+        turn=part.turn,
         digest=hashlib.sha256(record.y.tobytes()).hexdigest()[:DIGEST_LENGTH],
     )
 
@@ -130,6 +131,8 @@ class Realisation:
         Lines 0 .. N/2 that are large enough to be excited, and those of them that exceed their noise.
     n_periods, n_spoiled, settle_samples, period_samples : int
     fs_hz : float
+    turn : float
+        As in Spectra.
     hold, u_unit, y_unit, name : str
     """
 
@@ -143,6 +146,7 @@ class Realisation:
     settle_samples: int
     period_samples: int
     fs_hz: float
+    turn: float
     hold: str | None
     u_unit: str
     y_unit: str
@@ -231,11 +235,11 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
         samples, lines, u_repeats = None, (record.U, record.Y), False
         large, excited = large_lines(record.U, record.period_samples), record.excited
         n_period, n_settle, n_spoiled = record.period_samples, record.settle_samples, record.n_spoiled
-        n_periods = record.n_periods
+        n_periods, turn = record.n_periods, record.turn
     else:
         periods = split_periods(record, period=period, settle=settle)
         n_period, n_settle, n_spoiled = periods.period_samples, periods.settle_samples, periods.n_spoiled
-        n_periods, u_repeats = len(periods.y), periods.u_repeats
+        n_periods, u_repeats, turn = len(periods.y), periods.u_repeats, periods.turn
         samples = (periods.u[:1] if u_repeats else periods.u, periods.y)
         large, excited, U = _input_lines(samples[0], n_settle)
         lines = (U, None)
@@ -254,6 +258,7 @@ def _realisation(record: Record | Spectra, period: int | None, settle: int | Non
         n_settle,
         n_period,
         record.fs_hz,
+        turn,
         record.hold,
         record.u_unit,
         record.y_unit,

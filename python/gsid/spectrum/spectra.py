@@ -41,6 +41,8 @@ class Spectra:
     hold : {"zoh", "none"} or None
         As in `gsid.Record`.
     u_unit, y_unit, name : str
+    turn : float
+        What y gains in each period, which is left out of Y [y_unit] (`gsid.records.turn`).
     digest : str
         Hash of the output samples of the record, including the settling; it identifies the measurement. Empty
         if there is no record.
@@ -58,6 +60,7 @@ class Spectra:
     u_unit: str = ""
     y_unit: str = ""
     name: str = ""
+    turn: float = 0.0
     digest: str = ""
 
     @property
