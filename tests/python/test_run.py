@@ -55,6 +55,39 @@ def chi_square(record, u: np.ndarray) -> tuple[float, float]:
     return error.mean() / mean, 5 * 1.2 / np.sqrt(len(error))
 
 
+def test_a_run_in_volts_is_the_run_in_numbers_of_the_drive(folder):
+    """179 on the line is 10 V: the same command, the same output; only the record's command is in volts."""
+    axis = ("--simulate", "--linear --noise-scale 0")
+    rest = ("--period", "600", "--band", "5:600", "--lines", "odd", "--periods", "2")
+    for name, more in (
+        ("numbers", ("--amplitude", "3.58")),
+        ("volts", ("--amplitude", "0.2", "--scale", "179=10V", "--limit-command", "4.5")),
+    ):
+        made = gsid("run", *axis, *rest, *more, "-o", f"{name}.csv", "--json")
+        assert made.returncode == 0, made.stderr
+    numbers, volts = (read_record(f"{name}.csv") for name in ("numbers", "volts"))
+    np.testing.assert_allclose(
+        volts.u * 17.9, numbers.u, rtol=1e-5, atol=1e-5
+    )  # single precision on the line
+    np.testing.assert_allclose(volts.y, numbers.y, atol=1e-5)
+    assert (volts.u_unit, numbers.u_unit) == ("V", "command")
+    assert json.loads(made.stdout)["g_re"][3] == pytest.approx(17.9 * frf(numbers).g.real[3], rel=1e-4)
+    assert gsid("cut", "numbers.csv", "--scale", "179=10V", "-o", "cut.csv").returncode == 0
+    cut = read_record("cut.csv")
+    np.testing.assert_allclose(cut.u, numbers.u / 17.9, rtol=1e-8, atol=1e-9)
+    assert (cut.u_unit, len(cut)) == ("V", len(numbers))
+    refused = gsid("run", *axis, *rest, "--amplitude", "3.58", "--scale", "179=10V", "--limit-command", "4.5")
+    assert refused.returncode == 3
+    assert "the planned command exceeds its limit" in refused.stderr
+
+
+@pytest.mark.parametrize("scale", ["179", "179=10", "0=1V", "179=0V", "a=1V", "inf=1V"])
+def test_a_scale_that_is_none_is_refused(folder, scale):
+    refused = gsid("run", "--simulate", "", "--scale", scale)
+    assert refused.returncode == 2
+    assert "is not like 179=10V" in refused.stderr
+
+
 def test_a_run_in_lock_step_measures_the_axis(folder):
     with simulator("--set", "fan_amplitude=0", "--truth", "truth.json", "--link", "axis") as (_, path):
         assert os.readlink("axis") == path

@@ -111,3 +111,19 @@ def test_a_command_that_is_too_large_is_refused_before_the_port_is_opened():
 def test_a_limit_that_limits_nothing_is_refused(limit):
     with pytest.raises(ValueError, match="the limit of rate must be positive and finite"):
         RunLimits(rate=limit)
+
+
+def test_bug_a_command_at_its_limit_that_the_drive_rounds_up_stopped_the_run():
+    step = 20 / 511.6
+    u = np.round(20 * np.sin(np.arange(60)) / np.sin(11) / step) * step
+    assert 20 < np.abs(u).max() < 20 + step / 2
+    y = np.zeros(len(u))
+    assert first_excess(RunLimits(command=20.0), u, y) is None
+    u[50] += np.sign(u[50]) * (20 + 0.7 * step - abs(u[50]))
+    assert first_excess(RunLimits(command=20.0), u, y)[0] == 50
+
+
+def test_an_unrounded_command_beyond_its_limit_is_found_in_the_first_samples():
+    assert first_excess(RunLimits(command=20.0), np.full(3, 21.1), np.zeros(3))[0] == 0
+    u = np.linspace(0, 20.01, 2001)
+    assert first_excess(RunLimits(command=20.0), u, np.zeros(len(u)))[0] == 2000

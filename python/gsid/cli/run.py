@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import math
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,11 +27,13 @@ from gsid.cli.options import (
     json_option,
     limit_command_option,
     multisine_options,
+    noise_model_option,
     options_as_arguments,
     period_option,
     periods_option,
     picture_option,
     rate_option,
+    scale_option,
 )
 from gsid.cli.output import answered, draw, print_message, print_step, print_table, prints_lines
 from gsid.cli.simulated_port import simulated_port
@@ -42,11 +45,12 @@ if TYPE_CHECKING:
     from gsid.excitation.multisine import Multisine
     from gsid.records.record import Record
     from gsid.response.frf import Frf
+    from gsid.response.streaming import StreamingFrf
     from gsid.rig.run import Progress
 
 LINE = ("lost_samples", "lost_commands", "link_frames", "link_damaged")
 JOURNAL = ".journal"  # behind the record's name
-DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape")
+DESIGN = ("period", "band", "lines", "amplitude", "phases", "seed", "shape", "offset_phase")
 
 
 class Settle(click.ParamType):
@@ -88,6 +92,16 @@ class Settle(click.ParamType):
     type=INPUT,
     help="File with one period of the command in column u, instead of a multisine.",
 )
+@click.option(
+    "--zero",
+    "zero_s",
+    metavar="SECONDS",
+    type=click.FloatRange(0, min_open=True),
+    help="Measure noise, drift and periodic disturbances with zero input. --period is the length of the"
+    " windows of the spectrum.",
+)
+@noise_model_option
+@scale_option
 @periods_option(12)
 @click.option(
     "--settle",
@@ -136,6 +150,9 @@ def run(
     shape: dict,
     amplitude: float,
     u_file: str | None,
+    zero_s: float | None,
+    noise_model: str | None,
+    scale: tuple[float, str] | None,
     periods: int,
     settle: tuple[int, bool],
     limit_command: float | None,
@@ -157,6 +174,8 @@ def run(
     Samples are written to REC.journal as they arrive. The journal is removed once the record is on the disk.
     After a crash or a full disk, `gsid run --recover REC.journal` makes a record from it.
     """
+    import numpy as np
+
     from gsid.response.streaming import StreamingFrf
     from gsid.rig.samples import check_length
     from gsid.rig.watch import RunLimits
@@ -167,34 +186,97 @@ def run(
     if (port is None) == (simulated is None):
         text = "give --port, --simulate or --recover: one of them"
         raise click.UsageError(text, click.get_current_context())
-    if picture and periods < 2:
-        raise UsageError("--plot draws the frequency response, with its noise", "give --periods 2 or more")
+    if zero_s is not None:
+        _check_zero(attended)
+        periods = math.ceil(zero_s * fs_hz / period)
+    elif noise_model:
+        raise UsageError("--noise-model needs --zero", "or `gsid noise REC --noise-model FILE` of a record")
     if u_file is None:  # before an excitation of this length is designed
         check_length(period, settle[0] * (period if settle[1] else 1), periods)
     with options_as_arguments():
-        plan = _from_file(u_file, fs_hz) if u_file else _multisine(fs_hz, period, band, amplitude, shape)
+        if zero_s is not None:
+            plan = _Plan(np.zeros(period), period, fs_hz, np.array([], int), {"excitation": "zero"})
+        elif u_file:
+            plan = _from_file(u_file, fs_hz)
+        else:
+            plan = _multisine(fs_hz, period, band, amplitude, shape)
+    if plan.is_stepped:
+        periods, settle = _of_stepped(periods, settle)
+    elif picture and periods < 2 and zero_s is None:
+        raise UsageError("--plot draws the frequency response, with its noise", "give --periods 2 or more")
     n_settle = settle[0] * plan.n_period if settle[1] else settle[0]
     default = f"run_{datetime.datetime.now():%Y%m%d_%H%M%S}.csv"
     path = Path(output or default)
     journal = Path(f"{default if is_stdout(path) else path}{JOURNAL}")
     _try_out(path, plan.meta | {"port": port or ""})
-    frf = StreamingFrf(plan.fs_hz, plan.n_period, plan.line, settle_samples=n_settle)
+    frf = None
+    if zero_s is None:
+        frf = StreamingFrf(plan.fs_hz, plan.n_period, plan.line, settle_samples=n_settle)
     drive = {
         "periods": periods,
         "settle": n_settle,
         "frf": frf,
         "limits": RunLimits(limit_command, limit_travel_deg, limit_rate),
     }
+    if scale is not None:
+        drive |= {"command_scale": scale[0], "u_unit": scale[1]}
     with contextlib.ExitStack() as stack:
         if simulated is not None:
             port = stack.enter_context(simulated_port(simulated))
         record = _drive(port, plan, path, journal, drive, attended)
     _warn(record.meta)
-    response = frf.result() if frf.n_periods >= 2 else None
+    if frf is None:
+        _show_noise(path, record, noise_model, picture, as_json)
+        return
+    response = _response(frf, plan, record)
     if response is not None:
-        response = replace(response, u_unit=record.u_unit, y_unit=record.y_unit)
         draw(response.plot, picture)
     _print(path, record, response, as_json)
+
+
+def _response(streamed: StreamingFrf, plan: _Plan, record: Record) -> Frf | None:
+    """The response of a run; None if it has fewer than two good periods."""
+    from gsid.response.stepped import stepped_frf
+
+    if plan.is_stepped:
+        return stepped_frf([record])
+    if streamed.n_periods < 2:
+        return None
+    return replace(streamed.result(), u_unit=record.u_unit, y_unit=record.y_unit)
+
+
+def _check_zero(attended: bool) -> None:
+    """Refuse options of an excitation."""
+    context = click.get_current_context()
+    names = [name for name in DESIGN if name != "period"]
+    given = [f"--{name.replace('_', '-')}" for name in names if is_given(context, name)]
+    given += [f"--{name}" for name, of in (("u", "u_file"), ("periods", "periods")) if is_given(context, of)]
+    if given:
+        raise click.UsageError(f"--zero excites nothing: leave out {', '.join(given)}", context)
+    if attended:
+        raise click.UsageError("--zero has no response that --attended could show", context)
+
+
+def _show_noise(
+    path: Path, record: Record, noise_model: str | None, picture: str | None, as_json: bool
+) -> None:
+    """Noise, drift and periodic disturbances of a run with zero input."""
+    from gsid.cli.noise import noise_values, print_noise, save_noise_model
+    from gsid.spectrum.noise import noise
+
+    found = noise(replace(record, name=str(path)))
+    draw(found.plot, picture)
+    save_noise_model(found, noise_model)
+    if not answered(as_json, lambda: _figures_of(path, record) | {"noise": noise_values(found)}):
+        print_noise(found)
+
+
+def _of_stepped(periods: int, settle: tuple[int, bool]) -> tuple[int, tuple[int, bool]]:
+    """Defaults of a stepped sine: one sequence without settling, since each sine has its waiting time."""
+    context = click.get_current_context()
+    if not is_given(context, "periods"):
+        periods = 1
+    return periods, settle if is_given(context, "settle") else (0, False)
 
 
 @dataclass(frozen=True)
@@ -206,6 +288,7 @@ class _Plan:
     fs_hz: float
     line: np.ndarray
     meta: dict[str, str]
+    is_stepped: bool = False
 
 
 def _multisine(fs_hz: float, period: int, band: tuple[float, float], amplitude: float, shape: dict) -> _Plan:
@@ -325,10 +408,11 @@ def _from_file(path: str, fs_hz: float) -> _Plan:
 
     from gsid.base.errors import InputError
     from gsid.records.files import read_record
+    from gsid.response.stepped import steps_of
     from gsid.spectrum.excited import excited_lines
 
     context = click.get_current_context()
-    given = [f"--{name}" for name in DESIGN if is_given(context, name)]
+    given = [f"--{name.replace('_', '-')}" for name in DESIGN if is_given(context, name)]
     if given:
         raise click.UsageError(f"--u provides the whole excitation: leave out {', '.join(given)}", context)
     record = read_record(path, u="u", y="u", fs_hz=fs_hz if is_given(context, "fs_hz") else None)
@@ -345,7 +429,10 @@ def _from_file(path: str, fs_hz: float) -> _Plan:
             None,
             "make an excitation with `gsid design`",
         )
-    return _Plan(u, len(u), record.fs_hz, excited, {"excitation": f"from {Path(path).name}"})
+    meta = {"excitation": f"from {Path(path).name}"}
+    steps = steps_of(record.meta, path)
+    layout = {} if steps is None else {key: str(value) for key, value in steps.keys().items()}
+    return _Plan(u, len(u), record.fs_hz, excited, meta | layout, is_stepped=steps is not None)
 
 
 def _try_out(path: Path, meta: dict[str, str]) -> None:
@@ -448,9 +535,23 @@ def _bar(options: dict[str, Any], plan: _Plan) -> Iterator[Callable[[Progress], 
 
 def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
     """The response as the C core measured it while the axis ran, and how the line behaved."""
+    figures = _figures_of(path, record)
+    lines = {}
+    if frf is not None:
+        lines = {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
+    if answered(as_json, lambda: figures | lines):
+        return
+    rows = [
+        [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()
+    ]
+    print_table(Table(["figure", "value"], rows, left=["figure"]))
+
+
+def _figures_of(path: Path, record: Record) -> dict[str, Any]:
+    """Of the record and of the line."""
     import numpy as np
 
-    figures = {
+    return {
         "record": str(path),
         "n_periods": int(record.meta["good_periods"]),
         "n_spoiled": int(record.meta["spoiled_periods"]),
@@ -461,12 +562,3 @@ def _print(path: Path, record: Record, frf: Frf | None, as_json: bool) -> None:
         "rms_output": float(np.sqrt(np.mean(record.y[record.valid] ** 2))),
         **{key: int(record.meta[key]) for key in LINE},
     }
-    lines = {}
-    if frf is not None:
-        lines = {"f_hz": frf.f_hz, "g_re": frf.g.real, "g_im": frf.g.imag, "var_g": frf.var_g}
-    if answered(as_json, lambda: figures | lines):
-        return
-    rows = [
-        [name, f"{value:.6g}" if isinstance(value, float) else str(value)] for name, value in figures.items()
-    ]
-    print_table(Table(["figure", "value"], rows, left=["figure"]))

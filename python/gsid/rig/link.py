@@ -11,7 +11,18 @@ import numpy as np
 
 from gsid.base.errors import InputError
 from gsid.records.record import Record
-from gsid.rig.frames import HELLO, SESSION_MAX, STOP, VERSION, Receiver, encode, frames, hello_frame
+from gsid.rig.frames import (
+    COMMAND,
+    HELLO,
+    SAMPLE,
+    SESSION_MAX,
+    STOP,
+    VERSION,
+    Receiver,
+    encode,
+    frames,
+    hello_frame,
+)
 
 BAUD = 921600
 QUIET_S = 2.0  # time without a reply after which the pending frames are sent again
@@ -113,21 +124,30 @@ class Link:
         Name of the port, for messages.
     should_stop : callable, optional
         If it returns True, a wait for the axis ends with `Stopped`.
+    command_scale : float
+        Number on the line for a command of 1; the commands that `send` and `receive` carry are divided by it.
     """
 
     def __init__(
-        self, transport: Transport, name: str = "", should_stop: Callable[[], bool] | None = None
+        self,
+        transport: Transport,
+        name: str = "",
+        should_stop: Callable[[], bool] | None = None,
+        command_scale: float = 1.0,
     ) -> None:
         self._transport = transport
+        self.command_scale = command_scale
         self._should_stop = should_stop
         self.name = name
         self.receiver = Receiver()
         self.longest_silence_s = 0.0  # longest time without a frame from the host while the axis runs
 
     @classmethod
-    def open(cls, port: str, should_stop: Callable[[], bool] | None = None) -> Link:
+    def open(
+        cls, port: str, should_stop: Callable[[], bool] | None = None, command_scale: float = 1.0
+    ) -> Link:
         """Open a serial port or a pseudo-terminal; LinkError when that fails."""
-        return cls(SerialTransport(port), port, should_stop)
+        return cls(SerialTransport(port), port, should_stop, command_scale)
 
     def __repr__(self) -> str:
         return f"Link({self.name}: {self.receiver!r})"
@@ -141,16 +161,31 @@ class Link:
     def send(self, block: np.ndarray) -> None:
         """Send frames, (n,) of FRAME; LinkError when the port is gone."""
         try:
-            self._transport.write(encode(block, self.receiver.session))
+            self._transport.write(encode(self._scaled(block), self.receiver.session))
         except OSError as error:
             raise self._gone(error) from error
 
     def receive(self) -> np.ndarray:
         """Return the received frames, (n,) of FRAME; none after 50 ms. LinkError when the port is gone."""
         try:
-            return self.receiver.decode(self._transport.read())
+            got = self.receiver.decode(self._transport.read())
         except OSError as error:
             raise self._gone(error) from error
+        if self.command_scale == 1.0:
+            return got
+        got = got.copy()
+        got["a"][got["kind"] == SAMPLE] /= self.command_scale
+        return got
+
+    def _scaled(self, block: np.ndarray) -> np.ndarray:
+        """Frames as they are on the line."""
+        is_command = block["kind"] == COMMAND
+        if self.command_scale == 1.0 or not is_command.any():
+            return block
+        block = block.copy()
+        for name in ("a", "b"):
+            block[name][is_command] *= self.command_scale
+        return block
 
     def check_stop(self) -> None:
         """Raise `Stopped` if `should_stop` returns true."""

@@ -66,6 +66,7 @@ def run(
     fs_hz: float = 3000.0,
     u_unit: str = "command",
     y_unit: str = "deg/s",
+    command_scale: float = 1.0,
     meta: dict[str, str] | None = None,
     frf: StreamingFrf | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -93,6 +94,9 @@ def run(
     fs_hz : float
         Sample rate [Hz]. A Multisine has its own, which takes precedence.
     u_unit, y_unit : str
+    command_scale : float
+        Number on the line for a command of 1 `u_unit`: 17.9 for volts if 179 is 10 V. Excitation, limits and
+        record are in `u_unit`.
     meta : dict of str, optional
         Added to the record's meta, beside the statistics of the line.
     frf : StreamingFrf, optional
@@ -121,7 +125,8 @@ def run(
     InputError
         The run has more than `gsid.rig.samples.SAMPLES_MOST` samples.
     ValueError
-        `periods` < 1, `settle` < 0, or the excitation is not a row of at least 2 finite numbers.
+        `periods` < 1, `settle` < 0, `command_scale` is not a finite number other than 0, or the excitation is
+        not a row of at least 2 finite numbers.
     LinkError
         The port cannot be opened or disappears. The axis does not respond, runs at another rate, uses another
         version of the protocol, or reports another command than the one sent. Or too many periods are lost: 8
@@ -138,8 +143,10 @@ def run(
     settle = 2 * len(table) if settle is None else int(settle)
     if periods < 1 or settle < 0:
         raise ValueError(f"periods must be at least 1 and settle at least 0, not {periods} and {settle}")
+    if not (np.isfinite(command_scale) and command_scale):
+        raise ValueError(f"command_scale must be a finite number other than 0, not {command_scale}")
     check_length(len(table), settle, periods)
-    name = port if isinstance(port, str) else ""
+    name, transport = (port, None) if isinstance(port, str) else ("", port)
     _check_plan(table, limits, name)
     samples = Samples(table, settle, periods)
     description = RunDescription(
@@ -150,11 +157,19 @@ def run(
         u_unit,
         y_unit,
         name,
-        (meta or {}) | {"date": _now(), "port": name},
+        (meta or {})
+        | ({"command_scale": repr(float(command_scale))} if command_scale != 1 else {})
+        | {"date": _now(), "port": name},
     )
     kept = Journal(journal, description) if journal is not None else None
     consumers = _Consumers(name, kept, frf, on_progress)
-    failure, statistics = _drive(port, samples, table, fs_hz, limits, should_stop, consumers)
+
+    def connect() -> Link:
+        if transport is None:
+            return Link.open(name, should_stop, command_scale)
+        return Link(transport, "", should_stop, command_scale)
+
+    failure, statistics = _drive(connect, samples, table, fs_hz, limits, consumers)
     failure = _close(kept, samples) or failure
     n = samples.end
     record = description.record(samples.u[:n], samples.y[:n], samples.valid[:n], statistics) if n else None
@@ -178,19 +193,18 @@ def _check_plan(table: np.ndarray, limits: RunLimits | None, name: str) -> None:
 
 
 def _drive(
-    port: str | Transport,
+    connect: Callable[[], Link],
     samples: Samples,
     table: np.ndarray,
     fs_hz: float,
     limits: RunLimits | None,
-    should_stop: Callable[[], bool] | None,
     consumers: _Consumers,
 ) -> tuple[BaseException | None, dict[str, str]]:
     """Fill `samples`, then set the command to zero; returns the failure, if any, and the statistics."""
     n_ahead = int(SILENT_S * fs_hz)
     statistics: dict[str, str] = {}
     try:
-        with Link.open(port, should_stop) if isinstance(port, str) else Link(port, "", should_stop) as link:
+        with connect() as link:
             try:
                 consumers.watch = _watch(link, limits, fs_hz) if limits else None
                 _exchange(link, samples, table, _start(link, fs_hz), n_ahead, consumers.take)

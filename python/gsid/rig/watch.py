@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING = 1 + 1e-6  # the line carries single precision
+ROUNDED_MOST = 0.05  # largest half step of a drive that is allowed, relative to the limit of the command
 BLIND_S = 1.0  # longest time without a measured rate
 
 
@@ -17,7 +18,7 @@ class RunLimits:
     Attributes
     ----------
     command : float or None
-        Largest |command|, unit of the command.
+        Largest |command|, unit of the command. A drive that rounds may exceed it by half a step.
     travel_deg : float or None
         Largest travel to each side of the angle at the start [deg].
     rate : float or None
@@ -64,6 +65,7 @@ class Watch:
         self.new_angle_deg = np.zeros(0)
         self._rate = rate_offset
         self._n_blind = 0
+        self._step = np.inf  # of the drive: smallest difference of two commands in force
 
     def check(self, u: np.ndarray, y: np.ndarray, received: np.ndarray) -> tuple[int, str] | None:
         """Check the next samples.
@@ -88,16 +90,28 @@ class Watch:
         self._rate, self.angle_deg, self._n_blind = float(rate[-1]), float(angle[-1]), int(blind[-1])
         needs_rate = self.limits.rate is not None or self.limits.travel_deg is not None
         found = [
-            self._first(np.where(received, u, 0.0), self.limits.command, "command"),
+            self._check_command(np.where(received, u, 0.0)),
             self._first(rate, self.limits.rate, "rate"),
             self._first(angle, self.limits.travel_deg, "travel [deg]"),
             self._first(blind / self.fs_hz, BLIND_S if needs_rate else None, "time without a rate [s]"),
         ]
         return min((one for one in found if one is not None), default=None)
 
+    def _check_command(self, u: np.ndarray) -> tuple[int, str] | None:
+        """Compare the command in force with its limit: a drive that rounds exceeds it by half a step."""
+        limit = self.limits.command
+        if limit is None:
+            return None
+        self._step = float(np.min(np.diff(np.unique(u)), initial=self._step))
+        return self._first(u, limit, "command", min(self._step / 2, ROUNDED_MOST * limit))
+
     @staticmethod
-    def _first(values: np.ndarray, limit: float | None, what: str) -> tuple[int, str] | None:
-        beyond = np.flatnonzero(np.abs(values) > limit * ROUNDING) if limit is not None else np.array([])
+    def _first(
+        values: np.ndarray, limit: float | None, what: str, allowed: float = 0.0
+    ) -> tuple[int, str] | None:
+        if limit is None:
+            return None
+        beyond = np.flatnonzero(np.abs(values) > limit * ROUNDING + allowed)
         if not len(beyond):
             return None
         return int(beyond[0]), f"{what} {values[beyond[0]]:.4g}, limit {limit:g}"
