@@ -16,8 +16,10 @@ from gsid.models.mimo import MimoModel
 from gsid.models.piecewise import PiecewiseModel
 from gsid.models.rational import RationalModel
 from gsid.plots.compare import comparison, ladder
+from gsid.plots.compared_methods import excitation_methods
 from gsid.plots.experiment import crest_factors, excitation, periods
 from gsid.plots.greybox import plant_fit
+from gsid.plots.joined_bands import joined
 from gsid.plots.matrix import bode_matrix
 from gsid.plots.methods import estimators
 from gsid.plots.next_experiment import next_experiments
@@ -34,6 +36,7 @@ from gsid.prediction import PredictedOutput
 from gsid.records.record import Record
 from gsid.response.distortion import Distortion
 from gsid.response.frf import Frf
+from gsid.response.join import Joined
 from gsid.response.superposition import Superposition
 from gsid.spectrum.noise import Noise
 from gsid.structure.start import Start
@@ -50,7 +53,9 @@ __all__ = [
     "distortion",
     "estimators",
     "excitation",
+    "excitation_methods",
     "frf",
+    "joined",
     "ladder",
     "missing_torque",
     "narrow",
@@ -77,6 +82,7 @@ _DRAWINGS = {
     Distortion: distortion,
     Estimators: estimators,
     Frf: frf,
+    Joined: joined,
     Ladder: ladder,
     MimoModel: bode_matrix,
     Noise: noise,

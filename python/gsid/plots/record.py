@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from gsid.base.errors import InputError
 from gsid.plots.style import (
+    EXCESS,
     MEASURED,
     NOISE,
     SIGNAL,
@@ -24,6 +25,7 @@ from gsid.plots.style import (
     styled,
     with_unit,
 )
+from gsid.records.position import RATE, Position, position
 from gsid.spectrum.realisation import spectra
 
 if TYPE_CHECKING:
@@ -32,34 +34,48 @@ if TYPE_CHECKING:
     from gsid.records.record import Record
     from gsid.spectrum.spectra import Spectra
 
+LEGEND_ROOM = 0.5  # of the height of the position, above it
+FAR = 4.0  # largest positions: a limit beyond would flatten the curve
+
 
 @styled
-def records(seen: Sequence[tuple[Record, Spectra | None]]) -> Figure:
-    """Input and output of records over time, and the lines of their mean period.
+def records(
+    seen: Sequence[tuple[Record, Spectra | None]], *, travel: tuple[float, float] | None = None
+) -> Figure:
+    """Input, output and position of records over time, and the lines of their mean period.
 
     Parameters
     ----------
     seen : sequence of (Record, Spectra or None)
         None if the record has no period.
+    travel : (lo, hi), optional
+        Limits of the position from the first sample [deg], drawn with it; an infinite one is not drawn.
 
     Returns
     -------
     Figure
-        Two rows for each record, and one more for its lines. What is discarded as settling is grey, lost
+        Two rows for each record, and two more if it has a period: the position if its output is a rate (unit
+        of y ending in /s), and the lines. What is discarded as settling is grey, lost
         samples are gaps.
     """
-    rows = sum(2 if found is None else 3 for _, found in seen)
+    places = [_position(record, found) for record, found in seen]
+    counts = (2 + (found is not None) + (at is not None) for (_, found), at in zip(seen, places, strict=True))
+    rows = sum(counts)
     figure = new_figure(1.7 * rows)
     axes = list(np.atleast_1d(figure.subplots(rows, 1)))
-    for record, found in seen:
-        _draw_signals(axes.pop(0), axes.pop(0), record, found)
+    for (record, found), place in zip(seen, places, strict=True):
+        signals = [axes.pop(0) for _ in range(2 if place is None else 3)]
+        _draw_signals(signals[0], signals[1], record, found)
+        if place is not None:
+            limits = None if travel is None else place.from_deg(travel)
+            _draw_position(signals[2], signals[1], place, record.valid, limits)
         if found is not None:
             _draw_lines(axes.pop(0), found)
     return figure
 
 
 def one_record(record: Record) -> Figure:
-    """Input and output over time and, if the record has a period, the lines of its mean period.
+    """Input and output over time and, if the record has a period, position and lines of its mean period.
 
     Parameters
     ----------
@@ -91,6 +107,43 @@ def _draw_signals(above: Axes, below: Axes, record: Record, found: Spectra | Non
     above.tick_params(axis="x", labelbottom=False)
     below.set_xlabel("time [s]")
     above.margins(x=0)
+
+
+def _position(record: Record, found: Spectra | None) -> Position | None:
+    """Where the output is known to be a rate, and its offset can be estimated."""
+    if found is None or not record.y_unit.endswith(RATE):
+        return None
+    return position(record, period=found.period_samples, settle=found.settle_samples)
+
+
+def _draw_position(
+    ax: Axes, above: Axes, place: Position, valid: np.ndarray, travel: tuple[float, float] | None
+) -> None:
+    ax.sharex(above)
+    ax.margins(x=0)  # else all shared axes begin before the record
+    above.set_xlabel("")
+    above.tick_params(axis="x", labelbottom=False)
+    unit = plain_text(place.unit)
+    draw_signal(
+        ax,
+        np.arange(len(place.angle)) / place.fs_hz,
+        np.where(valid, place.angle, np.nan),
+        color=SIGNAL,
+        linewidth=0.8,
+        label=f"integral of the output less {place.offset:.3g} ± {place.std_offset:.1g} {unit}/s",
+    )
+    for limit in (one for one in travel or () if np.isfinite(one)):
+        is_near = abs(limit) < FAR * max(-place.lo, place.hi)
+        text = f"limit of the travel, {limit:g} {unit}{'' if is_near else ' (outside the picture)'}"
+        if is_near:
+            ax.axhline(limit, color=EXCESS, linewidth=1.0, label=text)
+        else:
+            ax.plot([], [], color=EXCESS, linewidth=1.0, label=text)
+    ax.set_ylabel(with_unit("position", unit))
+    ax.set_xlabel("time [s]")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + LEGEND_ROOM * (high - low))
+    ax.legend(loc="upper left", ncols=2)
 
 
 def _draw_lines(ax: Axes, found: Spectra) -> None:

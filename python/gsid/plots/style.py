@@ -225,8 +225,10 @@ def limits_db(ax: Axes, *curves, room: float = 4.0) -> None:
         ax.set_ylim(low - room, high + room)
 
 
-def degrees_of_freedom(frf: Frf) -> int | None:
-    """Degrees of freedom of the variance; None: the variance is assumed exact."""
+def degrees_of_freedom(frf: Frf) -> float | np.ndarray | None:
+    """Degrees of freedom of the variance at `line_mask`; None: the variance is assumed exact."""
+    if frf.dof is not None:
+        return np.minimum(frf.dof[line_mask(frf)], 1e9)
     return frf.n_dof if 0 < frf.n_dof < np.inf else None
 
 
