@@ -1,21 +1,17 @@
 """Chromium, driven by Playwright, on the page of a `gsid studio` of its own."""
 
 import os
-import re
 import shutil
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from running_studio import STEP_MS, Studio
 
 from gsid.excitation.multisine import Multisine
 from gsid.records.files import write_record
 from gsid.records.record import Record
 from gsid.rig.axis import SimulatedAxis
 
-STEP_MS = 180_000  # of the longest step, on a loaded computer
 N, PERIODS, SEED = 3000, 6, 20261123
 
 
@@ -44,27 +40,6 @@ def record(tmp_path_factory):
     used, y, *_ = axis.step(u)
     write_record(path, Record(used, y, 3000.0, N, 2 * N, hold="zoh", y_unit="deg/s"))
     return path
-
-
-class Studio:
-    """A running `gsid studio`, with the study NAME in a folder."""
-
-    def __init__(self, folder, name="study", port=0):
-        self.folder, self.name = folder, name
-        command = [sys.executable, "-m", "gsid.cli.main", "studio", "--no-browser", "--folder", name]
-        self.process = subprocess.Popen(
-            [*command, "--port", str(port)], cwd=folder, stdout=subprocess.PIPE, text=True
-        )
-        self.address = re.search(r"http://\S+", self.process.stdout.readline()).group()
-        self.port = int(re.search(r":(\d+)/", self.address).group(1))
-
-    def successor(self):
-        """Another server on the port of this one, which is stopped."""
-        return Studio(self.folder, self.name, self.port)
-
-    def stop(self):
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(timeout=30)
 
 
 @pytest.fixture

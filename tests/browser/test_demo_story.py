@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from running_studio import STEP_MS, Studio
 from test_story import fit_of, step
-
-from conftest import STEP_MS, Studio
 
 MOST_CLICKS = 12
 SETTLE_MS = 1000  # of the drawing, before a screenshot

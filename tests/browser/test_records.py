@@ -25,6 +25,24 @@ def test_columns_are_chosen_by_their_names(page, record, tmp_path):
     assert "7 periods of 3000 samples" in step(page, 1)
 
 
+def test_the_unit_of_a_column_is_converted_and_kept_over_a_reload(page, record):
+    open_file(page, record)
+    page.get_by_text("How the records are read").click()
+    page.get_by_label("Unit of the output in the file").select_option("rad/s, converted to deg/s")
+    with page.expect_request("**/kept"):
+        page.get_by_label("Unit of the input in the file").select_option("A")
+    page.reload()
+    page.get_by_role("button", name="Look at the record").first.click()
+    step(page, 2)
+    command = page.locator("#step-2 code").inner_text()
+    for words in ("--factor=y=57.29577951308232", "--unit=y=deg/s", "--unit=u=A"):
+        assert words in command
+    page.locator("#step-2 .picture .main-svg").first.wait_for()
+    titles = page.locator("#step-2 .picture").inner_text()
+    assert "deg/s" in titles
+    assert "[A]" in titles or "A" in titles.split()
+
+
 def test_a_part_is_kept_and_files_are_saved(page, record):
     open_file(page, record)
     page.locator("#step-1 .cut").wait_for()

@@ -385,12 +385,25 @@ def test_a_part_of_a_record_is_the_last_experiment(gsid, study):
     assert study.last_experiment == ["records/1-cut.csv"]
 
 
-def test_a_word_with_a_line_break_is_refused_before_the_step(gsid, study):
+@pytest.mark.parametrize("character", ["\n", "\t", "\x85", "\u2028", "\u202e", "\x1b"])
+def test_a_word_with_a_line_break_is_refused_before_the_step(gsid, study, character):
     """commands.log has one command a line."""
-    result = gsid("-C", "st", "look", "--u", "u\nreboot")
+    result = gsid("-C", "st", "look", "--u", f"u{character}reboot")
     assert result.code == 3
     assert "cannot be printed" in result.err
     assert (study.steps, study.begin_step()) == ([], 1)
+
+
+def test_a_column_with_a_non_breaking_space_is_selected(gsid, tmp_path, record):
+    """Spreadsheets and translated programs write such names; the study refused them as not printable."""
+    write_record(tmp_path / "a.csv", record)
+    text = (tmp_path / "a.csv").read_text().replace("t_s,u,", "t_s,Drive\u00a0[V],")
+    (tmp_path / "a\u202fb.csv").write_text(text)
+    assert gsid("-C", "st", "open", "a\u202fb.csv").code == 0
+    assert gsid("-C", "st", "look", "--u", "Drive\u00a0[V]").code == 0
+    study = Study("st")  # its session is read again
+    assert study.steps[0].arguments[:4] == ("look", "records/a\u202fb.csv", "--u", "Drive\u00a0[V]")
+    assert (study.folder / LOG).read_text().count("\n") == len(study.steps)
 
 
 def test_a_port_in_the_callers_folder_is_not_searched_in_the_study(gsid, study, tmp_path):

@@ -7,7 +7,7 @@ import gsid
 from gsid.base.errors import InputError
 from gsid.cli.main import Verbs
 from gsid.study.folder import Study
-from gsid.webpage.actions import ACTIONS, FORM, command_of
+from gsid.webpage.actions import ACTIONS, FACTORS, FORM, UNITS, command_of, reading_of
 
 ALL = {
     "--u": "i_q",
@@ -18,7 +18,13 @@ ALL = {
     "--settle": "0",
     "--hold": "zoh",
     "--output": "rate",
+    "--u-unit": "A",
+    "--y-unit": "deg/s",
+    "--u-factor": "0.5",
+    "--y-factor": "2",
+    "--r-factor": "2",
 }
+CONVERSIONS = {*UNITS, *FACTORS}
 
 
 @pytest.fixture
@@ -58,14 +64,19 @@ def options_of(verb):
 
 @pytest.mark.parametrize("verb", ACTIONS)
 def test_each_action_has_the_options_of_its_command(verb):
-    assert set(ACTIONS[verb].options) == options_of(verb) & set(FORM)
+    own = set(ACTIONS[verb].options)
+    assert own - CONVERSIONS == options_of(verb) & set(FORM)
+    converts = {"--unit", "--factor"} <= options_of(verb) and verb != "cut"  # a part is kept as measured
+    wanted = CONVERSIONS - (set() if "--r" in own else {"--r-factor"}) if converts else set()
+    assert own & CONVERSIONS == wanted
 
 
 @pytest.mark.parametrize("verb", ACTIONS)
 def test_options_that_a_verb_lacks_are_dropped(study, verb):
     _, arguments, _ = command_of(study, request_of(verb, options=ALL))
     given = {word.partition("=")[0] for word in arguments if "=" in word} - {"--from", "--to"}
-    assert given == set(ACTIONS[verb].options)
+    converts = {"--unit", "--factor"} if CONVERSIONS & set(ACTIONS[verb].options) else set()
+    assert given == set(ACTIONS[verb].options) - CONVERSIONS | converts
     command = Verbs().get_command(None, verb)
     if ACTIONS[verb].kind:
         command = command.commands[ACTIONS[verb].kind]
@@ -77,6 +88,28 @@ def test_options_that_a_verb_lacks_are_dropped(study, verb):
 def test_values_follow_their_names(study):
     _, arguments, _ = command_of(study, request_of("start", options=ALL))
     assert {"--u=i_q", "--fs=2000.0", "--period=4000", "--settle=0", "--hold=zoh"} <= set(arguments)
+
+
+def test_a_unit_and_a_factor_have_the_name_of_their_column(study):
+    options = {"--y": "gyro [rad/s]", "--y-unit": "deg/s", "--y-factor": "57.3", "--u-unit": "A"}
+    _, arguments, _ = command_of(study, request_of("look", options=options))
+    assert {"--unit=gyro [rad/s]=deg/s", "--factor=gyro [rad/s]=57.3", "--unit=u=A"} <= set(arguments)
+    assert reading_of(options)["units"] == {"gyro [rad/s]": "deg/s", "u": "A"}
+    assert reading_of(options)["factors"] == {"gyro [rad/s]": 57.3}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("--y-factor", "nan"), ("--y-factor", "two"), ("--u-unit", "a\nb"), ("--u-unit", ["V"])],
+)
+def test_a_conversion_of_the_wrong_type_is_refused(study, name, value):
+    with pytest.raises(gsid.InputError):
+        command_of(study, request_of("start", options={name: value}))
+
+
+def test_a_column_with_a_non_breaking_space_is_selected_on_the_page(study):
+    _, arguments, _ = command_of(study, request_of("look", options={"--u": "Drive\u00a0[V]"}))
+    assert "--u=Drive\u00a0[V]" in arguments
 
 
 @pytest.mark.parametrize(
@@ -95,6 +128,8 @@ def test_values_follow_their_names(study):
         ("--fs", {"a": 1}),
         ("--u", ["u"]),
         ("--u", "a\0b"),
+        ("--u", "a\u2028b"),
+        ("--u", "a\x85b"),
         ("--u", "a" * 201),
         ("--hold", "maybe"),
         ("--hold", ["zoh"]),

@@ -148,7 +148,9 @@ def test_an_upload_over_the_limit_is_refused_and_leaves_nothing(server, ask):
     assert not (server.folder / "records/big.csv").exists()
 
 
-@pytest.mark.parametrize("name", ["", "..", "%2e%2e%2fsecret", ".hidden", "a%00b", "a%0ab"])
+@pytest.mark.parametrize(
+    "name", ["", "..", "%2e%2e%2fsecret", ".hidden", "a%00b", "a%0ab", "a%e2%80%a8b", "a%c2%85b"]
+)
 def test_names_of_uploads_stay_in_the_study(server, ask, name):
     ask("POST", f"/records?name={name}", b"u,y\n")
     outside = {path.name for path in server.folder.parent.iterdir()}
@@ -166,6 +168,7 @@ REQUESTS = [
     {"verb": "look", "records": ["records/a.csv"], "options": {"--library": "./evil.so:f"}},
     {"verb": "look", "records": ["records/a.csv"], "options": {"--fs": "1e999"}},
     {"verb": "look", "records": ["records/a.csv"], "options": {"--u": "a\u0000b"}},
+    {"verb": "look", "records": ["records/a.csv"], "options": {"--u": "a\u2028b"}},
     {"verb": "look", "records": ["records/a.csv"], "options": ["--u"]},
     {"verb": "compare", "records": ["records/a.csv"], "model": "../secret"},
     {"verb": "\ud800"},

@@ -1,5 +1,7 @@
 """Values of a model moved on the page, against the verb that predicts the output of a saved model."""
 
+import base64
+
 import numpy as np
 import pytest
 
@@ -100,11 +102,30 @@ def test_an_unstable_model_is_an_error_in_words(model, record):
 def test_the_picture_has_the_extremes_of_a_long_signal_and_every_sample_of_a_part(model, record):
     one = Bench(model, record).simulated({}, [])
     whole = picture_of(one, 300)
-    assert all(len(drawn["x"]) <= 420 for drawn in whole.values())
-    assert max(whole["model"]["y"]) == pytest.approx(np.max(one.y_model), rel=1e-4)
-    part = picture_of(one, 300, (0.1, 0.15))
-    assert len(part["model"]["x"]) == pytest.approx(0.05 * FS, abs=3)
-    assert part["model"]["x"][0] == pytest.approx(0.1, abs=1 / FS)
+    assert all(len(unpacked(drawn["x"])) <= 420 for drawn in whole.values())
+    assert max(unpacked(whole["model"]["y"])) == pytest.approx(np.max(one.y_model), rel=1e-4)
+    part = picture_of(one, 300, (0.1, 0.15), with_measured=False)
+    assert list(part) == ["model", "difference"]
+    assert len(unpacked(part["model"]["x"])) == pytest.approx(0.05 * FS, abs=3)
+    assert unpacked(part["model"]["x"])[0] == pytest.approx(0.1, abs=1 / FS)
+
+
+def unpacked(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+def test_a_small_move_costs_fewer_steps_than_a_search_and_a_large_one_has_the_same_output(model, record):
+    bench, plain = Bench(model, record), Bench(model, record)
+    _, near = bench._plant(frozenset())
+    _, cold = plain._plant(frozenset())
+    cold._kept = None
+    for values in ([7.5, 11.0, 15.0, 0.005], [70.0, 1.0, 200.0, 0.0005], [7.4, 0.0, 0.0, 0.005]):
+        near.bound(np.inf), cold.bound(np.inf)
+        found, wanted = near.run_near(values), cold.run(values)
+        shift = np.mean(found.y - wanted.y)  # the mean of a body without friction is arbitrary
+        np.testing.assert_allclose(found.y - shift, wanted.y, atol=1e-6 * np.std(wanted.y))
+        if values[0] == 7.5:
+            assert near.moves < 0.8 * cold.moves
 
 
 def test_the_sheet_has_a_unit_or_1_and_a_range_around_each_value(model):

@@ -20,6 +20,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+import gsid
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
 from gsid.records.files import read_record
 from gsid.study.folder import Study
 from gsid.webpage.experiment import experiment_of
@@ -359,6 +362,26 @@ def test_the_simulated_axis_gives_a_record_that_is_looked_at(studio):
     late.look(1)
     assert late.seen[-1] == newest
     assert [one for one in late.seen if "response" in one][-1]["response"] == response
+
+
+def test_the_simulated_axis_is_that_of_a_model_of_the_study(studio, tmp_path):
+    process, _ = studio()
+    effects = [Effect("rigid_body", {"gain": Param(3.7)}), Effect("viscous_friction", {"rate": Param(40.0)})]
+    (tmp_path / "new").mkdir()
+    PlantModel(3000.0, effects, y_unit="deg/s").save(tmp_path / "new" / "my axis.json")
+    name = Study(tmp_path / "st").add_file(tmp_path / "new" / "my axis.json", kind="models")
+    page = Browser(process.address)
+    form = FORM | {"port": "simulated", "token": page.state["token"], "periods": "20", "lock_step": True}
+    assert name in json.loads(page.answer("GET", "/live/form").text)["models"]
+    assert page.post("/live/run", form | {"model": "models/none.json"})[0] == 400
+    assert page.post("/live/run", form | {"model": name})[0] == 200
+    page.until(lambda: len(page.page_state()["steps"]) == 3)
+    run = page.page_state()["steps"][1]
+    assert not run["failed"], run
+    found = gsid.frf(gsid.read_record(tmp_path / "st" / "records" / "2-run.csv"))
+    wanted = 3.7 / (2j * np.pi * found.f_hz + 40.0)
+    low = found.f_hz < 50  # above, the step of a sample matters
+    assert np.all(np.abs(found.g[low] / wanted[low] - 1) < 0.2)
 
 
 def test_a_spoiled_period_has_a_sentence(studio, axis):

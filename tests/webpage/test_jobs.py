@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -59,6 +60,12 @@ def command(monkeypatch):
     return lambda script: monkeypatch.setattr(jobs, "COMMAND", (sys.executable, "-c", script))
 
 
+def run(coroutine):
+    """As asyncio.run, in a thread: that of the tests may have the event loop of a browser."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, coroutine).result()
+
+
 async def look(page):
     """One step, to its end."""
     await page.request_step(LOOK)
@@ -91,7 +98,7 @@ def fail(*_, **__):
 
 def test_a_module_in_the_study_is_not_run(study):
     (study.folder / "click.py").write_text("open('owned', 'w').close()\n")
-    asyncio.run(look(Page(study)))
+    run(look(Page(study)))
     assert len(study.steps) == 1
     assert not (study.folder / "owned").exists()
 
@@ -104,7 +111,7 @@ def test_a_second_step_is_refused_from_the_first_moment(study):
             await page.request_step(LOOK)
         await ended(page)
 
-    asyncio.run(both())
+    run(both())
     assert len(study.steps) == 1
 
 
@@ -115,7 +122,7 @@ def test_the_command_is_shown_as_it_is_typed():
 def test_an_answer_that_cannot_be_read_does_not_lose_the_step(study, monkeypatch):
     monkeypatch.setattr(page_module, "outcome_of", fail)
     page = Page(study)
-    asyncio.run(look(page))
+    run(look(page))
     (step,) = page.state()["steps"]
     assert "KeyError: 'no such field'" in step["words"][0]
     assert page.state()["job"] is None
@@ -132,7 +139,7 @@ def test_a_fault_of_the_server_is_shown_until_the_next_step(study, monkeypatch, 
         await look(page)
         return faulty, page.state()
 
-    faulty, repaired = asyncio.run(twice())
+    faulty, repaired = run(twice())
     assert "KeyError: 'no such field'" in faulty["error"]
     assert faulty["job"] is None
     assert repaired["error"] is None
@@ -143,7 +150,7 @@ def test_the_next_steps_are_offered_after_a_restart(study):
     """They were kept by the server alone."""
     (study.folder / "records/a.csv").write_text("# fs_hz: 100\nu,y\n" + "1,2\n2,1\n" * 50)
     page = Page(study)
-    asyncio.run(look(page))
+    run(look(page))
     (before,) = page.state()["steps"]
     assert before["next"]
     assert Page(Study(study.folder)).state()["steps"] == [before]
@@ -163,13 +170,13 @@ def test_a_step_of_the_command_line_is_shown(study, monkeypatch):
         following.cancel()
         return page.state()
 
-    assert [step["verb"] for step in asyncio.run(follow())["steps"]] == ["look"]
+    assert [step["verb"] for step in run(follow())["steps"]] == ["look"]
 
 
 def test_a_watcher_that_fails_does_not_end_the_command(study, command):
     command("""import sys; print('{"words": "one"}', file=sys.stderr); print('{}')""")
     job = Job(("look",))
-    asyncio.run(asyncio.wait_for(job.run(study.folder, fail), DEADLINE_S))
+    run(asyncio.wait_for(job.run(study.folder, fail), DEADLINE_S))
     assert (job.exit_code, job.stdout, job.step) == (0, b"{}\n", "one")
 
 
@@ -191,7 +198,7 @@ def test_what_is_not_json_is_a_message(study, command):
     too_long = "sys.stderr.buffer.write(b'x' * 200_000 + bytes([10]))"
     command(f"import sys; {too_long}; [sys.stderr.buffer.write(line + bytes([10])) for line in {lines}]")
     job = Job(("look",))
-    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
+    run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
     assert (job.step, job.step.part, job.step.seconds_left) == ("[2/3] scanning, 4 s left", "2/3", 4.4)
     as_they_are = [lines[2].decode(), "\ufffd\ufffd", '{"words": 3}', "[" * 10_000, "12"]
     assert job.messages[-7:] == ["note: a", *as_they_are, "last"]
@@ -204,7 +211,7 @@ def test_steps_and_messages_of_a_real_command(study):
     y = np.convolve(u, [0.5, 0.3])[: len(u)] + 0.01 * rng.standard_normal(len(u))
     write_record(study.folder / "records/b.csv", Record(u, y, 100.0))
     job, steps = Job(("start", "records/b.csv", "--json")), []
-    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: steps.append(job.step)), DEADLINE_S))
+    run(asyncio.wait_for(job.run(study.folder, lambda: steps.append(job.step)), DEADLINE_S))
     assert (job.exit_code, "fitting structures to b.csv" in steps) == (0, True), job.messages
     assert "note: b.csv: period of 64 samples found from u" in job.messages
     assert "summary" in json.loads(job.stdout)
@@ -212,7 +219,7 @@ def test_steps_and_messages_of_a_real_command(study):
 
 def test_an_error_of_a_real_command_has_its_where_and_hint(study):
     job = Job(("look", "records/none.csv"))
-    asyncio.run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
+    run(asyncio.wait_for(job.run(study.folder, lambda: None), DEADLINE_S))
     assert job.exit_code == 3
     assert [text.split(":")[0].strip() for text in job.messages] == ["error", "where", "hint"]
 
@@ -253,7 +260,7 @@ def test_stop_sends_one_interrupt_and_the_command_ends_by_itself(study, command,
         return page.state()
 
     command(SLOW)
-    state = asyncio.run(stop_three_times())
+    state = run(stop_three_times())
     ((_, exit_code, stdout, _), stopped), *_ = seen
     assert (exit_code, stdout, stopped) == (130, b"interrupt\n", True)
     assert state["steps"][-1]["failed"] is False
@@ -268,7 +275,7 @@ def test_a_command_that_is_stopped_while_it_loads_has_not_failed(study, command)
         return page.state()
 
     command(SLOW.replace("signal.signal(", "signal.signal(signal.SIGINT, signal.SIG_DFL) or ("))
-    (step,) = asyncio.run(stop())["steps"]
+    (step,) = run(stop())["steps"]
     assert study.steps[-1].exit_code == 130
     assert step["words"][0] == "The step was stopped."
     assert not step["failed"]
@@ -284,7 +291,7 @@ def test_a_command_that_does_not_stop_is_ended_by_force(study, command, monkeypa
         await ended(page)
 
     command(DEAF)
-    asyncio.run(stop())
+    run(stop())
     assert study.steps[-1].exit_code == -signal.SIGKILL
 
 
@@ -300,7 +307,7 @@ def test_the_end_of_the_server_stops_the_command_and_keeps_the_step(
         await asyncio.wait_for(page.close(), DEADLINE_S)
 
     command(script)
-    asyncio.run(close())
+    run(close())
     assert study.steps[-1].exit_code == exit_code
 
 
@@ -340,7 +347,7 @@ def test_a_page_that_does_not_read_stops_no_command(study):
         assert not stuck.states
         assert '"number": 1' in reading.states[-1]
 
-    asyncio.run(watched())
+    run(watched())
 
 
 # ---- the process of the server ---------------------------------------------------------------------------
@@ -422,7 +429,7 @@ def test_a_stop_does_not_wait_for_a_study_in_use(study):
         await page.request_step(LOOK)
         await ended(page)
 
-    asyncio.run(stop_meanwhile())
+    run(stop_meanwhile())
     assert [step.number for step in study.steps] == [1]
 
 
@@ -449,7 +456,7 @@ def test_an_upload_does_not_replace_a_newer_state(study, tmp_path, monkeypatch):
         return page.state()
 
     monkeypatch.setattr(Page, "_study_state", slow_at_first)
-    assert len(asyncio.run(upload_while_a_step_ends())["steps"]) == 1
+    assert len(run(upload_while_a_step_ends())["steps"]) == 1
 
 
 def test_unfinished_uploads_of_a_killed_server_are_removed(studio, tmp_path):

@@ -42,6 +42,9 @@ from gsid.cli.output import print_message
 def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, max_upload: int) -> None:
     """Open a page in the browser that runs each step on your records and shows its picture.
 
+    FILES are records, or folders of studies: the first is opened, unless --folder names one, and the others
+    are compared with it.
+
     Each step is a command of gsid, which the page shows and writes to commands.log of the study. The server
     listens on 127.0.0.1 only and loads nothing from elsewhere. Ctrl-C stops the server; the files of the
     study are kept.
@@ -53,9 +56,13 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
     from gsid.webpage.page import Page
     from gsid.webpage.safety import file_that_opens
     from gsid.webpage.server import serve
+    from gsid.webpage.studies import is_study
 
+    others = [one for one in files if is_study(Path(one))]
+    if others and not is_given(context, "folder") and context.find_root().params["folder"] is None:
+        folder = others.pop(0)
     study = Study(folder)
-    study.open_files(files)
+    study.open_files([one for one in files if not is_study(Path(one))])
 
     with tempfile.TemporaryDirectory(prefix="gsid-studio-") as private:
 
@@ -67,4 +74,4 @@ def studio(*, files: Sequence[str], folder: str, port: int, no_browser: bool, ma
                 if click.launch(str(place)) != 0:  # no program of the desktop opens files
                     webbrowser.open(place.as_uri())
 
-        serve(Page(study, max_upload << 20), port, announce)
+        serve(Page(study, max_upload << 20), port, announce, others)

@@ -89,8 +89,8 @@ CAPTIONS = {
     "With the effects found": "The error after adding the effects found. If they are right, only noise "
     "remains.",
     "Ladder": "Each step is fitted to some of the data and validated on the rest. A true effect reduces the "
-    "error on the validation data to the noise; a wrong effect does not reduce it. If the search used the "
-    "validation data too, the error on new data may be larger.",
+    "error on the validation data, the last missing one to the noise; most wrong effects do not. If the "
+    "search used the validation data too, the error on new data may be larger.",
     "Comparison at the output": "The error of the model against the noise. An excess at lines that were not "
     "excited can only be nonlinear; at excited lines it is nonlinear or due to a missing linear effect.",
     "Noise and distortion": "Top: the response with its uncertainty from noise alone, which averaging "

@@ -173,13 +173,15 @@ def plant_table(model: PlantModel) -> Table:
     for label, effect in model.labels():
         for i, (name, param) in enumerate(effect.params.items()):
             value = _number(param.value, 7)
-            rows.append((label if i == 0 else "", name, value, _sigma(param), model.unit_of(effect, name)))
+            row = (label if i == 0 else "", name, value, _sigma(param), model.unit_of(effect, name))
+            rows.append((*row, *model.torques_of(effect, name)))
     fit = model.fit or {}
     note = "No σ: not fitted." if model.fit is None else ""
     if "cost_per_dof" in fit:
         means = COST_MEANS[fit.get("method", "ml")]
         note = f"Cost per degree of freedom {fit['cost_per_dof']:.4g}: {means}."
-    return Table(("Effect", "Parameter", "Value", "σ", "Unit"), rows, title="Plant", note=note)
+    head = ("Effect", "Parameter", "Value", "σ", "Unit", *model.torque_head)
+    return Table(head, rows, title="Plant", note=note)
 
 
 def _sigma(param: Param) -> str:

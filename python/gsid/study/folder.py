@@ -26,6 +26,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from gsid.base.arguments import is_one_line
 from gsid.base.errors import InputError
 from gsid.base.files import TEMPORARY, write_atomically
 from gsid.base.json_files import read_json
@@ -36,6 +37,8 @@ SESSION, LOG, LOCK = "session.json", "commands.log", ".lock"
 FOLDERS = ("excitation", "records", "responses", "models", "verdicts")
 LOCK_TIME_S = 10.0
 BLOCK = 1 << 20
+NOISE_MODEL = "-noise.json"  # end of the name of a noise model
+ZERO_INPUT = "--zero"  # option of `gsid run` whose record shows noise alone
 META = "meta.json"  # rate, period and units of the records beside it that it lists
 NAME_MOST = 200  # bytes; file systems allow 255, and a number may follow
 GOOD, CRITERION, INTERRUPTED = 0, 1, 130  # exit codes of commands with a result
@@ -186,6 +189,11 @@ class Study:
     def models(self) -> list[str]:
         """All models, the newest last, relative to the study."""
         return [name for name in self.files if name.startswith("models/") and name.endswith(".json")]
+
+    @property
+    def noise_model(self) -> str:
+        """The noise model that was made last, relative to the study; empty: none."""
+        return next((name for name in reversed(self.files) if name.endswith(NOISE_MODEL)), "")
 
     @property
     def newest_models(self) -> list[str]:
@@ -434,7 +442,8 @@ class Study:
         exit_code : int
         words : sequence of str
         outputs : sequence of str
-            Those that do not exist are left out. Records become the last experiment.
+            Those that do not exist are left out. Records become the last experiment, unless they are of
+            `gsid run --zero`.
         answer : bytes
             The JSON object that it printed. It is kept in verdicts/; other bytes are not.
         verb : str, optional
@@ -463,7 +472,8 @@ class Study:
             state.n_numbers = max(state.n_numbers, number)
             for name, digest in digests.items():
                 state.note(name, digest)
-            state.begin_experiment([one for one in made if one.startswith("records/")])
+            if ZERO_INPUT not in arguments:
+                state.begin_experiment([one for one in made if one.startswith("records/")])
             self._write(state)
             self._write_log(state)
         return step
@@ -501,7 +511,7 @@ def usable_name(name: str) -> str:
         It is empty, begins with a dot, has control characters, or has more than 200 bytes.
     """
     own = Path(name).name
-    if not own or own.startswith(".") or not own.isprintable() or len(own.encode()) > NAME_MOST:
+    if not own or own.startswith(".") or not is_one_line(own) or len(own.encode()) > NAME_MOST:
         shown = own.encode("unicode_escape").decode()[:NAME_MOST]
         hint = f"rename the file: no leading dot, no control characters, at most {NAME_MOST} bytes"
         raise InputError("the file has no usable name", "", shown, hint)
@@ -521,7 +531,7 @@ def check_words(words: Iterable[str]) -> None:
         One has a character that cannot be printed, as a line break.
     """
     for word in words:
-        if not word.isprintable():
+        if not is_one_line(word):
             hint = "leave out line breaks, tabs and control characters"
             raise InputError("a word of the command cannot be printed", "", f"{word[:NAME_MOST]!a}", hint)
 
@@ -564,7 +574,7 @@ def _step_of(entry: dict[str, Any]) -> Step:
 
 def _printable(text: object) -> str:
     """Text that stays one line, in the log of commands and in a script."""
-    if not str(text).isprintable():
+    if not is_one_line(str(text)):
         raise ValueError(f"a character that cannot be printed: {str(text)[:NAME_MOST]!a}")
     return str(text)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gsid.base.arguments import is_one_line
 from gsid.base.errors import InputError
 from gsid.effects.custom import expression
 from gsid.effects.types import EffectType, catalogue
@@ -17,9 +18,12 @@ from gsid.webpage.body import number_of
 
 TEXTS = ("--u", "--y", "--r")
 CHOICES = {"--hold": ("zoh", "none"), "--output": ("rate", "angle", "acceleration")}
-FORM = (*TEXTS, "--fs", "--period", "--settle", *CHOICES)  # what the page asks for
-RECORD = tuple(one for one in FORM if one not in ("--r", "--output"))
-LOOP = (*RECORD, "--r")  # with the reference of a closed loop
+UNITS = {"--u-unit": "--u", "--y-unit": "--y"}  # and the column whose unit it is
+FACTORS = {"--u-factor": "--u", "--y-factor": "--y", "--r-factor": "--r"}
+FORM = (*TEXTS, "--fs", "--period", "--settle", *CHOICES, *UNITS, *FACTORS)  # what the page asks for
+RECORD = tuple(one for one in FORM if one not in ("--r", "--r-factor", "--output"))
+AS_MEASURED = tuple(one for one in RECORD if one not in (*UNITS, *FACTORS))  # converted later
+LOOP = (*RECORD, "--r", "--r-factor")  # with the reference of a closed loop
 READING = ("u", "y", "r", "fs", "period", "settle", "hold")
 NAME_MOST = 200  # characters
 
@@ -128,7 +132,7 @@ ACTIONS = {
             suffix=".csv",
             draws=False,
             records="one",
-            options=RECORD,
+            options=AS_MEASURED,
         ),
         Action(
             "report",
@@ -279,7 +283,7 @@ def inside(study: Study, name: object, folder: str) -> Path:
     InputError
         There is no such file in this folder.
     """
-    if not isinstance(name, str) or not name.startswith(folder) or not name.isprintable():
+    if not isinstance(name, str) or not name.startswith(folder) or not is_one_line(name):
         raise InputError("no such file in the study", str(name)[:NAME_MOST], None, "choose one of the list")
     return study.path(name)
 
@@ -340,8 +344,23 @@ def _options(action: Action, given: object) -> list[str]:
         if name not in FORM:
             raise InputError("the page has no such option", str(name)[:NAME_MOST], value)
         if name in action.options and value not in (None, ""):
-            words.append(f"{name}={_checked(name, value)}")
+            found = _checked(name, value)
+            if name in UNITS:
+                words.append(f"--unit={_column(given, UNITS[name])}={found}")
+            elif name in FACTORS:
+                words.append(f"--factor={_column(given, FACTORS[name])}={found!r}")
+            else:
+                words.append(f"{name}={found}")
     return words
+
+
+def _column(given: Mapping[str, object], option: str) -> object:
+    """The column to which a unit or a factor belongs."""
+    name = _checked(option, given.get(option) or option.removeprefix("--"))
+    if "=" in str(name) or "," in str(name):
+        hint = "rename the column, or give one name"
+        raise InputError("the page has no unit for such a column", option, name, hint)
+    return name
 
 
 def reading_of(options: object) -> dict[str, object]:
@@ -360,7 +379,15 @@ def reading_of(options: object) -> dict[str, object]:
     if not isinstance(options, Mapping):
         raise InputError("the options are not an object", "", type(options).__name__)
     names = {f"--{name}": "fs_hz" if name == "fs" else name for name in READING}
-    return {names[name]: _checked(name, value) for name, value in options.items() if name in names and value}
+    how = {names[name]: _checked(name, value) for name, value in options.items() if name in names and value}
+    for key, kind in (("units", UNITS), ("factors", FACTORS)):
+        found = {
+            _column(options, kind[name]): _checked(name, value)
+            for name, value in options.items()
+            if name in kind and value
+        }
+        how |= {key: found} if found else {}
+    return how
 
 
 def _checked(name: str, value: object) -> object:
@@ -368,16 +395,17 @@ def _checked(name: str, value: object) -> object:
         if value not in CHOICES[name]:
             raise InputError("not a valid choice", name, value, f"one of {', '.join(CHOICES[name])}")
         return value
-    if name in TEXTS:
-        if not isinstance(value, str) or len(value) > NAME_MOST or not value.isprintable():
-            raise InputError("not a name of a column", name, str(value)[:NAME_MOST])
+    if name in (*TEXTS, *UNITS):
+        if not isinstance(value, str) or len(value) > NAME_MOST or not is_one_line(value):
+            what = "a unit" if name in UNITS else "a name of a column"
+            raise InputError(f"not {what}", name, str(value)[:NAME_MOST])
         return value
     return _number(name, value)
 
 
 def _number(name: str, value: object) -> float | int:
     found = _finite(name, value)
-    if name == "--fs":
+    if name == "--fs" or name in FACTORS:
         return found
     if found != int(found):
         raise InputError("not a whole number of samples", name, value)

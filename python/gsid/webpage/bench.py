@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import copy
 import math
 from collections.abc import Collection, Mapping
@@ -84,7 +86,7 @@ class Bench:
             known[label][parameter] = float(value)
         plant.bound(MOVES_MOST)
         try:
-            answer = plant.run([known[label][name] for label, name in _names(part, out, self.model)])
+            answer = plant.run_near([known[label][name] for label, name in _names(part, out, self.model)])
         except OutOfTime as error:
             raise InputError("the simulation with these values takes too long", hint=STEEP) from error
         except GsidError as error:
@@ -101,7 +103,12 @@ class Bench:
             part.cov, part.cov_names, part.fit = None, None, None
             if len(self._plants) >= STRUCTURES_KEPT:
                 self._plants.pop(next(iter(self._plants)))
-            self._plants[out] = part, PeriodicPlant.of(part, self._measured)
+            plant = PeriodicPlant.of(part, self._measured)
+            self._plants[out] = part, plant
+            with contextlib.suppress(GsidError, OutOfTime):  # then each search is a cold one
+                plant.bound(MOVES_MOST)
+                if plant.run().settled:
+                    plant.keep()
         return self._plants[out]
 
 
@@ -190,9 +197,15 @@ def slider_range(known: EffectParameter, value: float) -> tuple[float, float, bo
 
 
 def picture_of(
-    one: PredictedOutput, points: int, window: tuple[float, float] | None = None
+    one: PredictedOutput,
+    points: int,
+    window: tuple[float, float] | None = None,
+    *,
+    with_measured: bool = True,
 ) -> dict[str, Any]:
     """Measured and simulated output over time and their difference, as few points as the picture can show.
+
+    Each signal has "x" [s] and "y": little-endian float32, in base64, which a browser decodes at once.
 
     Parameters
     ----------
@@ -201,6 +214,8 @@ def picture_of(
         About as many for each signal.
     window : (from, to), optional
         The part that is shown [s].
+    with_measured : bool
+        Whether the measured output, which no slider moves, is among them.
     """
     n, most = len(one.y_model), int(np.clip(points, *POINTS))
     begin, end = 0, n
@@ -208,16 +223,18 @@ def picture_of(
         begin = int(np.clip(math.floor(window[0] * one.fs_hz), 0, n - 1))
         end = int(np.clip(math.ceil(window[1] * one.fs_hz) + 1, begin + 1, n))
     mean = np.mean(one.y, axis=0)
-    signals = {"measured": mean, "model": one.y_model, "difference": mean - one.y_model}
+    signals = {"measured": mean} if with_measured else {}
+    signals |= {"model": one.y_model, "difference": mean - one.y_model}
     return {name: _drawn(signal[begin:end], begin, one.fs_hz, most) for name, signal in signals.items()}
 
 
-def _drawn(signal: np.ndarray, begin: int, fs_hz: float, most: int) -> dict[str, list[float]]:
+def _drawn(signal: np.ndarray, begin: int, fs_hz: float, most: int) -> dict[str, str]:
     place, shown = extremes(signal, most)
-    return {
-        "x": [float(f"{t:.7g}") for t in (place + begin) / fs_hz],
-        "y": [float(f"{y:.5g}") for y in shown],
-    }
+    return {"x": _packed((place + begin) / fs_hz), "y": _packed(shown)}
+
+
+def _packed(values: np.ndarray) -> str:
+    return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
 
 
 def numbers_of(one: PredictedOutput) -> dict[str, Any]:

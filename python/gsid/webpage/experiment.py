@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gsid.base.arguments import is_one_line
 from gsid.base.errors import InputError
 from gsid.rig.axis import HIDDEN
+from gsid.rig.axis_file import axis_parameters
 from gsid.rig.samples import check_length
 from gsid.study.folder import Study
+from gsid.webpage.actions import inside
 from gsid.webpage.body import number_of
 
 TEXT_MOST = 200  # characters
@@ -157,8 +161,8 @@ def experiment_of(study: Study, form: Mapping[str, Any]) -> Experiment:
     ----------
     study : Study
     form : mapping
-        Text of each of `FIELDS`; port: a path, or "simulated" with effect and lock_step; lines; file: path
-        in the study of one period of the command, instead of `EXCITATION`.
+        Text of each of `FIELDS`; port: a path, or "simulated" with effect, model (of the study) and
+        lock_step; lines; file: path in the study of one period of the command, instead of `EXCITATION`.
 
     Raises
     ------
@@ -173,7 +177,7 @@ def experiment_of(study: Study, form: Mapping[str, Any]) -> Experiment:
     n_samples = values.get("period", LARGE) * (values["settle"] + values["periods"])
     run = (
         "run",
-        *_axis(form),
+        *_axis(study, form),
         f"--periods={values['periods']}",
         f"--settle={values['settle']}p",
         *(f"--{field.name.replace('_', '-')}={_typed(values[field.name])}" for field in LIMITS),
@@ -212,21 +216,30 @@ def _typed(value: float) -> str:
     return repr(value).removesuffix(".0")
 
 
-def _axis(form: Mapping[str, Any]) -> list[str]:
+def _axis(study: Study, form: Mapping[str, Any]) -> list[str]:
     port = form.get("port")
     if port != SIMULATED:
         text = _text("port", port)
         if not text:
             raise InputError("no port is chosen", "", None, "choose a serial port, or the simulated axis")
         return [f"--port={text}"]
+    model = form.get("model") or ""
     effect = form.get("effect") or ""
     if effect not in EFFECTS:
         raise InputError(
             "not a valid choice", "effect", str(effect)[:TEXT_MOST], f"one of {', '.join(HIDDEN)}"
         )
     options = ["--paced"] if not form.get("lock_step") else []
+    options += ["--axis", shlex.quote(_model_file(study, model))] if model else []
     options += ["--effect", effect] if effect else []
     return [f"--simulate={' '.join(options)}"]
+
+
+def _model_file(study: Study, name: object) -> str:
+    """A model of the study, which the simulated axis can have."""
+    path = inside(study, name, "models/")
+    axis_parameters(path)  # refused before the axis moves
+    return str(name)
 
 
 def _excitation_file(study: Study, name: object) -> str:
@@ -238,7 +251,7 @@ def _excitation_file(study: Study, name: object) -> str:
 
 
 def _text(name: str, value: object) -> str:
-    if not isinstance(value, str) or len(value) > TEXT_MOST or not value.isprintable():
+    if not isinstance(value, str) or len(value) > TEXT_MOST or not is_one_line(value):
         raise InputError("not a valid text", name, str(value)[:TEXT_MOST])
     return value.strip()
 

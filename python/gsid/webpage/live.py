@@ -386,6 +386,7 @@ class Live:
             "fields": {name: [vars(one) for one in fields] for name, fields in groups.items()},
             "ports": ports(),
             "effects": EFFECTS,
+            "models": self.page.study.models,
             "lines": LINES,
             "simulated": SIMULATED,
             "files": [name for name in self.page.study.files if name.startswith("excitation/")],

@@ -11,7 +11,7 @@ import signal
 import socket
 import subprocess
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,11 @@ from gsid.base.errors import InputError
 from gsid.base.tables import templates
 from gsid.effects.types import catalogue
 from gsid.study.folder import usable_name
+from gsid.webpage.beside import Beside
 from gsid.webpage.body import object_of
 from gsid.webpage.edits import law_of
 from gsid.webpage.jobs import COMMAND
+from gsid.webpage.kept import Kept
 from gsid.webpage.live import Live
 from gsid.webpage.page import Page
 from gsid.webpage.safety import Guard, new_token
@@ -173,7 +175,7 @@ async def _invalid(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": "the request is not valid", "where": place, "hint": ""}, 400)
 
 
-def application(page: Page, port: int, token: str) -> Guard:
+def application(page: Page, port: int, token: str, beside: Sequence[str] = ()) -> Guard:
     """The server of a page, guarded.
 
     Parameters
@@ -181,6 +183,8 @@ def application(page: Page, port: int, token: str) -> Guard:
     page : Page
     port : int
     token : str
+    beside : sequence of str
+        Folders of other studies, to compare with.
     """
     import plotly
 
@@ -211,6 +215,8 @@ def application(page: Page, port: int, token: str) -> Guard:
             WebSocketRoute("/changes", _changes),
             WebSocketRoute("/workbench", _workbench),
             *Live(page).routes(),
+            *Beside(page, beside).routes(),
+            *Kept(page.study).routes(),
             Mount("/static", StaticFiles(directory=str(static))),
         ],
         exception_handlers={InputError: _refused, ClientDisconnect: _disconnected}
@@ -233,7 +239,7 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
+def serve(page: Page, port: int, on_address: Callable[[str], None], beside: Sequence[str] = ()) -> None:
     """Serve the page on 127.0.0.1 until the process is interrupted.
 
     Parameters
@@ -243,6 +249,8 @@ def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
         0: any free port.
     on_address : callable
         Called with the address, its token included, when the server accepts connections.
+    beside : sequence of str
+        As of `application`.
 
     Raises
     ------
@@ -253,7 +261,7 @@ def serve(page: Page, port: int, on_address: Callable[[str], None]) -> None:
         own = listener.getsockname()[1]
         token = new_token()
         config = uvicorn.Config(
-            application(page, own, token),
+            application(page, own, token, beside),
             log_level="warning",
             ws_max_size=MAX_REQUEST,
             lifespan="on",

@@ -174,9 +174,12 @@ def _design(values: Mapping[str, Any]) -> Outcome:
 def _run(values: Mapping[str, Any]) -> Outcome:
     counts = f"{values['n_periods']} good periods, {values['n_spoiled']} lost"
     words = [f"Measured {values['record']}: {counts}."]
+    if "noise" in values:
+        level = values["noise"]["level"]
+        words += [values["noise"]["sentence"], f"{level[0].upper()}{level[1:]}."]
     if values["n_spoiled"]:
         words.append("Lost samples spoil a period: check cable, grounding and baud rate if this repeats.")
-    return Outcome(tuple(words), next=("look", "frf", "start", "diagnose"))
+    return Outcome(tuple(words), next=() if "noise" in values else ("look", "frf", "start", "diagnose"))
 
 
 def _cut(values: Mapping[str, Any]) -> Outcome:
@@ -209,7 +212,17 @@ def _report(values: Mapping[str, Any]) -> Outcome:
     return Outcome((f"Report {values['report']}.{verdict.get(values['adequate'], '')}",))
 
 
+def _join(values: Mapping[str, Any]) -> Outcome:
+    return Outcome((values["sentence"],), next=("fit",))
+
+
+def _next(values: Mapping[str, Any]) -> Outcome:
+    return Outcome((values["reason"],), next=("run",))
+
+
 READERS = {
+    "join": _join,
+    "next": _next,
     "design": _design,
     "run": _run,
     "cut": _cut,

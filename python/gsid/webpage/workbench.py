@@ -46,7 +46,8 @@ class Workbench:
         ----------
         wanted : mapping
             model, record: names in the study; options: as of a step. values, out, added: as of `edit_of`.
-            points, window: of the picture. sheet: whether the effects are sent again.
+            points, window: of the picture; moved: without the measured output, which is there.
+            sheet: whether the effects are sent again.
 
         Raises
         ------
@@ -59,7 +60,9 @@ class Workbench:
             one = self._bench.simulated(edit.values, edit.out)
         except InputError as error:
             return sheet | words_of(error)  # the sliders are there to move the value back
-        picture = picture_of(one, _points(wanted.get("points")), _window(wanted.get("window")))
+        points, window = _points(wanted.get("points")), _window(wanted.get("window"))
+        is_moved = wanted.get("moved") is True and not sheet
+        picture = picture_of(one, points, window, with_measured=not is_moved)
         return sheet | {"picture": picture} | numbers_of(one)
 
     def _prepare(self, wanted: Mapping[str, Any], edit: Edit) -> dict[str, Any]:

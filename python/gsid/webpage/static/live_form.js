@@ -26,6 +26,9 @@ export async function fillForm() {
   const file = form().file.value;
   options(form().file, [["", "Designed multisine"], ...known.files.map((name) => [name, name])]);
   form().file.value = known.files.includes(file) ? file : "";
+  const model = form().model.value;
+  options(form().model, [["", "the axis of the demo"], ...known.models.map((name) => [name, `the model ${name.replace("models/", "")}`])]);
+  form().model.value = known.models.includes(model) ? model : "";
   if (isFirst) makeFields();
   showParts();
 }

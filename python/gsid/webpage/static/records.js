@@ -1,10 +1,11 @@
 // The records of the study: opened, listed, ticked.
 import { byId, element, isChanged, server } from "./elements.js";
+import { keep, kept } from "./kept.js";
 import { answerOf, post, showError } from "./requests.js";
-import { requestStep } from "./steps.js";
+import { keepChoices, requestStep } from "./steps.js";
 
 const PATIENCE_MS = 200; // between two looks at the server
-const ticked = new Map(); // record: whether the next step uses it
+const ticked = new Map(Object.entries(kept.ticked ?? {})); // record: whether the next step uses it
 
 export async function open(files) {
   let more = ""; // what is opened together is one experiment
@@ -62,7 +63,10 @@ function recordItem(name) {
   const item = element("li");
   item.dataset.record = name;
   const box = element("input", "", { type: "checkbox", checked: ticked.get(name) ?? true });
-  box.addEventListener("change", () => ticked.set(name, box.checked));
+  box.addEventListener("change", () => {
+    ticked.set(name, box.checked);
+    keep("ticked", Object.fromEntries(ticked));
+  });
   const label = element("label");
   label.append(box, ` ${ownName(name)}`);
   item.append(label);
@@ -70,3 +74,17 @@ function recordItem(name) {
 }
 
 export const chosenRecords = () => (server.state?.records ?? []).filter((name) => ticked.get(name) ?? true);
+
+for (const [name, value] of Object.entries(kept.reading ?? {})) if (readingField(name)) readingField(name).value = value;
+for (const part of ["reading", "model"]) byId(part).addEventListener("change", keepChoices);
+
+// The unit that a column has in the file fills the factor and the unit after it.
+for (const choice of byId("reading").querySelectorAll("[data-converts]")) {
+  choice.addEventListener("change", () => {
+    const [unit, factor = ""] = choice.value.split("|");
+    const own = (part) => readingField(`--${choice.dataset.converts}-${part}`);
+    own("unit").value = unit;
+    own("factor").value = factor;
+    if (choice.value === "counts|") own("factor").focus();
+  });
+}

@@ -2,6 +2,7 @@
 import { cutForm } from "./cut.js";
 import { byId, element, isChanged, server } from "./elements.js";
 import { goOnFrom, showRivals, showStepBack } from "./models.js";
+import { keep, kept } from "./kept.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { showRanking } from "./ranking.js";
@@ -12,7 +13,12 @@ const ELSEWHERE = ["design", "add", "cut", "report", "export-c"]; // their butto
 
 export function readingOf() {
   const fields = [...byId("reading").querySelectorAll("input, select")];
-  return Object.fromEntries(fields.filter((one) => one.value).map((one) => [one.name, one.value]));
+  return Object.fromEntries(fields.filter((one) => one.name && one.value).map((one) => [one.name, one.value]));
+}
+
+export function keepChoices() {
+  keep("model", { chosen: byId("model").value, newest: server.state?.models.at(-1) ?? "" });
+  keep("reading", readingOf());
 }
 
 export function requestStep(wanted) {
@@ -50,7 +56,9 @@ export function showModels() {
   const last = server.state.steps.at(-1);
   const isNext = last?.model && last.base === select.value; // made from the chosen one
   const isNewest = select.value === [...select.options].at(-1).value;
-  const chosen = isNewest || isNext ? (server.state.models.at(-1) ?? "") : select.value;
+  const newest = server.state.models.at(-1) ?? "";
+  const asKept = select.options.length === 1 && kept.model?.newest === newest ? kept.model.chosen : null; // a reload
+  const chosen = asKept ?? (isNewest || isNext ? newest : select.value);
   const options = ["", ...server.state.models].map((name) =>
     element("option", name ? name.replace("models/", "") : "none", { value: name }),
   );

@@ -1,4 +1,5 @@
 // The page of a study: it shows the server's state and posts requests. The server decides; nothing is kept here.
+import "./beside.js";
 import { byId, isChanged, server } from "./elements.js";
 import { open, showRecords } from "./records.js";
 import { act, answerOf, post, showErrors } from "./requests.js";

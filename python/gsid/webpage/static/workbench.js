@@ -1,5 +1,6 @@
 // The workbench: sliders and switches of the chosen model, and its output beside the record at once.
 import { byId, element, isChanged, server } from "./elements.js";
+import { keep, kept } from "./kept.js";
 import { chosenRecords } from "./records.js";
 import { act } from "./requests.js";
 import { isOff, readingOf, requestStep } from "./steps.js";
@@ -13,10 +14,34 @@ const bench = { socket: null, model: "", sheet: [], fitted: null, values: {}, ou
 let isWaiting = false; // for an answer of the server
 let isMoved = false; // since the last request
 let shownWindow = null; // [from, to] in s
+let askedWindow = null; // of the request that is answered next
+let drawnWindow = null; // of the measured output in the picture
+const AXES = { y: "yaxis", y2: "yaxis2" };
+const held = new Map(); // axis: its range
+const zoomedAxes = new Set(); // whose range the user has chosen
+const MARGIN = 0.15; // of a signal's range, above and below it
+const FILLED = 0.2; // of an axis; where the signals fill less, it is made smaller
 
+const isSame = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 const digits = (value, most = 4) => Number(value.toPrecision(most));
 const shownModel = () => JSON.stringify([byId("model").value, byId("bench-record").value, bench.added]);
 const isOpen = () => byId("workbench").open && !byId("workbench").hidden;
+
+let recalled = kept.bench ?? null; // until it is shown once
+
+function keepBench() {
+  const { values, added } = bench;
+  keep("bench", { model: byId("model").value, record: byId("bench-record").value, isOpen: isOpen(), values, added, out: [...bench.out] });
+}
+
+// Sliders and switches as they were before a reload, if they belong to what is chosen.
+function recall() {
+  const own = recalled;
+  recalled = null;
+  if (own?.model !== byId("model").value || own?.record !== byId("bench-record").value) return reset();
+  Object.assign(bench, { values: own.values, added: own.added, out: new Set(own.out) });
+  return renew();
+}
 
 // ---- requests: one at a time, always of the newest values --------------------------------------------
 
@@ -33,6 +58,7 @@ function connect() {
 
 function send() {
   isMoved = true;
+  keepBench();
   if (!bench.socket) connect();
   else if (bench.socket.readyState === WebSocket.OPEN && !isWaiting) sendNow();
 }
@@ -44,9 +70,10 @@ function sendNow() {
   const model = byId("model").value;
   const record = byId("bench-record").value;
   const sheet = shownModel() !== bench.model; // another one: its effects are needed
+  askedWindow = shownWindow;
   bench.socket.send(
     JSON.stringify({
-      model, record, sheet, serial, values, added, out: [...bench.out],
+      model, record, sheet, serial, values, added, out: [...bench.out], moved: !sheet && isSame(shownWindow, drawnWindow),
       options: readingOf(), points: 2 * byId("bench-picture").clientWidth, window: shownWindow,
     }),
   );
@@ -86,23 +113,57 @@ function showAnswer(answer) {
     `noise alone ${percent(fitted.fit_percent_of_noise)}), rms error ${digits(answer.rms_error)} ${answer.unit}`;
 }
 
+// Values as the server packs them: float32 in base64.
+const unpack = (text) => new Float32Array(Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer);
+
 function draw(answer) {
   const box = byId("bench-picture");
-  const traces = Object.entries(answer.picture);
+  const signals = Object.entries(answer.picture).map(([name, { x, y }]) => ({ name, x: unpack(x), y: unpack(y) }));
+  if (answer.picture.measured) drawnWindow = askedWindow;
   if (box.data && !answer.sheet) {
-    const moved = traces.slice(shownWindow || box.dataset.zoomed ? 0 : 1); // what was measured stays
-    const columns = { x: moved.map(([, drawn]) => drawn.x), y: moved.map(([, drawn]) => drawn.y) };
-    Plotly.restyle(box, columns, moved.map(([name]) => traces.findIndex(([other]) => other === name)));
-    box.dataset.zoomed = shownWindow ? "yes" : "";
+    const columns = { x: signals.map(({ x }) => x), y: signals.map(({ y }) => y) };
+    Plotly.update(box, columns, widened(signals), signals.map(({ name }) => Object.keys(NAMES).indexOf(name)));
     return;
   }
-  const data = traces.map(([name, drawn]) => ({
-    ...drawn, name: NAMES[name], mode: "lines", yaxis: name === "difference" ? "y2" : "y",
+  const data = signals.map(({ name, x, y }) => ({
+    x, y, name: NAMES[name], mode: "lines", yaxis: axisOf(name),
     line: { color: COLOURS[name], width: name === "measured" ? 2 : 1.2 },
   }));
-  Plotly.react(box, data, layoutOf(answer), { responsive: true, displaylogo: false });
+  held.clear();
+  zoomedAxes.clear();
+  const layout = layoutOf(answer);
+  for (const [name, range] of Object.entries(widened(signals))) layout[name.replace(".range", "")].range = range;
+  Plotly.react(box, data, layout, { responsive: true, displaylogo: false, doubleClick: "autosize" });
   box.removeAllListeners?.("plotly_relayout");
   box.on("plotly_relayout", zoomed);
+}
+
+const axisOf = (name) => (name === "difference" ? "y2" : "y");
+
+// Ranges of the axes that the signals leave, or of which they fill little: an axis that stays is drawn faster.
+function widened(signals) {
+  const changes = {};
+  for (const axis of Object.keys(AXES).filter((one) => !zoomedAxes.has(one))) {
+    const own = signals.filter(({ name }) => axisOf(name) === axis).map(({ y }) => extent(y));
+    const low = Math.min(...own.map(([least]) => least));
+    const high = Math.max(...own.map(([, most]) => most));
+    const [least, most] = held.get(axis) ?? [0, 0];
+    const isFilled = high - low >= FILLED * (most - least);
+    if (low >= least && high <= most && isFilled) continue;
+    const margin = MARGIN * (high - low || Math.abs(high) || 1);
+    held.set(axis, [low - margin, high + margin]);
+    changes[`${AXES[axis]}.range`] = held.get(axis);
+  }
+  return changes;
+}
+
+function extent(values) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const value of values) {
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  return [low, high];
 }
 
 function layoutOf(answer) {
@@ -123,6 +184,12 @@ function layoutOf(answer) {
 
 // A part of the picture is drawn with points of its own.
 function zoomed(change) {
+  for (const [axis, name] of Object.entries(AXES)) {
+    if (change[`${name}.autorange`]) {
+      zoomedAxes.delete(axis);
+      held.delete(axis);
+    } else if (change[`${name}.range[0]`] !== undefined) zoomedAxes.add(axis);
+  }
   if (change["xaxis.autorange"]) shownWindow = null;
   else if (change["xaxis.range[0]"] !== undefined) shownWindow = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
   else return;
@@ -245,6 +312,8 @@ export function showWorkbench() {
     const chosen = select.value;
     select.replaceChildren(...records.map((name) => element("option", name.replace("records/", ""), { value: name })));
     if (records.includes(chosen)) select.value = chosen;
+    else if (records.includes(recalled?.record)) select.value = recalled.record;
+    if (recalled?.isOpen) byId("workbench").open = true;
   }
   followChoice();
 }
@@ -257,7 +326,8 @@ function followChoice() {
     return;
   }
   shownWindow = null;
-  reset();
+  if (recalled) recall();
+  else reset();
 }
 
 function addEffect(event) {
@@ -307,7 +377,10 @@ function addLaw() {
   renew();
 }
 
-byId("workbench").addEventListener("toggle", followChoice);
+byId("workbench").addEventListener("toggle", () => {
+  followChoice();
+  if (!recalled) keepBench();
+});
 for (const part of ["model", "records", "reading", "bench-record"]) byId(part).addEventListener("change", () => server.state && followChoice());
 byId("bench-form").addEventListener("submit", (event) => event.preventDefault());
 byId("bench-reset").addEventListener("click", reset);
