@@ -115,6 +115,31 @@ $(BUILD)/host/%.o: src/host/%.c $(BUILD)/flags.txt | build/setup.stamp
 	@mkdir -p $(@D)
 	$(CC) $(BASE_FLAGS) $(WARN) $(HOST_FLAGS) $(CFLAGS) -c -o $@ $<
 
+# ---- installation ------------------------------------------------------------------------------------------------
+# CMakeLists.txt knows what is installed, because its package needs to know that too.
+
+PREFIX ?= /usr/local
+DESTDIR ?=
+.PHONY: install
+install: ## headers, static and shared libraries, gsid.pc and the CMake package into PREFIX, below DESTDIR (needs cmake)
+	cmake -S . -B $(BUILD)/cmake -DCMAKE_BUILD_TYPE=None -DCMAKE_C_COMPILER='$(firstword $(CC))' -DCMAKE_C_FLAGS='$(wordlist 2,9,$(CC)) $(CFLAGS)' \
+	    -DCMAKE_INSTALL_PREFIX='$(abspath $(PREFIX))' -DCMAKE_INSTALL_LIBDIR=lib \
+	    -DGSID_WITH_FFTW=$(WITH_FFTW) -DGSID_WITH_NLOPT=$(WITH_NLOPT) -DGSID_WITH_SUITESPARSE=$(WITH_SUITESPARSE)
+	cmake --build $(BUILD)/cmake -j$(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
+	DESTDIR='$(DESTDIR)' cmake --install $(BUILD)/cmake
+
+.PHONY: uninstall
+uninstall: ## remove what `make install` with the same PREFIX and DESTDIR has put there
+	@test -f $(BUILD)/cmake/install_manifest.txt || { echo "error: nothing was installed from this folder" >&2; \
+	    echo "hint: \`make install\` with the same PREFIX and DESTDIR first" >&2; exit 1; }
+	sed 's|.*|$(DESTDIR)&|' $(BUILD)/cmake/install_manifest.txt | tr '\n' '\0' | xargs -0 rm -f
+	-cd '$(DESTDIR)$(abspath $(PREFIX))' && rmdir include/gsid/host include/gsid lib/cmake/gsid
+
+.PHONY: amalgamation
+amalgamation: ## core and effects as two files, gsid.c and gsid.h, in build/amalgamation
+	$(PYTHON) tools/amalgamate $(BUILD)/amalgamation
+	@echo "$(BUILD)/amalgamation/gsid.c $(BUILD)/amalgamation/gsid.h"
+
 # ---- Python modules ----------------------------------------------------------------------------------------------
 
 $(BUILD)/python/_gsid%.c: python/gsid_build.py $(HEADERS) $(VENV)/requirements.stamp
@@ -136,7 +161,7 @@ python/gsid/_gsid32.abi3.so: $(BUILD)/python/_gsid32.c $(BUILD)/float/libgsid_ef
 	$(module) -lm
 
 $(BUILD)/installed.stamp: pyproject.toml $(VENV)/requirements.stamp
-	$(PY) -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --no-index -e .
+	GSID_MODULES_OF_MAKE=1 $(PY) -m pip install -q --disable-pip-version-check --no-build-isolation --no-deps --no-index -e .
 	@touch $@
 
 # ---- the program -------------------------------------------------------------------------------------------------
@@ -205,6 +230,35 @@ studio-pictures: all $(VENV)/browser.stamp ## screenshots of the page for the do
 .PHONY: studio
 studio: all ## open the page of gsid studio
 	$(VENV)/bin/gsid studio
+
+build/install.stamp: tools/setup
+	tools/setup install
+	@mkdir -p $(@D) && touch $@
+
+build/install-tools/.stamp: tests/install/requirements.txt $(VENV)/requirements.stamp
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python -m pip install -q --disable-pip-version-check -r tests/install/requirements.txt
+	@touch $@
+
+.PHONY: test-install
+test-install: all build/install.stamp build/install-tools/.stamp ## projects that use gsid as each kind of user installs it
+	$(PY) -m pytest -q tests/install
+
+BASE ?=
+.PHONY: abi-check
+abi-check: build/install.stamp ## compare the ABI of the shared libraries with the newest tag, or BASE, by abidiff
+	tools/abi_check $(BASE)
+
+.PHONY: wheel
+wheel: build/install-tools/.stamp ## sdist and wheel without GPL libraries, into build/wheel
+	@rm -rf $(BUILD)/wheel
+	WITH_FFTW=0 WITH_SUITESPARSE=0 build/install-tools/bin/python -m build --no-isolation -o $(BUILD)/wheel/raw .
+	PATH="$(abspath build/install-tools/bin):$$PATH" build/install-tools/bin/auditwheel repair $(BUILD)/wheel/raw/*.whl -w $(BUILD)/wheel
+	mv $(BUILD)/wheel/raw/*.tar.gz $(BUILD)/wheel
+
+.PHONY: test-wheel
+test-wheel: all wheel ## the wheel in a bare virtual environment: the demo, and licences (minutes)
+	GSID_WHEEL=$(BUILD)/wheel $(PY) -m pytest -q -s tests/install/test_wheel.py
 
 .PHONY: test-data
 test-data: all ## the tests on measured records, those of docs/how-to/real_data.md that take minutes too
@@ -300,6 +354,10 @@ settings-study: all ## how the numerical settings of the grey-box fit change its
 .PHONY: distortion-study
 distortion-study: all ## how well the intervals of gsid.distortion cover a known truth (a minute)
 	$(PY) tests/python/distortion_study.py
+
+.PHONY: joined-study
+joined-study: all ## coverage of the intervals of bands that were measured apart and joined (a minute)
+	$(PY) tests/python/joined_bands.py
 
 .PHONY: hostile
 hostile: all ## bad input of every kind through every verb that reads it, with limits of time and memory (hours; resumes)

@@ -1,10 +1,13 @@
-"""gsid doctor and packages that are not installed."""
+"""gsid doctor: packages that are not installed, what the build contains, and licences."""
 
 import importlib.metadata
+import json
 
 import pytest
 
-from gsid.cli.doctor import _packages
+from gsid._lib import ffi, lib
+from gsid.cli.doctor import BACKENDS, _backend, _packages, _variant
+from gsid.cli.main import main
 
 
 @pytest.fixture
@@ -25,3 +28,33 @@ def test_a_missing_package_of_an_extra_is_not_wrong(nothing_installed):
     for name in ("starlette", "plotly"):
         assert checks[name].found == "not installed"
         assert checks[name].hint == "optional: `pip install 'gsid[studio]'`"
+
+
+def test_licences_and_variant_are_printed(capsys):
+    assert main(["doctor", "--json"]) == 0
+    checks = {check["name"]: check for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert checks["gsid"]["licence"] == "MIT"
+    assert "BSD" in checks["scipy"]["licence"]
+    has_fftw = ffi.string(lib.gsid_build_library_version(b"fftw")) != b""
+    assert ("fftw" in checks["variant"]["found"]) == has_fftw
+    assert ("GPL" in checks["fftw"]["licence"]) == has_fftw
+
+
+def test_a_build_without_gpl_libraries_is_complete(monkeypatch):
+    """FFTW and SuiteSparse have replacements; without NLopt methods are missing."""
+    monkeypatch.setattr("importlib.import_module", lambda name: _NoBackends)
+    assert _variant().found == "without GPL libraries"
+    complete = {name: _backend(name, *facts).ok for name, facts in BACKENDS.items()}
+    assert complete == {"fftw": True, "nlopt": False, "suitesparse": True}
+    assert "numpy" in _backend("fftw", *BACKENDS["fftw"]).found
+
+
+class _NoBackends:
+    """A core that was built without any library."""
+
+    ffi = ffi
+
+    class lib:
+        @staticmethod
+        def gsid_build_library_version(name):
+            return ffi.new("char[]", b"")

@@ -8,6 +8,8 @@ import platform
 import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from email.message import Message
+from typing import cast
 
 import click
 
@@ -17,11 +19,17 @@ from gsid.cli.options import json_option
 from gsid.cli.output import print_json, print_table
 
 CORES = {"double": "_gsid64", "float": "_gsid32"}
+# Libraries of the C code: licence, and what happens without it.
 BACKENDS = {
-    "fftw": "spectra are then made by the slower streaming core, and `gsid design --optimise` fails",
-    "nlopt": "`gsid fit --method ga`, `gsid design --optimise` and fits that end unstable then fail",
-    "suitesparse": "fits of many records then use the rotations of gsid itself",
+    "fftw": ("GPL-2.0-or-later", ""),
+    "nlopt": (
+        "LGPL-2.1-or-later",
+        "`gsid fit --method ga`, `gsid design --optimise` and fits that end unstable fail; rebuild with it",
+    ),
+    "suitesparse": ("GPL-2.0-or-later", ""),
 }
+# Used instead of a library that is left out, without loss of results.
+REPLACED = {"fftw": "left out: numpy transforms", "suitesparse": "left out: rotations of gsid"}
 
 
 @dataclass
@@ -32,30 +40,33 @@ class Check:
     ok: bool
     found: str
     hint: str = ""
+    licence: str = ""
 
 
 @click.command(short_help="Check the installation: versions, missing parts, a known system.")
 @json_option
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool) -> None:
-    """Report versions and missing parts with a remedy for each, and measure a known system.
+    """Report versions, licences and missing parts, and measure a known system.
 
     The exit code is 1 if a part that gsid needs is missing or wrong.
     """
     checks = [
-        Check("gsid", True, importlib.metadata.version("gsid")),
+        Check("gsid", True, importlib.metadata.version("gsid"), licence=_licence("gsid")),
+        _variant(),
         Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
         *_packages(),
         *(_core(precision, module) for precision, module in CORES.items()),
-        *(_backend(name, hint) for name, hint in BACKENDS.items()),
+        *(_backend(name, *facts) for name, facts in BACKENDS.items()),
         _measurement(),
     ]
     good = all(check.ok for check in checks)
     if as_json:
         print_json({"ok": good, "checks": [asdict(check) for check in checks]})
     else:
-        rows = [[check.name, "ok" if check.ok else "WRONG", check.found, check.hint] for check in checks]
-        print_table(Table(["what", "state", "found", "hint"], rows, left=["what", "state", "found", "hint"]))
+        columns = ["what", "state", "found", "licence", "hint"]
+        rows = [[one.name, "ok" if one.ok else "WRONG", one.found, one.licence, one.hint] for one in checks]
+        print_table(Table(columns, rows, left=columns))
     if not good:
         ctx.exit(EXIT_CRITERION)
 
@@ -66,9 +77,38 @@ def _packages() -> Iterator[Check]:
         extra = re.search(r"extra\s*==\s*['\"]([\w.-]+)", requirement)
         hint = f"optional: `pip install 'gsid[{extra[1]}]'`" if extra else "run `make` in the clone"
         try:
-            yield Check(name, True, importlib.metadata.version(name))
+            yield Check(name, True, importlib.metadata.version(name), licence=_licence(name))
         except importlib.metadata.PackageNotFoundError:
             yield Check(name, extra is not None, "not installed", hint)
+
+
+def _licence(package: str) -> str:
+    """Return the licence that a package states, or an empty text."""
+    try:
+        stated = cast(Message, importlib.metadata.metadata(package))
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+    classifiers = [
+        text.split(" :: ")[-1] for text in stated.get_all("Classifier", []) if "License ::" in text
+    ]
+    short = (stated["License"] or "").partition("\n")[0]
+    return stated["License-Expression"] or ", ".join(classifiers) or (short if len(short) < 40 else "")
+
+
+def _variant() -> Check:
+    """Report whether the C code contains a library under the GPL, which then applies to the whole."""
+    try:
+        found = {name: _library_version(name) for name in BACKENDS}
+    except ImportError:
+        return Check("variant", False, "unknown: the core does not load")
+    gpl = [name for name, version in found.items() if version and BACKENDS[name][0].startswith("GPL")]
+    return Check("variant", True, f"with {' and '.join(gpl)} (GPL)" if gpl else "without GPL libraries")
+
+
+def _library_version(name: str) -> str:
+    """Return the version of a library of the C code, or an empty text if it was left out."""
+    core = importlib.import_module(f"gsid.{CORES['double']}")
+    return core.ffi.string(core.lib.gsid_build_library_version(name.encode())).decode()
 
 
 def _core(precision: str, module: str) -> Check:
@@ -89,15 +129,14 @@ def _core(precision: str, module: str) -> Check:
     )
 
 
-def _backend(name: str, without: str) -> Check:
+def _backend(name: str, licence: str, without: str) -> Check:
     try:
-        core = importlib.import_module(f"gsid.{CORES['double']}")
+        found = _library_version(name)
     except ImportError:
         return Check(name, False, "unknown: the core does not load")
-    found = core.ffi.string(core.lib.gsid_build_library_version(name.encode())).decode()
-    return Check(
-        name, bool(found), found or "left out of the build", "" if found else f"{without}; rebuild with it"
-    )
+    if found:
+        return Check(name, True, found, licence=licence)
+    return Check(name, name in REPLACED, REPLACED.get(name, "left out of the build"), without)
 
 
 def _measurement() -> Check:
