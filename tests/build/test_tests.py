@@ -97,3 +97,27 @@ def test_programs_obey_signals_that_the_tests_inherit_as_ignored(tmp_path):
         preexec_fn=ignore,
     )
     assert result.returncode == 0, result.stdout
+
+
+def test_bug_tests_of_one_group_ran_in_several_processes(tmp_path):
+    """pytest-xdist 3.8 ignores its groups with pytest 9.2: tests that measure time ran beside each other."""
+    (tmp_path / "test_groups.py").write_text(
+        "import os, pathlib, pytest, time\n"
+        "HERE = pathlib.Path(__file__).parent\n"
+        "@pytest.mark.xdist_group('clock')\n"
+        "@pytest.mark.parametrize('number', range(8))\n"
+        "def test_process(number):\n"
+        "    assert number in range(8)\n"
+        "    time.sleep(0.1)  # the other process has time to take the next one\n"
+        "    (HERE / f'{number}.txt').write_text(str(os.getpid()))\n"
+    )
+    parallel = ["-n", "2", "--dist", "loadgroup"]
+    subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *parallel, tmp_path],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
+    processes = [path.read_text() for path in tmp_path.glob("*.txt")]
+    assert len(processes) == 8
+    assert len(set(processes)) == 1
