@@ -58,6 +58,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.records.mimo import MimoRecord as MimoRecord
     from gsid.records.mimo import read_mimo_record as read_mimo_record
     from gsid.records.part import cut as cut
+    from gsid.records.position import Position as Position
+    from gsid.records.position import position as position
     from gsid.records.record import Record as Record
     from gsid.response.distortion import Distortion as Distortion
     from gsid.response.estimate import frf as frf
@@ -97,6 +99,7 @@ _HOME = {
     "PiecewiseModel": "models.piecewise",
     "PlantFit": "greybox.fit",
     "PlantModel": "plant.model",
+    "Position": "records.position",
     "PredictedOutput": "prediction",
     "Prediction": "plant.periodic",
     "RationalModel": "models.rational",
@@ -121,6 +124,7 @@ _HOME = {
     "frf_mimo": "response.mimo",
     "load_model": "models.load",
     "noise": "spectrum.noise",
+    "position": "records.position",
     "predict": "prediction",
     "read_mimo_record": "records.mimo",
     "read_record": "records.files",

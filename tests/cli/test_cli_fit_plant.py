@@ -76,3 +76,22 @@ def test_options_that_do_not_go_together(gsid, files, arguments, message):
     result = gsid("fit", "rec.csv", *arguments)
     assert result.code == 2
     assert message in result.err
+
+
+def test_an_inertia_gives_torques_and_stays_with_the_model(gsid, files):
+    fitted = gsid("fit", "rec.csv", "--model", "axis.json", "--inertia", "0.02", "-o", "fitted.json")
+    assert fitted.code == 0, fitted.err
+    model = json.loads(Path("fitted.json").read_text())
+    assert model["inertia_kg_m2"] == 0.02
+    rate = next(e for e in model["effects"] if e["effect"] == "viscous_friction")["params"]["rate"]["value"]
+    assert f"{0.02 * rate:.5g} N m s/rad" in fitted.out
+    assert "N m s/rad" in gsid("fit", "rec.csv", "--model", "fitted.json").out
+    started = gsid("start", "rec.csv", "--inertia", "0.02", "-o", "start.json")
+    assert "N m per command" in started.out
+    assert json.loads(Path("start.json").read_text())["inertia_kg_m2"] == 0.02
+    for words in (("--model", "start.json"), ("--inertia", "0.02")):
+        assert "N m per command" in gsid("diagnose", "rec.csv", "--fast", *words).out
+    assert "N m" not in gsid("diagnose", "rec.csv", "--fast").out
+    refused = gsid("fit", "rec.csv", "--order", "1/0", "--inertia", "0.02")
+    assert refused.code == 2
+    assert "--inertia is for a stack of effects" in refused.err

@@ -1,13 +1,15 @@
 """gsid look, and its picture of the record."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from known_system import FS_HZ, LINES, N_PERIOD, N_PERIODS
+from scipy.integrate import cumulative_trapezoid
 
 from gsid.base.extremes import MOST_POINTS, extremes
-from gsid.records.files import write_record
+from gsid.records.files import read_record, write_record
 
 F_HZ = LINES * FS_HZ / N_PERIOD
 
@@ -133,3 +135,45 @@ def test_drift_and_spikes_are_in_the_sentence(gsid, record):
     assert facts["spikes_s"] == pytest.approx([(2 * N_PERIOD + 7) / FS_HZ])
     assert "The mean output drifts by " in values["sentences"][0]
     assert "1 spike in the output, at " in values["sentences"][0]
+
+
+def test_the_position_is_compared_with_limits_on_both_sides_or_one(gsid, rec_csv):
+    record = read_record(rec_csv)
+    y = record.y - record.y.mean()  # whole periods
+    angle = np.concatenate([[0], cumulative_trapezoid(y)]) / record.fs_hz
+    values = looked(gsid, rec_csv)["records"][0]
+    assert values["position"] == pytest.approx([angle.min(), angle.max()], rel=1e-9)
+    assert values["position_unit"] == "deg"
+    assert "within_travel" not in values
+    for limits, code in (
+        ("1", 0),
+        (f"{0.9 * angle.max()}", 1),
+        (f":{1.1 * angle.max()}", 0),
+        (f":{0.9 * angle.max()}", 1),
+        (f"{0.9 * angle.min()}:50", 1),
+        (f"{1.1 * angle.min()}:", 0),
+    ):
+        result = gsid("look", rec_csv, "--limit-travel-deg", limits, "--json")
+        assert result.code == code, (limits, result.err)
+        answer = json.loads(result.out)
+        assert answer["records"][0]["within_travel"] == (code == 0)
+        assert answer["sentences"][0].endswith(f"{'within' if code == 0 else 'beyond'} its limits.")
+    for limits in ("0", "1:2", "a", ":", "-1"):
+        assert gsid("look", rec_csv, "--limit-travel-deg", limits).code == 2
+    write_record("volts.csv", replace(record, y_unit="V"))
+    refused = gsid("look", "volts.csv", "--limit-travel-deg", "2")
+    assert (refused.code, "the position is not known" in refused.err) == (3, True)
+    assert looked(gsid, "volts.csv")["records"][0]["position"] is None
+
+
+def test_bug_a_limit_in_degrees_was_compared_with_a_position_in_radians(gsid, rec_csv):
+    low, high = looked(gsid, rec_csv)["records"][0]["position"]
+    most = max(-low, high)
+    y = read_record(rec_csv).y
+    for unit, factor in (("rad/s", np.pi / 180), ("deg/s", 1.0)):
+        write_record("other.csv", replace(read_record(rec_csv), y=factor * y, y_unit=unit))
+        assert gsid("look", "other.csv", "--limit-travel-deg", f"{0.9 * most}", "--plot", "l.png").code == 1
+        assert gsid("look", "other.csv", "--limit-travel-deg", f"{1.1 * most}").code == 0
+    write_record("other.csv", replace(read_record(rec_csv), y_unit="m/s"))
+    refused = gsid("look", "other.csv", "--limit-travel-deg", "2")
+    assert (refused.code, "the position is not known" in refused.err) == (3, True)

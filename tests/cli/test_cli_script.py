@@ -128,7 +128,7 @@ def test_the_script_in_python_makes_the_models_of_the_study(gsid, told, tmp_path
 
 def test_every_step_is_written(gsid):
     """Verbs that are neither written nor measured are a deliberate list."""
-    assert set(STEPS) - {*WRITERS, *MEASURES} == {"design", "export-c", "report"}
+    assert set(STEPS) - {*WRITERS, *MEASURES} == {"design", "export-c", "join", "next", "report"}
 
 
 def test_what_cannot_be_repeated_is_a_comment(gsid, rec_csv, tmp_path):

@@ -20,7 +20,16 @@ def test_help_of_every_verb(gsid, snapshot, verb):
 
 def test_help(gsid, snapshot):
     snapshot("help", gsid("--help").out)
-    for kind in ("multisine", "prbs", "sweep", "stepped-sine", "budget", "next"):
+    for kind in (
+        "multisine",
+        "prbs",
+        "sweep",
+        "stepped-sine",
+        "transient",
+        "budget",
+        "next",
+        "compare-methods",
+    ):
         snapshot(f"help_design_{kind}", gsid("design", kind, "--help").out)
     assert gsid("-h").out == gsid("--help").out
 

@@ -15,9 +15,16 @@ OTHER_THINGS = {
         "gsid run": "samples or periods, also after a lost command",
         "gsid design stepped-sine": "before each sine",
     },
-    "--limit-travel-deg": {"gsid run": "of the integral of the rate, from the start"},
+    "--limit-travel-deg": {
+        "gsid run": "of the integral of the rate, from the start",
+        "gsid look": "of the position from the start, on both sides or one",
+    },
     "--param": {"gsid simulate": "values of the axis; `gsid add` takes start values and bounds"},
-    "--kind": {"gsid design prbs": "of a sequence", "gsid design sweep": "of a sweep"},
+    "--kind": {
+        "gsid design prbs": "of a sequence",
+        "gsid design sweep": "of a sweep",
+        "gsid design transient": "of a signal",
+    },
     "--output": dict.fromkeys(
         ("gsid start", "gsid diagnose"), "what y is: rate, angle or acceleration; its file is -o"
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from typing import Any
 
 from gsid.base.errors import InputError
@@ -82,6 +83,18 @@ def sample_rate(value: float, where: str) -> float:
     return value
 
 
+def is_one_line(text: str) -> bool:
+    """Whether a text has only printable characters and spaces, so that it stays one line when written.
+
+    `str.isprintable` refuses the non-breaking space, which spreadsheets write into names of columns.
+
+    Parameters
+    ----------
+    text : str
+    """
+    return all(one.isprintable() or unicodedata.category(one) == "Zs" for one in text)
+
+
 def printable_text(name: str, value: Any, where: str) -> str:
     """Check a text that was read from a file and will be printed.
 
@@ -105,7 +118,7 @@ def printable_text(name: str, value: Any, where: str) -> str:
     if len(value) > LONGEST_TEXT:
         hint = f"write at most {LONGEST_TEXT} characters"
         raise InputError(f"{name} is too long", where, f"{len(value)} characters, {value[:20]}...", hint)
-    if not value.isprintable():
+    if not is_one_line(value):
         hint = f"write {name} without control characters"
         raise InputError(f"{name} has a character that cannot be printed", where, repr(value)[:60], hint)
     return value

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gsid.base.arguments import LONGEST_TEXT
+from gsid.base.arguments import LONGEST_TEXT, is_one_line
 
 MAX_SIZE = 64 * 2**20  # bytes
 MAX_DEPTH = 32  # nested lists and objects; a model file has 7
@@ -101,7 +101,7 @@ def text(data: Any, key: str, default: str | None = "") -> str | None:
     value = _of_kind(data, key, str, "a text", default)
     if value is not None and len(value) > LONGEST_TEXT:
         raise ValueError(f"{key} has {len(value)} characters, at most {LONGEST_TEXT}")
-    if value is not None and not value.isprintable():
+    if value is not None and not is_one_line(value):
         raise ValueError(f"{key} has a character that cannot be printed: {value[:40]!r}")
     return value
 

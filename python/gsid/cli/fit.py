@@ -10,7 +10,7 @@ from gsid.cli.fit_estimators import fit_by_all_methods
 from gsid.cli.fit_greybox import fit_stack
 from gsid.cli.fit_matrix import fit_matrix
 from gsid.cli.fit_piecewise import fit_pieces
-from gsid.cli.fit_rational import fit_transfer_function
+from gsid.cli.fit_rational import fit_transfer_function, given_response
 from gsid.cli.fit_request import FitRequest, fit_options
 from gsid.cli.options import (
     json_option,
@@ -35,6 +35,8 @@ def fit(ctx: click.Context, **values: Any) -> None:
     The cost is the sum of squared errors over their variance. The expected cost is that of noise alone.
     Intervals are 95 %, from the covariance of the parameters.
 
+    REC may be one response that `gsid frf` or `gsid join` wrote as CSV.
+
     With --piecewise the band is split where models of a low order follow the response best. The models may
     differ at the breaks.
 
@@ -45,9 +47,12 @@ def fit(ctx: click.Context, **values: Any) -> None:
 
     With --model the free parameters of a stack of effects are fitted by simulation. The fit starts from the
     values in the file. Method ml weights each line by its noise. Method nls-output minimises the rms error of
-    the output; use it for a model that is not adequate.
+    the output; use it for a model that is not adequate. With --r the stack is simulated with the reference as
+    its input. If it has no controller, the one that reference, output and command show is put around it and
+    stays in the model.
     """
     from gsid.records.record import Record
+    from gsid.response.frf import Frf
 
     request = FitRequest(**values)
     if (request.order is None) == (request.model_path is None):
@@ -55,8 +60,12 @@ def fit(ctx: click.Context, **values: Any) -> None:
     if request.model_path is not None:
         fit_stack(request)
         return
-    records = request.read(request.records, matrix=True)
-    if not isinstance(records[0], Record):
+    if request.inertia_kg_m2 is not None:
+        raise click.UsageError("--inertia is for a stack of effects: give --model, or leave it out", ctx)
+    records = given_response(request) or request.read(request.records, matrix=True)
+    if isinstance(records[0], Frf):
+        fit_transfer_function(records, request)
+    elif not isinstance(records[0], Record):
         fit_matrix(records, request)
     elif request.delay == "common":
         raise click.UsageError("--delay common is for several inputs or outputs", ctx)

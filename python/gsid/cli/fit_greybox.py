@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -25,7 +26,6 @@ METHODS = ("ml", "nls-output")
 OF_RATIONAL_MODELS = {
     "delay": "--delay",
     "domain": "--domain",
-    "reference": "--r",
     "piecewise": "--piecewise",
     "held_out": "--held-out",
 }
@@ -40,12 +40,19 @@ def fit_stack(request: FitRequest) -> None:
 
     _check_options(request)
     start = load_plant(str(request.model_path))
+    if request.inertia_kg_m2 is not None:
+        start = replace(start, inertia_kg_m2=request.inertia_kg_m2)
     records = request.read(request.records)
     with (
         working(f"fitting {len(start.free_names)} parameters to {describe(records)}"),
         options_as_arguments(),
     ):
-        measured = [spectra(record) for record in records]
+        if request.reference is not None:
+            from gsid.diagnosis.closed_loop import in_closed_loop
+
+            start, measured = in_closed_loop(start, records, request.reference)
+        else:
+            measured = [spectra(record) for record in records]
         found = fit_plant(linear_start(start, measured), measured, band=request.band, method=request.method)
     if request.output:
         found.model.save(request.output)
@@ -62,8 +69,7 @@ def _check_options(request: FitRequest) -> None:
         raise click.UsageError(f"methods of a stack of effects are {' and '.join(METHODS)}", context)
     for name, option in OF_RATIONAL_MODELS.items():
         if is_given(context, name):
-            instead = "name the reference with --u" if option == "--r" else "leave it out"
-            raise click.UsageError(f"{option} belongs to a rational model: {instead}", context)
+            raise click.UsageError(f"{option} belongs to a rational model: leave it out", context)
 
 
 def _print(found: PlantFit) -> None:

@@ -34,6 +34,7 @@ def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
     print_message(f"note: intervals are those of the scatter over {measured.source}")
     name, order, choice = describe(records), request.order, None
     options = {"delay": request.delay, "domain": request.domain}
+    options |= {"allow_unstable": True} if request.allow_unstable else {}
     if order == "auto":
         choice = choose_order(measured, name, **options)
         order = choice.chosen.order
@@ -47,7 +48,9 @@ def fit_matrix(records: Sequence[MimoRecord], request: FitRequest) -> None:
         model.save(request.output)
         print_message(f"wrote {request.output}")
     draw(lambda: model.plot(measured), request.picture)
-    if not answered(request.as_json, lambda: _as_json(model) | orders_as_json(choice) | {"nrmse": errors}):
+    masked = {"n_masked": measured.n_masked, "masked_hz": measured.masked_hz}
+    more = orders_as_json(choice) | {"nrmse": errors} | masked
+    if not answered(request.as_json, lambda: _as_json(model) | more):
         print_orders(choice)
         _print(model)
         _print_errors(model, errors, request.band)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import click
+
 from gsid.base.tables import Table
 from gsid.cli.fit_order import choose_order, orders_as_json, print_orders
 from gsid.cli.options import options_as_arguments
@@ -20,7 +22,29 @@ if TYPE_CHECKING:
     from gsid.response.frf import Frf
 
 
-def fit_transfer_function(records: Sequence[Record], request: FitRequest) -> None:
+def given_response(request: FitRequest) -> list[Frf]:
+    """The response that the request names instead of records, alone; empty if it names records.
+
+    Raises
+    ------
+    UsageError
+        Options or other files do not go with a response.
+    """
+    from gsid.response.files import is_response, read_response
+
+    if not any(map(is_response, request.records)):
+        return []
+    context = click.get_current_context()
+    if len(request.records) > 1:
+        raise click.UsageError("a response is fitted alone: `gsid join` makes one of several", context)
+    if request.piecewise is not None or request.method == "all" or request.held_out or request.reference:
+        raise click.UsageError(
+            "--piecewise, --method all, --held-out and --r need records, not a response", context
+        )
+    return [read_response(request.records[0])]
+
+
+def fit_transfer_function(records: Sequence[Record] | Sequence[Frf], request: FitRequest) -> None:
     """Fit, judge on the records held out, and write and print the model."""
     from gsid.fitting.rational import fit
     from gsid.fitting.validation import validate
@@ -52,11 +76,14 @@ def fit_transfer_function(records: Sequence[Record], request: FitRequest) -> Non
         _print_held_out(judged)
 
 
-def measure(records: Sequence[Record], request: FitRequest) -> tuple[Frf, Frf | None]:
+def measure(records: Sequence[Record] | Sequence[Frf], request: FitRequest) -> tuple[Frf, Frf | None]:
     """Response to fit, and response to judge on if records are held out."""
     from gsid.response.estimate import frf
+    from gsid.response.frf import Frf
     from gsid.response.with_distortion import frf_with_distortion
 
+    if isinstance(records[0], Frf):
+        return records[0], None
     held_out = request.read_held_out(records)
     measured = frf_with_distortion(records, reference=request.reference)
     return measured, frf(held_out, reference=request.reference) if held_out else None

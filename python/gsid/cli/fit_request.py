@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.options import INPUT, OUTPUT, add_options, band_option, held_out_option, order_option
+from gsid.cli.options import (
+    INPUT,
+    OUTPUT,
+    add_options,
+    band_option,
+    held_out_option,
+    inertia_option,
+    order_option,
+)
 
 if TYPE_CHECKING:
     from gsid.records.mimo import MimoRecord
@@ -82,12 +90,16 @@ FIT_OPTIONS = (
     ),
     band_option("Lines from LO to HI [Hz] only."),
     click.option(
+        "--allow-unstable", is_flag=True, help="Accept the model of least cost even if it is unstable."
+    ),
+    click.option(
         "--domain",
         type=click.Choice(["s", "z"]),
         default="s",
         show_default=True,
         help="Continuous (s) or discrete (z) model.",
     ),
+    inertia_option,
     click.option(
         "-o",
         "--output",
@@ -120,8 +132,11 @@ class FitRequest:
     delay : str or float
         "free", "common", "none" or seconds.
     method, domain : str
+    inertia_kg_m2 : float or None
+        Of a stack of effects.
     band : (lo, hi) or None
         Hz.
+    allow_unstable : bool
     output, picture : str or None
         Files to write.
     as_json : bool
@@ -138,6 +153,8 @@ class FitRequest:
     method: str
     band: tuple[float, float] | None
     domain: str
+    allow_unstable: bool
+    inertia_kg_m2: float | None
     output: str | None
     picture: str | None
     as_json: bool
@@ -145,7 +162,8 @@ class FitRequest:
     @property
     def model_options(self) -> dict[str, Any]:
         """Arguments of every fit of a transfer function."""
-        return {"delay": self.delay, "band": self.band, "domain": self.domain}
+        options = {"delay": self.delay, "band": self.band, "domain": self.domain}
+        return options | ({"allow_unstable": True} if self.allow_unstable else {})
 
     def read_held_out(
         self, fitted: Sequence[Record | MimoRecord], *, matrix: bool = False

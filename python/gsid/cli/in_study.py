@@ -31,6 +31,8 @@ WRITES = {
     "run": ("records", ".csv"),
     "cut": ("records", ".csv"),
     "frf": ("responses", ".csv"),
+    "join": ("responses", ".csv"),
+    "next": ("excitation", ".csv"),
     "fit": ("models", ".json"),
     "start": ("models", ".json"),
     "diagnose": ("models", ".json"),
@@ -47,8 +49,10 @@ COPIED_TO = {
     "held_out": "records",
     "other_level": "records",
     "journal_file": "records",
+    "noise_record": "records",
     "u_file": "excitation",
     "model_path": "models",
+    "controller": "models",
     "rival_path": "models",
     "table": "models",
 }
@@ -423,15 +427,22 @@ def _kind_of_output(verb: str, param: click.Parameter, wanted: Path | None) -> t
         folder, suffix = WRITES[verb]
     elif param.name == "picture":
         folder, suffix = "verdicts", ".json"
+    elif param.name == "noise_model":
+        from gsid.study.folder import NOISE_MODEL
+
+        folder, suffix = "responses", NOISE_MODEL
     else:
         folder, suffix = "models", f"-{param.name}.csv"
-    return folder, wanted.suffix if wanted is not None and wanted.suffix else suffix
+    own = wanted is not None and wanted.suffix and param.name != "noise_model"
+    return folder, wanted.suffix if own else suffix
 
 
 def _has_default(typed: Typed, param: click.Parameter) -> bool:
     """Whether a study has this output without its option."""
     if "-o" in param.opts:
         return True
+    if param.name == "noise_model":
+        return typed.has("zero_s") if typed.verb == ["run"] else len(typed.values["records"]) == 1
     if param.name != "picture" or typed.has("undo") or typed.has("journal_file"):
         return False
     if typed.verb == ["noise"]:

@@ -8,37 +8,55 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gsid.base.tables import Table
-from gsid.cli.options import json_option, picture_option, record_options
+from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
+from gsid.cli.options import Travel, json_option, picture_option, record_options
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
     from gsid.records.record import Record
     from gsid.spectrum.spectra import Spectra
 
+POSITION = ("position", "position_unit", "offset", "offset_std")
 CONDITION = ("drift", "drift_error", "drifts", "spikes_s")
+MOST_IN_TABLE = 8  # columns or times in a cell
 MOST_SPIKES = 3  # whose times are in the sentence
 
 
 @click.command(short_help="Show what is in a record.")
 @record_options
+@click.option(
+    "--limit-travel-deg",
+    "travel",
+    metavar=Travel.name,
+    type=Travel(),
+    help="Limit of the position from the start [deg]: D to both sides, or LO:HI. Exit 1 if a record exceeds"
+    " it.",
+)
 @picture_option
 @json_option
-def look(*, records: list[Record], picture: str | None, as_json: bool) -> None:
+def look(
+    *, records: list[Record], travel: tuple[float, float] | None, picture: str | None, as_json: bool
+) -> int:
     """Show what is in each record: samples, rate, period, settling, lost samples, lines, drift and spikes.
+
+    The position is the integral of an output in deg/s (or another unit per second), less the offset of the
+    gyro: the mean output over the periods, in which the axis returns to where it was.
 
     The drift is the change of the mean output from the first period to the last. A spike differs from the
     same sample of the other periods by more than 8 times their scatter.
 
-    The picture shows input and output over the whole record, the part that is discarded as settling, and the
-    spectrum of the periods, if the input repeats.
+    The picture shows input and output over the whole record, the part that is discarded as settling, and, if
+    the input repeats, the position and the spectrum of the periods.
     """
     from gsid.plots.record import records as figure
 
     seen = [(record, _spectra(record)) for record in records]
-    draw(lambda: figure(seen), picture)
-    facts = [_facts(record, found) for record, found in seen]
+    draw(lambda: figure(seen, travel=travel), picture)
+    facts = [_facts(record, found, travel) for record, found in seen]
+    exceeded = any(one.get("within_travel") is False for one in facts)
+    code = EXIT_CRITERION if exceeded else EXIT_GOOD
     if answered(as_json, lambda: {"records": facts, "sentences": [_sentence(one) for one in facts]}):
-        return
+        return code
     names = list(facts[0])
     print_table(
         Table(
@@ -47,6 +65,7 @@ def look(*, records: list[Record], picture: str | None, as_json: bool) -> None:
             left=[""],
         )
     )
+    return code
 
 
 def _spectra(record: Record) -> Spectra | None:
@@ -61,7 +80,7 @@ def _spectra(record: Record) -> Spectra | None:
         return None
 
 
-def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
+def _facts(record: Record, found: Spectra | None, travel: tuple[float, float] | None) -> dict[str, object]:
     n = len(record.u)
     facts: dict[str, object] = {
         "name": record.name,
@@ -76,7 +95,11 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
     }
     if found is None:
         return facts | dict.fromkeys(
-            ("period_samples", "periods", "settle_samples", "excited_lines", "band_hz", *CONDITION)
+            (
+                *("period_samples", "periods", "settle_samples", "excited_lines", "band_hz"),
+                *CONDITION,
+                *POSITION,
+            )
         )
     f_hz = found.f_hz[found.excited]
     return facts | {
@@ -86,7 +109,27 @@ def _facts(record: Record, found: Spectra | None) -> dict[str, object]:
         "excited_lines": len(f_hz),
         "band_hz": (float(f_hz[0]), float(f_hz[-1])),
         **_condition(record, found),
+        **_position(record, found, travel),
     }
+
+
+def _position(record: Record, found: Spectra, travel: tuple[float, float] | None) -> dict[str, object]:
+    from gsid.base.errors import InputError
+    from gsid.records.position import position
+
+    try:
+        if not record.y_unit:
+            raise InputError("the unit of y is not known", record.name)
+        place = position(record, period=found.period_samples, settle=found.settle_samples)
+        limits = None if travel is None else place.from_deg(travel)
+    except InputError as error:
+        if travel is not None:
+            hint = "the record needs an output in deg/s: `# y_unit: deg/s` in its file"
+            raise InputError("the position is not known", record.name, error.what, hint) from error
+        return dict.fromkeys(POSITION)
+    values = ((place.lo, place.hi), place.unit, place.offset, place.std_offset)
+    known: dict[str, object] = dict(zip(POSITION, values, strict=True))
+    return known if limits is None else known | {"within_travel": place.within(*limits)}
 
 
 def _condition(record: Record, found: Spectra) -> dict[str, object]:
@@ -110,6 +153,7 @@ def _sentence(facts: dict[str, object]) -> str:
         f"{begin}; {facts['periods']} periods of {facts['period_samples']} samples after {settling} "
         f"of settling; {facts['excited_lines']} excited lines from {_text(facts['band_hz'])} Hz."
         + _condition_in_words(facts)
+        + _position_in_words(facts)
     )
 
 
@@ -126,13 +170,22 @@ def _condition_in_words(facts: dict[str, Any]) -> str:
     return words
 
 
+def _position_in_words(facts: dict[str, Any]) -> str:
+    if "within_travel" not in facts:
+        return ""
+    low, high = facts["position"]
+    words = f" The position goes from {low:.3g} to {high:.3g} {facts['position_unit']}"
+    return f"{words}, {'within' if facts['within_travel'] else 'beyond'} its limits."
+
+
 def _text(value: object) -> str:
     if value is None:
         return "not found"
     if isinstance(value, tuple):
         return f"{value[0]:.4g} to {value[1]:.4g}"
     if isinstance(value, list):
-        return ", ".join(_text(one) for one in value) or "none"
+        more = f", ... ({len(value)})" if len(value) > MOST_IN_TABLE else ""
+        return (", ".join(_text(one) for one in value[:MOST_IN_TABLE]) or "none") + more
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

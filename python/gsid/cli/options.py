@@ -79,6 +79,22 @@ class Value(click.ParamType):
         self.fail(f"{value} is not NAME=VALUE, for example level=2", param, ctx)
 
 
+class UnitOf(click.ParamType):
+    """NAME=UNIT."""
+
+    name = "NAME=UNIT"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        if isinstance(value, tuple):
+            return value
+        name, equals, unit = str(value).rpartition("=")
+        if not equals or not name.strip() or not unit.strip():
+            self.fail(f"{value} is not NAME=UNIT, for example y=deg/s", param, ctx)
+        return name.strip(), unit.strip()
+
+
 class _FiniteRange(click.FloatRange):
     """A range without infinity, which no limit is."""
 
@@ -145,6 +161,24 @@ READING_OPTIONS = (
         help="Whether u is held over each sample (zoh). [default: as the file states, otherwise both are"
         " tried]",
     ),
+    click.option(
+        "--unit",
+        "units",
+        metavar=UnitOf.name,
+        type=UnitOf(),
+        multiple=True,
+        help="Unit of the column of the input or the output, after its --factor. May be repeated. [default:"
+        " as the file states]",
+    ),
+    click.option(
+        "--factor",
+        "factors",
+        metavar=Value.name,
+        type=Value(),
+        multiple=True,
+        help="Factor by which a column is multiplied, for example y=57.29578 for deg/s. May be repeated."
+        " [default: 1]",
+    ),
 )
 HOW_READ = (
     "reference",
@@ -154,6 +188,8 @@ HOW_READ = (
     "period",
     "settle",
     "hold",
+    "units",
+    "factors",
     "band",
 )  # options that a suggested command repeats
 
@@ -283,6 +319,16 @@ output_is_option = click.option(
     type=click.Choice(["rate", "angle", "acceleration"]),
     help="What y is. [default: inferred from the data]",
 )
+inertia_option = click.option(
+    "--inertia",
+    "inertia_kg_m2",
+    metavar="KG_M2",
+    type=LIMIT,
+    help="Inertia of the axis [kg m^2]: also print parameters as torques, and keep it in the model.",
+)
+noise_model_option = click.option(
+    "--noise-model", metavar="FILE.json", type=OUTPUT, help="Write the noise spectrum and disturbances."
+)
 found_model_option = click.option(
     "-o", "path", metavar="M.json", type=OUTPUT, help="Write the model that was found."
 )
@@ -323,6 +369,13 @@ MULTISINE_OPTIONS = (
         default=0,
         help="Random seed of the phases and of the gaps of odd-random. [default: 0]",
     ),
+    click.option(
+        "--offset-phase",
+        metavar="RAD",
+        type=float,
+        default=0.0,
+        help="Add this to every phase: it moves the mean position; the thesis has 0.2793. [default: 0]",
+    ),
 )
 
 
@@ -331,9 +384,10 @@ def multisine_options(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def with_shape(
-        *args: object, lines: str, shape: float, phases: str, seed: int, **kwargs: object
+        *args: object, lines: str, shape: float, phases: str, seed: int, offset_phase: float, **kwargs: object
     ) -> object:
         design = {"grid": lines, "phases": phases, "seed": seed, "shape_db_per_decade": shape}
+        design["offset_phase_rad"] = offset_phase
         return command(*args, shape=design, **kwargs)
 
     return add_options(MULTISINE_OPTIONS)(with_shape)
@@ -361,9 +415,59 @@ limit_travel_option = click.option(
 )
 
 
+class Travel(click.ParamType):
+    """D, LO: or LO:HI around 0."""
+
+    name = "D|LO:HI"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        low, colon, high = str(value).partition(":")
+        try:
+            ends = (float(low or -math.inf), float(high or math.inf)) if colon else (-float(low), float(low))
+        except ValueError:
+            ends = 0.0, 0.0
+        if not ends[0] < 0 < ends[1] or ends == (-math.inf, math.inf):
+            self.fail(f"{value} is not like 2, -135:50, -135: or :50, with 0 between the limits", param, ctx)
+        return ends
+
+
 def plant_option(text: str) -> Callable:
     """--model of verbs that need a stack of effects."""
     return click.option("--model", "model_path", metavar="M.json", type=INPUT, required=True, help=text)
+
+
+class Scale(click.ParamType):
+    """A number on the line and what it is in a unit."""
+
+    name = "N=XUNIT"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, str]:
+        if isinstance(value, tuple):
+            return value
+        number, _, rest = str(value).partition("=")
+        found = re.fullmatch(r"([-+.\deE]*\d\.?)\s*([^\d\s.+-]\S*)", rest)
+        try:
+            scale = float(number) / float(found[1]) if found else math.nan
+        except (ValueError, ZeroDivisionError):
+            scale = math.nan
+        if found is None or not (math.isfinite(scale) and scale):
+            self.fail(f"{value} is not like 179=10V: a number on the line, and what it is", param, ctx)
+        return scale, found[2]
+
+
+scale_option = click.option(
+    "--scale",
+    metavar=Scale.name,
+    type=Scale(),
+    help="Unit of the command: 179=10V if 179 on the line is 10 V. Amplitude, limits and record are then"
+    " in V. [default: as on the line]",
+)
 
 
 class Library(click.ParamType):
@@ -412,6 +516,8 @@ def reading_options(command: Callable) -> Callable:
         period: int | None,
         settle: int | None,
         hold: str | None,
+        units: Sequence[tuple[str, str]],
+        factors: Sequence[tuple[str, float]],
         **kwargs: object,
     ) -> object:
         def read(
@@ -420,6 +526,7 @@ def reading_options(command: Callable) -> Callable:
             from gsid.records.files import read_record
 
             given = {"fs_hz": fs_hz, "period": period, "settle": settle, "hold": hold}
+            given |= {"units": dict(units), "factors": dict(factors)}
             if matrix and "," in f"{u_name}{y_name}":
                 from gsid.records.mimo import read_mimo_record
 

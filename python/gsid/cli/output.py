@@ -265,10 +265,10 @@ def print_parameters(model: PlantModel) -> None:
                 sigma = "fixed"
             else:
                 sigma = "" if p.std is None else f"{p.std:.2g}" if math.isfinite(p.std) else "undetermined"
-            rows.append([label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)])
-    print_table(
-        Table(["effect", "parameter", "value", "sigma", "unit"], rows, left=["effect", "parameter", "unit"])
-    )
+            row = [label, name, f"{p.value:.6g}", sigma, model.unit_of(effect, name)]
+            rows.append([*row, *model.torques_of(effect, name)])
+    head, more = ["effect", "parameter", "value", "sigma", "unit"], list(model.torque_head)
+    print_table(Table([*head, *more], rows, left=["effect", "parameter", "unit", *more]))
 
 
 def print_ladder(ladder: Ladder) -> None:
@@ -306,7 +306,9 @@ def command_line(*words: str, records: Sequence[str], output: str | None = None)
     typed += [*words, *(records if len(records) <= 3 else ["REC..."])]
     for option in context.command.params:
         value = context.params.get(option.name)
-        if option.name in HOW_READ and value is not None:
+        if option.name in ("units", "factors"):
+            typed += [word for name, one in value or () for word in (option.opts[0], f"{name}={one}")]
+        elif option.name in HOW_READ and value is not None:
             typed += [option.opts[0], _band_words(value) if option.name == "band" else str(value)]
     return shlex.join([*typed, *(["-o", output] if output else [])])
 

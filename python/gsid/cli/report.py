@@ -23,6 +23,8 @@ from gsid.cli.output import answered, describe, print_message, print_step, worki
 if TYPE_CHECKING:
     from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.diagnosis.ladder import Ladder
+    from gsid.fitting.estimators import Estimators
+    from gsid.models.rational import RationalModel
     from gsid.plant.model import PlantModel
     from gsid.records.record import Record
     from gsid.response.distortion import Distortion
@@ -84,9 +86,6 @@ def report(
     from gsid.base.files import is_stdout
     from gsid.comparison import compare
     from gsid.excitation.periodic import Limits
-    from gsid.fitting.estimators import fit_all
-    from gsid.fitting.order import select_order
-    from gsid.fitting.rational import fit
     from gsid.models.load import load_plant, load_single
     from gsid.report import Report
     from gsid.response.estimate import frf
@@ -105,14 +104,11 @@ def report(
     with working(f"writing a report on {describe(records)}"), options_as_arguments():
         measured = [spectra(record) for record in records]
         response = frf(records, band=band)
-        model = None
+        model, by_all = None, None
         if model_path:
             model = load_plant(model_path) if diagnose else load_single(model_path)
         elif order:
-            if order == "auto":
-                order = select_order(response).chosen.order
-                print_step(f"order {order} chosen")
-            model = fit(response, order)
+            model, by_all = fitted(measured, order, band, estimators)
         comparison = compare(model, measured, band=band, fitted=order is not None) if model else None
         found, steps = _diagnosed(model, measured, band) if diagnose else (None, None)
         page.add_experiment(
@@ -127,7 +123,7 @@ def report(
             limits=Limits(limit_command, limit_travel_deg),
             diagnosis=found,
             ladder=steps,
-            estimators=fit_all(response, order) if estimators else None,
+            estimators=by_all,
         )
         path = page.write(output)
     judged = found or comparison
@@ -135,6 +131,42 @@ def report(
     is_printed = answered(as_json, lambda: {"report": str(path), "adequate": adequate})
     if not is_printed and not is_stdout(output):
         print(path)
+
+
+def fitted(
+    measured: list[Spectra], order: str, band: tuple[float, float] | None, estimators: bool
+) -> tuple[RationalModel, Estimators | None]:
+    """The model of `gsid fit` with the same options, and those of all estimators if requested.
+
+    Parameters
+    ----------
+    measured : list of Spectra
+    order : str
+        "POLES/ZEROS", or "auto".
+    band : (lo, hi) or None
+        Lines to use [Hz].
+    estimators : bool
+
+    Returns
+    -------
+    model : RationalModel
+    by_all : Estimators or None
+    """
+    from gsid.fitting.estimators import fit_all
+    from gsid.fitting.order import select_order
+    from gsid.fitting.rational import fit
+    from gsid.response.with_distortion import frf_with_distortion
+
+    response, allowed = frf_with_distortion(measured), None
+    if order == "auto":
+        choice = select_order(response, band=band)
+        order, allowed = choice.chosen.order, choice.relative_error
+        print_step(f"order {order} chosen")
+    model = fit(response, order, band=band, relative_error=allowed)
+    if not estimators:
+        return model, None
+    print_step(f"fitting {order} by every estimator")
+    return model, fit_all(response, order, band=band, relative_error=allowed)
 
 
 def _distortion_or_none(measured: list[Spectra], band: tuple[float, float] | None) -> Distortion | None:

@@ -10,6 +10,7 @@ import click
 from gsid.cli.options import (
     band_option,
     found_model_option,
+    inertia_option,
     json_option,
     options_as_arguments,
     output_is_option,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 @reference_option
 @band_option("Lines from LO to HI [Hz] only.")
 @output_is_option
+@inertia_option
 @found_model_option
 @picture_option
 @json_option
@@ -50,6 +52,7 @@ def start(
     reference: str | None,
     band: tuple[float, float] | None,
     y_is: str | None,
+    inertia_kg_m2: float | None,
     path: str | None,
     picture: str | None,
     as_json: bool,
@@ -68,6 +71,7 @@ def start(
     measured = read(records)
     with working(f"fitting structures to {describe(measured)}"), options_as_arguments():
         found = find_structure(measured, output=y_is, band=band, reference=reference)
+    found.inertia_kg_m2 = inertia_kg_m2
     if path:
         found.save(path)
         print_message(f"wrote {path}" if found.has_model else f"wrote {path}, the rational model")

@@ -25,6 +25,8 @@ READING = {
     "period": "period",
     "settle": "settle",
     "hold": "hold",
+    "units": "units",
+    "factors": "factors",
 }
 HELPER = '''
 
@@ -210,7 +212,9 @@ class _Values:
         paths = self.given.get(name, [])
         if not paths or any("," in str(self.given.get(key, "")) for key in ("u_name", "y_name")):
             raise _NoFunction  # several inputs or outputs
-        how = "".join(f", {key}={self.given[name]!r}" for name, key in READING.items() if name in self.given)
+        known = {key: self.given[name] for name, key in READING.items() if name in self.given}
+        known |= {key: dict(known[key]) for key in ("units", "factors") if key in known}
+        how = "".join(f", {key}={value!r}" for key, value in known.items())
         if len(paths) == 1:
             return f"[gsid.read_record({paths[0]!r}{how})]"
         return f"[gsid.read_record(name{how}) for name in {paths!r}]"
@@ -241,8 +245,12 @@ def _look(writer: _Writer, values: _Values) -> None:
 
 
 def _noise(writer: _Writer, values: _Values) -> None:
-    values.only("alpha")
+    values.only("alpha", "noise_model")
     records = writer.records(values)
+    if values["noise_model"]:
+        writer.lines.append(f"found = gsid.noise({records}[0]{values.keywords(alpha='alpha')})")
+        writer.lines += ["print(found)", f"found.save({values['noise_model']!r})"]
+        return
     writer.lines.append(
         f"print([gsid.noise(record{values.keywords(alpha='alpha')}) for record in {records}])"
     )
