@@ -9,7 +9,7 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
-from gsid.cli.options import Travel, json_option, picture_option, record_options
+from gsid.cli.options import Ends, json_option, picture_option, record_options
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
@@ -27,8 +27,7 @@ MOST_SPIKES = 3  # whose times are in the sentence
 @click.option(
     "--limit-travel-deg",
     "travel",
-    metavar=Travel.name,
-    type=Travel(),
+    type=Ends(may_be_one=True),
     help="Limit of the position from the start [deg]: D to both sides, or LO:HI. Exit 1 if a record exceeds"
     " it.",
 )

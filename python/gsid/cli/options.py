@@ -415,10 +415,12 @@ limit_travel_option = click.option(
 )
 
 
-class Travel(click.ParamType):
-    """D, LO: or LO:HI around 0."""
+class Ends(click.ParamType):
+    """LO:HI around 0, of which one may be empty; D stands for -D:D where one number may."""
 
-    name = "D|LO:HI"
+    def __init__(self, *, may_be_one: bool = False) -> None:
+        self.may_be_one = may_be_one
+        self.name = "D|LO:HI" if may_be_one else "LO:HI"
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
@@ -426,12 +428,15 @@ class Travel(click.ParamType):
         if isinstance(value, tuple):
             return value
         low, colon, high = str(value).partition(":")
+        if not colon and self.may_be_one:
+            low, colon, high = f"-{low}", ":", low
         try:
-            ends = (float(low or -math.inf), float(high or math.inf)) if colon else (-float(low), float(low))
+            ends = (float(low or -math.inf), float(high or math.inf)) if colon else (0.0, 0.0)
         except ValueError:
             ends = 0.0, 0.0
         if not ends[0] < 0 < ends[1] or ends == (-math.inf, math.inf):
-            self.fail(f"{value} is not like 2, -135:50, -135: or :50, with 0 between the limits", param, ctx)
+            examples = "2, -135:50, -135: or :50" if self.may_be_one else "-135:50, -135: or :50"
+            self.fail(f"{value} is not like {examples}, with 0 between the ends", param, ctx)
         return ends
 
 

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from gsid.cli.options import FILE_OUTPUT, INPUT, SEED, Value, is_given, json_option, options_as_arguments
+from gsid.cli.options import (
+    FILE_OUTPUT,
+    INPUT,
+    SEED,
+    Ends,
+    Value,
+    is_given,
+    json_option,
+    options_as_arguments,
+)
 from gsid.cli.output import print_json, print_message
 
 if TYPE_CHECKING:
@@ -25,27 +34,6 @@ GYROS = {
     "locked": {"gyro_refresh_hz": 400.0},
     "free-running": {"gyro_refresh_hz": 400.02, "gyro_free_running": 1},
 }
-
-
-class Stops(click.ParamType):
-    """LO:HI around 0, of which one may be empty."""
-
-    name = "LO:HI"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        if isinstance(value, tuple):
-            return value
-        low, colon, high = str(value).partition(":")
-        try:
-            ends = float(low or 0), float(high or 0)
-        except ValueError:
-            colon = ""
-            ends = 0.0, 0.0
-        if not colon or not (-math.inf < ends[0] <= 0 <= ends[1] < math.inf) or ends == (0, 0):
-            self.fail(f"{value} is not like -135:50, -135: or :50, with 0 between the stops", param, ctx)
-        return ends
 
 
 @click.command(short_help="Serve a simulated gimbal axis on a serial line.")
@@ -106,8 +94,7 @@ class Stops(click.ParamType):
 )
 @click.option(
     "--stops",
-    metavar="LO:HI",
-    type=Stops(),
+    type=Ends(),
     help="Angles of the mechanical stops [deg], for example -135:50; an empty end has none. [default: none]",
 )
 @click.option(
@@ -233,7 +220,8 @@ def server_of(
 
         values |= axis_parameters(axis_file) | _typed_in(values, noise_scale, gyro, torque_noise)
     if stops is not None:
-        values |= {"stop_low_deg": stops[0], "stop_high_deg": stops[1]}
+        low, high = (0.0 if math.isinf(end) else end for end in stops)  # 0: no stop on this side
+        values |= {"stop_low_deg": low, "stop_high_deg": high}
     if linear:
         values |= {"coulomb_level": 0.0, "command_limit": 0.0}
     if coulomb is not None:
