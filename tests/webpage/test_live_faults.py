@@ -153,6 +153,47 @@ def test_bug_a_reload_during_the_design_dropped_the_experiment(study, monkeypatc
     assert returns or "the page that started the experiment has gone" in error
 
 
+def test_bug_a_page_seemed_idle_between_the_steps_of_an_experiment(study, monkeypatch):
+    """Its buttons were on between design, run and look, and what was pressed was refused."""
+    shown = []
+    tell = Page.changed
+    monkeypatch.setattr(
+        Page, "changed", lambda page: (shown.append(page.state()["job"] is not None), tell(page))
+    )
+
+    async def whole():
+        page, _, _ = await begun(study, **DESIGN)
+        page.stop()
+        await until(lambda: not shown[-1])
+        await page.close()
+
+    asyncio.run(whole())
+    assert [one.verb for one in study.steps] == ["design", "run", "look"]
+    assert shown == [True] * (len(shown) - 1) + [False]
+
+
+def test_a_step_that_is_requested_while_an_experiment_begins_is_refused(study):
+    """It was accepted, and the experiment refused when it had been prepared."""
+
+    async def both():
+        page = Page(study)
+        own = Live(page)
+        form = FORM | DESIGN | {"token": own.sit("").token}
+        with study._lock():
+            beginning = asyncio.create_task(own.start(form))
+            await until(lambda: own.is_running)
+            with pytest.raises(InputError, match="another step is about to begin"):
+                await page.request_step({"verb": "look", "records": []})
+        await beginning
+        await until((study.folder / "begun").exists)
+        page.stop()
+        await until(lambda: page.state()["job"] is None)
+        await page.close()
+
+    asyncio.run(both())
+    assert [one.verb for one in study.steps] == ["design", "run", "look"]
+
+
 def test_stop_while_the_page_is_awaited_begins_no_run(study):
     async def stop():
         page = Page(study)

@@ -228,20 +228,18 @@ class Live:
         token = form.get("token")
         if not isinstance(token, str) or not self._is_there(token):
             raise InputError("the page has no connection for live figures", "", None, "reload the page")
-        self.page.check_idle()
-        if self._is_preparing:
-            raise InputError("another step is running", "", "run", "wait, or stop it")
-        wanted = experiment_of(self.page.study, form)
-        self.control = token
-        self._form = {name: value for name, value in form.items() if name != "token"}
-        self.page.is_stopped, self._is_preparing = False, True
-        try:
-            await self._prepare(wanted)
-        except BaseException:
-            self._is_preparing = False
-            raise
-        finally:
-            self.changed()
+        with self.page.reserved():
+            wanted = experiment_of(self.page.study, form)
+            self.control = token
+            self._form = {name: value for name, value in form.items() if name != "token"}
+            self.page.is_stopped, self._is_preparing = False, True
+            try:
+                await self._prepare(wanted)
+            except BaseException:
+                self._is_preparing = False
+                raise
+            finally:
+                self.changed()
 
     async def _prepare(self, wanted: Experiment) -> None:
         """Design the excitation, or run at once if there is one."""

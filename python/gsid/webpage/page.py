@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 
 from gsid.base.errors import InputError
@@ -17,6 +17,7 @@ from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_
 
 FOLLOW_S = 1.0  # between two looks at what other commands have changed
 MAX_UPLOAD = 200 << 20
+COMING = {"command": "", "step": "the next step is about to begin", "verb": "", "stopping": False}
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 
 
@@ -58,7 +59,8 @@ class Page:
         self.watchers: set[asyncio.Event] = set()
         self._columns: dict[str, list[str]] = {}  # of each record
         self._running: asyncio.Task | None = None
-        self._is_closing = self._is_preparing = False
+        self._is_closing = False
+        self._reserved: asyncio.Task | None = None  # which is about to begin a step
         self._n_stops = 0
         self._n_readings, self._shown_reading = 0, 0
         self.is_stopped = False  # since the last step began, even if it had ended: what follows is not begun
@@ -69,7 +71,7 @@ class Page:
     def state(self) -> dict:
         """Everything that the page shows, except the pictures."""
         return self._study | {
-            "job": None if self.job is None else self._job(self.job),
+            "job": self._shown_job(),
             "error": self.error,
             "actions": {verb: vars(action) for verb, action in ACTIONS.items()},
         }
@@ -113,8 +115,11 @@ class Page:
         models |= {"answer": step.answer if step.verb == "diagnose" else ""}
         return own | more | models | {"failed": failed, "picture": step.picture or None}
 
-    @staticmethod
-    def _job(job: Job) -> dict:
+    def _shown_job(self) -> dict | None:
+        """The step that runs, or that one is about to begin: None only if a step may be requested."""
+        job = self.job
+        if job is None:
+            return None if self._reserved is None else COMING
         return {
             "command": job.command,
             "step": job.step,
@@ -155,16 +160,13 @@ class Page:
         InputError
             Another one runs, the request is not understood, or it was stopped before it began.
         """
-        self.check_idle()
-        self._is_preparing, n_stops = True, self._n_stops
-        try:
+        with self.reserved():
+            n_stops = self._n_stops
             number, arguments, outputs = await asyncio.to_thread(step_command, self.study, wanted)
             if self._n_stops > n_stops:
                 await asyncio.to_thread(self._withdraw, number, outputs)
                 raise InputError("the step was stopped before it began")
-        finally:
-            self._is_preparing = False
-        self.begin(Job(tuple(arguments)), outputs, number)
+            self.begin(Job(tuple(arguments)), outputs, number)
 
     def _withdraw(self, number: int, outputs: list[str]) -> None:
         """Give back the number of a step that is not begun, without the model that was saved for it."""
@@ -178,8 +180,28 @@ class Page:
             raise InputError("the server is ending")
         if self.job is not None:
             raise InputError("another step is running", "", self.job.arguments[0], "wait, or stop it")
-        if self._is_preparing:
+        if self._reserved not in (None, asyncio.current_task()):
             raise InputError("another step is about to begin", "", None, "wait, or stop it")
+
+    @contextlib.contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Let only this task begin a step. Every page shows it, so that no button is pressed in vain.
+
+        Raises
+        ------
+        InputError
+            As `check_idle`.
+        """
+        self.check_idle()
+        own, before = asyncio.current_task(), self._reserved
+        self._reserved = own
+        self.changed()
+        try:
+            yield
+        finally:
+            if self._reserved is own:
+                self._reserved = before
+                self.changed()
 
     def begin(
         self, job: Job, outputs: list[str], number: int, then: Callable[[Job], Awaitable[None]] | None = None
@@ -203,7 +225,7 @@ class Page:
         """
         self.check_idle()
         self.number, self.outputs, self.job, self.error = number, outputs, job, None
-        self.is_stopped = False
+        self.is_stopped, self._reserved = False, None
         self._running = asyncio.create_task(self._run(job, then))
         self.changed()
 
@@ -218,14 +240,14 @@ class Page:
             self.error = f"{job.command}: {type(error).__name__}: {error}"
         finally:
             self.job = None
-            self.changed()
             if then is not None and not self._is_closing:
                 await self._follow_up(then, job)
-                self.changed()
+            self.changed()
 
     async def _follow_up(self, then: Callable[[Job], Awaitable[None]], job: Job) -> None:
         try:
-            await then(job)
+            with self.reserved():
+                await then(job)
         except Exception as error:
             self.error = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
 
