@@ -51,6 +51,8 @@ class PredictedOutput(Plottable):
         True if the record does not state its hold. `hold` is then the likelier one for all such records
         together; "none" if the errors hardly differ.
     y_unit, name : str
+    unsettled : float
+        How much `y_model` changes from period to period, unit `y_unit`; 0 in the steady state.
     """
 
     fs_hz: float
@@ -61,6 +63,7 @@ class PredictedOutput(Plottable):
     hold_assumed: bool = False
     y_unit: str = ""
     name: str = ""
+    unsettled: float = 0.0
 
     @property
     def t_s(self) -> np.ndarray:
@@ -102,7 +105,7 @@ class PredictedOutput(Plottable):
         """One of the records in `gsid predict --json`."""
         keys = ("name", "y_unit", "fit_percent", "fit_percent_of_noise", "rms_error", "rms_noise")
         shape = {"n_periods": self.y.shape[0], "period_samples": self.y.shape[1]}
-        more = ("rms_output", "offset_from_record", "hold", "hold_assumed")
+        more = ("rms_output", "unsettled", "offset_from_record", "hold", "hold_assumed")
         return {key: getattr(self, key) for key in keys + more} | shape
 
     def __repr__(self) -> str:
@@ -200,7 +203,7 @@ def _under(model: RationalModel | PiecewiseModel | PlantModel, measured: Spectra
     n = measured.period_samples
     y = np.array([period_of(lines, n) for lines in measured.Y])
     is_plant = isinstance(model, PlantModel)
-    y_model = _simulated(model, measured) if is_plant else _at_lines(model, measured)
+    y_model, unsettled = _simulated(model, measured) if is_plant else (_at_lines(model, measured), 0.0)
     has_mean = is_plant and has_common_zero(model)
     return PredictedOutput(
         fs_hz=measured.fs_hz,
@@ -209,15 +212,17 @@ def _under(model: RationalModel | PiecewiseModel | PlantModel, measured: Spectra
         offset_from_record=not has_mean,
         y_unit=measured.y_unit,
         name=measured.name,
+        unsettled=unsettled,
     )
 
 
-def _simulated(model: PlantModel, measured: Spectra) -> np.ndarray:
+def _simulated(model: PlantModel, measured: Spectra) -> tuple[np.ndarray, float]:
+    """Output of a stack, and how much it still changes from period to period."""
     answer = model.predict(measured)
     if not answer.settled:
         text = "no steady state was found for %s: the output changes by %.3g from period to period"
         _log.warning(text, measured.name, answer.residual)
-    return answer.y
+    return answer.y, 0.0 if answer.settled else answer.residual
 
 
 def _at_lines(model: RationalModel | PiecewiseModel, measured: Spectra) -> np.ndarray:

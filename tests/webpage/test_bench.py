@@ -62,6 +62,43 @@ def test_a_moved_value_gives_the_prediction_of_a_model_that_has_it(model, record
         assert found.rms_error == pytest.approx(predicted(moved, record, found.hold).rms_error, rel=1e-6)
 
 
+def between_stops(angle_deg):
+    effects = [
+        Effect("rigid_body", params(gain=7.4)),
+        Effect("viscous_friction", params(rate=1.0)),
+        Effect("cable_spring", params(stiffness=170.0)),
+        Effect("hard_stop", params(angle_deg=angle_deg, stiffness=3000.0)),
+    ]
+    return PlantModel(FS, effects, y_unit="deg/s")
+
+
+def test_bug_a_stop_that_was_moved_away_left_the_axis_on_another_orbit():
+    """Driven above its resonance, an axis between stops has a second orbit, on which it strikes them."""
+    u = 20 * np.sin(2 * np.pi * np.arange(1000) / 1000)
+    free = between_stops(1e3).simulate(u).y
+    swing_deg = np.ptp(np.cumsum(free - np.mean(free))) / FS / 2
+    noise = np.random.default_rng(SEED).normal(0, 0.01 * np.std(free), 4000)
+    record = Record(np.tile(u, 4), np.tile(free, 4) + noise, FS, 1000, 0, hold="zoh", y_unit="deg/s")
+    bench = Bench(between_stops(0.7 * swing_deg), record)
+    assert bench.fitted.fit_percent < 0
+    found = bench.simulated({"hard_stop.angle_deg": 1.1 * swing_deg}, [])
+    assert found.rms_error == predicted(between_stops(1.1 * swing_deg), record).rms_error
+    np.testing.assert_allclose(found.y_model, free, atol=0.01 * np.std(free))  # it strikes no stop
+
+
+def test_an_output_that_does_not_settle_is_not_shown_as_a_steady_state():
+    """Stops that are struck hard give an output that never repeats."""
+    u = Multisine.design(FS, 3000, (1, 60), rms=20.0, phases="random", seed=1).table()
+    y = np.random.default_rng(SEED).normal(0, 10.0, 12000)
+    record = Record(np.tile(u, 4), y, FS, 3000, 0, hold="zoh", y_unit="deg/s")
+    one = Bench(between_stops(1e3), record).simulated(
+        {"hard_stop.angle_deg": 1.0, "hard_stop.stiffness": 1e5, "cable_spring.stiffness": 20.0}, []
+    )
+    assert numbers_of(one)["unsettled"] > 1e-3 * one.rms_output
+    still = Bench(between_stops(1e3), record).simulated({}, [])
+    assert numbers_of(still)["unsettled"] == 0
+
+
 def test_an_effect_that_is_out_gives_the_prediction_of_a_model_without_it(model, record):
     bench = Bench(model, record)
     found = bench.simulated({"viscous_friction.rate": 5.0}, ["coulomb_friction"])

@@ -19,6 +19,7 @@ from gsid.effects.types import EffectParameter
 from gsid.greybox.weights import has_common_zero
 from gsid.models.confidence import NORMAL_95
 from gsid.plant.effect import Effect, Param
+from gsid.plant.measured_start import has_several_orbits
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
 from gsid.prediction import PredictedOutput, predict
@@ -84,15 +85,19 @@ class Bench:
             check_value(name, value, self.model.parameter(name))
             label, _, parameter = name.rpartition(".")
             known[label][parameter] = float(value)
-        plant.bound(MOVES_MOST)
+        moved = [known[label][name] for label, name in _names(part, out, self.model)]
         try:
-            answer = plant.run_near([known[label][name] for label, name in _names(part, out, self.model)])
+            if has_several_orbits(part):  # the search begins where `gsid.predict` begins it
+                plant = PeriodicPlant.of(part.with_values(moved), self._measured)
+            plant.bound(MOVES_MOST)
+            answer = plant.run_near(moved)
         except OutOfTime as error:
             raise InputError("the simulation with these values takes too long", hint=STEEP) from error
         except GsidError as error:
             raise InputError(error.message, hint=error.hint) from error
         mean = 0.0 if has_common_zero(part) else float(np.mean(self.fitted.y) - np.mean(answer.y))
-        return replace(self.fitted, y_model=answer.y + mean)
+        unsettled = 0.0 if answer.settled else answer.residual
+        return replace(self.fitted, y_model=answer.y + mean, unsettled=unsettled)
 
     def _plant(self, out: frozenset[str]) -> tuple[PlantModel, PeriodicPlant]:
         """The simulation without some effects; that of the last choices stays prepared."""
@@ -105,6 +110,8 @@ class Bench:
                 self._plants.pop(next(iter(self._plants)))
             plant = PeriodicPlant.of(part, self._measured)
             self._plants[out] = part, plant
+            if has_several_orbits(part):
+                return part, plant
             with contextlib.suppress(GsidError, OutOfTime):  # then each search is a cold one
                 plant.bound(MOVES_MOST)
                 if plant.run().settled:
@@ -249,6 +256,7 @@ def numbers_of(one: PredictedOutput) -> dict[str, Any]:
         "fit_percent": fit if math.isfinite(fit) else None,
         "fit_percent_of_noise": one.fit_percent_of_noise if math.isfinite(fit) else None,
         "rms_error": one.rms_error,
+        "unsettled": one.unsettled,
         "rms_noise": one.rms_noise,
         "noise_of_mean": NORMAL_95 * one.rms_noise / math.sqrt(len(one.y)),
         "unit": one.y_unit,

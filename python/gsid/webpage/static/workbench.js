@@ -110,7 +110,8 @@ function showAnswer(answer) {
   const { fitted } = bench;
   line.textContent =
     `FIT ${percent(answer.fit_percent)} (fitted values ${percent(fitted.fit_percent)}, ` +
-    `noise alone ${percent(fitted.fit_percent_of_noise)}), rms error ${digits(answer.rms_error)} ${answer.unit}`;
+    `noise alone ${percent(fitted.fit_percent_of_noise)}), rms error ${digits(answer.rms_error)} ${answer.unit}` +
+    (answer.unsettled ? `. No steady state was found: the output changes by ${digits(answer.unsettled, 2)} ${answer.unit} from period to period` : "");
 }
 
 // Values as the server packs them: float32 in base64.
