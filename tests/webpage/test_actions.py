@@ -43,7 +43,6 @@ def request_of(verb, **more):
     own = {
         "add": {"effect": "coulomb_friction"},
         "cut": {"from": "0.5", "to": 2},
-        "design": {"rival": "models/1-add.json"},
     }.get(verb, {})
     return {"verb": verb, "records": ["records/rec.csv"], **model, **own, **more}
 
@@ -51,8 +50,6 @@ def request_of(verb, **more):
 def options_of(verb):
     """Options of a command of gsid, that which names what y is as `--output` only."""
     command = Verbs().get_command(None, verb)
-    if ACTIONS[verb].kind:
-        command = command.commands[ACTIONS[verb].kind]
     return {
         name
         for option in command.params
@@ -78,8 +75,6 @@ def test_options_that_a_verb_lacks_are_dropped(study, verb):
     converts = {"--unit", "--factor"} if CONVERSIONS & set(ACTIONS[verb].options) else set()
     assert given == set(ACTIONS[verb].options) - CONVERSIONS | converts
     command = Verbs().get_command(None, verb)
-    if ACTIONS[verb].kind:
-        command = command.commands[ACTIONS[verb].kind]
     # A command keeps the help option of the first context that it sees: it has to be that of `gsid`.
     context = click.Context(command, help_option_names=["-h", "--help"])
     command.make_parser(context).parse_args(arguments[1:])  # raises on an unknown option
@@ -211,16 +206,49 @@ def test_a_report_may_have_a_model(study):
     assert outputs == ["verdicts/3-report.html"]
 
 
+START, ADD = "models/1-start.json", "models/1-add.json"
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({}, []),
+        ({"sigma": "0.002", "realisation": "2"}, ["--sigma=0.002", "--realisation=2"]),
+        (
+            {"limit_command": 5, "limit_travel_deg": 20, "model": START},
+            ["--limit-command=5", "--limit-travel-deg=20", "--model", START],
+        ),
+        (
+            {"goal": "parameters", "sigma": 0.05, "model": START, "rival": ADD},
+            ["--parameter-sigma=0.05", "--model", START],
+        ),
+        (
+            {"goal": "rival", "sigma": 0.05, "realisation": 2, "model": START, "rival": ADD},
+            ["--model", START, "--rival", ADD],
+        ),
+    ],
+)
+def test_a_next_experiment_has_the_words_of_its_goal(study, more, words):
+    number, arguments, outputs = command_of(study, request_of("next", **more))
+    assert arguments[:-5] == ["next", "records/rec.csv", *words]
+    assert outputs == [f"verdicts/{number}-next.json", f"excitation/{number}-next.csv"]
+
+
 @pytest.mark.parametrize(
     "more",
     [
-        {"rival": "models/1-start.json"},
-        {"rival": "../secret"},
-        {"rival": None},
+        {"goal": "rival", "model": START, "rival": START},
+        {"goal": "rival", "model": START, "rival": "../secret"},
+        {"goal": "rival", "model": START, "rival": None},
+        {"goal": "rival", "model": "", "rival": START},
+        {"goal": "parameters", "model": START},
+        {"goal": "parameters", "sigma": 0.05},
+        {"goal": ["response"]},
+        {"limit_travel_deg": 20},
         {"limit_command": "--plot=x"},
         {"limit_command": float("nan")},
     ],
 )
-def test_a_next_experiment_needs_two_models_and_a_limit_that_is_a_number(study, more):
+def test_a_next_experiment_that_is_not_complete_is_refused(study, more):
     with pytest.raises(InputError):
-        command_of(study, request_of("design", **more))
+        command_of(study, request_of("next", **more))

@@ -101,3 +101,15 @@ def test_a_stopped_step_shows_what_it_has_found():
 
 def test_a_silent_command_is_no_success():
     assert outcome_of("look", 0, b"", []).sentences == ("The command ended without an answer.",)
+
+
+def test_a_proposal_has_its_size_and_can_be_run_unless_there_is_none():
+    values = {"n_realisations": 1, "n_periods": 4, "amplitude": 12.0, "time_s": 5.5, "reason": "Why."}
+    found = outcome_of("next", 0, json.dumps(values).encode(), [])
+    assert found.sentences == ("4 periods of a command up to 12, 5.5 s with waiting. Why.",)
+    assert found.next == ("run",)
+    found = outcome_of("next", 0, json.dumps(values | {"n_realisations": 3}).encode(), [])
+    assert found.sentences[0].startswith("3 realisations of 4 periods")
+    none = values | {"amplitude": None, "experiments": [], "reason": "No experiment distinguishes them."}
+    found = outcome_of("next", 0, json.dumps(none).encode(), [])
+    assert (found.sentences, found.next) == (("No experiment distinguishes them.",), ())

@@ -24,6 +24,8 @@ FORM = (*TEXTS, "--fs", "--period", "--settle", *CHOICES, *UNITS, *FACTORS)  # w
 RECORD = tuple(one for one in FORM if one not in ("--r", "--r-factor", "--output"))
 AS_MEASURED = tuple(one for one in RECORD if one not in (*UNITS, *FACTORS))  # converted later
 LOOP = (*RECORD, "--r", "--r-factor")  # with the reference of a closed loop
+LIMITS = {"limit_command": "--limit-command", "limit_travel_deg": "--limit-travel-deg"}
+SIGMAS = {"response": "--sigma", "parameters": "--parameter-sigma", "rival": ""}  # of the next experiment
 READING = ("u", "y", "r", "fs", "period", "settle", "hold")
 NAME_MOST = 200  # characters
 
@@ -39,8 +41,6 @@ class Action:
         On its button.
     summary : str
         What it does, in one sentence.
-    kind : str
-        Word after the verb, of a verb that has kinds.
     needs_model, may_have_model : bool
     writes : str
         Folder of the file that it writes; empty: none.
@@ -57,7 +57,6 @@ class Action:
     verb: str
     title: str
     summary: str
-    kind: str = ""
     needs_model: bool = False
     may_have_model: bool = False
     writes: str = ""
@@ -115,11 +114,9 @@ ACTIONS = {
             writes="models",
         ),
         Action(
-            "design",
-            "Next experiment",
-            "The excitation that distinguishes the chosen model from another one best.",
-            kind="next",
-            needs_model=True,
+            "next",
+            "Propose the next experiment",
+            "Amplitude of each line, periods and time, from what was measured.",
             writes="excitation",
             suffix=".csv",
             options=RECORD,
@@ -166,8 +163,9 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[s
     ----------
     study : Study
     request : mapping
-        verb; records: names in the study; model; effect or law, params: its start values; options: of
-        `FORM`. Those that the verb lacks are left out.
+        verb; records: names in the study; model; effect or law, params: its start values; of the next
+        experiment goal, sigma, realisation, rival and `LIMITS`; options: of `FORM`. Those that the verb lacks
+        are left out.
 
     Returns
     -------
@@ -185,13 +183,12 @@ def command_of(study: Study, request: Mapping[str, object]) -> tuple[int, list[s
     action = ACTIONS[verb]
     arguments = [
         action.verb,
-        *([action.kind] if action.kind else []),
         *_effect(action, request),
         *_records(study, action, request),
         *_interval(action, request),
         *_options(action, request.get("options") or {}),
         *_model(study, action, request),
-        *_rival(study, action, request),
+        *_goal(study, action, request),
     ]
     number = study.begin_step()
     picture, made = _outputs(action, number)
@@ -253,18 +250,35 @@ def _model(study: Study, action: Action, request: Mapping[str, object]) -> list[
     return [str(name)] if action.records == "none" else ["--model", str(name)]
 
 
-def _rival(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
-    """Of the next experiment: the other model, and the largest command."""
-    if action.kind != "next":
+def _goal(study: Study, action: Action, request: Mapping[str, object]) -> list[str]:
+    """Of the next experiment: what it is for, its limits, and the models that these need."""
+    if action.verb != "next":
         return []
+    goal = request.get("goal") or "response"
+    if not isinstance(goal, str) or goal not in SIGMAS:
+        raise InputError("not a valid choice", "goal", str(goal)[:NAME_MOST], f"one of {', '.join(SIGMAS)}")
+    numbers = LIMITS if goal == "rival" else {**LIMITS, "sigma": SIGMAS[goal], "realisation": "--realisation"}
+    given = {key: request[key] for key in numbers if request.get(key) not in (None, "")}
+    if goal == "parameters" and "sigma" not in given:
+        raise InputError("no required sigma is given", "", None, "fill it in, for example 0.05")
+    words = [f"{numbers[key]}={_plain(numbers[key], value)}" for key, value in given.items()]
+    if goal == "response" and "limit_travel_deg" not in given:
+        return words
+    inside(study, request.get("model"), "models/")
+    words += ["--model", str(request["model"])]
+    if goal != "rival":
+        return words
     inside(study, request.get("rival"), "models/")
     if request.get("rival") == request.get("model"):
         raise InputError(
             "both models are the same", "", request.get("model"), "choose another one to compare with"
         )
-    limit = request.get("limit_command")
-    more = [] if limit in (None, "") else [f"--limit-command={_finite('--limit-command', limit)!r}"]
-    return ["--rival", str(request["rival"]), *more]
+    return [*words, "--rival", str(request["rival"])]
+
+
+def _plain(name: str, value: object) -> str:
+    """A number as it is typed."""
+    return repr(_finite(name, value)).removesuffix(".0")
 
 
 def inside(study: Study, name: object, folder: str) -> Path:

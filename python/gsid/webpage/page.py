@@ -17,6 +17,7 @@ from gsid.webpage.words import CRITERION, GOOD, INTERRUPTED, Outcome, followups_
 
 FOLLOW_S = 1.0  # between two looks at what other commands have changed
 MAX_UPLOAD = 200 << 20
+WITH_ANSWER = ("diagnose", "next")  # steps of which the page reads more than sentences
 COMING = {"command": "", "step": "the next step is about to begin", "verb": "", "stopping": False}
 GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 
@@ -24,8 +25,7 @@ GOOD_ENDS = (GOOD, CRITERION, INTERRUPTED)
 def title_of(step: Step) -> str:
     """The words above a step: those of its button, if the page has one."""
     action = ACTIONS.get(step.verb)
-    is_same = action is not None and action.kind in ("", *step.arguments[1:2])
-    return action.title if action and is_same else step.verb
+    return action.title if action else step.verb
 
 
 def made_by(step: Step) -> str | None:
@@ -112,7 +112,7 @@ class Page:
         more = {"effects": self._followups[step.number].effects, "next": self._followups[step.number].next}
         failed = step.exit_code not in GOOD_ENDS
         models = {"model": made_by(step), "base": base_of(step)}
-        models |= {"answer": step.answer if step.verb == "diagnose" else ""}
+        models |= {"answer": step.answer if step.verb in WITH_ANSWER else ""}
         return own | more | models | {"failed": failed, "picture": step.picture or None}
 
     def _shown_job(self) -> dict | None:

@@ -121,7 +121,7 @@ def _frf(values: Mapping[str, Any]) -> Outcome:
 
 
 def _distortion(values: Mapping[str, Any]) -> Outcome:
-    return Outcome((values["verdict"],), next=("start",))
+    return Outcome((values["verdict"],), next=("start", "next"))
 
 
 def _start(values: Mapping[str, Any]) -> Outcome:
@@ -129,7 +129,7 @@ def _start(values: Mapping[str, Any]) -> Outcome:
 
 
 def _compare(values: Mapping[str, Any]) -> Outcome:
-    more = ("predict",) if values["adequate"] else ("predict", "diagnose")
+    more = ("predict", "next") if values["adequate"] else ("predict", "diagnose")
     return Outcome((values["sentence"],), next=more)
 
 
@@ -217,7 +217,14 @@ def _join(values: Mapping[str, Any]) -> Outcome:
 
 
 def _next(values: Mapping[str, Any]) -> Outcome:
-    return Outcome((values["reason"],), next=("run",))
+    if "experiments" in values:  # to distinguish two models
+        return Outcome((values["reason"],), next=("run",) if values["amplitude"] is not None else ())
+    n_realisations, n_periods = values["n_realisations"], values["n_periods"]
+    size = f"{n_periods} periods of a command up to {values['amplitude']:.4g}"
+    if n_realisations > 1:
+        size = f"{n_realisations} realisations of {size}"
+    sentence = f"{size}, {values['time_s']:.4g} s with waiting. {values['reason']}"
+    return Outcome((sentence,), next=("run",))
 
 
 READERS = {

@@ -13,8 +13,9 @@ const form = () => byId("live-form").elements;
 export async function fillForm() {
   const answer = await answerOf("/live/form");
   if (!answer?.ok) return;
+  const found = await answer.json();
   const isFirst = known === null;
-  known = await answer.json();
+  known = found;
   const chosen = form().axis.value;
   options(form().axis, [
     ["", "choose"],

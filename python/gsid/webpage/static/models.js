@@ -1,6 +1,5 @@
 // Which model is chosen: one step back, or the one of an earlier step. Nothing is deleted.
 import { byId, element, isChanged, server } from "./elements.js";
-import { button, showWhatIsOff } from "./steps.js";
 
 function choose(model) {
   byId("model").value = model;
@@ -36,9 +35,6 @@ export function showRivals() {
   const options = others.map((name) => element("option", name.replace("models/", ""), { value: name }));
   byId("rival").replaceChildren(...options);
   byId("rival").value = before() ?? others.at(-1) ?? "";
-  const more = () => ({ rival: byId("rival").value, limit_command: byId("rival-limit").value });
-  byId("next-experiment").replaceChildren(button("design", more));
-  showWhatIsOff();
 }
 
 byId("step-back").addEventListener("click", () => before() && choose(before()));

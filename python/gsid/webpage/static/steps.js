@@ -3,13 +3,14 @@ import { cutForm } from "./cut.js";
 import { byId, element, isChanged, server } from "./elements.js";
 import { goOnFrom, showRivals, showStepBack } from "./models.js";
 import { keep, kept } from "./kept.js";
+import { runButton, wantedOfNext } from "./next.js";
 import { drawPicture } from "./picture.js";
 import { chosenRecords } from "./records.js";
 import { showRanking } from "./ranking.js";
 import { act, post } from "./requests.js";
 import { fileLink } from "./save.js";
 
-const ELSEWHERE = ["design", "add", "cut", "report", "export-c"]; // their buttons are beside what they act on
+const ELSEWHERE = ["next", "add", "cut", "report", "export-c"]; // their buttons are beside what they act on
 
 export function readingOf() {
   const fields = [...byId("reading").querySelectorAll("input, select")];
@@ -39,7 +40,9 @@ export const isOff = (one) => one.getAttribute("aria-disabled") === "true";
 
 export function showActions() {
   const offered = Object.keys(server.state.actions).filter((verb) => !ELSEWHERE.includes(verb));
-  if (isChanged("actions", server.state.actions)) byId("actions").replaceChildren(...offered.map((verb) => button(verb)));
+  if (!isChanged("actions", server.state.actions)) return;
+  byId("actions").replaceChildren(...offered.map((verb) => button(verb)));
+  byId("next-experiment").replaceChildren(button("next", wantedOfNext));
 }
 
 export function showWhatIsOff() {
@@ -81,7 +84,7 @@ function showStep(step) {
       .then(() => step.verb === "look" && step.records.length === 1 && box.after(cutForm(step, box)))
       .catch(failed);
   }
-  if (step.answer) {
+  if (step.verb === "diagnose" && step.answer) {
     const laws = element("div", "", { className: "laws" });
     item.append(laws);
     showRanking(step, laws);
@@ -98,6 +101,13 @@ function showStep(step) {
   return item;
 }
 
+// A verb that the page has no button for is offered by the command line only.
+function nextButton(verb, step) {
+  if (verb === "run") return runButton(step);
+  if (verb === "next") return [button(verb, wantedOfNext)];
+  return server.state.actions[verb] ? [button(verb)] : [];
+}
+
 function showNext(step) {
   const isLast = step === server.state.steps.at(-1);
   const effects = isLast && !step.answer ? step.effects.slice(0, 3) : []; // else beside their fingerprints
@@ -107,7 +117,7 @@ function showNext(step) {
     .querySelector(".next")
     .replaceChildren(
       ...effects.map((effect) => button("add", { effect }, `Add ${effect}`)),
-      ...others.map((verb) => button(verb)),
+      ...others.flatMap((verb) => nextButton(verb, step)),
       ...(isLast ? [] : goOnFrom(step)),
     );
 }
