@@ -86,3 +86,22 @@ def test_plot_draws_the_response(gsid, rec_csv, tmp_path):
     assert (tmp_path / "g.csv").is_file()
     assert (tmp_path / "h.svg").is_file()
     assert gsid("frf", rec_csv, "--plot", "g.txt").code == 2
+
+
+def test_images_of_a_gyro_that_is_refreshed_at_400_hz_are_reported(gsid):
+    """The excitation of `gsid run` reaches 250 Hz."""
+    rates = {"every-tick": None, "locked": "400 Hz", "free-running": "400.02 Hz"}
+    for gyro, rate in rates.items():
+        made = gsid("run", "--simulate", f"--gyro {gyro} --seed 5", "--periods", "3", "-o", f"{gyro}.csv")
+        assert made.code == 0, made.err
+        seen = gsid("look", f"{gyro}.csv", "--json")
+        found = json.loads(seen.out)["records"][0]["refresh_hz"]
+        shown = gsid("frf", f"{gyro}.csv", "-o", "g.csv")
+        assert shown.code == 0, shown.err
+        if rate is None:
+            assert found is None
+            assert "refreshed" not in shown.err
+            continue
+        assert f"{found:.5g} Hz" == rate
+        assert f"y is refreshed at {rate} and the input has lines up to 250 Hz" in shown.err
+        assert "refreshed" not in gsid("frf", f"{gyro}.csv", "--band", "1:149", "-o", "g.csv").err

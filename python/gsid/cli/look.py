@@ -42,7 +42,8 @@ def look(
     gyro: the mean output over the periods, in which the axis returns to where it was.
 
     The drift is the change of the mean output from the first period to the last. A spike differs from the
-    same sample of the other periods by more than 8 times their scatter.
+    same sample of the other periods by more than 8 times their scatter. refresh_hz is the rate at which y
+    takes a new value, if its samples repeat because the sensor has a lower rate than the record.
 
     The picture shows input and output over the whole record, the part that is discarded as settling, and, if
     the input repeats, the position and the spectrum of the periods.
@@ -80,6 +81,8 @@ def _spectra(record: Record) -> Spectra | None:
 
 
 def _facts(record: Record, found: Spectra | None, travel: tuple[float, float] | None) -> dict[str, object]:
+    from gsid.records.refresh import refresh_rate_hz
+
     n = len(record.u)
     facts: dict[str, object] = {
         "name": record.name,
@@ -90,6 +93,7 @@ def _facts(record: Record, found: Spectra | None, travel: tuple[float, float] | 
         "u_unit": record.u_unit,
         "y_unit": record.y_unit,
         "hold": record.hold or "not stated",
+        "refresh_hz": refresh_rate_hz(record),
         "other_columns": list(record.columns),
     }
     if found is None:
@@ -151,9 +155,15 @@ def _sentence(facts: dict[str, object]) -> str:
     return (
         f"{begin}; {facts['periods']} periods of {facts['period_samples']} samples after {settling} "
         f"of settling; {facts['excited_lines']} excited lines from {_text(facts['band_hz'])} Hz."
+        + _refresh_in_words(facts)
         + _condition_in_words(facts)
         + _position_in_words(facts)
     )
+
+
+def _refresh_in_words(facts: dict[str, Any]) -> str:
+    rate_hz = facts["refresh_hz"]
+    return "" if rate_hz is None else f" The sensor of y is refreshed at {rate_hz:.5g} Hz."
 
 
 def _condition_in_words(facts: dict[str, Any]) -> str:

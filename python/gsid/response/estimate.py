@@ -12,6 +12,7 @@ import numpy as np
 from gsid.base.errors import InputError, NotPeriodicError
 from gsid.records.record import Record
 from gsid.response.frf import Frf, check_response, merged, response_of
+from gsid.response.images import warn_of_images
 from gsid.response.stepped import are_stepped, stepped_frf
 from gsid.spectrum.lines import covariance, sample_variance
 from gsid.spectrum.realisation import Realisation, common_lines, listed, realisations, rejected_lines
@@ -42,7 +43,9 @@ def frf(
     """Estimate the frequency response at the lines excited in every realisation.
 
     A record whose input is not periodic is divided into windows, with a warning: see `window`. Records of a
-    stepped sine, whose layout is in their keys, are evaluated sine by sine (`gsid.response.stepped`).
+    stepped sine, whose layout is in their keys, are evaluated sine by sine (`gsid.response.stepped`). If the
+    sensor is refreshed less often than it is read, lines with images of others are reported
+    (`gsid.response.images`).
 
     Parameters
     ----------
@@ -99,6 +102,7 @@ def frf(
 
         result = closed_loop_frf(records, reference, period=period, settle=settle, band=band)
         _report_rejected(result)
+        warn_of_images(result, listed(records), period=period, settle=settle, reference=reference)
         return result
     if lpm + merge + (window is not None) > 1:
         raise ValueError("lpm, window and merge exclude each other")
@@ -111,6 +115,7 @@ def frf(
     if not has_samples and (remove_periodic or lpm or window):
         raise ValueError(f"{options[0]} needs the samples: give records, not their spectra")
     removed: list[Tone] = []
+    measured = records
     if remove_periodic:
         records = [_without_tones(record, removed, period, settle) for record in records]
     parts, window = _parts(records, period, settle, lpm, window, merge)
@@ -121,6 +126,7 @@ def frf(
     else:
         result = _at_lines(parts, band, merge, min_input)
     _report_rejected(result)
+    warn_of_images(result, measured, period=period, settle=settle)
     return replace(result, removed=tuple(removed))
 
 
