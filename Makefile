@@ -359,6 +359,18 @@ distortion-study: all ## how well the intervals of gsid.distortion cover a known
 joined-study: all ## coverage of the intervals of bands that were measured apart and joined (a minute)
 	$(PY) tests/python/joined_bands.py
 
+# Chapters are steps: an interrupted study goes on behind the last one. A change of gsid begins it anew.
+THESIS := $(BUILD)/thesis
+THESIS_CHAPTERS := $(patsubst benchmarks/thesis/%.py,$(THESIS)/%.json,$(wildcard benchmarks/thesis/chapter*.py))
+.PHONY: thesis
+thesis: $(THESIS_CHAPTERS) ## the study of the thesis on the simulated axis, into docs/reference/thesis_study.md (minutes)
+	$(PY) benchmarks/thesis/write_page.py $(THESIS)
+$(THESIS)/.stamp: $(BUILD)/installed.stamp $(MODULES) $(wildcard python/gsid/*.py python/gsid/*/*.py python/gsid/*/*/*.py)
+	@rm -rf $(THESIS)
+	@mkdir -p $(THESIS) && touch $@
+$(THESIS)/%.json: benchmarks/thesis/%.py benchmarks/thesis/study.py $(THESIS)/.stamp
+	$(PY) benchmarks/thesis/run_chapter.py $* $(THESIS)
+
 .PHONY: hostile
 hostile: all ## bad input of every kind through every verb that reads it, with limits of time and memory (hours; resumes)
 	$(PY) tests/hostile/hostile_runs.py --out $(BUILD)/hostile.jsonl
