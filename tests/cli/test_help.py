@@ -22,6 +22,7 @@ def test_help(gsid, snapshot):
     snapshot("help", gsid("--help").out)
     for kind in (
         "multisine",
+        "orthogonal",
         "prbs",
         "sweep",
         "stepped-sine",

@@ -14,6 +14,7 @@ import click
 from gsid.base.tables import Table
 from gsid.cli.design_methods import compare_methods
 from gsid.cli.design_next import design_next
+from gsid.cli.design_orthogonal import orthogonal
 from gsid.cli.options import (
     FILE_OUTPUT,
     INPUT,
@@ -53,6 +54,7 @@ def design() -> None:
 
 design.add_command(design_next)
 design.add_command(compare_methods)
+design.add_command(orthogonal)
 
 BASIC = (
     rate_option(required=True),

@@ -22,6 +22,7 @@ from gsid.cli.output import MESSAGES, PROGRESS, print_message
 VERBS = {
     "design": "Make a periodic excitation.",
     "simulate": "Serve a simulated gimbal axis on a serial line.",
+    "gimbal": "Measure a simulated gimbal of four axes, with several inputs at once.",
     "run": "Drive an axis over a serial line and record it.",
     "look": "Show what is in a record: samples, period, lost samples, lines, drift, spikes.",
     "cut": "Write a part of a record as a record.",

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from gsid.base.errors import InputError, choose
+from gsid.base.files import kind_of, write_atomically
 from gsid.records.files import read_record
 from gsid.records.record import Record
 
@@ -160,3 +162,48 @@ def read_mimo_record(
         hold=first.hold,
         name=first.name,
     )
+
+
+def write_mimo_record(path: str | os.PathLike, record: MimoRecord) -> None:
+    """Write one experiment as .csv or .npz, one column or array for each channel.
+
+    Parameters
+    ----------
+    path : path_like
+    record : MimoRecord
+        All inputs have one unit, and all outputs.
+
+    Raises
+    ------
+    InputError
+        The extension is unknown, or the inputs or the outputs have several units.
+    OSError
+        The file cannot be written. An existing file is unchanged.
+    """
+    kind = kind_of(path)
+    if kind not in (".csv", ".npz"):
+        hint = "experiments are written as .csv or .npz"
+        raise InputError("cannot write this kind of file", str(path), kind or "no extension", hint)
+    if len(set(record.u_units)) > 1 or len(set(record.y_units)) > 1:
+        units = f"{record.u_units} and {record.y_units}"
+        raise InputError("a file keeps one unit of the inputs and one of the outputs", str(path), units)
+    keys = {"fs_hz": record.fs_hz, "period_samples": record.period_samples, "hold": record.hold}
+    keys |= {"settle_samples": record.settle_samples}
+    keys |= {"u_unit": record.u_units[0], "y_unit": record.y_units[0]}
+    keys = {key: value for key, value in keys.items() if value not in (None, "")}
+    columns = dict(zip(record.inputs, record.u.T, strict=True))
+    columns |= dict(zip(record.outputs, record.y.T, strict=True))
+    if record.valid is not None and not np.all(record.valid):
+        columns["valid"] = np.asarray(record.valid, float)
+    if kind == ".npz":
+        write_atomically(path, lambda part: np.savez(part, **keys, **columns))
+    else:
+        write_atomically(path, lambda part: _write_csv(part, keys, columns))
+
+
+def _write_csv(path: Path, keys: Mapping[str, object], columns: Mapping[str, np.ndarray]) -> None:
+    texts = [map(repr, column.tolist()) for column in columns.values()]
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"# {key}: {value}\n" for key, value in keys.items())
+        file.write(",".join(columns) + "\n")
+        file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
