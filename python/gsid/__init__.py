@@ -57,6 +57,7 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.records.files import write_record as write_record
     from gsid.records.mimo import MimoRecord as MimoRecord
     from gsid.records.mimo import read_mimo_record as read_mimo_record
+    from gsid.records.mimo import write_mimo_record as write_mimo_record
     from gsid.records.part import cut as cut
     from gsid.records.position import Position as Position
     from gsid.records.position import position as position
@@ -67,6 +68,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid.response.frf import Frf as Frf
     from gsid.response.mimo import MimoFrf as MimoFrf
     from gsid.response.mimo import frf_mimo as frf_mimo
+    from gsid.response.mimo_distortion import MimoDistortion as MimoDistortion
+    from gsid.response.mimo_distortion import distortion_mimo as distortion_mimo
     from gsid.spectrum.noise import Noise as Noise
     from gsid.spectrum.noise import noise as noise
     from gsid.spectrum.realisation import spectra as spectra
@@ -89,6 +92,7 @@ _HOME = {
     "Effect": "plant.effect",
     "Frf": "response.frf",
     "Ladder": "diagnosis.ladder",
+    "MimoDistortion": "response.mimo_distortion",
     "MimoFrf": "response.mimo",
     "MimoModel": "models.mimo",
     "MimoRecord": "records.mimo",
@@ -117,6 +121,7 @@ _HOME = {
     "diagnose": "diagnosis.from_records.diagnose",
     "diagnose_records": "diagnosis.from_records.diagnose",
     "distortion": "response.estimate_distortion",
+    "distortion_mimo": "response.mimo_distortion",
     "fit": "fitting.rational",
     "fit_mimo": "fitting.mimo",
     "fit_plant": "greybox.fit",
@@ -134,6 +139,7 @@ _HOME = {
     "studio": "webpage.notebook",
     "torque_residual": "diagnosis.torque_residual",
     "undo": "diagnosis.ladder",
+    "write_mimo_record": "records.mimo",
     "write_record": "records.files",
 }
 

@@ -164,7 +164,7 @@ def test_too_few_experiments(gsid, experiments):
 
 
 def test_other_verbs_want_one_channel(gsid, experiments):
-    result = gsid("frf", experiments[0], *CHANNELS)
+    result = gsid("noise", experiments[0], *CHANNELS)
     assert result.code == 3
     assert "no column named u1,u2" in result.err
 

@@ -27,7 +27,8 @@ OTHER_THINGS = {
     },
     "--output": dict.fromkeys(
         ("gsid start", "gsid diagnose"), "what y is: rate, angle or acceleration; its file is -o"
-    ),
+    )
+    | dict.fromkeys(("gsid gimbal", "gsid design orthogonal"), "a folder of several experiments"),
     "--port": {"gsid studio": "of the page; `gsid run` takes a serial port"},
     "--library": {"gsid": "for every verb; `gsid add` takes the effect to add"},
 }

@@ -15,7 +15,7 @@ from gsid.cli.output import answered, print_message, print_table
 @period_option(required=True)
 @click.option("--band", type=Band(), required=True, help="Lines from LO to HI [Hz] only.")
 @click.option(
-    "--amplitude",
+    "--amplitudes",
     metavar=Numbers.name,
     type=Numbers(),
     required=True,
@@ -44,7 +44,7 @@ def orthogonal(
     fs_hz: float,
     period: int,
     band: tuple[float, float],
-    amplitude: tuple[float, ...],
+    amplitudes: tuple[float, ...],
     realisations: int,
     lines: str,
     seed: int,
@@ -60,7 +60,7 @@ def orthogonal(
 
     with options_as_arguments():
         how = {"n_realisations": realisations, "grid": lines, "seed": seed}
-        design = orthogonal_multisines(fs_hz, period, band, amplitude, **how)
+        design = orthogonal_multisines(fs_hz, period, band, amplitudes, **how)
     paths = files_in(folder, len(design.periods))
     design.write(paths)
     print_message(f"wrote {len(paths)} experiments to {folder}")

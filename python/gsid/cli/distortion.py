@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.distortion_matrix import distortion_matrix
 from gsid.cli.options import (
     RECORD,
     band_option,
@@ -19,6 +20,7 @@ from gsid.cli.options import (
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
+    from gsid.records.mimo import MimoRecord
     from gsid.records.record import Record
     from gsid.response.distortion import Distortion
     from gsid.response.superposition import Superposition
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 @json_option
 def distortion(
     records: Sequence[str],
-    read: Callable[[Sequence[str]], list[Record]],
+    read: Callable[..., list[Record] | list[MimoRecord]],
     band: tuple[float, float] | None,
     other_level: tuple[str, ...],
     picture: str | None,
@@ -57,11 +59,19 @@ def distortion(
     and odd_noise are the amplitudes expected there from noise alone.
 
     With --other-level the plot shows the change of the response between the levels.
+
+    With several inputs or outputs (--u u1,u2 --y y1,y2) a realisation is as many RECs as inputs, one after
+    the other. Distortion is shown at each output and referred to each input, where it enters.
     """
+    from gsid.records.mimo import MimoRecord
     from gsid.response.estimate_distortion import distortion as measure
     from gsid.response.superposition import superposition
 
-    result = measure(read(records), band=band)
+    measured = read(records, matrix=True)
+    if isinstance(measured[0], MimoRecord):
+        distortion_matrix(measured, band=band, as_json=as_json)
+        return
+    result = measure(measured, band=band)
     change = superposition(result, measure(read(other_level), band=band)) if other_level else None
     draw((change or result).plot, picture)
     if not answered(as_json, lambda: _values(result) | (_change(change) if change else {})):

@@ -7,25 +7,27 @@ from typing import TYPE_CHECKING
 import click
 
 from gsid.base.tables import Table
+from gsid.cli.frf_matrix import frf_matrix
 from gsid.cli.options import (
     INPUT,
     OUTPUT,
     band_option,
+    experiment_options,
     json_option,
     options_as_arguments,
     picture_option,
-    record_options,
     reference_option,
 )
 from gsid.cli.output import answered, draw, print_message, print_table
 
 if TYPE_CHECKING:
+    from gsid.records.mimo import MimoRecord
     from gsid.records.record import Record
     from gsid.response.frf import Frf
 
 
 @click.command(short_help="Frequency response and its variance from records.")
-@record_options
+@experiment_options
 @reference_option
 @band_option("Lines from LO to HI [Hz] only.")
 @click.option(
@@ -67,7 +69,7 @@ if TYPE_CHECKING:
 @json_option
 def frf(
     *,
-    records: list[Record],
+    records: list[Record] | list[MimoRecord],
     reference: str | None,
     band: tuple[float, float] | None,
     output: str | None,
@@ -90,9 +92,16 @@ def frf(
 
     If the input is not periodic, or with --window, the response is the H1 estimate with Hann windows.
     Leakage biases it, as a warning reports.
+
+    With several inputs or outputs (--u u1,u2 --y y1,y2,y3) each file is one experiment. At least as many
+    experiments as inputs are needed; the result is a matrix of responses.
     """
+    from gsid.records.mimo import MimoRecord
     from gsid.response.estimate import frf as measure
 
+    if isinstance(records[0], MimoRecord):
+        frf_matrix(records, band=band, as_json=as_json)
+        return
     with options_as_arguments():
         result = measure(
             records,

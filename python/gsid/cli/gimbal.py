@@ -52,12 +52,7 @@ from gsid.cli.output import answered, print_message, working
     help="Rms noise of each gyro [deg/s]. [default: 0.05]",
 )
 @click.option("--seed", metavar="N", type=SEED, default=1, help="Random seed of the noise. [default: 1]")
-@click.option(
-    "--truth",
-    metavar="FILE",
-    type=FILE_OUTPUT,
-    help="Write the true parameters, the matrix of inertia and the kinematic coupling as JSON.",
-)
+@click.option("--truth", metavar="FILE", type=FILE_OUTPUT, help="Write the true parameters as JSON.")
 @folder_option
 @json_option
 def gimbal(

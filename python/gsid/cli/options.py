@@ -544,16 +544,22 @@ def reading_options(command: Callable) -> Callable:
     return add_options(READING_OPTIONS)(with_reader)
 
 
-def record_options(command: Callable) -> Callable:
-    """Arguments and options of verbs that read records; the command receives `records`, already read."""
+def record_options(command: Callable, *, matrix: bool = False) -> Callable:
+    """Arguments and options of verbs that read records; the command receives `records`, already read.
+
+    With `matrix` several names in --u or --y give records of several inputs and outputs.
+    """
 
     @functools.wraps(command)
     def with_records(
-        *args: object, records: Sequence[str], read: Callable[[Sequence[str]], list[Record]], **kwargs: object
+        *args: object, records: Sequence[str], read: Callable[..., list], **kwargs: object
     ) -> object:
-        return command(*args, records=read(records), **kwargs)
+        return command(*args, records=read(records, matrix=matrix), **kwargs)
 
     return records_argument(reading_options(with_records))
+
+
+experiment_options = functools.partial(record_options, matrix=True)
 
 
 PICTURES = (".png", ".svg", ".pdf", ".json")

@@ -246,16 +246,31 @@ class DistortedBand:
 
 
 @dataclass(frozen=True)
-class _Kind:
-    """One kind of evidence: measured power, and the part of it due to noise, at each line."""
+class LinePower:
+    """One kind of evidence: measured power, and the part of it due to noise, at each line.
+
+    Attributes
+    ----------
+    f_hz, power, noise : (F,) ndarrays
+    nu : (int, int)
+        Degrees of freedom of the ratio of power and noise at one line.
+    """
 
     f_hz: np.ndarray
     power: np.ndarray
     noise: np.ndarray
-    nu: tuple[int, int]  # degrees of freedom of the ratio at one line
+    nu: tuple[int, int]
 
     def level_db(self, lo: float, hi: float, alarm: float) -> float:
-        """Distortion over noise within a band [dB]; minus infinity if noise explains the power."""
+        """Distortion over noise within a band [dB]; minus infinity if noise explains the power.
+
+        Parameters
+        ----------
+        lo, hi : float
+            Hz.
+        alarm : float
+            False-alarm rate of this test.
+        """
         within = (self.f_hz >= lo) & (self.f_hz <= hi) & (self.noise > 0)
         if not within.any():
             return -np.inf
@@ -277,11 +292,29 @@ def distorted_bands(d: Distortion) -> list[DistortedBand]:
     list of DistortedBand
         In order of frequency; empty if the measurement cannot separate distortion from the response.
     """
-    kinds = _evidence(d)
+    return bands_of(_evidence(d), d.f_hz)
+
+
+def bands_of(kinds: dict[str, LinePower], f_hz: np.ndarray, n_channels: int = 1) -> list[DistortedBand]:
+    """Bands in which noise or one kind of distortion dominates.
+
+    Parameters
+    ----------
+    kinds : dict of LinePower
+        By kind of distortion: "odd", "even" or "nonlinear".
+    f_hz : (F,) ndarray
+        Excited lines [Hz].
+    n_channels : int
+        Number of channels that are tested; together they raise a false alarm with probability ALARM_RATE.
+
+    Returns
+    -------
+    list of DistortedBand
+    """
     if not kinds:
         return []
-    edges = _edges(d.f_hz)
-    alarm = ALARM_RATE / (len(edges) * len(kinds))
+    edges = _edges(f_hz)
+    alarm = ALARM_RATE / (len(edges) * len(kinds) * n_channels)
     found = []
     for lo, hi in edges:
         level = {name: kind.level_db(lo, hi, alarm) for name, kind in kinds.items()}
@@ -310,18 +343,18 @@ def verdict(d: Distortion) -> str:
     if all(band.kind == "noise" for band in bands):
         return "No distortion above the noise: averaging longer helps everywhere."
     sentences = [_sentence(d, band) for band in bands if band.kind != "noise"]
-    quiet = [_span(band) for band in bands if band.kind == "noise"]
+    quiet = [span(band) for band in bands if band.kind == "noise"]
     if quiet:
         sentences.append(f"{', '.join(quiet)}: noise dominates; averaging longer helps")
     return ". ".join(sentences) + "."
 
 
-def _evidence(d: Distortion) -> dict[str, _Kind]:
+def _evidence(d: Distortion) -> dict[str, LinePower]:
     """Measured power and noise, by kind of line."""
     m, p = d.n_realisations, d.n_periods
     kinds = {}
     if m > 1:  # excited lines of odd order contain odd distortion only
-        kinds["odd" if d.orders_apart else "nonlinear"] = _Kind(
+        kinds["odd" if d.orders_apart else "nonlinear"] = LinePower(
             d.f_hz, d.var_total, d.var_noise, (2 * (m - 1), 2 * (p - m))
         )
     power, noise = d.level**2, d.level_noise**2
@@ -329,7 +362,7 @@ def _evidence(d: Distortion) -> dict[str, _Kind]:
     for name, chosen in names.items():
         within = chosen & ((d.free_f_hz >= d.f_hz[0]) & (d.free_f_hz <= d.f_hz[-1]) | (len(d.line) == 1))
         if name not in kinds and within.any():
-            kinds[name] = _Kind(d.free_f_hz[within], power[within], noise[within], (2 * m, 2 * (p - m)))
+            kinds[name] = LinePower(d.free_f_hz[within], power[within], noise[within], (2 * m, 2 * (p - m)))
     return kinds
 
 
@@ -369,7 +402,8 @@ def _joined(bands: list[DistortedBand]) -> list[DistortedBand]:
     return joined
 
 
-def _span(band: DistortedBand) -> str:
+def span(band: DistortedBand) -> str:
+    """Frequencies of a band in words."""
     low, high = f"{band.f_lo_hz:.3g}", f"{band.f_hi_hz:.3g}"
     return f"{low} Hz" if low == high else f"{low} to {high} Hz"
 
@@ -385,4 +419,4 @@ def _sentence(d: Distortion, band: DistortedBand) -> str:
             advice += ", other realisations will"
     else:
         advice = "averaging longer still helps"
-    return f"{_span(band)}: {band.kind} distortion {size} above noise; {advice}"
+    return f"{span(band)}: {band.kind} distortion {size} above noise; {advice}"

@@ -188,6 +188,92 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
     ValueError
         The band contains no line.
     """
+    lines = experiment_lines(records, band=band)
+    chosen, first, n_u = lines.excited, lines.first, len(lines.first.inputs)
+    us, ys = ([x[..., chosen] for x in xs] for xs in (lines.us, lines.ys))  # each (P, channels, F)
+    mean_u, mean_y, weight = means_of(us), means_of(ys), lines.weight
+    spread = np.linalg.inv((mean_u * weight) @ adjoint(mean_u))
+    g = (mean_y * weight) @ adjoint(mean_u) @ spread
+    n_e = len(us)
+    if n_e > n_u:
+        cov_y, dof = scatter_over_experiments(mean_y - g @ mean_u, weight, n_u), n_e - n_u
+    else:
+        cov_y, dof = scatter_over_periods(us, ys, g)
+    return MimoFrf(
+        line=np.flatnonzero(chosen),
+        f_hz=lines.f_hz[chosen],
+        g=g,
+        cov_y=cov_y,
+        spread=spread,
+        dof=float(dof),
+        source="experiments" if n_e > n_u else "periods",
+        n_experiments=n_e,
+        n_periods=int(weight.sum()),
+        fs_hz=first.fs_hz,
+        period_samples=lines.n_period,
+        inputs=first.inputs,
+        outputs=first.outputs,
+        hold=first.hold,
+        u_units=first.u_units,
+        y_units=first.y_units,
+        masked_hz=lines.masked_hz,
+    )
+
+
+@dataclass(frozen=True)
+class ExperimentLines:
+    """Lines of several experiments with the same inputs, outputs and period.
+
+    Attributes
+    ----------
+    first : MimoRecord
+    us, ys : list of (P_e, channels, K) complex ndarrays
+        Lines 0 .. N/2 of each good period of each experiment.
+    n_period : int
+    f_hz : (K,) [Hz]
+    excited : (K,) bool
+        Lines of the band that are used: each input is excited in some experiment, and they are separated.
+    free : (K,) bool
+        Lines between the first and the last of these at which no experiment excites an input.
+    masked_hz : (R,) [Hz]
+        Excited lines that are not used.
+    """
+
+    first: MimoRecord
+    us: list[np.ndarray]
+    ys: list[np.ndarray]
+    n_period: int
+    f_hz: np.ndarray
+    excited: np.ndarray
+    free: np.ndarray
+    masked_hz: np.ndarray
+
+    @property
+    def weight(self) -> np.ndarray:
+        """(E,) good periods of each experiment."""
+        return np.array([len(u) for u in self.us], dtype=float)
+
+
+def experiment_lines(
+    records: MimoRecord | Sequence[MimoRecord], *, band: tuple[float, float] | None = None
+) -> ExperimentLines:
+    """Compute the lines of several experiments, and find those that are excited.
+
+    Parameters
+    ----------
+    records : sequence of MimoRecord
+    band : (lo, hi), optional
+        Hz.
+
+    Returns
+    -------
+    ExperimentLines
+
+    Raises
+    ------
+    InputError, ValueError
+        As `frf_mimo`.
+    """
     records = [records] if isinstance(records, MimoRecord) else list(records)
     if not records:
         raise ValueError("no record to estimate a matrix of responses from")
@@ -206,40 +292,19 @@ def frf_mimo(records: Sequence[MimoRecord], *, band: tuple[float, float] | None 
             "no line is excited at every input", first.name, None, "excite all inputs on one grid"
         )
     chosen[chosen] = in_band(f_hz[chosen], band)
-    us, ys = ([part[i][..., chosen] for part in parts] for i in (0, 1))  # each (P, channels, F)
-    mean_u, mean_y = (np.stack([x.mean(axis=0) for x in xs], axis=-1).swapaxes(0, 1) for xs in (us, ys))
-    weight = np.array([len(u) for u in us], dtype=float)
-    usable = _separable(mean_u, f_hz[chosen], first.name)
+    us, ys = [part[0] for part in parts], [part[1] for part in parts]
+    usable = _separable(means_of([u[..., chosen] for u in us]), f_hz[chosen], first.name)
     masked_hz = f_hz[chosen][~usable]
     chosen[chosen] = usable
-    mean_u, mean_y = mean_u[usable], mean_y[usable]
-    us, ys = ([x[..., usable] for x in xs] for xs in (us, ys))
-    spread = np.linalg.inv((mean_u * weight) @ _adjoint(mean_u))
-    g = (mean_y * weight) @ _adjoint(mean_u) @ spread
-    error_of_mean = mean_y - g @ mean_u
-    if n_e > n_u:
-        cov_y, dof = (error_of_mean * weight) @ _adjoint(error_of_mean) / (n_e - n_u), n_e - n_u
-    else:
-        cov_y, dof = _scatter_over_periods(us, ys, g)
-    return MimoFrf(
-        line=np.flatnonzero(chosen),
-        f_hz=f_hz[chosen],
-        g=g,
-        cov_y=cov_y,
-        spread=spread,
-        dof=float(dof),
-        source="experiments" if n_e > n_u else "periods",
-        n_experiments=n_e,
-        n_periods=int(weight.sum()),
-        fs_hz=first.fs_hz,
-        period_samples=n_period,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        hold=first.hold,
-        u_units=first.u_units,
-        y_units=first.y_units,
-        masked_hz=masked_hz,
-    )
+    free = ~np.logical_or.reduce([any_excited(part, n_period) for part in parts])
+    inside = np.flatnonzero(chosen)[[0, -1]]
+    free[: inside[0]] = free[inside[1] :] = False
+    return ExperimentLines(first, us, ys, n_period, f_hz, chosen, free, masked_hz)
+
+
+def means_of(parts: list[np.ndarray]) -> np.ndarray:
+    """Means over the periods of each experiment, (F, channels, E), of E arrays (P_e, channels, F)."""
+    return np.stack([x.mean(axis=0) for x in parts], axis=-1).swapaxes(0, 1)
 
 
 def channel_lines(record: MimoRecord) -> tuple[np.ndarray, np.ndarray, int]:
@@ -324,15 +389,25 @@ def _separable(u: np.ndarray, f_hz: np.ndarray, name: str) -> np.ndarray:
     return usable
 
 
-def _scatter_over_periods(us: list, ys: list, g: np.ndarray) -> tuple[np.ndarray, int]:
+def scatter_over_experiments(error: np.ndarray, weight: np.ndarray, n_u: int) -> np.ndarray:
+    """Covariance of the error of one period from the errors (F, n_y, E) of the means over E experiments.
+
+    A matrix of responses to n_u inputs was estimated from the same experiments.
+    """
+    return (error * weight) @ adjoint(error) / (len(weight) - n_u)
+
+
+def scatter_over_periods(us: list[np.ndarray], ys: list[np.ndarray], g: np.ndarray) -> tuple[np.ndarray, int]:
+    """Covariance (F, n_y, n_y) of the error Y - G U of one period, and its degrees of freedom."""
     total, dof = 0, 0
     for u, y in zip(us, ys, strict=True):
         error = np.moveaxis(y, 0, -1).swapaxes(0, 1) - g @ np.moveaxis(u, 0, -1).swapaxes(0, 1)  # (F, n_y, P)
         error = error - error.mean(axis=-1, keepdims=True)
-        total = total + error @ _adjoint(error)
+        total = total + error @ adjoint(error)
         dof += error.shape[-1] - 1
     return total / dof, dof
 
 
-def _adjoint(matrix: np.ndarray) -> np.ndarray:
+def adjoint(matrix: np.ndarray) -> np.ndarray:
+    """Conjugate transpose of each of (..., n, m) matrices."""
     return matrix.conj().swapaxes(-1, -2)
