@@ -30,8 +30,11 @@ def fit(effect, per_dof, kept=None, records=4, periods=8, **changes):
     return Simulated((effect,) if effect else (), of_plant, kept=per_dof if kept is None else kept, **facts)
 
 
-def decision(best, *others, null=100.0, beaten_by=(), all_linear=True):
-    return decide(Evidence(fit("", null), [best, *others], beaten_by, DEFAULTS, (), all_linear))
+def decision(best, *others, null=100.0, beaten_by=(), all_linear=True, left=()):
+    evidence = Evidence(
+        fit("", null), [best, *others], beaten_by, DEFAULTS, (), all_linear, what_is_left=lambda _: dict(left)
+    )
+    return decide(evidence)
 
 
 RIVAL = fit(OTHER_FAMILY, 60.0)
@@ -295,3 +298,15 @@ def test_a_linear_effect_has_to_explain_nearly_all():
     found = decision(fit("sensor_lag", 2.0), RIVAL)
     required = "A linear effect has to explain 99.5 % of the misfit on held-out data"
     assert found.reasons == (f"{required}; the best one explains 99.05 %.",)
+
+
+@pytest.mark.parametrize(("p_value", "verdict"), [(0.0009, "nearest_effect"), (0.0011, "missing_effect")])
+def test_a_law_whose_rest_depends_on_a_coordinate_is_the_nearest(p_value, verdict):
+    """Its cost is that of noise, which is a weak statement of thousands of numbers."""
+    found = decision(fit(LAW, 1.0), RIVAL, left={"the rate": p_value, "the angle": 1.0})
+    assert found.verdict == verdict
+    assert found.reasons == () or "depends on the rate (p = 0.0009)" in found.reasons[0]
+
+
+def test_where_more_than_noise_is_left_its_coordinates_are_not_asked_for():
+    assert decision(fit(LAW, 2.0), RIVAL, left={"the rate": 0.0}).verdict == "missing_effect"

@@ -31,8 +31,8 @@ class Basis:
     converged : bool
         Whether its fit has converged.
     beaten, taken_over : bool
-        Whether a law from outside the catalogue explains more, and whether a free function explains much of
-        what it leaves.
+        Whether a law from outside the catalogue explains more, or what it leaves depends on a coordinate; and
+        whether a free function explains much of what it leaves.
     """
 
     effects: tuple[str, ...]
@@ -65,7 +65,7 @@ def basis_of(evidence: Evidence) -> Basis:
         scatter_error=best.scatter_error,
         adequate=evidence.is_adequate(best),
         converged=best.converged or best.stalled,
-        beaten=bool(evidence.beaten_by),
+        beaten=bool(evidence.beaten_by or evidence.depends_on(best)),
         taken_over=bool(evidence.taken_over_by),
     )
 

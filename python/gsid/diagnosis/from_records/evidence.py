@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gsid.diagnosis.from_records.confirm import Simulated
 from gsid.diagnosis.from_records.draft import is_linear
 from gsid.diagnosis.from_records.model_error import weighed
 from gsid.diagnosis.from_records.settings import DecisionSettings
+from gsid.diagnosis.from_records.what_is_left import what_is_left
 from gsid.diagnosis.missing_torque.catalogue import family
 from gsid.effects.types import find
+from gsid.greybox.fit import PlantFit
 
 # Families of laws that a linear effect does the work of, where the amplitudes do not differ enough.
 COUNTERPARTS = {"damping": ("drag", "dry friction"), "spring": ("position",)}
@@ -34,6 +36,8 @@ class Evidence:
         Free functions that explained most of what the best law left in the first stage.
     all_linear : bool
         Whether a linear effect may be missing and all of them were tried: else one may stand for another.
+    what_is_left : callable
+        p-values of what a fit leaves, by coordinate.
     """
 
     null: Simulated
@@ -42,6 +46,7 @@ class Evidence:
     settings: DecisionSettings
     taken_over_by: tuple[str, ...] = ()
     all_linear: bool = True
+    what_is_left: Callable[[PlantFit], Mapping[str, float]] = what_is_left
 
     @property
     def has_model_error(self) -> bool:
@@ -96,6 +101,16 @@ class Evidence:
         """
         small = one.fit.cost_per_dof <= self.settings.adequate
         return not self.has_model_error and (self.excess(one) == 0 or small)
+
+    def depends_on(self, one: Simulated) -> dict[str, float]:
+        """Coordinates that what a fit leaves depends on, with p-values, though its cost is that of noise.
+
+        Parameters
+        ----------
+        one : Simulated
+        """
+        found = self.what_is_left(one.fit) if self.is_adequate(one) else {}
+        return {name: p_value for name, p_value in found.items() if p_value < self.settings.p_left}
 
     def is_nothing_missing(self) -> bool:
         """Whether the linear part alone leaves only noise, and no law lowers its cost by more than chance.

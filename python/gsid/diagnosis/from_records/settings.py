@@ -80,6 +80,9 @@ class DecisionSettings:
     p_least : float
         p-value of what the linear part leaves, below which something is missing though no law explains it. A
         structure that was selected from the data leaves a little more than noise.
+    p_left : float
+        p-value below which what a law leaves depends on a coordinate, though its cost is that of noise: one
+        of a thousand right laws is then the nearest instead of named.
     adequate : float
         Cost per degree of freedom up to which only noise is left, set on the development trials. The noise is
         estimated from few periods, so that a complete model may leave more than 1.
@@ -155,6 +158,7 @@ class DecisionSettings:
     unsettled: float = 1e-3
     hopeless: float = 0.25
     p_least: float = 1e-4
+    p_left: float = 1e-3
     adequate: float = 1.15
     null_gain: float = 25.0
     null_cost: float = 1.1

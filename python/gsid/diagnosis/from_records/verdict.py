@@ -143,4 +143,10 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     clear = evidence.null.fit.cost_per_dof >= settings.clear_misfit
     if len(best.fit.records) == 1 and n_periods < settings.periods_least and not clear:
         reasons.append(too_short(n_periods, settings.periods_least))
+    if not reasons:
+        reasons += [
+            f"What the best law leaves depends on {name} (p = {p_value:.1g}): the law is another one,"
+            " or a second effect is missing."
+            for name, p_value in evidence.depends_on(best).items()
+        ]
     return reasons

@@ -98,9 +98,9 @@ def _motions_of(problem: Problem, best: Candidate) -> list[Motion]:
 def _of_motion(problem: Problem, best: Candidate, moved: Sequence[Motion]) -> dict[str, np.ndarray]:
     n, few = problem.settings.free_functions, problem.settings.free_functions // 2
     own = len(moved) if not problem.has_mean_angle(best.fit.part) else 0
-    along = _smooth([m.angle for m in moved], n)
-    fewer = _smooth([m.angle for m in moved], few)
-    over_rate = _smooth([m.rate for m in moved], n)
+    along = smooth([m.angle for m in moved], n)
+    fewer = smooth([m.angle for m in moved], few)
+    over_rate = smooth([m.rate for m in moved], n)
     kinds: dict[str, tuple[Signals, int]] = {}
     if best.family == "position":
         kinds["the angle"] = lambda m: along(m.angle), own
@@ -125,8 +125,20 @@ def _waves(angle: np.ndarray, cycles: float) -> np.ndarray:
     return np.vstack([wave(h * cycles * angle) for h in HARMONICS for wave in (np.cos, np.sin)])
 
 
-def _smooth(signals: Sequence[np.ndarray], n: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Cubic splines (n, ...) over the range of signals."""
+def smooth(signals: Sequence[np.ndarray], n: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Cubic splines over the range of signals.
+
+    Parameters
+    ----------
+    signals : sequence of ndarray
+    n : int
+        Number of splines.
+
+    Returns
+    -------
+    callable
+        Of one signal, (n, ...).
+    """
     low, high = min(x.min() for x in signals), max(x.max() for x in signals)
     inner = np.linspace(low, high, n - 2)
     knots = np.concatenate([[low] * 3, inner, [high] * 3])
@@ -175,10 +187,10 @@ def _without_linear(signals: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def _of_command(problem: Problem, best: Candidate) -> np.ndarray:
-    smooth = _smooth([r.command for r in problem.records], problem.settings.free_functions)
+    over = smooth([r.command for r in problem.records], problem.settings.free_functions)
     entries = problem.responses(best.fit.part)
     answers = []
     for r in problem.records:
-        lines = rfft(smooth(r.command))[:, r.line] * (2 / len(r.command))
+        lines = rfft(over(r.command))[:, r.line] * (2 / len(r.command))
         answers.append(entries[r.group][0] * lines)
     return problem.whiten(answers).T

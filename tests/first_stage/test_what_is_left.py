@@ -1,0 +1,91 @@
+"""What a law leaves is tested against functions of angle, rate and command."""
+
+from types import SimpleNamespace
+
+import hard
+import numpy as np
+import pytest
+from from_records_study import family_of, record_of
+from scipy import stats
+
+import gsid
+from gsid.diagnosis.from_records.what_is_left import what_is_left
+from gsid.excitation.multisine import Multisine
+from gsid.greybox.fit import fit_plant
+from gsid.plant.effect import Effect, Param
+
+SEED, RUNS, N, PERIODS, FS_HZ = 20261124, 20, 600, 6, 1000.0
+LINEAR = {
+    "rigid_body": {"gain": 50.0},
+    "viscous_friction": {"rate": 11.0},
+    "cable_spring": {"stiffness": 170.0},
+}
+COULOMB = {"coulomb_friction": {"level": 60.0}}
+
+
+def plant(values):
+    effects = [
+        Effect(effect, {name: Param(value) for name, value in params.items()})
+        for effect, params in values.items()
+    ]
+    return gsid.PlantModel(FS_HZ, effects, y_unit="deg/s")
+
+
+def measured(truth, rng, levels=(1.0, 4.0)):
+    """Records of a plant at two levels, with white noise."""
+    records = []
+    for i, level in enumerate(levels):
+        u = Multisine.design(FS_HZ, N, (2, 100), rms=level, phases="random", seed=i).table()
+        y = np.tile(truth.simulate(u).y, PERIODS) + 0.05 * rng.standard_normal(PERIODS * N)
+        records.append(gsid.Record(np.tile(u, PERIODS), y, FS_HZ, N, 0, hold="zoh", y_unit="deg/s"))
+    return [gsid.spectra(one) for one in records]
+
+
+def p_values(truth, fitted, runs=RUNS):
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    fits = [fit_plant(fitted, measured(truth, rng)) for _ in range(runs)]
+    return [what_is_left(fit) for fit in fits]
+
+
+def test_noise_depends_on_no_coordinate():
+    """The three p-values are multiplied by three: below 0.3 in 10 % of the runs."""
+    truth = plant(LINEAR | COULOMB)
+    found = p_values(truth, truth)
+    assert set(found[0]) == {"the angle", "the rate", "the command"}
+    most = stats.binom.ppf(0.999, RUNS, 0.1)
+    for name in found[0]:
+        assert sum(one[name] < 0.3 for one in found) <= most, name
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        ({"cubic_spring": {"stiffness": 3000.0}}, "the angle"),
+        (COULOMB, "the rate"),
+        ({"drive_dead_zone": {"half_width": 0.5}}, "the command"),
+    ],
+)
+def test_what_a_law_adds_depends_on_its_coordinate(law, name):
+    (found,) = p_values(plant(LINEAR | law), plant(LINEAR), 1)
+    assert min(found, key=found.get) == name
+    assert found[name] < 1e-6
+
+
+def test_a_loop_and_play_are_not_tested():
+    backlash = SimpleNamespace(id="gear_backlash")
+    for model in (
+        SimpleNamespace(has_controller=True, effects=[]),
+        SimpleNamespace(has_controller=False, effects=[backlash]),
+    ):
+        assert what_is_left(SimpleNamespace(model=model)) == {}
+
+
+def test_a_quantized_drive_does_not_stand_for_friction():
+    """Bug: with the family of the friction taken out, drive_quantization was named: only noise was left."""
+    trial = hard.make_hard(92001, 3, "single")
+    assert [effect["id"] for effect in trial.key["effects"]] == ["presliding_friction"]
+    records = [record_of(u, y) for u, y in trial.records]
+    found = gsid.diagnose_records(records, without=family_of("presliding_friction"))
+    assert not found.named
+    assert any("depends on the rate" in reason for reason in found.reasons), found.reasons
