@@ -291,6 +291,7 @@ include tests/false_alarms/false_alarms.mk
 include tests/structure/structure.mk
 include tests/interrupted/interrupted.mk
 include tests/mutants/mutants.mk
+include tests/fleet/fleet.mk
 include firmware_examples/firmware.mk
 
 # Hardening that some systems' compilers add would bring symbols into the core that are not of its own making.

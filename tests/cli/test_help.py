@@ -32,6 +32,8 @@ def test_help(gsid, snapshot):
         "compare-methods",
     ):
         snapshot(f"help_design_{kind}", gsid("design", kind, "--help").out)
+    for kind in ("run", "merge", "clean"):
+        snapshot(f"help_fleet_{kind}", gsid("fleet", kind, "--help").out)
     assert gsid("-h").out == gsid("--help").out
 
 

@@ -11,6 +11,15 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+N_THREADS = "GSID_THREADS"  # environment variable: most threads, where processes share the cores
+
+
+def n_cores() -> int:
+    """Usable cores, at least one."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, usable or 1)
+
+
 def n_threads(n_jobs: int) -> int:
     """Threads for some jobs: at most one for each usable core, at least one.
 
@@ -18,8 +27,9 @@ def n_threads(n_jobs: int) -> int:
     ----------
     n_jobs : int
     """
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(usable or 1, n_jobs))
+    given = os.environ.get(N_THREADS, "")
+    most = int(given) if given.isdecimal() else n_cores()
+    return max(1, min(most, n_jobs))
 
 
 def in_parallel(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:

@@ -40,6 +40,7 @@ VERBS = {
     "add": "Add an effect to a model and report how much the error falls.",
     "export-c": "Write a model as C for firmware.",
     "next": "Propose the next excitation, from what was measured.",
+    "fleet": "Run one recipe over many units, and compare the units.",
     "report": "Write a report as one HTML page.",
     "open": "Copy files into a study, the folder of -C DIR.",
     "script": "Write the script that repeats a study, in Python or as commands.",
