@@ -7,13 +7,16 @@
 #include "gsid/host/axis.h"
 #include "gsid/host/batch.h"
 #include "gsid/host/build_info.h"
+#include "gsid/host/compare.h"
 #include "gsid/host/fit.h"
 #include "gsid/host/greybox.h"
 #include "gsid/host/law_columns.h"
 #include "gsid/host/mimo.h"
+#include "gsid/host/misfit.h"
 #include "gsid/host/optimise_excitation.h"
 #include "gsid/host/pool.h"
 #include "gsid/host/structure.h"
+#include "gsid/host/tail.h"
 #include "gsid/host/transform.h"
 
 #ifdef GSID_SINGLE

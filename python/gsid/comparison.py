@@ -13,14 +13,15 @@ instead.
 
 from __future__ import annotations
 
-import itertools
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsid._lib import check, ffi, lib
 from gsid.base.bands import in_band
 from gsid.base.hold import fit_readings, likelier
 from gsid.base.plottable import Plottable
@@ -28,7 +29,7 @@ from gsid.base.tables import Table, paragraphs
 from gsid.greybox.problem import least_size
 from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import lines_used
-from gsid.models.misfit import Errors, misfit
+from gsid.models.misfit import Errors
 from gsid.models.rational import half_of
 from gsid.models.sample_rate import at_rate_of
 from gsid.plant.model import PlantModel, transport_delay_s
@@ -44,11 +45,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-KINDS = ("excited", "odd", "even")
-
-# Neighbouring bands are merged if their mean excess per line differs by no more than this factor. Chosen: it
-# affects only the list of bands, not the tests.
-ALIKE = 10.0
+KINDS = ("excited", "odd", "even")  # in the order of gsid_line_kind
 
 
 @dataclass(eq=False, repr=False)
@@ -60,7 +57,9 @@ class Comparison(Plottable):
     adequate : bool
         True if the test of the whole band does not reject the model at level `alpha`.
     p_value : float
-        Probability of a misfit this large or larger if the model is correct.
+        Probability of a misfit this large or larger if the model is correct; 0 below 1e-323.
+    log10_p_value : float
+        Decimal logarithm of that probability, which remains finite.
     alpha : float
         False-alarm rate of the test.
     cost_per_dof : float
@@ -73,8 +72,8 @@ class Comparison(Plottable):
         no covariance and is treated as exact. "fitted": the model was fitted to these records.
     where : list of dict
         Bands in which the model fails, sorted by share of the excess: f_lo_hz, f_hi_hz, lines ("excited",
-        "odd", "even"), share (of the excess cost), p_value (of the band, corrected for the number of bands),
-        db (error over response of the whole band).
+        "odd", "even"), share (of the excess cost), p_value and log10_p_value (of the band, corrected for the
+        number of bands), db (error over response of the whole band).
     line, f_hz, kind : (k,) ndarrays
         Line number, frequency [Hz], and kind of the line: "excited", or the detection lines "odd" and "even".
     error, y : (k,) complex ndarrays
@@ -106,6 +105,7 @@ class Comparison(Plottable):
 
     adequate: bool
     p_value: float
+    log10_p_value: float
     alpha: float
     cost_per_dof: float
     rms_error: float
@@ -149,7 +149,8 @@ class Comparison(Plottable):
             rate = f"p = {self.p_value:.2g} at a false-alarm rate of {self.alpha:g}"
             return f"Adequate: only noise remains ({size}; {rate})."
         if not self.where:
-            return f"Not adequate: {size}; the excess is spread over the whole band (p = {self.p_value:.2g})."
+            p = f"p = {self.p_value:.2g}" if self.p_value > 0 else f"p = 1e{self.log10_p_value:.0f}"
+            return f"Not adequate: {size}; the excess is spread over the whole band ({p})."
         worst = self.where[0]
         lines = "excited lines" if worst["lines"] == "excited" else f"{worst['lines']} detection lines"
         band = f"{worst['f_lo_hz']:.3g} to {worst['f_hi_hz']:.3g} Hz"
@@ -161,6 +162,7 @@ class Comparison(Plottable):
         keys = (
             "adequate",
             "p_value",
+            "log10_p_value",
             "alpha",
             "cost_per_dof",
             "rms_error",
@@ -210,15 +212,6 @@ class _Lines:
     kind: np.ndarray
     y: np.ndarray
     errors: Errors
-
-    @property
-    def power(self) -> np.ndarray:
-        """Factor from a line's |amplitude|^2 to its share of the mean square."""
-        return np.where(self.line == 0, 1.0, 0.5)
-
-    def mean_square(self, squares: np.ndarray) -> float:
-        """Mean square of a signal with these |amplitude|^2."""
-        return float(np.sum(self.power * squares))
 
 
 def compare(
@@ -350,28 +343,21 @@ def _compared(
     fitted: bool,
 ) -> Comparison:
     parts = [_lines(model, s, band, with_uncertainty=not fitted) for s in measured]
-    errors = Errors.joined([part.errors for part in parts])
-    found = misfit(errors)
-
-    n, n_fitted = len(errors), _n_parameters(model) if fitted else 0
-    p_value = found.p_value_of_fit(n_fitted)
-    left = _by_record(parts, found.left)
+    found, where, ratio = _tested(parts, alpha, _n_parameters(model) if fitted else 0)
+    ratios = np.split(ratio, np.cumsum([len(part.line) for part in parts])[:-1])
     shown = int(np.argmax([np.sum(np.abs(part.y) ** 2) for part in parts]))
     of = parts[shown]
-
-    def rms(name: str) -> float:
-        return float(np.sqrt(np.mean([part.mean_square(getattr(part.errors, name)) for part in parts])))
-
     return Comparison(
-        adequate=p_value >= alpha,
-        p_value=p_value,
+        adequate=found.p_value >= alpha,
+        p_value=found.p_value,
+        log10_p_value=found.log_p_value / math.log(10),
         alpha=alpha,
-        cost_per_dof=(_mean_cost(left) + found.moved / (2 * n)) * 2 * n / max(2 * n - n_fitted, 1),
-        rms_error=rms("squares"),
-        noise_floor_rms=rms("var_mean"),
-        model_uncertainty_rms=rms("var_model"),
+        cost_per_dof=found.cost_per_dof,
+        rms_error=found.rms_error,
+        noise_floor_rms=found.noise_floor_rms,
+        model_uncertainty_rms=found.model_uncertainty_rms,
         model_uncertainty="fitted" if fitted else "included" if has_covariance(model) else "none",
-        where=_where(parts, errors, alpha),
+        where=where,
         line=of.line,
         f_hz=of.f_hz,
         kind=of.kind,
@@ -380,14 +366,52 @@ def _compared(
         sigma=np.sqrt(of.errors.var_mean + of.errors.var_model),
         sigma_model=np.sqrt(of.errors.var_model),
         n_dof=measured[shown].n_periods - 1,
-        cost=np.mean([one.t for one in left], axis=0) if _same_lines(parts) else left[shown].t,
+        cost=np.mean(ratios, axis=0) if _same_lines(parts) else ratios[shown],
         n_periods=sum(s.n_periods for s in measured),
         n_records=len(parts),
         y_unit=measured[0].y_unit,
         names=[s.name for s in measured],
-        deviance=_mean_cost(left) * 2 * n + found.moved,
+        deviance=found.deviance,
         hold=_common_hold(model, measured),
     )
+
+
+def _tested(parts: list[_Lines], alpha: float, n_fitted: int) -> tuple[Any, list[dict[str, Any]], np.ndarray]:
+    """Test of all lines, `gsid_comparison`; bands that fail; ratio of each line (CMP-1, CMP-2)."""
+    data, result = ffi.new("gsid_compare_data *"), ffi.new("gsid_comparison *")
+    lines, kept = Errors.joined([part.errors for part in parts]).as_c()
+    data.lines = lines[0]
+    data.n_records, data.n_fitted = len(parts), n_fitted
+    columns = {
+        "n_of": ("uint32_t *", np.array([len(part.line) for part in parts], np.uint32)),
+        "f_hz": ("double *", np.concatenate([part.f_hz for part in parts])),
+        "kind": ("uint8_t *", _numbers_of_kinds(np.concatenate([part.kind for part in parts]))),
+        "y": ("gsid_cplx *", np.concatenate([part.y for part in parts])),
+    }
+    for name, (kind, values) in columns.items():
+        kept.append(ffi.from_buffer(values))
+        setattr(data, name, ffi.cast(kind, kept[-1]))
+    n = lines.n_lines
+    bands, ratio = ffi.new("gsid_compare_band[]", n), np.empty(n)
+    status = lib.gsid_compare(data, alpha, n, bands, ffi.from_buffer("double[]", ratio), result)
+    check(status, "comparing a model with its measurement")
+    return result, [_band(bands[i]) for i in range(result.n_bands)], ratio
+
+
+def _numbers_of_kinds(kind: np.ndarray) -> np.ndarray:
+    return np.array([KINDS.index(name) for name in kind], np.uint8)
+
+
+def _band(band: Any) -> dict[str, Any]:
+    return {
+        "f_lo_hz": band.f_lo_hz,
+        "f_hi_hz": band.f_hi_hz,
+        "lines": KINDS[band.kind],
+        "share": band.share,
+        "p_value": band.p_value,
+        "log10_p_value": band.log_p_value / math.log(10),
+        "db": band.db,
+    }
 
 
 def _common_hold(model: RationalModel | PiecewiseModel | PlantModel, measured: list[Spectra]) -> str | None:
@@ -417,12 +441,6 @@ def has_covariance(model: RationalModel | PiecewiseModel | PlantModel) -> bool:
     else:
         covariances = [piece.cov for piece in getattr(model, "pieces", (model,))]
     return all(cov is not None and bool(np.all(np.isfinite(cov))) for cov in covariances)
-
-
-def _by_record(parts: list[_Lines], errors: Errors) -> list[Errors]:
-    """Split the joined errors into those of each record."""
-    ends = np.cumsum([len(part.line) for part in parts])
-    return [errors[end - len(part.line) : end] for part, end in zip(parts, ends, strict=True)]
 
 
 def _lines(
@@ -503,93 +521,3 @@ def _warn_of_undetermined(model: PlantModel) -> None:
     if found:
         text = "the fit does not determine %s for other records: the test allows a change by its own size"
         _log.warning(text, ", ".join(found))
-
-
-def _mean_cost(records: list[Errors]) -> float:
-    """Mean of T over its expectation nu / (nu - 1). With nu = 1, which has none, variances are averaged."""
-    total = 0.0
-    for one in records:
-        if one.dof[0] > 1:
-            total += float(np.mean(one.t / one.t_expected))
-        else:
-            total += float(np.sum(one.squares) / max(np.sum(one.var_mean), np.finfo(float).tiny))
-    return total / len(records)
-
-
-def _third_octaves(f_lo: float, f_hi: float) -> np.ndarray:
-    """Edges of third-octave bands that cover f_lo to f_hi."""
-    n = int(np.ceil(3 * np.log2(f_hi / f_lo) + 1e-9))
-    return f_lo * 2 ** (np.arange(n + 2) / 3) * 2 ** (-1 / 6)
-
-
-def _where(parts: list[_Lines], errors: Errors, alpha: float) -> list[dict[str, Any]]:
-    """Third-octave bands of each kind of line that fail at a joint level alpha (Holm).
-
-    Each band is tested alone with the full uncertainty of the model.
-    """
-    join = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("f_hz", "kind", "y")}
-    above = join["f_hz"][join["f_hz"] > 0]
-    edges = _third_octaves(above.min(), above.max()) if len(above) else np.array([np.inf])
-    edges = np.insert(edges, 0, 0.0)  # line 0, if used, is a band of its own
-    cells = []
-    for kind in KINDS:
-        for lo, hi in itertools.pairwise(edges):
-            lines = (join["kind"] == kind) & (join["f_hz"] >= lo) & (join["f_hz"] < hi)
-            if np.any(lines):
-                found = misfit(errors[lines])
-                excess = float(np.sum(found.left.t - found.left.t_expected)) + found.moved / 2
-                cells.append(
-                    {
-                        "kind": kind,
-                        "index": len(cells),
-                        "lines": lines,
-                        "p": found.p_value,
-                        "excess": excess,
-                        "density": max(excess / np.count_nonzero(lines), np.finfo(float).tiny),
-                    }
-                )
-    failing = _holm(cells, alpha)
-    total = float(sum(max(cell["excess"], 0.0) for cell in cells))
-    bands = [_band(group, join, errors, total) for group in _joined(failing)]
-    return sorted(bands, key=lambda band: -band["share"])
-
-
-def _holm(cells: list[dict[str, Any]], alpha: float) -> list[dict[str, Any]]:
-    """Cells rejected by Holm's step-down procedure, with their corrected p, in the given order."""
-    corrected = 0.0
-    for rank, cell in enumerate(sorted(cells, key=lambda cell: cell["p"])):
-        corrected = max(corrected, min(1.0, cell["p"] * (len(cells) - rank)))
-        cell["p_corrected"] = corrected
-    return [cell for cell in cells if cell["p_corrected"] < alpha]
-
-
-def _joined(cells: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Group neighbouring cells of one kind with similar excess per line."""
-    groups: list[list[dict[str, Any]]] = []
-    for cell in cells:
-        group = groups[-1] if groups else None
-        if group and group[-1]["kind"] == cell["kind"] and group[-1]["index"] + 1 == cell["index"]:
-            densities = [member["density"] for member in group] + [cell["density"]]
-            if max(densities) <= ALIKE * min(densities):
-                group.append(cell)
-                continue
-        groups.append([cell])
-    return groups
-
-
-def _band(
-    group: list[dict[str, Any]], join: dict[str, np.ndarray], errors: Errors, total: float
-) -> dict[str, Any]:
-    lines = np.any([cell["lines"] for cell in group], axis=0)
-    f = join["f_hz"][lines]
-    nearby = (join["f_hz"] >= f.min()) & (join["f_hz"] <= f.max())
-    response = float(np.sum(np.abs(join["y"][nearby]) ** 2))
-    error = float(np.sum(errors.squares[lines]))
-    return {
-        "f_lo_hz": float(f.min()),
-        "f_hi_hz": float(f.max()),
-        "lines": group[0]["kind"],
-        "share": sum(cell["excess"] for cell in group) / total if total > 0 else 0.0,
-        "p_value": min(cell["p_corrected"] for cell in group),
-        "db": 10 * float(np.log10(max(error, 1e-300) / max(response, 1e-300))),
-    }

@@ -34,6 +34,7 @@ import numpy as np
 import gsid
 from gsid import effects
 from gsid.base.errors import GsidError
+from gsid.comparison import compare
 from gsid.diagnosis.missing_torque.stage import first_stage
 from gsid.excitation.generators import Prbs, SteppedSine, Sweep
 from gsid.excitation.limits import optimise
@@ -42,6 +43,7 @@ from gsid.excitation.periodic import Limits
 from gsid.fitting.mimo import fit_mimo
 from gsid.fitting.rational import fit
 from gsid.greybox.fit import fit_plant
+from gsid.models.misfit import Errors, misfit
 from gsid.models.rational import RationalModel
 from gsid.plant.model import PlantModel
 from gsid.records.record import Record
@@ -53,6 +55,7 @@ from gsid.response.mimo import frf_mimo
 from gsid.response.streaming import StreamingFrf
 from gsid.rig.axis import SimulatedAxis
 from gsid.rig.frames import Receiver, encode, frames
+from gsid.spectrum.line_test import exponential_score
 from gsid.structure.start import start
 
 FS_HZ, N_THREADS, N_ROUNDS = 1000.0, 4, 2
@@ -107,6 +110,24 @@ def phases_of_command_and_travel():
 def rational(method, **how):
     model = fit(frf(record(400)), "2/1", method=method, **how)
     return model.num, model.den, model.delay_s
+
+
+def comparison():
+    found = compare(AXIS, [record(400, seed=seed) for seed in (1, 2)])
+    tail = library.ffi.new("gsid_tail *")
+    sides = []
+    for name, values in (("gamma", (3, 4)), ("chi2", (3, 4)), ("beta", (2, 3, 0.25, 0.75)), ("f", (1, 5, 4))):
+        getattr(library.lib, f"gsid_tail_{name}")(*map(float, values), tail)
+        sides += [tail.lower, tail.log_upper]
+    test = misfit_of(found)
+    return found.log10_p_value, found.cost, sides, test
+
+
+def misfit_of(found):
+    n, variance = len(found.error), found.sigma**2
+    columns = (np.full(n, 5.0), variance, np.arange(n) == 0, np.ones((n, 1), complex))
+    errors = Errors(found.error, variance, *columns)
+    return misfit(errors).p_value, exponential_score(errors.t, 5.0)
 
 
 def several_inputs():
@@ -227,8 +248,8 @@ def failures():
 JOBS = {
     job.__name__: job
     for job in (spectra_of_several_periods, a_long_period, phases, phases_of_command_and_travel,
-                several_inputs, linear_structure, missing_torque, stops, distorted, excitations, axis,
-                frames_there_and_back, responses, laws, versions, failures)
+                several_inputs, comparison, linear_structure, missing_torque, stops, distorted, excitations,
+                axis, frames_there_and_back, responses, laws, versions, failures)
 }  # fmt: skip
 for name in ("ls", "iwls", "ga", "nls", "log", "ml", "ml-io", "nls-output"):
     JOBS[f"rational {name}"] = lambda name=name: rational(name)

@@ -117,6 +117,14 @@ def test_half_a_sample_between_model_and_record_is_reported(caplog, model, hold,
     assert words is None or words in said[0]
 
 
+def test_a_p_value_that_underflows_is_not_a_bare_zero():
+    far = dataclasses.replace(MODEL, num=[1800.0])
+    found = compare(far, measured(np.random.default_rng(SEED), periods=40, noise=1e-4))
+    assert (found.p_value, found.where[0]["p_value"]) == (0, 0)
+    assert -1e5 < found.log10_p_value < found.where[0]["log10_p_value"] < -330
+    assert found.to_dict()["log10_p_value"] == found.log10_p_value
+
+
 def test_a_wrong_delay_is_rejected_where_it_matters():
     truth = RationalModel(MODEL.num, MODEL.den, MODEL.delay_s + 0.002)
     result = compare(MODEL, measured(np.random.default_rng(SEED), periods=6, truth=truth, noise=1e-3))

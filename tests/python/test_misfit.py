@@ -119,3 +119,14 @@ def test_the_pieces_of_a_set_deviate_apart():
     assert not np.any(d[F < 10, 4:])
     assert not np.any(d[F >= 10, :4])
     assert RationalModel([1.0], [1.0, 2.0]).deviations(F).shape == (len(F), 0)
+
+
+def test_a_p_value_that_underflows_has_its_logarithm():
+    """With known variances chi2 is a sum of squares: ln p is -chi2/2 and the terms of a Poisson sum."""
+    errors = errors_of(np.random.default_rng(SEED), 3, 0)
+    errors = dataclasses.replace(errors, error=200 * np.sqrt(errors.var_mean).astype(complex))
+    found = misfit(errors)
+    half = found.chi2 / 2
+    assert half == pytest.approx(3 * 200**2)
+    assert found.p_value == 0
+    assert found.log10_p_value == pytest.approx((np.log1p(half + half**2 / 2) - half) / np.log(10), rel=1e-12)

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsid.fitting.intervals import OF_NOISE_ONLY
 from gsid.models.fit_warning import FitWarning
-from gsid.models.misfit import Errors, Misfit, misfit
+from gsid.models.misfit import Errors, misfit
 from gsid.response.frf import error_variance
 from gsid.spectrum.pooling import for_weights
 
@@ -51,7 +51,7 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
         Probability of errors this large or larger if the model is correct.
     """
     errors = _errors_left(model, frf)
-    found = Misfit(errors, 0.0, 2.0 * len(errors))
+    found = misfit(errors)
     ratio = np.sum(errors.t / errors.t_expected) / (len(errors) - model.n_parameters / 2)
     return float(ratio), found.p_value_of_fit(model.n_parameters * _taken(float(frf.n_dof)))
 
@@ -124,7 +124,8 @@ def _errors_left(model: RationalModel, frf: Frf) -> Errors:
     if model.method in ("ml", "ml-io"):
         return errors
     # With a large covariance, a change of the parameters adds no cost.
-    return misfit(replace(errors, by_model=FREELY * model.deviations(frf.f_hz))).left
+    left = misfit(replace(errors, by_model=FREELY * model.deviations(frf.f_hz))).left
+    return replace(errors, error=left.error)
 
 
 def _variance_at(frf: Frf, g: np.ndarray) -> np.ndarray:

@@ -19,13 +19,14 @@ estimated variances, twice the sum of q of the remaining error replaces the firs
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
-from scipy import linalg, special
 
-from gsid.spectrum.line_test import exponential_score
+from gsid._lib import check, ffi, lib
 
 TINY = float(np.finfo(float).tiny)
 
@@ -91,15 +92,23 @@ class Errors:
         """(k,) mean of t if only noise remains; set to 1 for one degree of freedom, where it is infinite."""
         return np.where(self.dof > 1, 1 + 1 / np.maximum(self.dof - 1, 1), 1.0)
 
-    @property
-    def q(self) -> np.ndarray:
-        """(k,) transformed t, exponential with mean 1 if only noise remains."""
-        t, dof = self.t, self.dof
-        q = exponential_score(t, dof)
-        if np.any(self.real):
-            tail = special.fdtrc(1, np.minimum(dof[self.real], 1e9), t[self.real])
-            q[self.real] = -np.log(np.maximum(tail, TINY))
-        return q
+    def as_c(self) -> tuple[Any, list[Any]]:
+        """The lines as `gsid_misfit_lines`, and the memory they point to."""
+        columns = {
+            "error": ("gsid_cplx *", complex),
+            "variance": ("double *", float),
+            "dof": ("double *", float),
+            "var_weight": ("double *", float),
+            "is_real": ("uint8_t *", np.uint8),
+            "by_model": ("gsid_cplx *", complex),
+        }
+        values = (self.error, self.var_mean, self.dof, self.var_weight, self.real, self.by_model)
+        lines, kept = ffi.new("gsid_misfit_lines *"), []
+        for (name, (kind, dtype)), value in zip(columns.items(), values, strict=True):
+            kept.append(ffi.from_buffer(np.ascontiguousarray(value, dtype)))
+            setattr(lines, name, ffi.cast(kind, kept[-1]))
+        lines.n_lines, lines.n_directions = self.by_model.shape
+        return lines, kept
 
 
 @dataclass(frozen=True)
@@ -114,16 +123,14 @@ class Misfit:
         z'z: squared change of the model in units of its covariance.
     n_dof : float
         Mean of `chi2` for a correct model.
+    chi2 : float
+        Twice the sum of q, plus the squared change of the model.
     """
 
     left: Errors
     moved: float
     n_dof: float
-
-    @property
-    def chi2(self) -> float:
-        """Twice the sum of q, plus the squared change of the model."""
-        return 2 * float(np.sum(self.left.q)) + self.moved
+    chi2: float
 
     @property
     def p_value(self) -> float:
@@ -142,7 +149,18 @@ class Misfit:
         -------
         float
         """
-        return float(special.chdtrc(max(self.n_dof - n_parameters, 1), self.chi2))
+        return float(self._tail(n_parameters).upper)
+
+    @property
+    def log10_p_value(self) -> float:
+        """Decimal logarithm of `p_value`, which remains finite where that is 0."""
+        return float(self._tail(0).log_upper) / math.log(10)
+
+    def _tail(self, n_parameters: float) -> Any:
+        found = ffi.new("gsid_misfit *", {"n_dof": self.n_dof, "chi2": self.chi2})
+        tail = ffi.new("gsid_tail *")
+        check(lib.gsid_misfit_tail(found, n_parameters, tail), "testing errors")
+        return tail
 
 
 def misfit(errors: Errors) -> Misfit:
@@ -156,20 +174,8 @@ def misfit(errors: Errors) -> Misfit:
     -------
     Misfit
     """
-    n, p = errors.by_model.shape
-    if p == 0:
-        return Misfit(errors, 0.0, 2.0 * n)
-    # With negligible noise, z would be lost to rounding.
-    least = max(1e-20 * float(np.max(np.abs(errors.by_model))) ** 2, TINY)
-    weight = np.sqrt(np.where(errors.real, 1, 2) / np.maximum(errors.var_weight, least))
-    # Least squares of (a; 1) z = (e; 0), both whitened, real parts above imaginary parts.
-    whitened = np.column_stack([errors.by_model, errors.error]) * weight[:, None]
-    rows = np.concatenate([whitened.real, np.where(errors.real[:, None], 0.0, whitened.imag)])
-    q, r = np.linalg.qr(np.concatenate([rows[:, :p], np.eye(p)]))
-    q = q[: 2 * n]
-    z = linalg.solve_triangular(r, q.T @ rows[:, p])
-    left = replace(errors, error=errors.error - errors.by_model @ z)
-    # The change of the model removes a share h of the variance of a line. This lowers the mean of 2 q by
-    # h nu/(nu + 1). The mean of z'z is the sum of h.
-    taken = np.sum(q**2, axis=1).reshape(2, n).sum(axis=0)
-    return Misfit(left, float(z @ z), 2.0 * n + float(np.sum(taken / (errors.dof + 1))))
+    lines, _kept = errors.as_c()
+    left, found = np.empty(len(errors), complex), ffi.new("gsid_misfit *")
+    rest = ffi.cast("gsid_cplx *", ffi.from_buffer(left))
+    check(lib.gsid_misfit_test(lines, rest, ffi.NULL, found), "testing errors")
+    return Misfit(replace(errors, error=left), found.moved, found.n_dof, found.chi2)
