@@ -2,13 +2,15 @@
 
 import dataclasses
 import html.parser
+import importlib
 
 import pytest
 from matplotlib.axes import Axes
 from plants import axis_record, plant
 
 import gsid
-from gsid.base.plottable import Plottable, figure_of
+from gsid import plots
+from gsid.base.plottable import Plottable
 from gsid.excitation.multisine import Multisine
 
 pytestmark = pytest.mark.xdist_group("notebook")  # the module's fixture is made once
@@ -121,7 +123,18 @@ def test_a_record_without_a_period_has_a_picture_without_lines(records):
 
 
 def test_every_type_with_a_figure_has_html():
-    for kind in figure_of.registry:
-        if kind is not object:
-            assert issubclass(kind, Plottable)
-            assert callable(kind._repr_html_)
+    for place in plots.DRAWINGS:
+        module, _, name = place.rpartition(".")
+        kind = getattr(importlib.import_module(module), name)
+        assert f"{kind.__module__}.{kind.__qualname__}" == place  # as `plot()` looks for it
+        assert issubclass(kind, Plottable)
+        assert callable(kind._repr_html_)
+
+
+def test_every_drawing_function_is_found_and_no_other():
+    for name in (*plots.__all__, *plots.DRAWINGS.values()):
+        assert getattr(plots, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'comparisons'"):
+        plots.comparisons  # noqa: B018
+    with pytest.raises(TypeError, match="a Plottable cannot be plotted"):
+        Plottable().plot()

@@ -1,8 +1,7 @@
-"""Method `plot()` of results. A separate module registers a drawing function for each type."""
+"""Method `plot()` of results. A separate module names the drawing function of each type."""
 
 from __future__ import annotations
 
-import functools
 import html
 import importlib
 from typing import TYPE_CHECKING, Any
@@ -11,32 +10,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@functools.singledispatch
-def figure_of(drawn: object, *args: Any, **options: Any) -> Figure:
-    """Draw an object by the function that is registered for its type.
-
-    Parameters
-    ----------
-    drawn : object
-    *args, **options
-        Arguments of the drawing function of its type.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    TypeError
-        No drawing function is registered for this type.
-    """
-    raise TypeError(f"a {type(drawn).__name__} cannot be plotted")
-
-
 class Plottable:
     """A result with a figure. A notebook shows its text, unless it has a table of its own."""
 
-    drawn_by = ""  # module that registers the drawing functions, imported on demand; set by `gsid`
+    drawn_by = ""  # module with the names of the drawing functions, imported on demand; set by `gsid`
 
     def plot(self) -> Figure:
         """Draw the result. The functions of `gsid.plots` describe each figure.
@@ -52,5 +29,16 @@ class Plottable:
         return f"<pre>{html.escape(repr(self))}</pre>"
 
     def _figure(self, *args: Any, **options: Any) -> Figure:
-        importlib.import_module(self.drawn_by)
-        return figure_of(self, *args, **options)
+        """Draw it by the function of its type, else of the nearest type that it is derived from.
+
+        Raises
+        ------
+        TypeError
+            No drawing function is named for this type.
+        """
+        module = importlib.import_module(self.drawn_by)
+        for one in type(self).__mro__:
+            name = module.DRAWINGS.get(f"{one.__module__}.{one.__qualname__}")
+            if name is not None:
+                return getattr(module, name)(self, *args, **options)
+        raise TypeError(f"a {type(self).__name__} cannot be plotted")

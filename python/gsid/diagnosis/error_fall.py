@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from gsid.greybox.weights import lines_used
 from gsid.plant.model import PlantModel
@@ -92,4 +92,4 @@ def p_value_of_sum(fall: np.ndarray, variance: np.ndarray, dof: np.ndarray) -> f
     total = float(np.sum(variance))
     if not total > 0:
         return 0.0 if np.sum(fall) > 0 else 1.0
-    return float(student.sf(np.sum(fall) / np.sqrt(total), total**2 / np.sum(variance**2 / dof)))
+    return float(stdtr(total**2 / np.sum(variance**2 / dof), -np.sum(fall) / np.sqrt(total)))

@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, combine_pvalues
-from scipy.stats import f as f_distribution
+from scipy.special import chdtrc, fdtrc, fdtri, gammaincinv
 
 from gsid.base.plottable import Plottable
 
@@ -178,13 +177,13 @@ class Distortion(Plottable):
         m = self.n_realisations
         nu_noise = 2 * (self.n_periods - m)
         tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
-        noise = self.var_noise * nu_noise / chi2.ppf(tails, nu_noise)
+        noise = self.var_noise * nu_noise / (2 * gammaincinv(nu_noise / 2, tails))
         if m < 2:
             return {"std_noise": np.sqrt(noise), "std_nonlinear": np.full((2, len(self.line)), np.nan)}
         nu_total = 2 / (1 / (m - 1) + excess_kurtosis(self.responses) / m)
-        ratio = f_distribution.ppf(tails, nu_total, nu_noise)
+        ratio = fdtri(nu_total, nu_noise, tails)
         above = self.var_total - ratio * self.var_noise
-        nonlinear = m * np.maximum(above, 0) * nu_total / chi2.ppf(tails, nu_total)
+        nonlinear = m * np.maximum(above, 0) * nu_total / (2 * gammaincinv(nu_total / 2, tails))
         return {"std_noise": np.sqrt(noise), "std_nonlinear": np.sqrt(nonlinear)}
 
     def __repr__(self) -> str:
@@ -275,7 +274,9 @@ class LinePower:
         if not within.any():
             return -np.inf
         power, noise = self.power[within], self.noise[within]
-        if combine_pvalues(f_distribution.sf(power / noise, *self.nu), "fisher").pvalue > alarm:
+        with np.errstate(divide="ignore"):
+            fisher = -2 * np.sum(np.log(fdtrc(*self.nu, power / noise)))
+        if chdtrc(2 * len(power), fisher) > alarm:
             return -np.inf
         return float(10 * np.log10(max(power.sum() / noise.sum() - 1, LEAST_RATIO)))
 

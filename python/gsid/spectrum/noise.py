@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from gsid.base.arguments import whole_samples
 from gsid.base.errors import InputError
@@ -107,7 +107,7 @@ class Noise(Plottable):
         if not 0 < level < 1:
             raise ValueError(f"the level must be between 0 and 1, not {level}")
         tails = np.array([[(1 + level) / 2], [(1 - level) / 2]])
-        return self.psd * self.n_dof / chi2.ppf(tails, self.n_dof)
+        return self.psd * self.n_dof / (2 * gammaincinv(self.n_dof / 2, tails))
 
     def line_variance(self, period_samples: int) -> np.ndarray:
         """Variance of a line of one period, for comparison with `Frf.var_y` and for planning.
