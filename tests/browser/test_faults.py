@@ -71,12 +71,15 @@ def test_an_error_of_the_server_is_shown(page):
     assert page.locator("#error").is_hidden()
 
 
-def test_a_job_that_stops_cannot_be_stopped_again(page):
+def test_a_job_that_stops_cannot_be_stopped_again_and_no_other_begins(page):
     messages_of(page)
     job = {"step": "fitting", "command": "gsid start", "verb": "start"}
+    begins = page.locator("[data-verb], [data-begins]")
     page.send_state(job=job | {"stopping": False})
     page.locator("#job-step").get_by_text("fitting").wait_for()
     assert page.locator("#stop").is_enabled()
+    assert begins.count() > 10
+    assert {one.get_attribute("aria-disabled") for one in begins.all()} == {"true"}
     page.send_state(job=job | {"stopping": True})
     page.locator("#job-step").get_by_text("stopping").wait_for()
     assert page.locator("#stop").is_disabled()

@@ -38,6 +38,7 @@ def test_a_file_that_is_no_record_is_an_error_in_words(page, tmp_path):
     (tmp_path / "notes.csv").write_text("this is not a record\n")
     open_file(page, tmp_path / "notes.csv")
     assert "error" in step(page, 1)
+    assert page.locator("#step-1").get_by_text("hint: available: this is not a record").is_visible()
     assert "failed" in page.locator("#step-1").get_attribute("class")
 
 

@@ -3,6 +3,7 @@ import { byId } from "./elements.js";
 import { fillForm, formValues } from "./live_form.js";
 import { clearPicture, drawFigures, newestOf } from "./live_picture.js";
 import { act, answerOf, post } from "./requests.js";
+import { isOff } from "./steps.js";
 
 const RETRY_MS = 300; // a reload or a short loss does not end the experiment
 const KEY = "gsid control"; // of this tab; a reload keeps it
@@ -139,6 +140,6 @@ async function start() {
 byId("experiment").addEventListener("toggle", () => byId("experiment").open && fillForm());
 byId("live-form").addEventListener("submit", (event) => {
   event.preventDefault();
-  act(start);
+  if (!isOff(event.target.querySelector("[type=submit]"))) act(start);
 });
 connect();

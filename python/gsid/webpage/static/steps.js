@@ -51,6 +51,7 @@ export function showWhatIsOff() {
     const off = Boolean(server.state.job) || !server.state.records.length || (needsModel && !server.state.models.length);
     one.setAttribute("aria-disabled", String(off));
   }
+  for (const one of document.querySelectorAll("button[data-begins]")) one.setAttribute("aria-disabled", String(Boolean(server.state.job)));
 }
 
 export function showModels() {
@@ -92,7 +93,7 @@ function showStep(step) {
   if (step.files.length) item.append(element("p", "Files: ", { className: "files" }));
   for (const name of step.files) item.lastElementChild.append(fileLink(name), " ");
   if (notes.length) {
-    const more = element("details");
+    const more = element("details", "", { open: step.failed }); // where and hint of an error
     more.append(element("summary", notes.length === 1 ? "1 note" : `${notes.length} notes`), ...notes.map((note) => element("p", note)));
     item.append(more);
   }
