@@ -234,16 +234,26 @@ def _kept_by_ctrl_c(counter: Counter) -> Iterator[None]:
 
 
 def _merged(folders: Sequence[str], output: str, fdr: float, as_json: bool) -> int:
-    """Merge, write the page, and print the summary."""
+    """Merge, test the units, write the page, and print the summary."""
+    from gsid.fleet.findings import find
+    from gsid.fleet.page import sentences, write_page
     from gsid.fleet.table import FAILED, MISSING, merge
 
     print_step("merging")
     merged = merge(folders, output)
+    found = find(output, fdr)
+    page = write_page(output, found, merged)
     if as_json:
-        print_json({"status": merged.status, "failed": dict(merged.failed)})
+        flags = {name: list(map(vars, getattr(found, name))) for name in ("drifted", "outliers")}
+        print_json(
+            {"status": merged.status, "failed": dict(merged.failed), "effects": found.n_missing} | flags
+        )
     else:
         for status, n in merged.status.items():
             print(f"{status}: {n}")
         for unit, why in merged.failed:
             print(f"failed: {unit}: {why}")
+        for text in sentences(found)[1:]:
+            print(text)
+    print_message(f"wrote {page}")
     return EXIT_CRITERION if merged.status[FAILED] or merged.status[MISSING] else EXIT_GOOD
