@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from gsid import effects as effects
     from gsid.comparison import Comparison as Comparison
     from gsid.comparison import compare as compare
+    from gsid.comparison_mimo import MimoComparison as MimoComparison
+    from gsid.comparison_mimo import compare_mimo as compare_mimo
     from gsid.diagnosis.add import Addition as Addition
     from gsid.diagnosis.add import add as add
     from gsid.diagnosis.from_records.diagnose import diagnose as diagnose
@@ -92,6 +94,7 @@ _HOME = {
     "Effect": "plant.effect",
     "Frf": "response.frf",
     "Ladder": "diagnosis.ladder",
+    "MimoComparison": "comparison_mimo",
     "MimoDistortion": "response.mimo_distortion",
     "MimoFrf": "response.mimo",
     "MimoModel": "models.mimo",
@@ -117,6 +120,7 @@ _HOME = {
     "TorqueResidual": "diagnosis.torque_residual",
     "add": "diagnosis.add",
     "compare": "comparison",
+    "compare_mimo": "comparison_mimo",
     "cut": "records.part",
     "diagnose": "diagnosis.from_records.diagnose",
     "diagnose_records": "diagnosis.from_records.diagnose",

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from gsid.models.rational import RationalModel
 from gsid.rig.gimbal import Gimbal
 
 pytestmark = pytest.mark.xdist_group("cli_gimbal")
@@ -52,6 +53,23 @@ def test_frf_is_the_matrix_of_the_gimbal(gsid, folder):
     assert len(lines) == 1 + 16 * len(d["f_hz"])
 
 
+def test_compare_tests_all_outputs_together(gsid, folder):
+    fit = ("fit", *records(folder)[:4], *CHANNELS, "--order", "7/6", "--delay", "none", "-o", "m.json")
+    assert gsid(*fit).code == 0
+    result = gsid("compare", *records(folder)[4:], *CHANNELS, "--model", "m.json", "--json")
+    assert result.code == 0, result.err
+    d = json.loads(result.out)
+    assert [one["name"] for one in d["outputs"]] == ["y1", "y2", "y3", "y4"]
+    assert d["model_uncertainty"] == "included"
+    assert 0 <= d["p_value"] <= 1
+    text = gsid(
+        "compare", *records(folder)[4:], *CHANNELS, "--model", "m.json", "--alpha", "0.999", "--check"
+    )
+    assert text.code == 1
+    assert text.out.startswith("The model is not adequate")
+    assert "y4 [deg/s]" in text.out
+
+
 def test_the_truth_has_the_friction(folder):
     truth = json.loads((folder / "truth.json").read_text())
     assert truth["parameters"]["friction_nm"] == [0, 0.03, 0, 0]
@@ -63,6 +81,7 @@ def test_the_truth_has_the_friction(folder):
     [
         (("frf", "R", *CHANNELS, "--lpm"), 2, "--lpm: for one input and one output"),
         (("distortion", "R", *CHANNELS, "--other-level", "R"), 2, "--other-level: for one input"),
+        (("compare", "R", *CHANNELS, "--model", "SISO"), 3, "not a model of several inputs and outputs"),
         (("frf", "R", *CHANNELS), 3, "fewer experiments than inputs"),
         (("gimbal", "E", "-o", "new", "--friction", "azimuth=1"), 2, "no axis azimuth"),
         (("gimbal", "E", "-o", "new", "--angle-deg", "1,2"), 2, "angle_deg must be 4 finite numbers"),
@@ -74,5 +93,7 @@ def test_the_truth_has_the_friction(folder):
 )
 def test_what_does_not_work_is_named(gsid, folder, arguments, code, message):
     names = {"R": records(folder)[0], "E": folder / "exc" / "01.csv", "EXC": folder / "exc"}
+    names["SISO"] = folder / "siso.json"
+    RationalModel([1.0], [1.0]).save(names["SISO"])
     result = gsid(*(names.get(one, one) for one in arguments))
     assert (result.code, message in result.err) == (code, True), result.err

@@ -8,14 +8,15 @@ import click
 
 from gsid.base.tables import Table
 from gsid.cli.common import EXIT_CRITERION
+from gsid.cli.compare_matrix import compare_matrix
 from gsid.cli.options import (
     INPUT,
     alpha_option,
     band_option,
+    experiment_options,
     json_option,
     options_as_arguments,
     picture_option,
-    record_options,
     reference_option,
 )
 from gsid.cli.output import answered, draw, note_assumed_hold, print_table, working
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
     from gsid.comparison import Comparison
     from gsid.models.rational import RationalModel
     from gsid.plant.model import PlantModel
+    from gsid.records.mimo import MimoRecord
     from gsid.records.record import Record
 
 
 @click.command(short_help="Compare a model with records.")
-@record_options
+@experiment_options
 @reference_option
 @click.option(
     "--model",
@@ -53,7 +55,7 @@ if TYPE_CHECKING:
 def compare(
     ctx: click.Context,
     *,
-    records: list[Record],
+    records: list[Record] | list[MimoRecord],
     reference: str | None,
     model_path: str,
     band: tuple[float, float] | None,
@@ -73,10 +75,18 @@ def compare(
     With --r a stack of effects is simulated with the reference as its input. If it has no controller, the one
     that reference, output and command show is put around it. A transfer function is compared at the lines of
     the reference.
+
+    With several inputs or outputs (--u u1,u2 --y y1,y2) each REC is one experiment. All outputs are tested
+    together, since their noise may be correlated, and each alone.
     """
     from gsid.comparison import compare as compare_model
     from gsid.models.load import load_single
+    from gsid.records.mimo import MimoRecord
 
+    if isinstance(records[0], MimoRecord):
+        how = {"band": band, "alpha": alpha, "fitted": fitted, "check": check, "as_json": as_json}
+        compare_matrix(records, model_path, **how)
+        return
     model = load_single(model_path)
     with working("comparing"), options_as_arguments():
         if reference is not None:

@@ -16,7 +16,7 @@ from gsid.base.model_file import FORMAT, read_model_file, write_model_file
 from gsid.base.plottable import Plottable
 from gsid.base.zero_order_hold import hold_factor
 from gsid.models.confidence import NORMAL_95, root_quantities
-from gsid.models.rational import RationalModel
+from gsid.models.rational import RationalModel, half_of
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -338,6 +338,27 @@ class MimoModel(Plottable):
             variance = np.einsum("ka,ab,kb->k", x, self.cov[np.ix_(where, where)], x.conj(), optimize=True)
             std[:, i, j] = np.sqrt(np.maximum(variance.real, 0))
         return std * np.abs(hold_factor(f, self.fs_hz))[:, None, None] if self.hold == "zoh" else std
+
+    def deviations(self, f_hz: np.ndarray | list[float]) -> np.ndarray:
+        """Change of the responses by one standard deviation along each independent direction of `cov`.
+
+        Parameters
+        ----------
+        f_hz : (F,) array_like
+            Hz.
+
+        Returns
+        -------
+        (F, n_y, n_u, r) complex ndarray, unit of the response. r is 0 for a model without covariance.
+        """
+        f = np.atleast_1d(np.asarray(f_hz, dtype=float))
+        if self.cov is None:
+            return np.zeros((len(f), self.n_y, self.n_u, 0), complex)
+        half = half_of(self.cov)
+        moved = np.empty((len(f), self.n_y, self.n_u, half.shape[1]), complex)
+        for i, j in np.ndindex(self.n_y, self.n_u):
+            moved[:, i, j] = self.gradient(f, i, j) @ half[self._where(i, j)]
+        return moved * hold_factor(f, self.fs_hz)[:, None, None, None] if self.hold == "zoh" else moved
 
     @property
     def std_delay_s(self) -> np.ndarray:

@@ -5,24 +5,27 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from gsid.base.errors import InputError
-from gsid.models.rational import RationalModel
+from gsid.models.piecewise import PiecewiseModel
 
 if TYPE_CHECKING:
-    from gsid.models.piecewise import PiecewiseModel
+    from gsid.models.mimo import MimoModel
+    from gsid.models.rational import RationalModel
+    from gsid.records.mimo import MimoRecord
     from gsid.response.frf import Frf
     from gsid.spectrum.spectra import Spectra
+
+AnyModel = TypeVar("AnyModel", "RationalModel", "MimoModel", PiecewiseModel)
+SingleModel = TypeVar("SingleModel", "RationalModel", "MimoModel")
 
 _log = logging.getLogger(__name__)
 
 SAME_RATE = 1e-6  # relative tolerance of the sample rate
 
 
-def at_rate_of(
-    model: RationalModel | PiecewiseModel, measured: Spectra | Frf
-) -> RationalModel | PiecewiseModel:
+def at_rate_of(model: AnyModel, measured: Spectra | Frf | MimoRecord) -> AnyModel:
     """Return the model at the sample rate of a measurement.
 
     A model in s behind a hold is valid for a hold at any rate. A model in z has a fixed rate. If only one of
@@ -30,25 +33,25 @@ def at_rate_of(
 
     Parameters
     ----------
-    model : RationalModel or PiecewiseModel
-    measured : Spectra or Frf
+    model : RationalModel, MimoModel or PiecewiseModel
+    measured : Spectra, Frf or MimoRecord
 
     Returns
     -------
-    RationalModel or PiecewiseModel
+    RationalModel, MimoModel or PiecewiseModel
 
     Raises
     ------
     InputError
         The model is in z and has another sample rate.
     """
-    pieces = (model,) if isinstance(model, RationalModel) else model.pieces
-    _warn_of_hold(pieces[0], measured)
-    moved = tuple(_at_rate(piece, measured) for piece in pieces)
-    return moved[0] if isinstance(model, RationalModel) else replace(model, pieces=moved)
+    _warn_of_hold(getattr(model, "pieces", (model,))[0], measured)
+    if not isinstance(model, PiecewiseModel):
+        return _at_rate(model, measured)
+    return replace(model, pieces=tuple(_at_rate(piece, measured) for piece in model.pieces))
 
 
-def _warn_of_hold(model: RationalModel, measured: Spectra | Frf) -> None:
+def _warn_of_hold(model: RationalModel | MimoModel, measured: Spectra | Frf | MimoRecord) -> None:
     if model.domain == "z" or model.hold == measured.hold:  # a model in z includes its hold
         return
     if model.hold_assumed and measured.hold is None:  # both come from records that do not state it
@@ -67,7 +70,7 @@ def _warn_of_hold(model: RationalModel, measured: Spectra | Frf) -> None:
     _log.warning(text, name)
 
 
-def _at_rate(model: RationalModel, measured: Spectra | Frf) -> RationalModel:
+def _at_rate(model: SingleModel, measured: Spectra | Frf | MimoRecord) -> SingleModel:
     needs_rate = model.domain == "z" or model.hold == "zoh"
     if not needs_rate or not math.isfinite(measured.fs_hz):  # an imported response may lack the rate
         return model

@@ -283,7 +283,7 @@ def experiment_lines(
         hint = "measure at least as many experiments as inputs, with different signs or phases in each"
         raise InputError("fewer experiments than inputs", first.name, f"{n_e} for {n_u} inputs", hint)
     parts = [channel_lines(record) for record in records]
-    _require_same(records, [n_period for _, _, n_period in parts])
+    require_same(records, [n_period for _, _, n_period in parts])
     n_period = parts[0][2]
     f_hz = np.arange(n_period // 2 + 1) * (first.fs_hz / n_period)
     chosen = _excited(parts, n_period)
@@ -345,7 +345,14 @@ def any_excited(part: tuple, n_period: int) -> np.ndarray:
     return np.logical_or.reduce([excited_lines(u[:, i], n_period) for i in range(u.shape[1])])
 
 
-def _require_same(records: list[MimoRecord], periods: list[int]) -> None:
+def require_same(records: list[MimoRecord], periods: list[int]) -> None:
+    """Refuse experiments that differ in rate, channels, units, hold or period.
+
+    Raises
+    ------
+    InputError
+        They differ.
+    """
     for record, period in zip(records, periods, strict=True):
         for what in ("fs_hz", "inputs", "outputs", "hold", "u_units", "y_units"):
             ours, theirs = getattr(records[0], what), getattr(record, what)

@@ -104,13 +104,28 @@ def variance_between_lines(lines: np.ndarray, n_period: int, settle_samples: int
     -------
     (K,) float64 ndarray; for white noise as `covariance`, also with P - 1 degrees of freedom
     """
+    return np.mean(np.abs(bins_between_lines(lines, n_period, settle_samples)) ** 2, axis=1)
+
+
+def bins_between_lines(lines: np.ndarray, n_period: int, settle_samples: int) -> np.ndarray:
+    """Noise between the lines, as `variance_between_lines` uses it.  Eq: FRF-6
+
+    Parameters
+    ----------
+    lines : (P, K) complex ndarray
+    n_period, settle_samples : int
+
+    Returns
+    -------
+    (K, P - 1) complex ndarray
+        Independent numbers around each line with the variance of one period's line.
+    """
     n_periods, n_lines = lines.shape
     lines = lines * _phase_factors(np.arange(n_lines), settle_samples, n_period).conj()
     whole = np.fft.fft(np.concatenate([period_of(one, n_period) for one in lines]))
     around = np.arange(-((n_periods - 1) // 2), n_periods // 2 + 1)
     bins = n_periods * np.arange(n_lines)[:, None] + around[around != 0]
-    size = np.abs(whole[bins % len(whole)]) ** 2
-    scale = np.full(n_lines, (2.0 / n_period) ** 2 / n_periods)
+    scale = np.full(n_lines, (2.0 / n_period) / np.sqrt(n_periods))
     real = np.arange(n_lines) * 2 % n_period == 0
-    scale[real] /= 4
-    return size.mean(axis=1) * scale
+    scale[real] /= 2
+    return whole[bins % len(whole)] * scale[:, None]
