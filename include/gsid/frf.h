@@ -121,7 +121,8 @@ gsid_status gsid_frf_finish(gsid_frf *frf);
 gsid_status gsid_frf_add_period(gsid_frf *frf, const gsid_cplx *lines);
 
 /** Add the good periods of another measurement of the same lines, as if they had been measured one after the other.
- *  Eq: FRF-4.  A period under way in `other` is not added.
+ *  Eq: FRF-4.  A period under way in `other` is not added. The same parts merged in the same order give the same bits, wherever
+ *  they were measured; another order differs by rounding.
  *  @param[in] other  same n_period, lines and kind of input (the same one, where it is known); any engine
  *  @return GSID_OK; GSID_E_NULL; GSID_E_STATE also while the spread engine of either adds lines (gsid_frf_finish ends that);
  *          GSID_E_CONFIG not the same lines or input: nothing changed

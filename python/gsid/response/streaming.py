@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import zipfile
+from pathlib import Path
+
 import numpy as np
 
 from gsid._lib import check, ffi, ffi32, lib, lib32
+from gsid.base.errors import GsidError, InputError
+from gsid.base.files import write_atomically
 from gsid.response.frf import Frf
 
+COUNTS = ("n_periods", "n_spoiled", "n_refused")  # of the C struct that a file of a part keeps
 FEW_LINES = 10
 """Largest number of lines for which `StreamingFrf` chooses "direct": it is then as fast as a transform."""
 
@@ -169,6 +176,89 @@ class StreamingFrf:
             raise ValueError("the measurements differ in precision")
         check(self._lib.gsid_frf_merge(self._frf, other._frf), "adding another measurement")
         return self.n_periods
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the means and sums of the good periods, to be merged elsewhere, without a period under way.
+
+        Parts that are merged in the same order give the same bits, wherever they were measured: nothing is
+        rounded in the file, and `merge` is the same sequence of additions.
+
+        Parameters
+        ----------
+        path : path_like
+            .npz.
+        """
+        counts = {name: getattr(self._frf, name) for name in COUNTS}
+        known = {} if self._known is None else {"u_known": self._known}
+        cfg = {"fs_hz": self.fs_hz, "n_period": self.n_period, "settle_samples": self._frf.cfg.n_settle}
+        values = {**self._sums(), **counts, **cfg, **known, "line": self.line}
+
+        def write(part: Path) -> None:
+            with part.open("wb") as file:
+                np.savez(file, **values)
+
+        write_atomically(path, write)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> StreamingFrf:
+        """Read what `save` wrote, as a measurement that can be merged and continued with whole periods.
+
+        Parameters
+        ----------
+        path : path_like
+
+        Returns
+        -------
+        StreamingFrf
+
+        Raises
+        ------
+        InputError
+            The file is not one of `save`.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                kept = dict(file)
+            part = cls(
+                float(kept["fs_hz"]),
+                int(kept["n_period"]),
+                kept["line"],
+                settle_samples=int(kept["settle_samples"]),
+                u_known=kept.get("u_known"),
+                precision="double" if kept["mean"].dtype == np.complex128 else "single",
+                engine="direct",
+            )
+            part._put(kept)
+        except (KeyError, ValueError, TypeError, GsidError, zipfile.BadZipFile) as error:
+            hint = "write it with StreamingFrf.save"
+            raise InputError("the file is no part of a measurement", str(path), str(error), hint) from None
+        return part
+
+    def _sums(self) -> dict[str, np.ndarray]:
+        """Copies of the means and sums, as they are in memory."""
+        return {name: array.copy() for name, array in self._views().items()}
+
+    def _views(self) -> dict[str, np.ndarray]:
+        n, channels = len(self.line), 1 if self._known is not None else 2
+        shapes = {"mean": (self._cplx, n * channels), "m2": (self._real, n * channels)}
+        if channels == 2:
+            shapes["cross"] = (self._cplx, n)
+        return {
+            name: np.frombuffer(
+                self._ffi.buffer(getattr(self._frf, name), size * np.dtype(kind).itemsize), dtype=kind
+            )
+            for name, (kind, size) in shapes.items()
+        }
+
+    def _put(self, kept: dict[str, np.ndarray]) -> None:
+        for name, view in self._views().items():
+            if kept[name].dtype != view.dtype or kept[name].shape != view.shape:
+                raise ValueError(f"{name} is {kept[name].dtype} {kept[name].shape}")
+            if not np.isfinite(kept[name]).all():
+                raise ValueError(f"{name} has a value that is not finite")
+            view[:] = kept[name]
+        for name in COUNTS:
+            setattr(self._frf, name, int(kept[name]))
 
     def result(self) -> Frf:
         """Return the result so far.
