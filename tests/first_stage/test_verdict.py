@@ -310,3 +310,10 @@ def test_a_law_whose_rest_depends_on_a_coordinate_is_the_nearest(p_value, verdic
 
 def test_where_more_than_noise_is_left_its_coordinates_are_not_asked_for():
     assert decision(fit(LAW, 2.0), RIVAL, left={"the rate": 0.0}).verdict == "missing_effect"
+
+
+@pytest.mark.parametrize(("error", "verdict"), [(0.29, "missing_effect"), (0.31, "nearest_effect")])
+def test_bug_a_coefficient_that_noise_varies_at_will_was_the_same_in_all_realisations(error, verdict):
+    """A creep was named bouc_wen: what was left was not noise, and its scatter of 170 % was within errors."""
+    found = decision(fit(LAW, 2.0, scatter=0.2, scatter_error=error), RIVAL)
+    assert found.verdict == verdict

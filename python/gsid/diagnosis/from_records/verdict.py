@@ -133,6 +133,12 @@ def against(evidence: Evidence, best: Simulated) -> list[str]:
     # Where only noise is left, what is kept out has shown already that the coefficient is the same.
     if not adequate and not is_steady(best, settings.named_scatter, settings):
         reasons.append(scattered(best.scatter))
+    elif (
+        not adequate and best.scatter_error > settings.nearest_scatter
+    ):  # so large that all scatter is within it
+        reasons.append(
+            f"Noise alone varies the coefficient of the best law by {100 * best.scatter_error:.0f} %."
+        )
     unknown = [name for name in best.fit.undetermined if name.partition(".")[0] in best.effects]
     if unknown and not adequate:
         reasons.append(f"The data do not determine {', '.join(unknown)}.")
