@@ -5,6 +5,7 @@ import pytest
 
 import gsid
 from gsid.base.errors import InputError
+from gsid.base.tables import templates
 from gsid.cli.main import Verbs
 from gsid.study.folder import Study
 from gsid.webpage.actions import ACTIONS, FACTORS, FORM, UNITS, command_of, reading_of
@@ -78,6 +79,12 @@ def test_options_that_a_verb_lacks_are_dropped(study, verb):
     # A command keeps the help option of the first context that it sees: it has to be that of `gsid`.
     context = click.Context(command, help_option_names=["-h", "--help"])
     command.make_parser(context).parse_args(arguments[1:])  # raises on an unknown option
+
+
+def test_bug_what_the_output_is_could_not_be_chosen_on_the_page():
+    """A linear model of the angle was found for a record in deg/s, and no step accepted it."""
+    page = templates().get_template("studio.html").render(folder="st", effects=[])
+    assert [option for option in FORM if f'name="{option}"' not in page] == []
 
 
 def test_values_follow_their_names(study):
