@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -40,6 +42,16 @@ def record(tmp_path_factory):
     used, y, *_ = axis.step(u)
     write_record(path, Record(used, y, 3000.0, N, 2 * N, hold="zoh", y_unit="deg/s"))
     return path
+
+
+@pytest.fixture(scope="session")
+def linear_study(record, tmp_path_factory):
+    """A study in which the record was looked at and its linear model found, as by two clicks."""
+    folder = tmp_path_factory.mktemp("linear") / "study"
+    for words in (["open", str(record)], ["look"], ["start"]):
+        command = [sys.executable, "-m", "gsid.cli.main", "-C", str(folder), *words]
+        subprocess.run(command, check=True, capture_output=True)
+    return folder
 
 
 @pytest.fixture
