@@ -197,8 +197,51 @@ static void a_search_that_fails_leaves_the_outputs(void **state) {
     assert_true(calls == 0 && least == -1);
 }
 
+static void a_covariance_is_the_inverse_of_the_normal_equations(void **state) {
+    (void)state;
+    /* R'R = ((4, 2), (2, 10)), whose determinant is 36; the row of the triangle is longer than the unknowns. */
+    const double r[6] = {2, 1, 99, 0, 3, 99};
+    double cov[4], open[2];
+    uint32_t n_open;
+    assert_int_equal(gsid_arrow_covariance(2, 3, r, 1e-6, cov, open, &n_open), GSID_OK);
+    const double want[4] = {10.0 / 36, -2.0 / 36, -2.0 / 36, 4.0 / 36};
+    for (int i = 0; i < 4; i++) {
+        assert_true(fabs(cov[i] - want[i]) < 1e-15);
+    }
+    assert_true(n_open == 0 && open[0] == 0 && open[1] == 0);
+}
+
+static void a_direction_that_is_not_determined_is_left_out(void **state) {
+    (void)state;
+    /* The second column is three times the first, the third is 0: only x0 + 3 x1 is known, with variance 1/4. */
+    const double r[9] = {2, 6, 0, 0, 0, 0, 0, 0, 0};
+    double cov[9], open[3];
+    uint32_t n_open;
+    assert_int_equal(gsid_arrow_covariance(3, 3, r, 1e-6, cov, open, &n_open), GSID_OK);
+    assert_int_equal(n_open, 2);
+    assert_true(fabs(cov[0] + 6 * cov[1] + 9 * cov[4] - 0.25) < 1e-15 && cov[8] == 0);
+    assert_true(fabs(open[0] - sqrt(0.5)) < 1e-15 && fabs(open[1] - sqrt(0.5)) < 1e-15 && open[2] == 1);
+}
+
+static void a_covariance_of_no_numbers_is_refused(void **state) {
+    (void)state;
+    const double r[1] = {2}, nan_[1] = {NAN};
+    double cov[1] = {-7}, open[1];
+    uint32_t n_open;
+    assert_int_equal(gsid_arrow_covariance(1, 1, NULL, 0, cov, open, &n_open), GSID_E_NULL);
+    assert_int_equal(gsid_arrow_covariance(1, 1, r, 0, cov, open, NULL), GSID_E_NULL);
+    assert_int_equal(gsid_arrow_covariance(0, 1, r, 0, cov, open, &n_open), GSID_E_CONFIG);
+    assert_int_equal(gsid_arrow_covariance(1, 0, r, 0, cov, open, &n_open), GSID_E_CONFIG);
+    assert_int_equal(gsid_arrow_covariance(1, 1, r, NAN, cov, open, &n_open), GSID_E_CONFIG);
+    assert_int_equal(gsid_arrow_covariance(1, 1, nan_, 0, cov, open, &n_open), GSID_E_NONFINITE);
+    assert_true(cov[0] == -7);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_covariance_is_the_inverse_of_the_normal_equations),
+        cmocka_unit_test(a_direction_that_is_not_determined_is_left_out),
+        cmocka_unit_test(a_covariance_of_no_numbers_is_refused),
         cmocka_unit_test(triangles_are_those_of_the_whole_matrix),
         cmocka_unit_test(a_column_of_zeros_is_kept),
         cmocka_unit_test(without_own_unknowns),

@@ -312,13 +312,29 @@ def test_what_fails_first_within_nlopt_is_raised():
 
 def test_a_direction_of_the_parameters_is_pinned_if_its_singular_value_is_below_a_millionth():
     """The first two columns have the same direction; the sum of the parameters is known, and the third."""
-    cov, pinned = _covariance(np.array([[1.0, 1.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 2.0]]))
-    np.testing.assert_allclose(np.abs(pinned), [[np.sqrt(0.5), np.sqrt(0.5), 0]], atol=1e-8)
-    np.testing.assert_allclose(cov, [[0.25, 0.25, 0], [0.25, 0.25, 0], [0, 0, 0.25]], atol=1e-8)
+    found = _covariance(np.array([[1.0, 1.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 2.0]]))
+    assert (found.n_open, found.is_open.tolist()) == (1, [True, True, False])
+    want = [[0.25, 0.25, 0], [0.25, 0.25, 0], [0, 0, 0.25]]
+    np.testing.assert_allclose(found.of_unknowns, want, atol=1e-8)
     r = np.array([[1.0, 1.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 2.0]])
-    cov, pinned = _covariance(r)
-    assert len(pinned) == 0
-    np.testing.assert_allclose(cov, np.linalg.inv(r.T @ r), rtol=1e-6)
+    found = _covariance(r)
+    assert (found.n_open, found.is_open.any()) == (0, False)
+    np.testing.assert_allclose(found.of_unknowns, np.linalg.inv(r.T @ r), rtol=1e-6)
+
+
+def test_the_covariance_is_that_of_numpys_singular_values():
+    """Errors relative to the standard deviations; columns of any length and condition numbers up to 1e4."""
+    rng = np.random.default_rng(20261123)
+    for n in (1, 2, 7, 24) * 10:
+        u, v = (np.linalg.qr(rng.standard_normal((n, n)))[0] for _ in range(2))
+        r = np.linalg.qr(u * np.geomspace(1, 1e-4, n) @ v)[1] * 10.0 ** rng.uniform(-9, 9, n)
+        length = np.linalg.norm(r, axis=0)
+        want = np.linalg.pinv(r / length)
+        want = want @ want.T / np.outer(length, length)
+        std = np.sqrt(np.diag(want))
+        np.testing.assert_allclose(
+            _covariance(r).of_unknowns / np.outer(std, std), want / np.outer(std, std), atol=1e-11
+        )
 
 
 def test_misfit_is_what_exceeds_noise_by_three_standard_deviations():

@@ -2,7 +2,7 @@
 #ifndef GSID_HOST_GREYBOX_H
 #define GSID_HOST_GREYBOX_H
 
-#include "gsid/types.h"
+#include "gsid/lsq.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -27,6 +27,22 @@ gsid_status gsid_arrow_reduce(const gsid_arrow *arrow, double *triangle);
 
 /** The same by Givens rotations, whatever the build. */
 gsid_status gsid_arrow_reduce_dense(const gsid_arrow *arrow, double *triangle);
+
+/** Covariance of a fit's unknowns from the triangle of its whitened equations, without the directions that the data do not
+ *  determine: small singular values of R with its columns scaled to length 1 are left out.  Eq: GBX-5
+ *  @param[in]  n         unknowns, 1 .. GSID_LSQ_COLUMNS_MAX
+ *  @param[in]  stride    numbers in a row of r, >= n: n + 1 for that of gsid_arrow_reduce
+ *  @param[in]  r         [n][stride] finite; only the first n numbers of a row are read
+ *  @param[in]  singular  largest singular value left out, over the largest of all; 0 .. 1
+ *  @param[out] cov       [n][n] units of the unknowns, for equations of unit variance
+ *  @param[out] open      [n] share of each unknown, scaled by its column, in the directions left out, 0 .. 1: its variance is
+ *                        known only where this is small
+ *  @param[out] n_open    directions left out
+ *  @return GSID_OK; GSID_MAX_ITER the singular values have not converged; GSID_E_NULL; GSID_E_CONFIG; GSID_E_NONFINITE;
+ *          GSID_E_NO_MEMORY: the outputs are untouched
+ *  Memory: 2 n (n + 1) numbers, freed at the end.  Cost: some 50 n^3 flops.  Context: any thread. */
+gsid_status gsid_arrow_covariance(uint32_t n, uint32_t stride, const double *r, double singular, double *cov,
+                                  double *open, uint32_t *n_open);
 
 /** A function to minimise: its value at x, and its gradient too when gradient is not NULL. */
 typedef double (*gsid_objective)(unsigned n, const double *x, double *gradient, void *user);

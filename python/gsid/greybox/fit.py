@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from gsid._lib import check, ffi, lib
 from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
@@ -398,11 +399,11 @@ def fit_plant(
         finally:
             problem.spend()
         dof = min(part.dof for part in problem.parts)
-        cov, pinned = _covariance(minimum.point.r)
+        found = _covariance(minimum.point.r)
         # The weights are estimates themselves, which increases the variance of the parameters
         # (docs/explanation/decisions.md).
-        cov *= (dof - 1) / (dof - 2)
-        return _fitted(problem, minimum, minimum.point, cov, pinned, solver=solver, method=method)
+        found.of_unknowns *= (dof - 1) / (dof - 2)
+        return _fitted(problem, minimum, minimum.point, found, solver=solver, method=method)
 
 
 @contextmanager
@@ -457,33 +458,31 @@ def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
     by_noise, equal = problem.weights, problem.equal_weights()
     problem.weights = equal
     minimum = minimise(problem, solver, max_iter)
-    inverse, pinned = _covariance(minimum.point.r)
+    found = _covariance(minimum.point.r)
     problem.weights = [e**2 / n for e, n in zip(equal, by_noise, strict=True)]
-    noise = problem.at(minimum.point.x).r @ inverse
+    noise = problem.at(minimum.point.x).r @ found.of_unknowns
     problem.weights = by_noise
     dof = min(part.dof for part in problem.parts)
-    cov = (dof - 1) / dof * noise.T @ noise  # the weights contain the mean of 1/s^2
+    found.of_unknowns = (dof - 1) / dof * noise.T @ noise  # the weights contain the mean of 1/s^2
     at_noise = problem.at(minimum.point.x)
-    return _fitted(problem, minimum, at_noise, cov, pinned, solver=solver, method="nls-output")
+    return _fitted(problem, minimum, at_noise, found, solver=solver, method="nls-output")
 
 
 def _fitted(
     problem: Problem,
     minimum: Minimum,
     point: Point,
-    cov: np.ndarray,
-    pinned: np.ndarray,
+    found: _Covariance,
     *,
     solver: str,
     method: str,
 ) -> PlantFit:
     """Make the result from the minimum, and from the same point evaluated with the noise weights."""
-    n_pinned = int(np.linalg.matrix_rank(pinned)) if len(pinned) else 0
-    std = np.sqrt(np.diag(cov))
-    std[np.any(np.abs(pinned) > SETTINGS.involved, axis=0)] = np.nan
-    n_dof = problem.n_rows - problem.n + n_pinned
+    std = np.sqrt(np.diag(found.of_unknowns))
+    std[found.is_open] = np.nan
+    n_dof = problem.n_rows - problem.n + found.n_open
     fit = PlantFit(
-        model=_with_result(problem, point.x, std, cov),
+        model=_with_result(problem, point.x, std, found.of_unknowns),
         cost=point.cost,
         n_dof=n_dof,
         cost_per_dof=point.cost / n_dof,
@@ -509,13 +508,32 @@ def _fitted(
     return fit
 
 
-def _covariance(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of R'R without the pinned directions, and these directions, (p, n), in scaled unknowns."""
-    scale = lengths(r)
-    _, s, vt = np.linalg.svd(r / scale)
-    good = s > SETTINGS.singular * s[0]
-    half = (vt[good].T / s[good]) / scale[:, None]
-    return half @ half.T, vt[~good]
+@dataclass
+class _Covariance:
+    """Inverse of R'R without the directions that the data do not determine (GBX-5).
+
+    Attributes
+    ----------
+    of_unknowns : (n, n) ndarray
+    is_open : (n,) bool ndarray
+        Unknowns without a standard deviation: the directions left out contain a relevant part of them.
+    n_open : int
+        Directions left out.
+    """
+
+    of_unknowns: np.ndarray
+    is_open: np.ndarray
+    n_open: int
+
+
+def _covariance(r: np.ndarray) -> _Covariance:
+    n = len(r)
+    r = np.ascontiguousarray(r)
+    cov, share, n_open = np.empty((n, n)), np.empty(n), ffi.new("uint32_t *")
+    rows = [ffi.from_buffer("double[]", each) for each in (r, cov, share)]
+    status = lib.gsid_arrow_covariance(n, n, rows[0], SETTINGS.singular, *rows[1:], n_open)
+    check(status, "computing the covariance of a fit")
+    return _Covariance(cov, share > SETTINGS.involved, n_open[0])
 
 
 def _plain(param: Param) -> list[float | None]:
