@@ -352,6 +352,13 @@ def test_noncausal_power_ratio_of_a_delay_and_of_its_opposite():
     assert after.noncausal_power_ratio > 0.98
 
 
+def test_bug_the_noncausal_power_ratio_of_one_sine_was_a_half():
+    """Of any axis: a line alone is a sine at all times."""
+    axis = NonlinearAxis(cubic=0.05, noise=0.01)
+    u = np.cos(2 * np.pi * 3 * np.arange(N) / N)
+    assert np.isnan(distortion(axis.record(np.random.default_rng(SEED), u, 4)).noncausal_power_ratio)
+
+
 def test_misuse():
     with pytest.raises(ValueError, match="no record"):
         distortion([])

@@ -120,6 +120,7 @@ class Distortion(Plottable):
 
         Only the excited lines are transformed. The edges of the band also cause a noncausal part on a linear
         axis. Compare the value therefore only with that of the same band at another input level.
+        NaN of a single line: half of a sine is always before t = 0.
 
         Raises
         ------
@@ -129,11 +130,13 @@ class Distortion(Plottable):
         if not self.period_samples:
             raise ValueError("the inverse transform needs a period, which imported responses do not have")
         n, line = self.period_samples, self.line
+        if len(line) < 2:
+            return np.nan
         spectrum = np.zeros(n // 2 + 1, complex)
         spectrum[line] = self.bla
         g = np.fft.irfft(spectrum, n)
         # lines k0 + i d repeat every N/d samples, except for their phase: half of that is before t = 0
-        half = n // (2 * int(np.gcd.reduce(np.diff(line)))) if len(line) > 1 else n // 2
+        half = n // (2 * int(np.gcd.reduce(np.diff(line))))
         before, after = np.sum(g[n - half :] ** 2), np.sum(g[:half] ** 2)
         return float(before / (before + after))
 
