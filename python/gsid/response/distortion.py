@@ -296,7 +296,9 @@ def distorted_bands(d: Distortion) -> list[DistortedBand]:
     list of DistortedBand
         In order of frequency; empty if the measurement cannot separate distortion from the response.
     """
-    return bands_of(_evidence(d), d.f_hz)
+    # The harmonics of a single sine lie above it, outside of the band of the excited lines.
+    f_hz = d.f_hz if len(d.line) > 1 else np.concatenate([d.f_hz, d.free_f_hz[-1:]])
+    return bands_of(_evidence(d), f_hz)
 
 
 def bands_of(kinds: dict[str, LinePower], f_hz: np.ndarray, n_channels: int = 1) -> list[DistortedBand]:
@@ -419,7 +421,7 @@ def _sentence(d: Distortion, band: DistortedBand) -> str:
         advice = "the response at the excited lines is free of it"
     elif band.high_db > AVERAGING_HELPS_DB:
         advice = "averaging longer will not help"
-        if d.n_realisations < 2:
+        if d.n_realisations < 2 and len(d.line) > 1:
             advice += ", other realisations will"
     else:
         advice = "averaging longer still helps"
