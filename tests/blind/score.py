@@ -18,9 +18,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -28,12 +26,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share the ma
 
 import click
 import numpy as np
+import pandas as pd
 import trials
 from nulls import LINE_JUDGED
 from rich.console import Console
 from rich.progress import Progress
 from scipy import stats
 from scipy.ndimage import median_filter
+
+from gsid.base.files import write_atomically
+from gsid.fleet.address import address
+from gsid.fleet.cluster import Cluster, run_on
+from gsid.fleet.forks import Setup
+from gsid.fleet.run import run_here
+from gsid.fleet.store import Store
+from gsid.fleet.table import failure_text
+from gsid.fleet.unit import FAILED, Job, version, work_of
 
 ALPHA = 0.05  # nominal rate of false alarms
 CLEAR_DROP = 64.0  # from here on a hidden effect has to be named
@@ -145,14 +153,76 @@ def run(
         (folder / name).mkdir(parents=True, exist_ok=True)
     _same_settings(folder, {"seed": seed, "kinds": kinds or trials.KINDS})
     todo = [i for i in range(n_trials) if not _result_path(folder, seed, i).exists()]
-    one = partial(run_trial, tool, seed, kinds, folder)
+    jobs = {job.key: job for job in (_job(tool, seed, kinds, folder, i) for i in todo)}
+    setup = Setup(str(folder / "fleet"), ("score",), paths=(str(Path(__file__).parent),))
     with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
         bar = progress.add_task("trials", total=n_trials, completed=n_trials - len(todo))
-        with ProcessPoolExecutor(n_processes) as pool:
-            for done in as_completed([pool.submit(one, i) for i in todo]):
-                done.result()
-                progress.advance(bar)
+
+        def done(answer: dict) -> None:
+            _keep_failure(setup, jobs[answer["key"]])
+            progress.advance(bar)
+
+        if n_processes == 1:
+            run_here(setup, jobs.values(), done)
+        elif jobs:
+            run_on(Cluster(None, n_processes), setup, jobs.values(), done, print)
     return [open_key(folder, _result_path(folder, seed, i)) for i in range(n_trials)]
+
+
+def _job(tool: Callable, seed: int, kinds: dict[str, float] | None, folder: Path, index: int) -> Job:
+    """One trial as a unit of a fleet."""
+    name = f"{tool.__module__}:{tool.__qualname__}".replace("__main__", "score")
+    arguments = {"tool": name, "kinds": kinds, "folder": str(folder.absolute()), "index": index}
+    key = address("blind", {"seed": seed, **arguments}, [])
+    return Job(key, "score:trial_of_job", f"trial_{seed}_{index:05d}", arguments=arguments, seed=seed)
+
+
+def trial_of_job(job: Job) -> dict:
+    """Run one trial in its own process; its result is a file beside those of the other trials."""
+    given = job.arguments
+    run_trial(work_of(given["tool"]), job.seed, given["kinds"], Path(given["folder"]), given["index"])
+    return {}
+
+
+def _keep_failure(setup: Setup, job: Job) -> None:
+    """The result of a trial whose process has crashed: the tool is broken there, as after an exception."""
+    folder = Path(job.arguments["folder"])
+    result = Store(setup.folder).read(job.key)
+    Store(setup.folder).remove(job.key)  # the file of the trial has the answer
+    if result["status"] != FAILED:
+        return
+    why = failure_text(result)
+    if result["failure"]["kind"] == "exception" or not (folder / "keys" / f"{job.unit}.json").exists():
+        raise RuntimeError(f"{job.unit}: {why}")  # not of the tool: the trial could not be drawn
+    broken = {"name": job.unit, **NOTHING_SAID, "broken": why}
+    _result_path(folder, job.seed, job.arguments["index"]).write_text(json.dumps(broken))
+
+
+def add_to_table(path: Path, rows: list[Row], seed: int) -> int:
+    """Add trials to the table of all seeds, or replace them; returns the number of its rows."""
+    new = pd.DataFrame(
+        [
+            {
+                "trial": row.result["name"],
+                "seed": seed,
+                "version": version(),
+                "kind": row.kind,
+                "hidden": " ".join(row.hidden),
+                "predicted_drop": row.drop,
+                "verdict": row.result["verdict"],
+                "named": " or ".join(row.group),
+                "right": bool(row.right),
+                "wrong": bool(row.wrong),
+                "probability": row.probability,
+                "seconds": row.result["seconds"],
+            }
+            for row in rows
+        ]
+    )
+    old = pd.read_parquet(path) if path.exists() else new.iloc[:0]
+    table = pd.concat([old, new]).drop_duplicates(["trial", "version"], keep="last")
+    write_atomically(path, lambda part: table.sort_values(["version", "trial"]).to_parquet(part, index=False))
+    return len(table)
 
 
 def _same_settings(folder: Path, settings: dict) -> None:
@@ -532,13 +602,16 @@ def page(figures: dict, command: str) -> str:
 @click.option("--check", is_flag=True, help="Exit 1 when a required figure is missed.")
 def main(n_trials: int, seed: int, kinds: str | None, output: Path, check: bool) -> None:
     chosen = {name: trials.KINDS[name] for name in kinds.split(",")} if kinds else None
-    figures = summary(run(output, n_trials, seed, chosen))
+    rows = run(output, n_trials, seed, chosen)
+    figures = summary(rows)
     # Called through make: the command that anyone can repeat.
     command = f"make blind N={n_trials} SEED={seed}" + (f" KINDS={kinds}" if kinds else "")
     (output / "blind.json").write_text(json.dumps({"command": command, **figures}, indent=1))
     text = page(figures, command)
     (output / "blind.md").write_text(text)
     print(text)
+    table = output.parent / "trials.parquet"
+    print(f"{table}: {add_to_table(table, rows, seed)} trials of all seeds", file=sys.stderr)
     missed = [v["text"] for v in verdicts(figures) if v["met"] is False]
     if check and missed:
         print("error: missed: " + "; ".join(missed), file=sys.stderr)

@@ -1,11 +1,13 @@
 """The scorer, with tools that are known to be right, wrong or broken."""
 
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
 import click
 import numpy as np
+import pandas as pd
 import pytest
 import score
 import trials
@@ -234,8 +236,8 @@ def failing_tool(place: Path) -> dict:
 
 def test_run_continues_where_it_stopped_and_checks_hashed_keys(tmp_path):
     kinds = {"null": 1, "single": 1}
-    score.run(tmp_path, 2, 7, kinds, tool=honest_tool)
-    rows = score.run(tmp_path, 4, 7, kinds, tool=failing_tool)
+    score.run(tmp_path, 2, 7, kinds, tool=honest_tool, n_processes=1)
+    rows = score.run(tmp_path, 4, 7, kinds, tool=failing_tool, n_processes=1)
     assert [("broken" in r.result) for r in rows] == [False, False, True, True]
     assert all(r.right or not r.hidden for r in rows[:2])
     assert not list((tmp_path / "records").iterdir())
@@ -245,6 +247,32 @@ def test_run_continues_where_it_stopped_and_checks_hashed_keys(tmp_path):
     path.write_text(path.read_text().replace('"kind"', '"Kind"'))
     with pytest.raises(RuntimeError, match="not the one that was sealed"):
         score.run(tmp_path, 2, 7, kinds, tool=honest_tool)
+
+
+def crashing_tool(place: Path) -> dict:
+    os.abort()
+
+
+def test_a_tool_that_crashes_is_broken_and_the_others_run(tmp_path):
+    kinds = {"null": 1}
+    rows = score.run(tmp_path, 1, 7, kinds, tool=crashing_tool, n_processes=1)
+    rows = score.run(tmp_path, 2, 7, kinds, tool=honest_tool, n_processes=1)
+    assert [r.result.get("broken") for r in rows] == ["signal: SIGABRT", None]
+    assert not list((tmp_path / "fleet").rglob("*.json"))
+
+
+def test_the_table_of_all_seeds_grows(tmp_path):
+    rows = [single(["coulomb_friction"]), row("null", GOOD)]
+    for i, one in enumerate(rows):
+        one.result["name"] = f"trial_1_{i:05d}"
+    path = tmp_path / "trials.parquet"
+    assert [score.add_to_table(path, rows[: i + 1], 1) for i in range(2)] == [1, 2]
+    for one in rows:
+        one.result["name"] = one.result["name"].replace("_1_", "_2_")
+    assert score.add_to_table(path, rows, 2) == 4
+    table = pd.read_parquet(path)
+    assert list(table["right"]) == [True, False, True, False]
+    assert set(table["seed"]) == {1, 2}
 
 
 def test_kinds_come_in_their_shares():
