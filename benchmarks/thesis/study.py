@@ -20,8 +20,8 @@ from gsid.cli.main import main
 #: and a torque that depends on the angle distort, a slow random torque is the process noise, and the gyro has
 #: its own clock.
 AXIS = (
-    "--gyro free-running --stops -5:5 --torque-noise 3 --coulomb 4"
-    " --set cogging_level=6 --set cogging_cycles=40 --set cogging_phase_rad=0.8"
+    "--gyro free-running --stops -5:5 --torque-noise 1.2 --coulomb 4"
+    " --set cogging_level=8 --set cogging_cycles=120 --set cogging_phase_rad=1.2"
 )
 FS_HZ = 3000
 PERIOD = 6000
@@ -40,13 +40,18 @@ class Row:
     place: str
     what: str
     thesis: str
-    gsid: float | str
+    gsid: float | int | str
     command: str
     why: str = ""
 
     def text(self) -> str:
         """Value of gsid as the page prints it."""
-        return self.gsid if isinstance(self.gsid, str) else f"{self.gsid:.4g}"
+        return f"{self.gsid:.4g}" if isinstance(self.gsid, float) else str(self.gsid)
+
+
+def rows_of(place: str, command: str, *figures: tuple) -> list[Row]:
+    """Rows of one place and command: each figure has what, thesis, gsid and, if they differ, why."""
+    return [Row(place, what, thesis, gsid, command, *why) for what, thesis, gsid, *why in figures]
 
 
 class Study:
@@ -100,7 +105,7 @@ class Study:
             Random seed of the noise.
         """
         share = QUICK if self.quick else 1
-        periods, wait = max(3, round(share * periods)), round(share * wait)
+        periods, wait = min(periods, max(3, round(share * periods))), round(share * wait)
         self.gsid(f"{excitation} -o {name}_u.csv")
         command = (
             f"run --simulate '{AXIS} --seed {seed}' --u {name}_u.csv --periods {periods} --settle {wait}"

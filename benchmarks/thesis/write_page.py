@@ -19,8 +19,8 @@ ROOT = HERE.parents[1]
 PAGE = ROOT / "docs/reference/thesis_study.md"
 PICTURES = ROOT / "docs/pictures/thesis"
 FIGURES = HERE / "quick_figures.json"
-CHAPTERS = ("chapter3",)
-WIDTH_PX, COLOURS = 900, 48
+CHAPTERS = ("chapter3", "chapter4", "chapter5", "chapter7", "chapter8")
+WIDTH_PX, COLOURS = 900, 200
 HEAD = f"""# The thesis, measured again
 
 `make thesis` runs the study of the thesis on the simulated axis and writes this page: each number that the
@@ -33,7 +33,11 @@ The axis is `gsid simulate` with
 Its linear part, noise and fan are those of [the simulated axis](../how-to/simulated_axis.md). The thesis
 measured another axis: the last column states where a figure depends on the axis and not on the method.
 The gyro measures 400.02 times a second by its own clock. Responses end at 200 Hz, half of that rate, since
-they contain images above it.
+they contain images above it. The excitations of the thesis reach 250 Hz: the images of 200 to 250 Hz lie at
+150 to 200 Hz, drift through each period, and appear as noise there.
+
+Chapter 6 prints no number: its equations have their tests in [the thesis, row by row](thesis.md). σ is a
+standard deviation.
 """
 
 
@@ -99,7 +103,7 @@ def shrink(source: Path, to: Path) -> None:
     with Image.open(source) as image:
         height = round(image.height * WIDTH_PX / image.width)
         small = image.convert("RGB").resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
-        small.quantize(COLOURS).save(to, optimize=True)
+        small.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(to, optimize=True)
 
 
 if __name__ == "__main__":
