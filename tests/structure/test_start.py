@@ -153,6 +153,16 @@ def test_output_is_inferred_reported_and_settled():
     assert not any("inferred" in text for text in stated.assumed)
 
 
+def test_bug_an_output_against_its_unit_was_found_without_a_word():
+    """No later step took the model: its rate in deg/s was called an angle."""
+    rng = np.random.default_rng([SEED, 40])
+    axis = axes.drawn(rng, 0.0, "angle")
+    axis.modes, axis.lag_s, axis.stiffness, axis.rate = [], 0.0, 0.0, 12.0
+    found = gsid.start(record(axis, rng, y_unit="deg/s"))
+    assert found.output == "angle"
+    assert any("against its unit deg/s (rate); --output" in text for text in found.assumed), found.assumed
+
+
 def test_lag_of_motor_or_sensor_is_ambiguous():
     rng = np.random.default_rng([SEED, 50])
     axis = axes.drawn(rng, 0.0)

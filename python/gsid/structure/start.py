@@ -478,8 +478,9 @@ def _assumed(
     if not best.selection.complete:
         texts.append("the structure is the best one so far: the time was over before the search ended")
     if represented and output is None:
-        kind = best.estimate.fitted.structure.output
-        texts.append(f"y is the {kind}, inferred from the data; --output states it")
+        kind, stated = best.estimate.fitted.structure.output, kind_of_unit(measured.y_unit)
+        against = "" if stated in (None, kind) else f" against its unit {measured.y_unit} ({stated})"
+        texts.append(f"y is the {kind}, inferred from the data{against}; --output states it")
     if measured.smooth_phases:
         texts.append(
             "one realisation with smooth phases does not show its distortion: a response error of "
