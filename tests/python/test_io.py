@@ -451,3 +451,12 @@ def test_a_column_with_a_non_breaking_space_is_written_and_read(tmp_path):
     for name in ("Drive\u2028[V]", "Drive\x85[V]"):
         with pytest.raises(InputError, match="cannot store the name of a column"):
             write_record(tmp_path / "b.csv", Record(x, x, 1000.0, columns={name: x}))
+
+
+@pytest.mark.parametrize("name", ["Time (ms)", "timestamp"])
+def test_bug_a_column_of_times_of_another_name_was_not_mentioned(tmp_path, name):
+    path = tmp_path / "axis.csv"
+    path.write_text(f"{name},u,y\n0,1,2\n1,3,4\n2,5,6\n")
+    with pytest.raises(InputError, match="sample rate is unknown") as caught:
+        read_record(path)
+    assert caught.value.hint.endswith(f"if {name} has the times in seconds, name it t_s")

@@ -126,12 +126,7 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
         )
     if t is None or len(t) < 2:
         if stated is None:
-            raise InputError(
-                "the sample rate is unknown",
-                str(path),
-                None,
-                "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`",
-            )
+            raise InputError("the sample rate is unknown", str(path), None, _hint_of_rate(raw))
         return float(stated)
     measured = _rate_of_times(raw, np.asarray(t, np.float64), fs_hz is not None)
     if stated is not None and abs(measured - stated) > 1e-3 * stated:
@@ -142,6 +137,13 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
             "correct --fs or the times",
         )
     return float(measured if stated is None else stated)
+
+
+def _hint_of_rate(raw: Raw) -> str:
+    """What to do without a rate; a column that may have the times in another unit is named, not used."""
+    hint = "give it with --fs [Hz], or add a column t_s or a line `# fs_hz: ...`"
+    times = next((name for name in (*raw.listed, *raw.columns) if "time" in name.lower()), None)
+    return hint if times is None else f"{hint}; if {times} has the times in seconds, name it t_s"
 
 
 def _rate_of_times(raw: Raw, t: np.ndarray, is_stated: bool) -> float:
