@@ -3,6 +3,10 @@
 import json
 from pathlib import Path
 
+from gsid.plant.effect import Effect, Param
+from gsid.plant.model import PlantModel
+from gsid.records.files import read_record
+
 KEYS = {"amplitude", "n_periods", "n_realisations", "time_s", "expected_std", "reason"}
 
 
@@ -22,6 +26,17 @@ def test_parameters_reach_what_is_wanted(gsid, rec_csv):
     result = gsid("next", rec_csv, "--model", "m.json", "--parameter-sigma", "0.05", "--json")
     assert result.code == 0, result.err
     assert json.loads(result.out).keys() >= KEYS
+
+
+def test_parameters_of_a_stack_reach_what_is_wanted(gsid, rec_csv):
+    body = Effect("rigid_body", {"gain": Param(50.0)})
+    damping = Effect("viscous_friction", {"rate": Param(20.0)})
+    PlantModel(read_record(rec_csv).fs_hz, [body, damping], y_unit="deg/s").save("m.json")
+    result = gsid("next", rec_csv, "--model", "m.json", "--parameter-sigma", "0.05", "--json")
+    assert result.code == 0, result.err
+    plan = json.loads(result.out)
+    assert len(plan["expected"]) == 2
+    assert max(plan["expected"]) == plan["expected_std"] <= 0.0501
 
 
 def test_options_that_do_not_go_together(gsid, rec_csv):

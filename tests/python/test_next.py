@@ -119,7 +119,7 @@ def test_the_budget_is_that_of_the_same_formula():
     "wrong", [{"sigma": 2.0}, {"sigma": 0.1, "parameter_sigma": 0.1}, {"parameter_sigma": 0.1}]
 )
 def test_what_is_not_valid_is_refused(wrong):
-    with pytest.raises(ValueError, match=r"between 0 and 1|not both|rational model"):
+    with pytest.raises(ValueError, match=r"between 0 and 1|not both|needs a model"):
         next_excitation(known(12, 2, 1e-4, 2e-4), **wrong)
 
 

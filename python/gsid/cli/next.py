@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     "--parameter-sigma",
     metavar="S",
     type=float,
-    help="Required sigma over value of every parameter of the rational model --model, instead of --sigma.",
+    help="Required sigma over value of every free parameter of --model, instead of --sigma.",
 )
 @click.option("--model", "model_path", metavar="M.json", type=INPUT, help="Model for travel and parameters.")
 @click.option(

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gsid.excitation.expected import P_MIN, Errors, periods_for
+from gsid.excitation.expected import P_MIN, Errors
+from gsid.excitation.goals import Goal, goal_of
 from gsid.excitation.limits import Model, fit_to_limits, optimise, travel
 from gsid.excitation.multisine import Multisine
 from gsid.excitation.periodic import Limits
-from gsid.models.rational import RationalModel
 from gsid.response.frf import Frf
 
 M_MIN = 2  # realisations: fewer do not show the distortion
 M_MOST = 64
-PERIODS_MOST = 100_000
-MATTERS = 0.1  # share of the wanted variance from which on distortion counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +105,10 @@ def next_excitation(
     sigma : float, optional
         Wanted standard deviation over gain at every line, 0 .. 1. Default 0.01, without `parameter_sigma`.
     parameter_sigma : float, optional
-        Wanted standard deviation over value of every parameter of a rational model, instead of `sigma`.
+        Wanted standard deviation over value of every free parameter of `model`, instead of `sigma`.
     model : RationalModel or PlantModel, optional
-        Required for limits of travel, and for `parameter_sigma`.
+        Required for limits of travel, and for `parameter_sigma`. Laws of a stack of effects explain the
+        distortion: it is then no error of the parameters.
     limits : Limits, optional
         Without a limit of the command: the peak of the measured lines together. State the limit for a stepped
         sine, whose lines are measured one after another.
@@ -131,10 +130,10 @@ def next_excitation(
     wanted = (0.01 if sigma is None else sigma) if parameter_sigma is None else parameter_sigma
     if not 0 < wanted < 1:
         raise ValueError(f"the relative standard deviation must be between 0 and 1, not {wanted}")
-    if parameter_sigma is not None and not (isinstance(model, RationalModel) and model.cov is not None):
-        raise ValueError("the uncertainty of parameters needs a rational model with covariance (gsid fit -o)")
+    if parameter_sigma is not None and model is None:
+        raise ValueError("the uncertainty of parameters needs a model: --model, or model=")
     errors = Errors.of(measured)
-    goal = _Goal(measured, errors, wanted, model if parameter_sigma is not None else None)
+    goal = goal_of(measured, errors, wanted, model if parameter_sigma is not None else None)
     command = limits or Limits()
     if command.command is None:
         command = replace(command, command=_peak(measured))
@@ -147,7 +146,7 @@ def next_excitation(
         if n_realisations < M_MIN and goal.with_distortion:
             continue
         for signal in candidates[n_realisations > 1]:
-            n_periods = goal.periods(signal.amplitude, n_realisations)
+            n_periods = goal.periods(signal, n_realisations)
             if n_periods is not None:
                 time_s = _time_s(measured, wait, n_periods, n_realisations)
                 if best is None or time_s < best[0]:
@@ -158,11 +157,11 @@ def next_excitation(
     time_s, n_periods, n_realisations, signal = best
     if n_realisations > M_MIN:
         signal = _smallest(signal, n_realisations, command, model)
-        n_periods = goal.periods(signal.amplitude, n_realisations) or n_periods
+        n_periods = goal.periods(signal, n_realisations) or n_periods
         time_s = _time_s(measured, wait, n_periods, n_realisations)
     if reachable:
-        signal = signal.scaled(goal.least_factor(signal.amplitude, n_periods, n_realisations))
-    expected, by_noise = goal.expected(signal.amplitude, n_periods, n_realisations)
+        signal = signal.scaled(goal.least_factor(signal, n_periods, n_realisations))
+    expected, by_noise = goal.expected(signal, n_periods, n_realisations)
     worst = int(np.argmax(expected))
     limited_by = "noise" if by_noise[worst] >= 0.5 else "distortion"
     planned = NextExcitation(
@@ -179,84 +178,6 @@ def next_excitation(
     )
     moved = None if model is None else travel(signal, model)
     return replace(planned, reason=_reason(planned, goal, measured, moved))
-
-
-class _Goal:
-    """What is wanted, and the standard deviations that an excitation is expected to leave."""
-
-    def __init__(self, measured: Frf, errors: Errors, wanted: float, model: RationalModel | None) -> None:
-        self.measured, self.errors, self.wanted, self.model = measured, errors, wanted, model
-        self.size = np.maximum(np.abs(measured.g), np.finfo(float).tiny)
-        if model is not None:
-            by = model.gradient(measured.f_hz)
-            hold = model.response(measured.f_hz) / replace(model, hold="none").response(measured.f_hz)
-            self.by = by * hold[:, None]
-            values = np.concatenate([model.den[1:], model.num, [model.delay_s] * model.free_delay])
-            self.values = np.abs(values)
-        share = errors.distortion / (self.size**2 * wanted**2)
-        self.with_distortion = bool(np.max(share) > MATTERS)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of lines or parameters."""
-        if self.model is None:
-            return [f"{f:.4g} Hz" for f in self.measured.f_hz]
-        n, m = len(self.model.den) - 1, len(self.model.num)
-        names = [f"den of power {n - 1 - i}" for i in range(n)] + [
-            f"num of power {m - 1 - i}" for i in range(m)
-        ]
-        return names + ["delay"] * self.model.free_delay
-
-    def expected(self, amplitude: np.ndarray, n_periods: int, n_realisations: int):
-        """Relative standard deviations, and the share of noise in their squares."""
-        variance = self.errors.variance(amplitude, n_periods, n_realisations)
-        noise = self.errors.noise / (amplitude**2 * n_periods * n_realisations)
-        if self.model is None:
-            return np.sqrt(variance) / self.size, noise / variance
-        weight = np.sqrt(2 / variance)[:, None]
-        rows = np.concatenate([(self.by * weight).real, (self.by * weight).imag])
-        scale = np.linalg.norm(rows, axis=0)
-        try:
-            inverse = np.linalg.inv((rows / scale).T @ (rows / scale))
-        except np.linalg.LinAlgError:  # the response does not determine some of them
-            inverse = np.full((len(scale), len(scale)), np.inf)
-        std = np.sqrt(np.maximum(np.diag(inverse), 0)) / scale
-        with np.errstate(divide="ignore"):
-            return std / self.values, np.full(len(std), np.mean(noise / variance))
-
-    def periods(self, amplitude: np.ndarray, n_realisations: int) -> int | None:
-        """Least number of periods that reaches the goal; None: no number does."""
-        if self.model is None:
-            left = (self.wanted * self.size) ** 2 - self.errors.distortion / n_realisations
-            if np.any(left <= 0):
-                return None
-            return periods_for(self.errors.noise / (amplitude**2 * n_realisations), left)
-        low, high = P_MIN, PERIODS_MOST
-        if self._worst(amplitude, high, n_realisations) > self.wanted:
-            return None
-        while low < high:
-            middle = (low + high) // 2
-            if self._worst(amplitude, middle, n_realisations) <= self.wanted:
-                high = middle
-            else:
-                low = middle + 1
-        return low
-
-    def least_factor(self, amplitude: np.ndarray, n_periods: int, n_realisations: int) -> float:
-        """Least factor on the amplitude that still reaches the goal, at most 1."""
-        low, high = 0.0, 1.0
-        for _ in range(40):
-            middle = (low + high) / 2
-            if self._worst(middle * amplitude, n_periods, n_realisations) <= self.wanted:
-                high = middle
-            else:
-                low = middle
-        return high
-
-    def _worst(self, amplitude: np.ndarray, n_periods: int, n_realisations: int) -> float:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = self.expected(amplitude, n_periods, n_realisations)[0]
-        return float(np.max(np.where(np.isnan(found), np.inf, found)))
 
 
 def _peak(measured: Frf) -> float:
@@ -299,18 +220,24 @@ def _with_phases(signal: Multisine, seed: int) -> Multisine:
     return replace(signal, phase_rad=phase_rad, seed=seed, optimised=False)
 
 
-def _reason(planned: NextExcitation, goal: _Goal, measured: Frf, moved: float | None) -> str:
+def _measured_signal(measured: Frf) -> Multisine:
+    """The excitation that was measured, at its mean amplitudes."""
+    line = measured.line.astype(np.uint32)
+    return Multisine(measured.fs_hz, measured.period_samples, line, np.abs(measured.u), np.angle(measured.u))
+
+
+def _reason(planned: NextExcitation, goal: Goal, measured: Frf, moved: float | None) -> str:
     """Why this excitation, and what comes next."""
-    what = "line" if goal.model is None else "parameter"
     worst = goal.names[int(np.argmax(planned.expected))]
-    before = goal.expected(
-        np.abs(measured.u), max(measured.n_periods // measured.n_realisations, 1), measured.n_realisations
-    )[0]
-    text = f"The measurement leaves {np.max(before):.2g} at the worst {what}; {goal.wanted:g} is wanted. "
-    if not planned.reachable and goal.model is not None:
+    periods = max(measured.n_periods // measured.n_realisations, 1)
+    before = goal.expected(_measured_signal(measured), periods, measured.n_realisations)[0]
+    text = (
+        f"The measurement leaves {np.max(before):.2g} at the worst {goal.what}; {goal.wanted:g} is wanted. "
+    )
+    if not planned.reachable and goal.what == "parameter":
         return text + (
             f"It is not reached for {worst} with {M_MOST} realisations: its value may be zero, or the "
-            "band does not determine it. Try a lower order or another band."
+            "band does not determine it. Try a simpler model or another band."
         )
     if not planned.reachable:
         return text + (
