@@ -20,7 +20,7 @@ $(REPLAY): firmware_examples/tests/replay.c $(wildcard firmware_examples/rate_lo
 .PHONY: examples
 examples: $(EXAMPLES) ## the firmware examples that run on a computer
 tests-built: $(EXAMPLES)
-C_FILES += $(wildcard firmware_examples/*/*.[ch])
+C_FILES += $(wildcard firmware_examples/*/*.[ch] firmware_examples/cfs/fsw/src/*.[ch] tests/install/*/*.[ch])
 
 # ---- Cortex-M ----------------------------------------------------------------------------------------------------
 

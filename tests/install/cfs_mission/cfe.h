@@ -1,0 +1,53 @@
+/* Declarations of the functions and types of cFE that the application uses, after the documentation of its interface. */
+#ifndef CFE_H
+#define CFE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef uint16_t uint16;
+typedef uint32_t uint32;
+typedef int32_t int32;
+typedef int32 CFE_Status_t;
+typedef uint32 CFE_SB_PipeId_t;
+typedef struct {
+    uint32 Value;
+} CFE_SB_MsgId_t;
+typedef struct {
+    uint32 Id;
+    uint32 Size;
+} CFE_MSG_Message_t;
+typedef struct {
+    CFE_MSG_Message_t Msg;
+    uint32 Time[2];
+} CFE_MSG_TelemetryHeader_t;
+typedef union {
+    CFE_MSG_Message_t Msg;
+    long long LongInt;
+} CFE_SB_Buffer_t;
+
+#define CFE_SUCCESS 0
+#define CFE_STATUS_EXTERNAL_RESOURCE_FAIL ((CFE_Status_t) - 1)
+#define CFE_SB_PEND_FOREVER (-1)
+#define CFE_MSG_PTR(header) (&(header).Msg)
+enum { CFE_ES_RunStatus_APP_RUN = 1, CFE_ES_RunStatus_APP_EXIT = 2, CFE_ES_RunStatus_APP_ERROR = 3 };
+enum { CFE_EVS_EventFilter_BINARY };
+typedef enum { CFE_EVS_EventType_INFORMATION = 2, CFE_EVS_EventType_ERROR = 3 } CFE_EVS_EventType_Enum_t;
+
+bool CFE_ES_RunLoop(uint32 *RunStatus);
+void CFE_ES_ExitApp(uint32 ExitStatus);
+CFE_Status_t CFE_EVS_Register(const void *Filters, uint16 NumEventFilters, uint16 FilterScheme);
+CFE_Status_t CFE_EVS_SendEvent(uint16 EventID, CFE_EVS_EventType_Enum_t EventType, const char *Spec, ...);
+CFE_Status_t CFE_SB_CreatePipe(CFE_SB_PipeId_t *PipeIdPtr, uint16 Depth, const char *PipeName);
+CFE_Status_t CFE_SB_Subscribe(CFE_SB_MsgId_t MsgId, CFE_SB_PipeId_t PipeId);
+CFE_Status_t CFE_SB_ReceiveBuffer(CFE_SB_Buffer_t **BufPtr, CFE_SB_PipeId_t PipeId, int32 TimeOut);
+CFE_Status_t CFE_SB_TransmitMsg(const CFE_MSG_Message_t *MsgPtr, bool IsOrigination);
+void CFE_SB_TimeStampMsg(CFE_MSG_Message_t *MsgPtr);
+CFE_SB_MsgId_t CFE_SB_ValueToMsgId(uint32 MsgIdValue);
+uint32 CFE_SB_MsgIdToValue(CFE_SB_MsgId_t MsgId);
+CFE_Status_t CFE_MSG_Init(CFE_MSG_Message_t *MsgPtr, CFE_SB_MsgId_t MsgId, size_t Size);
+CFE_Status_t CFE_MSG_GetMsgId(const CFE_MSG_Message_t *MsgPtr, CFE_SB_MsgId_t *MsgId);
+CFE_Status_t CFE_MSG_GetSize(const CFE_MSG_Message_t *MsgPtr, size_t *Size);
+
+#endif
