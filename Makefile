@@ -369,7 +369,7 @@ thesis: $(THESIS_CHAPTERS) ## the study of the thesis on the simulated axis, int
 $(THESIS)/.stamp: $(BUILD)/installed.stamp $(MODULES) $(wildcard python/gsid/*.py python/gsid/*/*.py python/gsid/*/*/*.py)
 	@rm -rf $(THESIS)
 	@mkdir -p $(THESIS) && touch $@
-$(THESIS)/%.json: benchmarks/thesis/%.py benchmarks/thesis/study.py $(THESIS)/.stamp
+$(THESIS)/%.json: benchmarks/thesis/%.py benchmarks/thesis/thesis_study.py $(THESIS)/.stamp
 	$(PY) benchmarks/thesis/run_chapter.py $* $(THESIS)
 
 .PHONY: hostile

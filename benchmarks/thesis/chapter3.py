@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from study import FS_HZ, LINES, PERIOD, Row, Study
+from thesis_study import FS_HZ, LINES, PERIOD, Row, Study
 
 from gsid import Multisine, RationalModel, read_record
 from gsid.excitation.generators import Prbs, Sweep

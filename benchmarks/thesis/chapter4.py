@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from chapter3 import PRBS, SCHROEDER, SWEEP
 from matplotlib.figure import Figure
-from study import AXIS, FS_HZ, HIGHEST_HZ, PERIOD, Row, Study, rows_of
+from thesis_study import AXIS, FS_HZ, HIGHEST_HZ, PERIOD, Row, Study, rows_of
 
 from gsid import Frf, frf, read_record
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from study import HIGHEST_HZ, LINES, Row, Study, rows_of
+from thesis_study import HIGHEST_HZ, LINES, Row, Study, rows_of
 
 TITLE = "Chapter 5: nonlinear distortion"
 PICTURES = {

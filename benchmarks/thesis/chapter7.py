@@ -6,7 +6,7 @@ import numpy as np
 from chapter3 import MODEL
 from chapter4 import measure
 from chapter8 import measure_high
-from study import HIGHEST_HZ, Row, Study, rows_of
+from thesis_study import HIGHEST_HZ, Row, Study, rows_of
 
 from gsid import RationalModel, frf, read_record
 from gsid.fitting.rational import initial_delay

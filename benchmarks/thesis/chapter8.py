@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from chapter3 import MODEL
-from study import LINES, PERIOD, Row, Study, rows_of
+from thesis_study import LINES, PERIOD, Row, Study, rows_of
 
 from gsid import frf, read_record
 

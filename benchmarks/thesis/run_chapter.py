@@ -4,7 +4,7 @@ import importlib
 import sys
 from pathlib import Path
 
-from study import Study, write_rows
+from thesis_study import Study, write_rows
 
 if __name__ == "__main__":
     name, folder = sys.argv[1], Path(sys.argv[2])

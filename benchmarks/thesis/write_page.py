@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
-from study import AXIS, Row, Study, read_rows
+from thesis_study import AXIS, Row, Study, read_rows
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

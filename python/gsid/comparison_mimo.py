@@ -25,6 +25,8 @@ from gsid.spectrum.lines import bins_between_lines
 if TYPE_CHECKING:
     from gsid.models.mimo import MimoModel
 
+DEPENDENT = 1e-10  # least eigenvalue of a correlation matrix: rounding leaves 1e-15
+
 
 KINDS = ("excited", "odd", "even")
 ALIKE = 10.0  # bands are joined if their mean excess per line differs by no more than this factor
@@ -265,6 +267,7 @@ def _compared(model: MimoModel, measured: _Measured, alpha: float, *, fitted: bo
         dof=measured.dof,
         by_model=by_model,
     )
+    _require_independent(errors.scatter, measured.first)
     found = mimo_misfit(errors)
     n_fitted = model.n_parameters if fitted else 0
     p_value, n = found.total.p_value_of_fit(n_fitted), errors.error.size
@@ -284,6 +287,17 @@ def _compared(model: MimoModel, measured: _Measured, alpha: float, *, fitted: bo
         n_periods=int(measured.weight.sum()),
         hold=model.hold if measured.first.hold is None else measured.first.hold,
     )
+
+
+def _require_independent(scatter: np.ndarray, first: MimoRecord) -> None:
+    """Raise if the noise of an output follows from that of the others: such outputs have no joint test."""
+    size = np.sqrt(np.einsum("kii->ki", scatter).real)
+    correlation = scatter / (size[:, :, None] * size[:, None, :])
+    if np.linalg.eigvalsh(correlation).min() < DEPENDENT:
+        hint = "leave out an output that is computed from the others"
+        raise InputError(
+            "the noise of the outputs is linearly dependent", first.name, ", ".join(first.outputs), hint
+        )
 
 
 def _outputs(measured: _Measured, errors: MimoErrors, n_fitted: int) -> list[OutputComparison]:

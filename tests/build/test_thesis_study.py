@@ -19,7 +19,7 @@ def write_page(request):
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(root / FOLDER))
         yield importlib.import_module("write_page")
-        for name in ("write_page", "study", *sys.modules["write_page"].CHAPTERS):
+        for name in ("write_page", "thesis_study", *sys.modules["write_page"].CHAPTERS):
             sys.modules.pop(name, None)
 
 

@@ -22,6 +22,9 @@ experiments = [gsid.read_mimo_record("experiment.csv", ["u1", "u2"], ["y1", "y2"
 assert_type(experiments, list[gsid.MimoRecord])
 assert_type(gsid.frf_mimo(experiments), gsid.MimoFrf)
 assert_type(gsid.fit_mimo(gsid.frf_mimo(experiments), "8/8"), gsid.MimoModel)
+assert_type(gsid.distortion_mimo(experiments), gsid.MimoDistortion)
+matrix = gsid.MimoModel.load("matrix.json")
+assert_type(gsid.compare_mimo(matrix, experiments), gsid.MimoComparison)
 
 model = gsid.load_model("model.json")
 assert_type(model, gsid.RationalModel | gsid.PiecewiseModel | gsid.MimoModel | gsid.PlantModel)

@@ -2,20 +2,25 @@
 
 import importlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import run_studies
 import study as studying
 from page import put
-from study import Cell, Results, Study, rates, studies
+from study import CELL_CONFIDENCE, Cell, Results, Study, rates, studies
 
 KNOWN = studies()
 
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_level_is_kept_in_the_short_form(name):
-    study = KNOWN[name]
+    """At 99.9 % of each cell: the same few seeds are looked at after each change.
+
+    Four of the first 12 stacks fitted to 4 periods are rejected, 36 of the first 600 (4.2 to 8.2 %).
+    """
+    study = replace(KNOWN[name], confidence=CELL_CONFIDENCE)
     seeds = range(studying.FIRST_SEED, studying.FIRST_SEED + study.n_short)
     outcomes = {
         (cell.name, seed): studying.experiment(study, cell, seed) for cell in study.cells for seed in seeds

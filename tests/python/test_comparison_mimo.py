@@ -156,3 +156,12 @@ def test_records_that_do_not_fit_the_model_are_refused(change, message):
         compare_mimo(truth, change(record))
     with pytest.raises(ValueError, match="alpha"):
         compare_mimo(truth, record, alpha=2.0)
+
+
+def test_bug_an_output_that_follows_from_the_others_was_a_fault_of_the_command():
+    """Its Cholesky factor does not exist: "Matrix is not positive definite", without where and what to do."""
+    truth = model()
+    records = [replace(one, y=one.y[:, :1] * [1.0, 2.0]) for one in measured(truth, SEED)]
+    with pytest.raises(InputError, match="noise of the outputs is linearly dependent") as caught:
+        compare_mimo(truth, records)
+    assert caught.value.hint == "leave out an output that is computed from the others"

@@ -271,6 +271,8 @@ def test_nothing_writes_but_through_this_function():
         ("records/arrays.py", "savemat"),
         ("records/arrays.py", "h5py.File"),
         ("records/csv.py", "open"),
+        ("records/mimo.py", "open"),
+        ("response/streaming.py", "np.savez"),  # into a file that was opened with the temporary name
         ("cli/simulate.py", "path.open"),  # the log: called with the temporary name too
         ("report/pictures.py", "figure.savefig"),
         ("plots/style.py", "self.savefig"),

@@ -1,4 +1,4 @@
-"""Exit codes, and the ladder of a model that a diagnosis found."""
+"""Exit codes, names of the help option, and the ladder of a model that a diagnosis found."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from gsid.diagnosis.from_records.result import Diagnosis
     from gsid.plant.model import PlantModel
 
+HELP_NAMES = ["-h", "--help"]
 EXIT_GOOD, EXIT_CRITERION, EXIT_USAGE, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT = 0, 1, 2, 3, 4, 130
 
 

@@ -12,7 +12,7 @@ import click
 
 from gsid.base.errors import InputError, choose
 from gsid.base.json_files import parse_json
-from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD
+from gsid.cli.common import EXIT_CRITERION, EXIT_GOOD, HELP_NAMES
 from gsid.cli.main import main
 from gsid.cli.options import InputPath, OutputPath
 from gsid.cli.output import MESSAGES
@@ -120,7 +120,9 @@ class VerbOfRecipe:
     def _check(self) -> None:
         """Let the verb parse the words, without running it."""
         try:
-            with self.command.make_context(self.recipe.verb, [*self.words, "--json", "REC.csv"]):
+            words = [*self.words, "--json", "REC.csv"]
+            # A command keeps its help option: without these names `gsid VERB --help` would lose -h.
+            with self.command.make_context(self.recipe.verb, words, help_option_names=HELP_NAMES):
                 pass
         except click.UsageError as error:
             where = f"{self.recipe.path}: options of {self.recipe.verb}"

@@ -14,7 +14,7 @@ import click
 from click.exceptions import NoArgsIsHelpError, NoSuchCommand, NoSuchOption
 
 from gsid.base.errors import GsidError, InputError, SimulationError
-from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE
+from gsid.cli.common import EXIT_GOOD, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPT, EXIT_USAGE, HELP_NAMES
 from gsid.cli.in_study import StudyStep
 from gsid.cli.options import library_option
 from gsid.cli.output import MESSAGES, PROGRESS, print_message
@@ -78,7 +78,7 @@ class Verbs(click.Group):
 
 @click.group(
     cls=Verbs,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    context_settings={"help_option_names": HELP_NAMES, "max_content_width": 110},
     epilog="`gsid demo` shows the whole loop; `gsid diagnose REC...` starts from your own records.\n\n"
     "`-o -` writes to the standard output.\n\n"
     "Exit codes: 0 good, 1 a requested criterion is not met, 2 usage, 3 bad input, 4 internal error.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gsid.cli.common import EXIT_CRITERION, EXIT_INTERRUPT
+from gsid.cli.common import EXIT_CRITERION, EXIT_INTERRUPT, HELP_NAMES
 from gsid.cli.in_study import Typed
 from gsid.cli.options import InputPath
 from gsid.cli.output import visible
@@ -124,7 +124,7 @@ def _typed(step: Step) -> Typed | None:
     """Its words by parameter, without a --library before the verb."""
     from gsid.cli.main import gsid
 
-    root = click.Context(gsid, info_name="gsid", help_option_names=["-h", "--help"])
+    root = click.Context(gsid, info_name="gsid", help_option_names=HELP_NAMES)
     words = list(step.arguments)
     with contextlib.suppress(click.UsageError):  # of another version of gsid
         return Typed.read(root, words[words.index(step.verb) :]) if step.verb in words else None
