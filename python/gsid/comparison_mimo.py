@@ -25,10 +25,8 @@ from gsid.spectrum.lines import bins_between_lines
 if TYPE_CHECKING:
     from gsid.models.mimo import MimoModel
 
-DEPENDENT = 1e-10  # least eigenvalue of a correlation matrix: rounding leaves 1e-15
-
-
 KINDS = ("excited", "odd", "even")
+DEPENDENT = 1e-10  # least eigenvalue of a correlation matrix: rounding leaves 1e-15
 ALIKE = 10.0  # bands are joined if their mean excess per line differs by no more than this factor
 
 

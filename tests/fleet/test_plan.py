@@ -4,9 +4,13 @@ import json
 import re
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 from gsid.base.errors import InputError
+from gsid.cli.fleet_verb import VerbOfRecipe
+from gsid.cli.main import gsid
 from gsid.fleet import address as addresses
 from gsid.fleet.address import address, record_digest
 from gsid.fleet.plan import Shard, Unit, read_plan, units_of, write_plan
@@ -128,3 +132,13 @@ def test_a_damaged_plan_is_refused(tmp_path):
     path.write_text(json.dumps({"gsid_fleet": 99}))
     with pytest.raises(InputError, match="not a plan of this version"):
         list(read_plan(path))
+
+
+def test_bug_the_recipe_took_h_from_the_help_of_its_verb(tmp_path, monkeypatch):
+    """A command keeps the help option of its first use, and a recipe parses the words of its verb."""
+    path = tmp_path / "recipe.toml"
+    path.write_text('verb = "noise"\n')
+    command = gsid.get_command(click.Context(gsid), "noise")
+    monkeypatch.setattr(command, "_help_option", None, raising=False)
+    VerbOfRecipe(read_recipe(path))
+    assert "-h, --help" in CliRunner().invoke(gsid, ["noise", "--help"]).output
