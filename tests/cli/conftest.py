@@ -1,6 +1,7 @@
 """The command as a function, its snapshots, and records for it to read."""
 
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,15 +35,18 @@ def plain_words(monkeypatch, tmp_path):
 
 @pytest.fixture
 def gsid(capsys):
-    """Run the command in this process: `gsid("frf", "rec.csv")`."""
+    """Run the command in this process: `gsid("frf", "rec.csv")`. Of a test that fails, pytest shows what it said."""
+    shown = []
 
     def run(*arguments):
         capsys.readouterr()
         code = main([str(a) for a in arguments])
         captured = capsys.readouterr()
+        shown.append(captured.err)
         return Result(code, captured.out, captured.err)
 
-    return run
+    yield run
+    sys.stderr.write("".join(shown))
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 import importlib.metadata
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -38,6 +40,16 @@ def test_licences_and_variant_are_printed(capsys):
     has_fftw = ffi.string(lib.gsid_build_library_version(b"fftw")) != b""
     assert ("fftw" in checks["variant"]["found"]) == has_fftw
     assert ("GPL" in checks["fftw"]["licence"]) == has_fftw
+
+
+def test_bug_dask_in_the_same_process_broke_the_doctor():
+    """Dask imports importlib_metadata, whose metadata raise KeyError for a key that a package does not state."""
+    code = (
+        "import importlib_metadata, sys; from gsid.cli.main import main; sys.exit(main(['doctor', '--json']))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert json.loads(result.stdout)["ok"]
 
 
 def test_a_build_without_gpl_libraries_is_complete(monkeypatch):

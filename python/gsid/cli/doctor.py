@@ -91,8 +91,9 @@ def _licence(package: str) -> str:
     classifiers = [
         text.split(" :: ")[-1] for text in stated.get_all("Classifier", []) if "License ::" in text
     ]
-    short = (stated["License"] or "").partition("\n")[0]
-    return stated["License-Expression"] or ", ".join(classifiers) or (short if len(short) < 40 else "")
+    # `get`: with the package importlib_metadata, as Dask has it, a key that is missing is an error.
+    short = (stated.get("License") or "").partition("\n")[0]
+    return stated.get("License-Expression") or ", ".join(classifiers) or (short if len(short) < 40 else "")
 
 
 def _variant() -> Check:
