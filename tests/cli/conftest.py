@@ -35,7 +35,7 @@ def plain_words(monkeypatch, tmp_path):
 
 @pytest.fixture
 def gsid(capsys):
-    """Run the command in this process: `gsid("frf", "rec.csv")`. Of a test that fails, pytest shows what it said."""
+    """Run the command in this process: `gsid("frf", "rec.csv")`. Its messages are shown if the test fails."""
     shown = []
 
     def run(*arguments):

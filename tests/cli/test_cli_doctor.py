@@ -43,7 +43,7 @@ def test_licences_and_variant_are_printed(capsys):
 
 
 def test_bug_dask_in_the_same_process_broke_the_doctor():
-    """Dask imports importlib_metadata, whose metadata raise KeyError for a key that a package does not state."""
+    """Dask imports importlib_metadata, where a key that a package does not state is a KeyError."""
     code = (
         "import importlib_metadata, sys; from gsid.cli.main import main; sys.exit(main(['doctor', '--json']))"
     )
