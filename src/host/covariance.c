@@ -1,11 +1,9 @@
 /* Covariance of a fit from its triangle, by the singular values of one-sided Jacobi rotations. */
-#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
 #include "gsid/host/greybox.h"
-
-#define SWEEPS_MAX 60 /* 6 to 10 are needed */
+#include "singular.h"
 
 /* Columns of the triangle, scaled to length 1, as the rows of `a`; a column of zeros keeps the scale 1. */
 static void take_columns(uint32_t n, uint32_t stride, const double *r, double *a, double *scale) {
@@ -21,61 +19,13 @@ static void take_columns(uint32_t n, uint32_t stride, const double *r, double *a
     }
 }
 
-static double dot(uint32_t n, const double *x, const double *y) {
-    double sum = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        sum += x[i] * y[i];
-    }
-    return sum;
-}
-
-static void rotate(uint32_t n, double c, double s, double *x, double *y) {
-    for (uint32_t i = 0; i < n; i++) {
-        const double old = x[i];
-        x[i] = c * old - s * y[i];
-        y[i] = s * old + c * y[i];
-    }
-}
-
-/* Rotate the rows of `a`, and of `v` with them, until those of `a` are orthogonal: their lengths are the singular values, and the
- * rows of v the right singular vectors. Returns whether they are. */
-static int orthogonalise(uint32_t n, double *a, double *v) {
-    for (uint32_t i = 0; i < n; i++) {
-        for (uint32_t j = 0; j < n; j++) {
-            v[(size_t)i * n + j] = i == j;
-        }
-    }
-    for (int sweep = 0, is_done = 0; sweep < SWEEPS_MAX; sweep++) {
-        is_done = 1;
-        for (uint32_t i = 0; i + 1 < n; i++) {
-            for (uint32_t j = i + 1; j < n; j++) {
-                double *x = a + (size_t)i * n, *y = a + (size_t)j * n;
-                const double xx = dot(n, x, x), yy = dot(n, y, y), xy = dot(n, x, y);
-                if (fabs(xy) <= DBL_EPSILON * sqrt(xx) * sqrt(yy)) {
-                    continue;
-                }
-                is_done = 0;
-                const double zeta = (yy - xx) / (2 * xy);
-                const double t = copysign(1 / (fabs(zeta) + hypot(1, zeta)), zeta);
-                const double c = 1 / hypot(1, t);
-                rotate(n, c, c * t, x, y);
-                rotate(n, c, c * t, v + (size_t)i * n, v + (size_t)j * n);
-            }
-        }
-        if (is_done) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
 /* Sums of the outer products of the singular vectors: those determined over their squared values, and of the others. */
 static uint32_t add_up(uint32_t n, const double *a, const double *v, const double *scale, double singular, double *cov,
                        double *open) {
     double largest = 0;
     uint32_t n_open = 0;
     for (uint32_t k = 0; k < n; k++) {
-        largest = fmax(largest, dot(n, a + (size_t)k * n, a + (size_t)k * n));
+        largest = fmax(largest, gsid_dot(n, a + (size_t)k * n, a + (size_t)k * n));
     }
     for (size_t i = 0; i < (size_t)n * n; i++) {
         cov[i] = 0;
@@ -84,7 +34,7 @@ static uint32_t add_up(uint32_t n, const double *a, const double *v, const doubl
         open[i] = 0;
     }
     for (uint32_t k = 0; k < n; k++) {
-        const double *along = v + (size_t)k * n, square = dot(n, a + (size_t)k * n, a + (size_t)k * n);
+        const double *along = v + (size_t)k * n, square = gsid_dot(n, a + (size_t)k * n, a + (size_t)k * n);
         const int is_known = sqrt(square) > singular * sqrt(largest);
         n_open += !is_known;
         for (uint32_t i = 0; i < n; i++) {
@@ -120,7 +70,7 @@ gsid_status gsid_arrow_covariance(uint32_t n, uint32_t stride, const double *r, 
     }
     double *v = a + (size_t)n * n, *scale = v + (size_t)n * n;
     take_columns(n, stride, r, a, scale);
-    const int is_done = orthogonalise(n, a, v);
+    const int is_done = gsid_singular_values(n, n, a, v);
     *n_open = add_up(n, a, v, scale, singular, cov, open);
     free(a);
     return is_done ? GSID_OK : GSID_MAX_ITER;
