@@ -21,7 +21,7 @@ import numpy as np
 
 from gsid.base.errors import GsidError
 from gsid.excitation.multisine import Multisine
-from gsid.greybox import fit, linear_start, minimise, problem, weights
+from gsid.greybox import fit, linear_start, problem, weights
 from gsid.greybox.settings import SETTINGS
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import PeriodicPlant
@@ -56,7 +56,7 @@ MODE = "flexible_mode.f_hz"
 @contextlib.contextmanager
 def changed(**changes: float) -> Iterator[None]:
     """The settings with some of them changed, in every module of the fit."""
-    modules = fit, linear_start, minimise, problem, weights
+    modules = fit, linear_start, problem, weights
     for module in modules:
         module.SETTINGS = replace(SETTINGS, **changes)
     yield

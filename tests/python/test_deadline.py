@@ -1,14 +1,15 @@
 """Deadlines: a fit by simulation ends when its time is over, with the best values so far."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from plants import axis_record, plant
 
+import gsid.greybox.fit
 from gsid.base.deadline import Deadline, OutOfTime
 from gsid.greybox.fit import fit_plant
-from gsid.plant.periodic import PeriodicPlant
 
 SEED = 20261122
 LATE_S = 1.0  # a sample of a stiff model; on a busy computer the processor time counts
@@ -41,15 +42,16 @@ def test_a_simulation_within_a_fit_is_stopped_at_the_deadline(record):
 
 
 def test_a_fit_out_of_time_has_the_best_values_so_far(record, monkeypatch):
-    deadline, n_runs, run = Deadline(), [], PeriodicPlant.run
+    deadline, n_runs = Deadline(), []
 
-    def stop_at_the_third(self, *arguments, **how):
-        n_runs.append(1)
-        if len(n_runs) == 3:
-            deadline.stop()
-        return run(self, *arguments, **how)
+    class StopsAtTheThird(ThreadPoolExecutor):
+        def submit(self, *arguments):
+            n_runs.append(1)
+            if len(n_runs) == 3:
+                deadline.stop()
+            return super().submit(*arguments)
 
-    monkeypatch.setattr(PeriodicPlant, "run", stop_at_the_third)
+    monkeypatch.setattr(gsid.greybox.fit, "ThreadPoolExecutor", StopsAtTheThird)
     cut = fit_plant(good(), record, deadline=deadline)
     monkeypatch.undo()
     whole, one = fit_plant(good(), record), fit_plant(good(), record, max_iter=1)

@@ -2,7 +2,6 @@
 
 import copy
 import re
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
@@ -10,14 +9,13 @@ import pytest
 from plants import FS_HZ, axis_record, plant
 from scipy import ndimage, stats
 from scipy.signal import lfilter
+from squares import search
 
 from gsid.base.errors import GsidError, InputError
 from gsid.comparison import compare
 from gsid.excitation.multisine import Multisine
 from gsid.greybox.fit import fit_plant
 from gsid.greybox.linear_start import linear_start
-from gsid.greybox.minimise import minimise
-from gsid.greybox.problem import Point, Problem
 from gsid.greybox.settings import GreyboxSettings
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
@@ -596,16 +594,6 @@ def test_quiet_lines_are_searched_as_closely_as_loud_ones():
     assert abs(ends[1] - ends[0]) < 0.2 * std
 
 
-def test_equal_weights_leave_no_line_less_than_its_noise():
-    """So a parameter that shows in units of the noise is not taken for silent in those of the search."""
-    measured = spectra(axis_record(multisine(1), P, 0.1, 1, **AXIS))
-    with ThreadPoolExecutor(1) as pool:
-        problem = Problem(start(TRUTH), [measured], (2, 250), (), pool)
-    (noise,), (equal,) = problem.weights, problem.equal_weights()
-    assert np.ptp(equal) == 0
-    assert np.min(equal / noise) == pytest.approx(1, rel=1e-12)
-
-
 @pytest.mark.parametrize("solver", ["lm", "nlopt"])
 def test_a_step_into_what_does_not_settle_has_failed(solver):
     """A bug: the fit of a gear went on at values where one record rattled without end, and a cost that
@@ -614,7 +602,7 @@ def test_a_step_into_what_does_not_settle_has_failed(solver):
     class Rattling:
         """Cost (x - 1)^2; from 0.5 on nothing settles."""
 
-        has_backlash, n, parts, may_follow = True, 1, [], Problem.may_follow
+        n = 1
 
         def start(self):
             return np.zeros(1)
@@ -624,12 +612,11 @@ def test_a_step_into_what_does_not_settle_has_failed(solver):
 
         def at(self, x):
             slope, error = np.array([[10.0]]), 10 * (1 - x)
-            return Point(x, float(error @ error), [], [], [], bool(x[0] < 0.5), slope, error)
+            return float(error @ error), slope, error, bool(x[0] < 0.5)
 
         def keep(self):
             pass
 
-    found = minimise(Rattling(), solver, 50)
-    assert found.point.settled
-    assert 0 < found.point.x[0] < 0.5
+    found = search(Rattling(), solver, 50)
+    assert 0 < found.x[0] < 0.5
     assert not found.converged

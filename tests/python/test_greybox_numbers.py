@@ -1,20 +1,22 @@
 """Numbers of the grey-box fit against numbers computed by hand, on problems of a few unknowns."""
 
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from plants import FS_HZ, axis_record, plant
+from squares import covariance, search
 
-import gsid.greybox.minimise
-from gsid._lib import ffi
+import gsid.greybox.fit
+import gsid.greybox.problem
+from gsid.base.deadline import Deadline, OutOfTime
 from gsid.base.errors import GsidError, InputError
 from gsid.comparison import compare
 from gsid.excitation.multisine import Multisine
-from gsid.greybox.fit import PlantFit, _covariance, fit_plant
+from gsid.greybox.fit import PlantFit, fit_plant
 from gsid.greybox.linear_start import linear_error, linear_start
-from gsid.greybox.minimise import Steps, minimise
-from gsid.greybox.problem import Point, Problem
+from gsid.greybox.problem import Problem
 from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.periodic import PeriodicPlant
 from gsid.records.record import Record
@@ -41,35 +43,41 @@ FREE_AXIS = {effect: AXIS[effect] for effect in ("rigid_body", "viscous_friction
 
 
 def problem_of(several, *, band=BAND, per_record=(), stack=FREE_AXIS):
-    """Simulated without threads."""
-    return Problem(plant(stack), several, band, per_record, SimpleNamespace(map=map))
+    return Problem(plant(stack), several, band, per_record)
+
+
+def start_of(s):
+    """The fit at its start, which is the truth."""
+    return fit_plant(plant(FREE_AXIS), s, band=BAND, max_iter=1)
 
 
 # ---- weights -----------------------------------------------------------------------------------------------
 
 
-def test_weights_and_tolerance_of_a_record():
-    """The variance of a real line is that of its only part: the weight is sqrt(P / s^2), not sqrt(2 P / s^2).
-
-    White noise of 0.1 has a mean over the periods of 0.1 / sqrt(P), of which 1 % may be left.
-    """
+def test_weights_of_a_record():
+    """sqrt(2 P / s^2), and sqrt(P / s^2) of a real line, whose variance is that of its only part."""
     s = measured()
-    (part,) = problem_of([s]).parts
+    fit = start_of(s)
+    (record,) = fit.records
     ((variance, dof),) = pooled_variance([s])
     k = (N + 1) // 2
-    assert part.line.tolist() == list(range(k))
+    assert record.line.tolist() == list(range(k))
     parts = np.r_[1, np.full(k - 1, 2)]
-    np.testing.assert_allclose(part.weight**2, (dof - 1) / dof * parts * P / variance[:k])
-    assert part.n_rows == 2 * k - 1
-    assert part.plant.tolerance == pytest.approx(0.01 * 0.1 / np.sqrt(P), rel=0.03)
+    np.testing.assert_allclose(record.weight**2, (dof - 1) / dof * parts * P / variance[:k])
+    assert fit.n_dof == 2 * k - 1 - len(fit.model.free_names)
+    assert record.residual[k] == 0
 
 
 def test_a_drift_is_a_ramp_without_mean():
     """The sum of n w^n over a period is N / (w - 1) if w^N = 1: line k of n / N is 2 / N / (w - 1)."""
-    part = problem_of([measured()], per_record=("drift",)).parts[0]
-    assert part.drift[0, 0] == pytest.approx(0, abs=1e-12)
+    problem = problem_of([measured()], per_record=("drift",))
+    with ThreadPoolExecutor(1) as pool:
+        problem.minimise("lm", "ml", 1, pool)
+    part = problem.parts[0]
+    re, im = np.split(part.rows[:, 0] / np.tile(part.weight, 2), 2)
+    assert abs(re[0]) < 1e-12
     w = np.exp(-2j * np.pi * part.line[1:] / N)
-    np.testing.assert_allclose(part.drift[0, 1:], 2 / N / (w - 1), rtol=1e-9)
+    np.testing.assert_allclose(re[1:] + 1j * im[1:], 2 / N / (w - 1), rtol=1e-9)
 
 
 def small(n_periods, level=1.0, name="short"):
@@ -102,8 +110,10 @@ def test_the_level_of_a_group_is_that_of_its_first_record():
 def test_a_record_without_noise_has_the_variance_of_the_resolution_of_a_converter():
     """1e-7 of the largest line."""
     s = measured(noise=0.0)
-    (part,) = problem_of([s]).parts
-    np.testing.assert_allclose(part.variance, (1e-7 * np.max(np.abs(s.y))) ** 2, rtol=1e-6)
+    (record,) = start_of(s).records
+    ((_, dof),) = pooled_variance([s])
+    variance = (1e-7 * np.max(np.abs(s.y[record.line]))) ** 2
+    np.testing.assert_allclose(record.weight[1:] ** 2, (dof - 1) / dof * 2 * P / variance, rtol=1e-6)
 
 
 def test_too_few_lines_are_reported_with_the_first_record():
@@ -125,29 +135,33 @@ def test_the_default_band_of_a_loop_of_the_angle_begins_at_0_hz():
 
 
 def test_a_parameter_is_held_if_its_size_changes_less_than_a_thousandth_of_the_noise():
-    quiet = measured()
-    x = problem_of([quiet]).start()
-    effect = np.linalg.norm(problem_of([quiet]).at(x).r[:, 0]) * abs(x[0])
+    """The noise is enlarged, the mean of the periods stays: nothing is to be gained from the start."""
+    gain = "rigid_body.gain"
+    quiet = start_of(measured())
+    column = quiet.model.free_names.index(gain)
+    effect = np.linalg.norm(quiet.jacobian[:, column]) * quiet.model[gain].value
     for size, is_held in ((2e-3, False), (5e-4, True)):
         noisy = measured()
         noisy.Y = noisy.y + (noisy.Y - noisy.y) * effect / size
-        r = problem_of([noisy]).at(x).r
-        assert (np.linalg.norm(r[:, 0]) == 0) == is_held
+        fit = start_of(noisy)
+        assert fit.n_iterations == 0
+        assert np.isnan(fit.model[gain].std) == is_held
 
 
-@pytest.mark.parametrize("has_gear", [False, True])
-def test_only_a_response_with_backlash_is_not_simulated_longer(monkeypatch, has_gear):
-    run, patience = PeriodicPlant.run, []
-
-    def watched(self, values, **options):
-        patience.append(options["patient"])
-        return run(self, values, **options)
-
-    monkeypatch.setattr(PeriodicPlant, "run", watched)
-    gear = {"gap_deg": 0.02, "stiffness": 1e5, "inertia_ratio": 0.1, "damping": 20.0}
-    problem = problem_of([measured()], stack=FREE_AXIS | {"gear_backlash": gear} if has_gear else FREE_AXIS)
-    problem.at(problem.start())
-    assert patience == [not has_gear]
+def test_a_response_with_backlash_that_does_not_settle_is_not_simulated_longer():
+    """A gear that rattles: the work of one impatient search is enough for the start of a fit."""
+    gear = {"gap_deg": 0.02, "stiffness": 1e5, "inertia_ratio": 0.1, "damping": 0.0}
+    model = plant(FREE_AXIS | {"gear_backlash": gear})
+    s = measured()
+    work = {}
+    for is_patient in (False, True):
+        rattling = PeriodicPlant.of(model, s)
+        assert not rattling.run(sensitivities=True, patient=is_patient).settled
+        work[is_patient] = rattling.moves
+    assert work[True] > 1.5 * work[False]
+    fit_plant(model, s, band=BAND, max_iter=1, deadline=Deadline().bounded(work[False] + 1))
+    with pytest.raises(OutOfTime):
+        fit_plant(model, s, band=BAND, max_iter=1, deadline=Deadline().bounded(work[False] // 2))
 
 
 # ---- search ------------------------------------------------------------------------------------------------
@@ -162,14 +176,14 @@ class OneUnknown:
         Decrease of the cost over the predicted decrease; None for a trial that cannot be simulated.
     """
 
-    n, parts = 1, ()
+    n = 1
 
-    def __init__(self, gains):
+    def __init__(self, gains, cost=1e6):
         self.gains, self.dampings = list(gains), []
-        self.kept = self.last = Point(np.zeros(1), 1e6, [], [], [], True, np.eye(1), np.array([10.0]))
+        self.kept = self.last = (np.zeros(1), cost)
 
     def start(self):
-        return self.kept.x
+        return np.zeros(1)
 
     def bounds(self):
         return np.full(1, -np.inf), np.full(1, np.inf)
@@ -177,26 +191,23 @@ class OneUnknown:
     def keep(self):
         self.kept = self.last
 
-    def may_follow(self, point, trial):
-        return True
-
     def at(self, x):
-        step = float(x[0] - self.kept.x[0])
-        if step == 0:
-            return self.kept
-        self.dampings.append(10 / step - 1)
-        gain = self.gains.pop(0)
-        if gain is None:
-            raise GsidError(-4, "the plant left the range of numbers")
-        cost = self.kept.cost - gain * (10**2 - (10 - step) ** 2)
-        self.last = Point(x, cost, [], [], [], True, np.eye(1), np.array([10.0]))
-        return self.last
+        before, cost = self.kept
+        step = float(x[0] - before[0])
+        if step:
+            self.dampings.append(10 / step - 1)
+            gain = self.gains.pop(0)
+            if gain is None:
+                raise GsidError(-4, "the plant left the range of numbers")
+            cost -= gain * (10**2 - (10 - step) ** 2)
+        self.last = (x, cost)
+        return cost, np.eye(1), np.array([10.0]), True
 
 
 def test_the_damping_follows_nielsen():
     """A step of 10 / (1 + d) shows d, which is multiplied by max(1/3, 1 - (2 gain - 1)^3), or by 2, 4, ..."""
     problem = OneUnknown([0.75, None, None, 1.0, 0.1, None, 1.0])
-    minimise(problem, "lm", 4)
+    search(problem, "lm", 4)
     factors = [1, 0.875, 2, 4, 1 / 3, 1 + 0.8**3, 2]
     np.testing.assert_allclose(problem.dampings, 1e-3 * np.cumprod(factors), rtol=1e-9)
 
@@ -204,107 +215,114 @@ def test_the_damping_follows_nielsen():
 @pytest.mark.parametrize(("cost", "is_converged"), [(2e8, True), (5e7, False)])
 def test_a_search_that_stalls_has_converged_if_little_of_the_cost_is_left(cost, is_converged):
     """A full step promises 100: less than 1e-6 of the cost, or more. No trial lowers it."""
-    problem = OneUnknown([-1.0] * 100)
-    problem.kept.cost = cost
-    found = minimise(problem, "lm", 10)
-    assert (found.n_iterations, found.point.x[0], found.converged) == (0, 0, is_converged)
+    problem = OneUnknown([-1.0] * 100, cost)
+    found = search(problem, "lm", 10)
+    assert (found.n_iterations, found.x[0], found.converged) == (0, 0, is_converged)
     assert problem.dampings[-1] == pytest.approx(
         1e-3 * 2**36, rel=1e-6
     )  # 2 * 4 * ... 2^8; with 2^9, above 1e10
 
 
-def test_steps_within_bounds():
-    """Unit Jacobian: the full step is q. An unknown at a bound is blocked if its step leads out."""
-    q = np.array([-1.0, 0.5, 0.0, 1.0, -0.5, 0.0])
-    lower, upper = np.r_[np.zeros(3), np.full(3, -9.0)], np.r_[np.full(3, 9.0), np.zeros(3)]
-    point = Point(np.zeros(6), 0.0, [], [], [], True, np.eye(6), q)
-    steps = Steps(point, np.ones(6), (lower, upper))
-    assert steps.blocked.tolist() == [True, False, False, True, False, False]
-    assert steps.decrease == pytest.approx(0.5)
-    for damping in (0.0, 1.0):
-        x, promised = steps.step(damping)
-        np.testing.assert_allclose(x, np.array([0, 0.5, 0, 0, -0.5, 0]) / (1 + damping))
-        left = 0.5 * (damping / (1 + damping)) ** 2 + 2  # the blocked unknowns leave 1 + 1
-        assert promised == pytest.approx(q @ q - left)
+class Linear:
+    """Residuals b - R x: the cost is quadratic."""
 
-
-class Quadratic:
-    """Cost |b - R x|^2 of two unknowns."""
-
-    n, parts = 2, ()
-    R, b = np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([1.0, -2.0])
-
-    def __init__(self):
-        self.n_calls = 0
+    def __init__(self, R, b, start, bounds):
+        self.R, self.b, self._start, self._bounds = np.array(R), np.array(b), start, bounds
+        self.n, self.points = len(b), []
 
     def start(self):
-        return np.array([3.0, 2.0])
+        return self._start
 
     def bounds(self):
-        return np.full(2, -50.0), np.full(2, 50.0)
+        return self._bounds
 
-    def may_follow(self, point, trial):
-        return True
+    def keep(self):
+        pass
 
     def at(self, x):
-        self.n_calls += 1
+        self.points.append(x)
         q = self.b - self.R @ x
-        return Point(x, float(q @ q), [], [], [], True, self.R, q)
+        return q @ q, self.R, q, True
+
+
+def test_steps_within_bounds():
+    """Unit Jacobian: the full step is b. An unknown at a bound is blocked if its step leads out."""
+    b = np.array([-1.0, 0.5, 0.0, 1.0, -0.5, 0.0])
+    bounds = np.r_[np.zeros(3), np.full(3, -9.0)], np.r_[np.full(3, 9.0), np.zeros(3)]
+    problem = Linear(np.eye(6), b, np.zeros(6), bounds)
+    found = search(problem, "lm", 10)
+    assert found.is_blocked == [True, False, False, True, False, False]
+    np.testing.assert_allclose(problem.points[1], np.array([0, 0.5, 0, 0, -0.5, 0]) / (1 + 1e-3), rtol=1e-12)
+    np.testing.assert_allclose(found.x, [0, 0.5, 0, 0, -0.5, 0], atol=1e-3)
+    assert found.cost == pytest.approx(2, abs=1e-5)  # the blocked unknowns leave 1 + 1
+
+
+def test_a_direction_that_the_data_do_not_determine_is_held():
+    """Two equal columns: the step goes along their sum, whatever the damping."""
+    found = search(
+        Linear(
+            np.array([[1.0, 1.0], [0.0, 1e-9]]), [2.0, 1.0], np.zeros(2), (-np.ones(2) * 9, np.ones(2) * 9)
+        ),
+        "lm",
+        20,
+    )
+    np.testing.assert_allclose(found.x, [1, 1], atol=0.01)
+    assert found.converged
+
+
+QUADRATIC = (np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([1.0, -2.0]))
+WIDE = (np.full(2, -50.0), np.full(2, 50.0))
 
 
 def test_nlopt_counts_its_evaluations():
-    problem = Quadratic()
-    found = minimise(problem, "nlopt", 100)
-    np.testing.assert_allclose(found.point.x, np.linalg.solve(Quadratic.R, Quadratic.b), atol=1e-6)
-    assert found.n_iterations == problem.n_calls - 1  # less the start
+    """With a wrong gradient it needs many more, or ends elsewhere."""
+    problem = Linear(*QUADRATIC, np.array([3.0, 2.0]), WIDE)
+    found = search(problem, "nlopt", 100)
+    np.testing.assert_allclose(found.x, np.linalg.solve(*QUADRATIC), atol=1e-6)
+    assert found.n_iterations == len(problem.points) - 1 <= 10  # less the start
+    assert found.converged
 
 
-def test_nlopt_gets_the_gradient_of_the_cost(monkeypatch):
-    """Central differences, exact for a quadratic cost but for rounding."""
-    slopes = []
-
-    def compared(n, callback, *_):
-        z, gradient = ffi.new("double[]", [0.7, -0.4]), ffi.new("double[]", 2)
-        callback(n, z, gradient, ffi.NULL)
-        for i in range(n):
-            costs = []
-            for by in (1e-3, -2e-3):
-                z[i] += by
-                costs.append(callback(n, z, ffi.NULL, ffi.NULL))
-            z[i] += 1e-3
-            slopes.append((gradient[i], (costs[0] - costs[1]) / 2e-3))
-        return 0
-
-    monkeypatch.setattr(gsid.greybox.minimise, "lib", SimpleNamespace(gsid_minimise=compared))
-    monkeypatch.setattr(gsid.greybox.minimise, "check", lambda *_: None)
-    minimise(Quadratic(), "nlopt", 10)
-    np.testing.assert_allclose(*np.transpose(slopes), rtol=1e-6)
+@pytest.mark.parametrize("solver", ["lm", "nlopt"])
+def test_steps_from_a_start_out_of_the_bounds_end_within(solver):
+    problem = Linear(*QUADRATIC, np.array([80.0, -80.0]), WIDE)
+    found = search(problem, solver, 100)
+    assert problem.points[0].tolist() == [80, -80]
+    assert np.all(np.abs(problem.points[1:]) <= 50)
+    np.testing.assert_allclose(found.x, np.linalg.solve(*QUADRATIC), atol=1e-2)
 
 
 @pytest.mark.parametrize("hint", ["look at the units", ""])
-def test_a_start_that_cannot_be_simulated_has_the_hint_of_its_cause(hint):
-    class Failing(Quadratic):
-        parts = (SimpleNamespace(name="axis"),)
+def test_a_start_that_cannot_be_simulated_has_the_hint_of_its_cause(monkeypatch, hint):
+    def fail(status):
+        raise GsidError(-4, "the plant left the range of numbers", hint)
 
-        def at(self, x):
-            raise GsidError(-4, "the plant left the range of numbers", hint)
-
+    monkeypatch.setattr(gsid.greybox.problem, "check_simulation", fail)
     with pytest.raises(InputError) as refused:
-        minimise(Failing(), "lm", 10)
+        fit_plant(plant(FREE_AXIS), measured())
     assert refused.value.where == "axis"
     assert refused.value.hint == (hint or "use starting values closer to those of a working axis")
 
 
-def test_what_fails_first_within_nlopt_is_raised():
-    class Failing(Quadratic):
-        def at(self, x):
-            found = super().at(x)
-            if self.n_calls > 2:
-                raise ArithmeticError(f"call {self.n_calls}")
-            return found
+@pytest.mark.parametrize("solver", ["lm", "nlopt"])
+def test_what_fails_while_the_records_are_simulated_is_raised(monkeypatch, solver):
+    """At the third evaluation, in the call back from the C library."""
 
+    class Failing(ThreadPoolExecutor):
+        n_calls = 0
+
+        def submit(self, *arguments):
+            Failing.n_calls += 1
+            if Failing.n_calls == 3:
+                raise ArithmeticError("call 3")
+            return super().submit(*arguments)
+
+    monkeypatch.setattr(gsid.greybox.fit, "ThreadPoolExecutor", Failing)
+    off = plant(FREE_AXIS)
+    off["rigid_body.gain"].value *= 1.3
     with pytest.raises(ArithmeticError, match="call 3"):
-        minimise(Failing(), "nlopt", 10)
+        fit_plant(off, measured(), solver=solver)
+    assert Failing.n_calls == 3
 
 
 # ---- result ------------------------------------------------------------------------------------------------
@@ -312,12 +330,12 @@ def test_what_fails_first_within_nlopt_is_raised():
 
 def test_a_direction_of_the_parameters_is_pinned_if_its_singular_value_is_below_a_millionth():
     """The first two columns have the same direction; the sum of the parameters is known, and the third."""
-    found = _covariance(np.array([[1.0, 1.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 2.0]]))
+    found = covariance(np.array([[1.0, 1.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 2.0]]))
     assert (found.n_open, found.is_open.tolist()) == (1, [True, True, False])
     want = [[0.25, 0.25, 0], [0.25, 0.25, 0], [0, 0, 0.25]]
     np.testing.assert_allclose(found.of_unknowns, want, atol=1e-8)
     r = np.array([[1.0, 1.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 2.0]])
-    found = _covariance(r)
+    found = covariance(r)
     assert (found.n_open, found.is_open.any()) == (0, False)
     np.testing.assert_allclose(found.of_unknowns, np.linalg.inv(r.T @ r), rtol=1e-6)
 
@@ -333,7 +351,7 @@ def test_the_covariance_is_that_of_numpys_singular_values():
         want = want @ want.T / np.outer(length, length)
         std = np.sqrt(np.diag(want))
         np.testing.assert_allclose(
-            _covariance(r).of_unknowns / np.outer(std, std), want / np.outer(std, std), atol=1e-11
+            covariance(r).of_unknowns / np.outer(std, std), want / np.outer(std, std), atol=1e-11
         )
 
 

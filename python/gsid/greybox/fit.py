@@ -11,23 +11,20 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gsid._lib import check, ffi, lib
 from gsid.base.deadline import Deadline
 from gsid.base.errors import InputError
 from gsid.base.hold import fit_readings, likelier, other_reading
 from gsid.base.plottable import Plottable
 from gsid.base.tables import paragraphs
 from gsid.base.threads import n_threads
-from gsid.greybox.minimise import Minimum, Steps, lengths, minimise
-from gsid.greybox.problem import Point, Problem
+from gsid.greybox.problem import METHODS, SOLVERS, Minimum, Problem
 from gsid.greybox.settings import SETTINGS
 from gsid.greybox.weights import whiten
 from gsid.models.misfit import Errors, misfit
@@ -40,13 +37,11 @@ from gsid.spectrum.spectra import Spectra, is_open, read_as, require_motion_of_o
 
 _log = logging.getLogger(__name__)
 
-SOLVERS = ("lm", "nlopt")
 # Meaning of the cost per degree of freedom, by method.
 COST_MEANS = {
     "ml": "1 when only noise is left",
     "nls-output": "in units of the noise; a correct model may have more than 1",
 }
-METHODS = tuple(COST_MEANS)
 
 
 @dataclass(eq=False)
@@ -390,30 +385,10 @@ def fit_plant(
     for name in fixed:
         start[name].free = False
     deadline = deadline or Deadline()
-    with ThreadPoolExecutor(n_threads(len(measured))) as pool, _stopped_by_ctrl_c(deadline):
-        problem = Problem(start, measured, band, tuple(per_record), pool, deadline)
-        try:
-            if method == "nls-output":
-                return _least_error(problem, solver, max_iter)
-            minimum = minimise(problem, solver, max_iter)
-        finally:
-            problem.spend()
-        dof = min(part.dof for part in problem.parts)
-        found = _covariance(minimum.point.r)
-        # The weights are estimates themselves, which increases the variance of the parameters
-        # (docs/explanation/decisions.md).
-        found.of_unknowns *= (dof - 1) / (dof - 2)
-        return _fitted(problem, minimum, minimum.point, found, solver=solver, method=method)
-
-
-@contextmanager
-def _stopped_by_ctrl_c(deadline: Deadline) -> Iterator[None]:
-    """Stop the running simulations where the search is interrupted (Ctrl-C): the pool waits for them."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        deadline.stop()
-        raise
+    problem = Problem(start, measured, band, tuple(per_record), deadline)
+    with ThreadPoolExecutor(n_threads(len(measured))) as pool:
+        minimum = problem.minimise(solver, method, max_iter, pool)
+    return _fitted(problem, minimum, solver=solver, method=method)
 
 
 def likelier_fit(fits: dict[str, PlantFit]) -> PlantFit:
@@ -453,49 +428,22 @@ def as_assumed(fit: PlantFit, other: PlantFit | None) -> PlantFit:
     return fit
 
 
-def _least_error(problem: Problem, solver: str, max_iter: int) -> PlantFit:
-    """Least squares with equal weights, and the covariance that the noise causes (GBX-4)."""
-    by_noise, equal = problem.weights, problem.equal_weights()
-    problem.weights = equal
-    minimum = minimise(problem, solver, max_iter)
-    found = _covariance(minimum.point.r)
-    problem.weights = [e**2 / n for e, n in zip(equal, by_noise, strict=True)]
-    noise = problem.at(minimum.point.x).r @ found.of_unknowns
-    problem.weights = by_noise
-    dof = min(part.dof for part in problem.parts)
-    found.of_unknowns = (dof - 1) / dof * noise.T @ noise  # the weights contain the mean of 1/s^2
-    at_noise = problem.at(minimum.point.x)
-    return _fitted(problem, minimum, at_noise, found, solver=solver, method="nls-output")
-
-
-def _fitted(
-    problem: Problem,
-    minimum: Minimum,
-    point: Point,
-    found: _Covariance,
-    *,
-    solver: str,
-    method: str,
-) -> PlantFit:
-    """Make the result from the minimum, and from the same point evaluated with the noise weights."""
-    std = np.sqrt(np.diag(found.of_unknowns))
-    std[found.is_open] = np.nan
-    n_dof = problem.n_rows - problem.n + found.n_open
+def _fitted(problem: Problem, minimum: Minimum, *, solver: str, method: str) -> PlantFit:
     fit = PlantFit(
-        model=_with_result(problem, point.x, std, found.of_unknowns),
-        cost=point.cost,
-        n_dof=n_dof,
-        cost_per_dof=point.cost / n_dof,
+        model=_with_result(problem, minimum),
+        cost=minimum.cost,
+        n_dof=minimum.n_dof,
+        cost_per_dof=minimum.cost / minimum.n_dof,
         converged=minimum.converged,
         n_iterations=minimum.n_iterations,
-        undetermined=_undetermined(problem, point.x, std),
-        at_bound=_at_bound(problem, minimum.point),
+        undetermined=_named(problem, _is_undetermined(problem, minimum)),
+        at_bound=_named(problem, minimum.is_at_bound),
         unsettled=[
-            part.name or f"record {i}"
-            for i, (part, answer) in enumerate(zip(problem.parts, point.predictions, strict=True))
-            if part.is_unsettled(answer)
+            part.spectra.name or f"record {i}"
+            for i, (part, at) in enumerate(zip(problem.parts, minimum.records, strict=True))
+            if at.is_unsettled
         ],
-        records=[_record_fit(problem, point, std, i) for i in range(problem.n_records)],
+        records=[_record_fit(problem, minimum, i) for i in range(problem.n_records)],
         band_hz=problem.band_hz,
         variance_dof=min(part.dof for part in problem.parts),
         solver=solver,
@@ -508,39 +456,11 @@ def _fitted(
     return fit
 
 
-@dataclass
-class _Covariance:
-    """Inverse of R'R without the directions that the data do not determine (GBX-5).
-
-    Attributes
-    ----------
-    of_unknowns : (n, n) ndarray
-    is_open : (n,) bool ndarray
-        Unknowns without a standard deviation: the directions left out contain a relevant part of them.
-    n_open : int
-        Directions left out.
-    """
-
-    of_unknowns: np.ndarray
-    is_open: np.ndarray
-    n_open: int
-
-
-def _covariance(r: np.ndarray) -> _Covariance:
-    n = len(r)
-    r = np.ascontiguousarray(r)
-    cov, share, n_open = np.empty((n, n)), np.empty(n), ffi.new("uint32_t *")
-    rows = [ffi.from_buffer("double[]", each) for each in (r, cov, share)]
-    status = lib.gsid_arrow_covariance(n, n, rows[0], SETTINGS.singular, *rows[1:], n_open)
-    check(status, "computing the covariance of a fit")
-    return _Covariance(cov, share > SETTINGS.involved, n_open[0])
-
-
 def _plain(param: Param) -> list[float | None]:
     return [param.value, param.std if np.isfinite(param.std) else None]
 
 
-def _with_result(problem: Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarray) -> PlantModel:
+def _with_result(problem: Problem, minimum: Minimum) -> PlantModel:
     """The model with the shared values and, for values estimated per record, their mean over the records."""
     model = copy.deepcopy(problem.model)
     own = np.arange(problem.n_records * problem.n_own).reshape(problem.n_records, problem.n_own)
@@ -550,34 +470,32 @@ def _with_result(problem: Problem, x: np.ndarray, std: np.ndarray, cov: np.ndarr
         mean[i, own[:, k]] = 1 / problem.n_records
     for k, i in enumerate(problem.shared):
         mean[i, problem.n - problem.n_shared + k] = 1
-    model.cov, model.cov_names = mean @ cov @ mean.T, model.free_names
-    unknown = np.any((mean > 0) & np.isnan(std), axis=1)
+    model.cov, model.cov_names = mean @ minimum.cov @ mean.T, model.free_names
+    unknown = np.any((mean > 0) & minimum.is_open, axis=1)
     for i, name in enumerate(model.free_names):
-        model[name].value = float(mean[i] @ x)
+        model[name].value = float(mean[i] @ minimum.x)
         model[name].std = float("nan") if unknown[i] else float(np.sqrt(model.cov[i, i]))
     return model
 
 
-def _undetermined(problem: Problem, x: np.ndarray, std: np.ndarray) -> list[str]:
-    unknown = np.isnan(std) | (std > problem.sizes(x))
-    return list(dict.fromkeys(name for name, at in zip(problem.names, unknown, strict=True) if at))
+def _is_undetermined(problem: Problem, minimum: Minimum) -> np.ndarray:
+    return minimum.is_open | (np.sqrt(np.diag(minimum.cov)) > problem.sizes(minimum.x))
 
 
-def _at_bound(problem: Problem, point: Point) -> list[str]:
-    steps = Steps(point, lengths(point.r), problem.bounds())
-    return list(dict.fromkeys(name for name, at in zip(problem.names, steps.blocked, strict=True) if at))
+def _named(problem: Problem, chosen: np.ndarray) -> list[str]:
+    return list(dict.fromkeys(name for name, at in zip(problem.names, chosen, strict=True) if at))
 
 
-def _record_fit(problem: Problem, point: Point, std: np.ndarray, i: int) -> RecordFit:
-    part = problem.parts[i]
-    values, sigmas = problem.own(point.x, i), problem.own(std, i)
+def _record_fit(problem: Problem, minimum: Minimum, i: int) -> RecordFit:
+    part, at = problem.parts[i], minimum.records[i]
+    values, sigmas = problem.own(minimum.x, i), problem.own(minimum.std, i)
     return RecordFit(
-        name=part.name,
-        line=part.line,
-        weight=part.weight,
-        residual=point.residuals[i],
-        jacobian=point.jacobians[i],
-        prediction=point.predictions[i],
+        name=part.spectra.name,
+        line=part.line.astype(int),
+        weight=at.weight,
+        residual=at.residual,
+        jacobian=at.jacobian,
+        prediction=at.prediction,
         params={
             name: Param(float(value), True, float(sigma))
             for name, value, sigma in zip(problem.own_names, values, sigmas, strict=True)

@@ -1,10 +1,12 @@
-"""Least-squares problem of a grey-box fit: unknowns, bounds, residuals and Jacobian (GBX-1)."""
+"""A grey-box fit as the C library takes it: records, unknowns, bounds and weights (GBX-1)."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,14 +15,16 @@ from gsid.base.deadline import Deadline
 from gsid.base.errors import GsidError, InputError
 from gsid.effects.types import EffectParameter
 from gsid.greybox.settings import SETTINGS
-from gsid.greybox.weights import lines_used, pooled_variance, whiten
-from gsid.plant.linear_response import BACKLASH
+from gsid.greybox.weights import lines_used, pooled_variance
 from gsid.plant.model import PlantModel
-from gsid.plant.periodic import PeriodicPlant, Prediction
-from gsid.spectrum.lines import lines_of
+from gsid.plant.periodic import Answer, PeriodicPlant, Prediction, check_simulation
 from gsid.spectrum.spectra import Spectra
 
 DRIFT = "drift"
+SOLVERS = {"lm": lib.GSID_SOLVER_GAUSS_NEWTON, "nlopt": lib.GSID_SOLVER_NLOPT}
+METHODS = {"ml": lib.GSID_PLANT_FIT_ML, "nls-output": lib.GSID_PLANT_FIT_NLS_OUTPUT}
+# Failures of a fit that do not tell that its start cannot be simulated.
+_NOT_OF_THE_START = (lib.GSID_E_NO_MEMORY, lib.GSID_E_BACKEND, lib.GSID_E_TOO_FEW)
 
 
 def least_size(known: EffectParameter) -> float:
@@ -29,7 +33,19 @@ def least_size(known: EffectParameter) -> float:
 
 
 class Part:
-    """One record of the problem: its weights, its plant and its own unknowns."""
+    """One record of the problem, and what is known of it after the fit.
+
+    Parameters
+    ----------
+    model : PlantModel
+    measured : Spectra
+    variance : ((K,) ndarray, float)
+        Variance of the lines of one period, and its degrees of freedom.
+    band : (lo, hi) or None
+    n_columns : int
+        Unknowns of this record and shared ones.
+    deadline : Deadline, optional
+    """
 
     def __init__(
         self,
@@ -37,49 +53,75 @@ class Part:
         measured: Spectra,
         variance: tuple[np.ndarray, float],
         band: tuple[float, float] | None,
-        has_drift: bool,
+        n_columns: int,
         deadline: Deadline | None = None,
     ) -> None:
         self.spectra = s = measured
-        self.name = s.name
         self.plant = PeriodicPlant.of(model, s, deadline)
-        self.line = np.flatnonzero(lines_used(model, s, band))
+        self.line = np.flatnonzero(lines_used(model, s, band)).astype(np.uint32)
         self.y = s.y[self.line]
-        self.dof = variance[1]
-        floor = (SETTINGS.noise_floor * float(np.max(np.abs(self.y)))) ** 2
-        self.variance = np.maximum(variance[0][self.line], max(floor, np.finfo(float).tiny))
-        self.noise_rms = float(np.sqrt(np.sum(self.variance) / (2 * s.n_periods)))  # of the mean, in time
-        self.plant.tolerance = SETTINGS.settled * self.noise_rms
-        real = self.line == 0
-        # The mean of 1/s^2 is nu / (nu - 1) times that of 1/variance.
-        scale = (self.dof - 1) / self.dof * np.where(real, 1, 2)
-        self.weight = np.sqrt(scale * s.n_periods / self.variance)
-        self.n_rows = 2 * len(self.line) - int(np.count_nonzero(real))
-        n = s.period_samples
-        ramps = np.tile(np.arange(n) / n - (n - 1) / (2 * n), (int(has_drift), 1))
-        self.drift = lines_of(ramps)[:, self.line]  # no row without drift
+        self.variance, self.dof = variance[0][self.line], variance[1]
+        self.n_rows = 2 * len(self.line) - int(np.count_nonzero(self.line == 0))
+        self.weight = np.empty(len(self.line))
+        self.rows = np.empty((2 * len(self.line), n_columns + 1))
+        self.answer = Answer(s.period_samples, len(model.free_names))
 
-    def is_unsettled(self, answer: Prediction) -> bool:
-        """Whether the simulated response changes from period to period by a relevant part of the noise."""
-        return answer.residual > SETTINGS.unsettled * self.noise_rms
-
-    def whiten(self, lines: np.ndarray) -> np.ndarray:
-        """[Re; Im] of lines, (..., k), times the weight."""
-        return whiten(lines, self.weight, self.line == 0)
+    def enter(self, record: Any, at: Any) -> None:
+        """Enter this record and the memory for its results into the structures of the C library."""
+        record.input = self.plant.c[0]
+        record.n_lines, record.line = len(self.line), ffi.from_buffer("uint32_t[]", self.line)
+        record.y = ffi.from_buffer("gsid_cplx[]", self.y)
+        record.variance = ffi.from_buffer("double[]", self.variance)
+        record.n_periods, record.dof = self.spectra.n_periods, self.dof
+        at.weight = ffi.from_buffer("double[]", self.weight)
+        at.row = ffi.cast("double *", ffi.from_buffer(self.rows))
+        at.answer = self.answer.c[0]
 
 
 @dataclass(eq=False)
-class Point:
-    """Residuals and Jacobian at one set of unknowns, with their triangular factor."""
+class RecordAt:
+    """Residuals, derivatives and response of one record at the minimum."""
+
+    weight: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    prediction: Prediction
+    is_unsettled: bool
+
+
+@dataclass(eq=False)
+class Minimum:
+    """Result of the fit, by unknowns.
+
+    Attributes
+    ----------
+    x : (n,) ndarray
+    cov : (n, n) ndarray
+    is_open : (n,) bool ndarray
+        Unknowns whose variance is not known: a direction that the data do not determine contains a relevant
+        part of them.
+    is_at_bound : (n,) bool ndarray
+    cost : float
+    n_dof : int
+    converged : bool
+    n_iterations : int
+    records : list of RecordAt
+    """
 
     x: np.ndarray
+    cov: np.ndarray
+    is_open: np.ndarray
+    is_at_bound: np.ndarray
     cost: float
-    residuals: list[np.ndarray]
-    jacobians: list[np.ndarray]
-    predictions: list[Prediction]
-    settled: bool  # all records have reached a steady state
-    r: np.ndarray = field(repr=False)  # (n, n): triangular factor of the Jacobian
-    q: np.ndarray = field(repr=False)  # (n,): projection of the residual on its columns
+    n_dof: int
+    converged: bool
+    n_iterations: int
+    records: list[RecordAt]
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of each unknown; NaN where it is not known."""
+        return np.where(self.is_open, np.nan, np.sqrt(np.diag(self.cov)))
 
 
 class Problem:
@@ -91,10 +133,9 @@ class Problem:
         measured: list[Spectra],
         band: tuple[float, float] | None,
         per_record: tuple[str, ...],
-        pool: ThreadPoolExecutor,
         deadline: Deadline | None = None,
     ) -> None:
-        self.model, self.pool = model, pool
+        self.model = model
         holds = {"zoh"} if model.has_controller else {one.hold for one in measured}
         self.hold = holds.pop() if len(holds) == 1 else None
         free = model.free_names
@@ -108,19 +149,18 @@ class Problem:
         self.shared = [i for i, name in enumerate(free) if name not in per_record]
         if not self.shared:
             raise ValueError("the records share no free parameter: fit each record separately")
-        has_drift = DRIFT in per_record
-        self.own_names = [free[i] for i in self.local] + [DRIFT] * has_drift
-        variances = pooled_variance(measured, drift=has_drift)
+        self.has_drift = DRIFT in per_record
+        self.own_names = [free[i] for i in self.local] + [DRIFT] * self.has_drift
+        self.n_records, self.n_own, self.n_shared = len(measured), len(self.own_names), len(self.shared)
+        self.n = self.n_records * self.n_own + self.n_shared
+        variances = pooled_variance(measured, drift=self.has_drift)
         self.parts = [
-            Part(model, s, v, band, has_drift, deadline) for s, v in zip(measured, variances, strict=True)
+            Part(model, s, v, band, self.n_own + self.n_shared, deadline)
+            for s, v in zip(measured, variances, strict=True)
         ]
         self.deadline = deadline or Deadline()
         for part in self.parts:  # equal shares do not depend on the order of the threads
             part.plant.bound(self.deadline.moves_left / len(self.parts))
-        # With backlash, a response that does not settle soon usually never does: do not wait longer.
-        self.has_backlash = any(effect.id == BACKLASH for effect in model.effects)
-        self.n_records, self.n_own, self.n_shared = len(self.parts), len(self.own_names), len(self.shared)
-        self.n = self.n_records * self.n_own + self.n_shared
         self.n_rows = sum(part.n_rows for part in self.parts)
         if self.n_rows <= self.n:
             what = f"{self.n} unknowns need more lines than the band contains"
@@ -131,42 +171,10 @@ class Problem:
         self.band_hz = (float(f_hz.min()), float(f_hz.max()))
 
     @property
-    def weights(self) -> list[np.ndarray]:
-        """Weights of the lines of each record; initially those of the noise."""
-        return [part.weight for part in self.parts]
-
-    @weights.setter
-    def weights(self, weights: list[np.ndarray]) -> None:
-        for part, weight in zip(self.parts, weights, strict=True):
-            part.weight = weight
-
-    def equal_weights(self) -> list[np.ndarray]:
-        """Equal weights for all lines of all records, as in the mean square of the output (GBX-4).
-
-        The unit is the noise of the quietest line, so that no residual has a variance below 1. (J'J)^-1 then
-        does not exceed the covariance, and the stopping tolerance is far below a standard deviation.
-        """
-        quietest = np.min(np.concatenate(self.weights) ** -2)
-        # The mean square of a cosine is half its squared amplitude.
-        return [np.sqrt(np.where(part.line == 0, 2.0, 1.0) / quietest) for part in self.parts]
-
-    @property
     def names(self) -> list[str]:
         """Name of each unknown; the unknowns of each record have the same names."""
         free = self.model.free_names
         return self.own_names * self.n_records + [free[i] for i in self.shared]
-
-    def start(self) -> np.ndarray:
-        values = self.model.free_values
-        own = np.concatenate([values[self.local], np.zeros(self.n_own - len(self.local))])
-        return np.concatenate([np.tile(own, self.n_records), values[self.shared]])
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        both = []
-        for bound, infinite in zip(self.model.bounds(), (-np.inf, np.inf), strict=True):
-            own = np.concatenate([bound[self.local], np.full(self.n_own - len(self.local), infinite)])
-            both.append(np.concatenate([np.tile(own, self.n_records), bound[self.shared]]))
-        return both[0], both[1]
 
     def sizes(self, x: np.ndarray) -> np.ndarray:
         """Size of each unknown, to which changes are compared."""
@@ -176,74 +184,109 @@ class Problem:
     def own(self, x: np.ndarray, record: int) -> np.ndarray:
         return x[record * self.n_own : (record + 1) * self.n_own]
 
-    def values(self, x: np.ndarray, record: int) -> np.ndarray:
-        """Free parameters of the plant for one record."""
-        values = np.empty(len(self.local) + self.n_shared)
-        values[self.local] = self.own(x, record)[: len(self.local)]
-        values[self.shared] = x[self.n - self.n_shared :]
-        return values
-
-    def at(self, x: np.ndarray) -> Point:
-        """Simulate all records.
+    def minimise(self, solver: str, method: str, max_iter: int, pool: ThreadPoolExecutor) -> Minimum:
+        """Fit from the starting values of the model; the pool simulates the records.
 
         Raises
         ------
+        InputError
+            The model cannot be simulated with its starting values.
         GsidError
-            The values cannot be simulated.
+            The library was built without NLopt.
         OutOfTime
-            The deadline was reached.
+            The deadline was reached before the starting values were simulated; later, the best point is
+            returned.
         """
-        simulated = list(self.pool.map(lambda i: self._record(x, i), range(self.n_records)))
-        residuals, jacobians, predictions, rows = (list(column) for column in zip(*simulated, strict=True))
-        cost = float(sum(r @ r for r in residuals))
-        if not np.isfinite(cost):
-            raise GsidError(
-                lib.GSID_E_NONFINITE, "the simulated response exceeds the range of floating-point numbers"
-            )
-        r, q = self._reduce(rows)
-        r[:, np.linalg.norm(r, axis=0) * self.sizes(x) < SETTINGS.silent] = 0
-        settled = not any(
-            part.is_unsettled(answer) for part, answer in zip(self.parts, predictions, strict=True)
-        )
-        return Point(x, cost, residuals, jacobians, predictions, settled, r, q)
+        call = _Call(self)
+        call.cfg.solver, call.cfg.method, call.cfg.n_max = SOLVERS[solver], METHODS[method], max_iter
+        status = call.run(pool)
+        self._spend()
+        if status in _NOT_OF_THE_START:
+            check(status, "fitting the plant")
+        try:
+            check_simulation(status)
+        except GsidError as error:
+            raise InputError(
+                "the model cannot be simulated with its starting values",
+                self.parts[0].spectra.name,
+                error.message,
+                error.hint or "use starting values closer to those of a working axis",
+            ) from error
+        return call.minimum([self._at(part, at) for part, at in zip(self.parts, call.at, strict=True)])
 
-    def may_follow(self, point: Point, trial: Point) -> bool:
-        """Whether the search may move to the trial. Without a steady state its cost is meaningless."""
-        return trial.settled or not point.settled or not self.has_backlash
+    def _at(self, part: Part, at: Any) -> RecordAt:
+        part.answer.c[0] = at.answer
+        jacobian = np.empty((len(part.rows), len(self.local) + self.n_shared))
+        jacobian[:, self.local] = part.rows[:, : len(self.local)]
+        jacobian[:, self.shared] = part.rows[:, self.n_own : -1]
+        prediction = part.answer.prediction()
+        return RecordAt(part.weight, part.rows[:, -1].copy(), jacobian, prediction, bool(at.is_unsettled))
 
-    def spend(self) -> None:
+    def _spend(self) -> None:
         """Take the work of all simulations from the deadline's bound."""
         is_used_up = any(part.plant.is_used_up for part in self.parts)
         self.deadline.spend(math.inf if is_used_up else sum(part.plant.moves for part in self.parts))
 
-    def keep(self) -> None:
-        """Continue the search from the point simulated last."""
-        for part in self.parts:
-            part.plant.keep()
 
-    def _record(self, x: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, Prediction, np.ndarray]:
-        part, n_local = self.parts[i], len(self.local)
-        answer = part.plant.run(self.values(x, i), sensitivities=True, patient=not self.has_backlash)
-        error = part.y - answer.Y[part.line] - self.own(x, i)[n_local:] @ part.drift
-        residual, jacobian = part.whiten(error), part.whiten(answer.dY[:, part.line]).T
-        columns = [
-            jacobian[:, self.local],
-            part.whiten(part.drift).T,
-            jacobian[:, self.shared],
-            residual[:, None],
-        ]
-        return residual, jacobian, answer, np.ascontiguousarray(np.hstack(columns))
+class _Call:
+    """Arguments and results of gsid_plant_fit."""
 
-    def _reduce(self, rows: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Triangular factor of all equations, (n, n), and projection of the residual, (n,) (GBX-2)."""
-        arrow = ffi.new("gsid_arrow *")
-        n_rows = ffi.new("uint32_t[]", [len(block) for block in rows])
-        pointers = ffi.new("double *[]", [ffi.from_buffer("double[]", block) for block in rows])
-        arrow.n_records, arrow.n_local, arrow.n_shared = len(rows), self.n_own, self.n_shared
-        arrow.n_rows, arrow.row = n_rows, ffi.cast("double *const *", pointers)
-        triangle = np.empty((self.n + 1, self.n + 1))
-        check(
-            lib.gsid_arrow_reduce(arrow, ffi.from_buffer("double[]", triangle)),
-            "reducing the fit's equations",
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        n, n_records = problem.n, problem.n_records
+        self.records = ffi.new("gsid_plant_fit_record[]", n_records)
+        self.at = ffi.new("gsid_plant_fit_at[]", n_records)
+        for part, record, at in zip(problem.parts, self.records, self.at, strict=True):
+            part.enter(record, at)
+        self.is_own = np.zeros(len(problem.model.free_names), np.uint8)
+        self.is_own[problem.local] = 1
+        self.bounds = [np.array(bound, np.float64) for bound in problem.model.bounds()]
+        self.cfg = cfg = ffi.new("gsid_plant_fit_cfg *")
+        cfg.n_records, cfg.record, cfg.has_drift = n_records, self.records, problem.has_drift
+        cfg.is_own = ffi.from_buffer("uint8_t[]", self.is_own)
+        cfg.lower, cfg.upper = (ffi.from_buffer("double[]", bound) for bound in self.bounds)
+        SETTINGS.to_c(cfg.settings)
+        self.x, self.cov = np.empty(n), np.empty((n, n))
+        self.is_open, self.is_at_bound = np.empty(n, np.uint8), np.empty(n, np.uint8)
+        self.result = result = ffi.new("gsid_plant_fit_result *")
+        result.x, result.at = ffi.from_buffer("double[]", self.x), self.at
+        result.cov = ffi.cast("double *", ffi.from_buffer(self.cov))
+        result.is_open = ffi.from_buffer("uint8_t[]", self.is_open)
+        result.is_at_bound = ffi.from_buffer("uint8_t[]", self.is_at_bound)
+
+    def run(self, pool: ThreadPoolExecutor) -> int:
+        """Fit; the status. What interrupts a simulation (Ctrl-C) is raised when all have ended."""
+        raised: list[BaseException] = []
+
+        def each(_: Any, n: int, work: Any, of_work: Any) -> int:
+            try:
+                wait([pool.submit(work, of_work, i) for i in range(n)])
+                return 0
+            except BaseException as error:
+                raised.append(error)
+                self.problem.deadline.stop()
+            while True:
+                with contextlib.suppress(BaseException):  # they use the memory of the fit: wait for their end
+                    pool.shutdown()
+                    return 1
+
+        declaration = "int(void *, uint32_t, void(*)(void *, uint32_t), void *)"
+        callback = ffi.callback(declaration, each, error=1, onerror=lambda _, error, __: raised.append(error))
+        self.cfg.each = callback
+        status = lib.gsid_plant_fit(self.cfg, self.result)
+        if raised:
+            raise raised[0]
+        return status
+
+    def minimum(self, records: list[RecordAt]) -> Minimum:
+        return Minimum(
+            x=self.x,
+            cov=self.cov,
+            is_open=self.is_open.astype(bool),
+            is_at_bound=self.is_at_bound.astype(bool),
+            cost=self.result.cost,
+            n_dof=int(self.result.n_dof),
+            converged=bool(self.result.converged),
+            n_iterations=self.result.n_iterations,
+            records=records,
         )
-        return triangle[:-1, :-1], triangle[:-1, -1]

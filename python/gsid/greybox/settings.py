@@ -1,4 +1,4 @@
-"""Numerical settings of the grey-box fit, in one place.
+"""Numerical settings of the grey-box fit, in one place. The values of those of the C library stand there.
 
 Each entry has its unit, and where it comes from: an equation, the sweep of `benchmarks/greybox_settings.py`
 (results in docs/explanation/decisions.md), or a choice and its reason. "Noise" is the standard deviation of
@@ -8,6 +8,19 @@ the mean over the periods unless stated otherwise. The cost is -2 log likelihood
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+from gsid._lib import check, ffi, lib
+
+
+def _of_c() -> Any:
+    """Defaults of the C library (gsid_plant_fit_settings)."""
+    settings = ffi.new("gsid_plant_fit_settings *")
+    check(lib.gsid_plant_fit_defaults(settings))
+    return settings
+
+
+_C = _of_c()
 
 
 @dataclass(frozen=True)
@@ -89,20 +102,20 @@ class GreyboxSettings:
     """
 
     same_level: float = 1.05
-    settled: float = 1e-2
-    unsettled: float = 0.1
-    noise_floor: float = 1e-7
-    silent: float = 1e-3
+    settled: float = _C.settled
+    unsettled: float = _C.unsettled
+    noise_floor: float = _C.noise_floor
+    silent: float = _C.silent
     max_iter: int = 50
-    decrease: float = 0.01
-    singular: float = 1e-6
-    damping_start: float = 1e-3
-    damping_max: float = 1e10
-    damping_fall: float = 1 / 3
-    damping_growth: float = 2.0
-    stalled: float = 1e-6
-    failed_cost: float = 10.0
-    involved: float = 0.1
+    decrease: float = _C.search.decrease
+    singular: float = _C.search.singular
+    damping_start: float = _C.search.damping_start
+    damping_max: float = _C.search.damping_max
+    damping_fall: float = _C.search.damping_fall
+    damping_growth: float = _C.search.damping_growth
+    stalled: float = _C.search.stalled
+    failed_cost: float = _C.search.failed_cost
+    involved: float = _C.involved
     misfit_sigma: float = 3.0
     scan_spread: float = 0.15
     scan_step: float = 0.1
@@ -111,6 +124,18 @@ class GreyboxSettings:
     response_floor: float = 1e-3
     start_tolerance: float = 1e-5
     start_evaluations_max: int = 60
+
+    def to_c(self, settings: Any) -> None:
+        """Enter the settings of the C library.
+
+        Parameters
+        ----------
+        settings : gsid_plant_fit_settings *
+        """
+        for part in (settings, settings.search):
+            for name in dir(part):
+                if name != "search":
+                    setattr(part, name, getattr(self, name))
 
 
 SETTINGS = GreyboxSettings()

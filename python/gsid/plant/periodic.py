@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +22,7 @@ from gsid.spectrum.spectra import Spectra
 # An input that is not held is simulated at this many times the sample rate (docs/explanation/decisions.md).
 OVERSAMPLING = 4
 
-SETTLE_PERIODS = 2  # before the first Newton step
-SETTLE_LONGER = 10  # periods, if the steady state was not reached
-NEWTON_STEPS = 8
 MOVES_MOST = 2**63  # no bound: moves of ten thousand years
-SETTLED = 1e-7  # largest change in a period, relative to the output's rms
 
 
 @dataclass(eq=False)
@@ -43,7 +40,7 @@ class Prediction:
     residual : float
         Bound on how much y changes in one more period, unit of y: 0 in the steady state.
     settled : bool
-        Whether `residual` is below 1e-7 of the output's rms, or below the requested tolerance.
+        Whether `residual` is below 1e-7 of the output's rms, or below the tolerance of a fit.
     """
 
     y: np.ndarray
@@ -96,7 +93,7 @@ def longest_delay_s(measured: Spectra, closed_loop: bool) -> float:
     return (lib.GSID_PLANT_DELAY_MAX - 1) * step_s
 
 
-def _check(status: int) -> None:
+def check_simulation(status: int) -> None:
     """Raise for a plant that cannot be simulated."""
     if status == lib.GSID_E_NONFINITE:
         what = "the plant cannot be simulated: it is unstable, or a law has no value, as 1/0 and sqrt(-1)"
@@ -136,8 +133,8 @@ class PeriodicPlant:
 
     Attributes
     ----------
-    tolerance : float
-        Largest change of y in a period for it to count as settled, if that is more than 1e-7 of its rms.
+    c : gsid_steady_cfg *
+        The same for the C library.
     """
 
     def __init__(
@@ -149,32 +146,32 @@ class PeriodicPlant:
         deadline: Deadline | None = None,
     ) -> None:
         self._u = np.ascontiguousarray(u, dtype=np.float64)
-        self._m = oversampling
-        self.tolerance = 0.0
         self._values = model.free_values
         self._items = ffi.new("gsid_plant_item[]", len(model.effects))
-        self._free = []
+        free = []
         self._types = [effect.type for effect in model.effects]  # whose memory the items point to
         for i, effect in enumerate(model.effects):
             self._items[i].effect, self._items[i].data = effect.type.c, effect.type.data
             for j, param in enumerate(effect.params.values()):
                 self._items[i].value[j] = param.value
                 if param.free:
-                    self._free.append((i, j))
-        self._free_c = ffi.new("gsid_plant_free[]", self._free or 1)
-        self._cfg = ffi.new("gsid_plant_cfg *")
-        self._cfg.fs_hz, self._cfg.output_angle = fs_hz * oversampling, model.output == "angle"
-        self._cfg.n_items, self._cfg.item = len(model.effects), self._items
-        self._cfg.n_free, self._cfg.free_parameter = len(self._free), self._free_c
-        self._cfg.unit_rad = RADIANS[model.angle_unit]
+                    free.append((i, j))
+        self._free = ffi.new("gsid_plant_free[]", free or 1)
+        self.c = ffi.new("gsid_steady_cfg *")
+        self.c.u, self.c.oversampling = ffi.from_buffer("double[]", self._u), oversampling
+        self.c.n_period = len(self._u) // oversampling
+        plant = self.c.plant
+        plant.fs_hz, plant.output_angle = fs_hz * oversampling, model.output == "angle"
+        plant.n_items, plant.item = len(model.effects), self._items
+        plant.n_free, plant.free_parameter = len(free), self._free
+        plant.unit_rad = RADIANS[model.angle_unit]
         if deadline is not None:
             self._stop = ffi.from_buffer("int[]", deadline.flag)
-            self._cfg.stop = self._stop
+            plant.stop = self._stop
         self._moves_left = ffi.new("uint64_t *")
-        self._cfg.moves_left = self._moves_left
+        plant.moves_left = self._moves_left
         self.bound(math.inf)
-        self._begin: tuple[float, float] | None = None  # angle and rate
-        self._kept: np.ndarray | None = None
+        self._steady: Any = None  # made by the first search
 
     def bound(self, moves: float) -> None:
         """End the next searches after so much work, in moves of one column.
@@ -223,7 +220,8 @@ class PeriodicPlant:
         oversampling = _oversampling(measured, model.has_controller)
         plant = cls(model, input_period(measured, oversampling), measured.fs_hz, oversampling, deadline)
         if has_several_orbits(model):
-            plant._begin = measured_state(model, measured)
+            plant.c.is_placed = 1
+            plant.c.angle, plant.c.rate = measured_state(model, measured)
         return plant
 
     def run(
@@ -251,9 +249,10 @@ class PeriodicPlant:
         OutOfTime
             The deadline or the bound on the work was reached before the steady state.
         """
-        self._enter(values)
-        answer = self._run(SETTLE_PERIODS if self._kept is None else 0, sensitivities)
-        return answer if answer.settled or not patient else self._run(SETTLE_LONGER, sensitivities)
+        answer = self._answer(sensitivities)
+        values = self._in_c(values)
+        check_simulation(lib.gsid_steady_run(self._made(), values, patient, answer.c))
+        return answer.prediction()
 
     def run_near(self, values: Sequence[float]) -> Prediction:
         """As `run`, at less cost where the plant settles within a period from what was kept.
@@ -268,66 +267,63 @@ class PeriodicPlant:
         GsidError, OutOfTime
             As `run`.
         """
-        if self._kept is None:
-            return self.run(values)
-        self._enter(values)
-        try:
-            answer = self._run(1, False, newton_steps=0)
-        except SimulationError:  # far from what was kept: `run` takes one step of Newton's method first
-            return self.run(values)
-        return answer if answer.settled else self.run(values)
-
-    def _enter(self, values: Sequence[float] | None) -> None:
-        """Put the values in, and the state at the start."""
-        for (i, j), value in zip(self._free, self._values if values is None else values, strict=True):
-            self._items[i].value[j] = value
-        if self._kept is None:
-            self._lay_out()
-        else:
-            self._memory[:] = self._kept
-            _check(lib.gsid_plant_update(self._plant))
+        answer = self._answer(sensitivities=False)
+        check_simulation(lib.gsid_steady_run_near(self._made(), self._in_c(values), answer.c))
+        return answer.prediction()
 
     def keep(self) -> None:
         """Start the next searches from the last result, so that rejected steps have no influence."""
-        self._kept = self._memory.copy()
+        check(lib.gsid_steady_keep(self._made()), "keeping a steady state")
 
-    def _lay_out(self) -> None:
-        size = lib.gsid_plant_mem_size(self._cfg)
-        self._memory = np.zeros(max(size, 1) // 16 + 1, dtype=complex)
-        plant = ffi.new("gsid_plant *")
-        memory = ffi.from_buffer(self._memory)
-        _check(lib.gsid_plant_init(plant, self._cfg, memory, size))
-        self._plant = plant
-        start = lib.gsid_plant_start_linear(plant, len(self._u), ffi.from_buffer("double[]", self._u))
-        if start != lib.GSID_E_NONFINITE:  # then it starts at rest
-            _check(start)
-        if self._begin is not None:
-            _check(lib.gsid_plant_place(self._plant, *self._begin))
+    def _made(self) -> Any:
+        if self._steady is None:
+            made = ffi.new("gsid_steady **")
+            check_simulation(lib.gsid_steady_create(self.c, made))
+            self._steady = ffi.gc(made[0], lib.gsid_steady_destroy)
+        return self._steady
 
-    def _run(self, settle: int, sensitivities: bool, newton_steps: int = NEWTON_STEPS) -> Prediction:
-        n = len(self._u)
-        out = np.empty((3, n))
-        dy = np.empty((len(self._free), n)) if sensitivities and self._free else None
-        residual = ffi.new("gsid_real *")
-        pointers = [ffi.from_buffer("double[]", row) for row in (self._u, *out)]
-        dy_c = ffi.NULL if dy is None else ffi.cast("double *", ffi.from_buffer(dy))
-        u, y, angle, rate = pointers
-        status = lib.gsid_plant_periodic(
-            self._plant, n, u, settle, newton_steps, y, dy_c, angle, rate, residual
-        )
-        _check(status)
-        sampled = out[:, :: self._m]
-        if dy is None:
-            dY = np.empty((0, sampled.shape[1] // 2 + 1), complex) if sensitivities else None
-        else:
-            dY = lines_of(dy[:, :: self._m])
-        rms = float(np.sqrt(np.mean(sampled[0] ** 2)))
+    def _in_c(self, values: Sequence[float] | None) -> Any:
+        given = np.array(self._values if values is None else values, np.float64)
+        if given.shape != (self.c.plant.n_free,):
+            raise ValueError(f"expected {self.c.plant.n_free} values, got {given.size}")
+        return ffi.from_buffer("double[]", given)
+
+    def _answer(self, sensitivities: bool) -> Answer:
+        return Answer(self.c.n_period, self.c.plant.n_free if sensitivities else None)
+
+
+class Answer:
+    """Memory for the response that the C library finds.
+
+    Parameters
+    ----------
+    n_period : int
+        Samples in a period.
+    n_free : int or None
+        Sensitivities; None: they are not wanted.
+
+    Attributes
+    ----------
+    c : gsid_steady_answer *
+    """
+
+    def __init__(self, n_period: int, n_free: int | None) -> None:
+        self._rows = np.empty((3, n_period))
+        self._dy = None if n_free is None else np.empty((n_free, n_period))
+        self.c = ffi.new("gsid_steady_answer *")
+        self.c.y, self.c.angle, self.c.rate = (ffi.from_buffer("double[]", row) for row in self._rows)
+        if n_free:
+            self.c.dy = ffi.cast("double *", ffi.from_buffer(self._dy))
+
+    def prediction(self) -> Prediction:
+        """Return what was found."""
+        y, angle, rate = self._rows
         return Prediction(
-            y=sampled[0],
-            angle=sampled[1],
-            rate=sampled[2],
-            Y=lines_of(sampled[0]),
-            dY=dY,
-            residual=residual[0],
-            settled=status == lib.GSID_OK or residual[0] <= max(SETTLED * rms, self.tolerance),
+            y=y,
+            angle=angle,
+            rate=rate,
+            Y=lines_of(y),
+            dY=None if self._dy is None else lines_of(self._dy),
+            residual=self.c.residual,
+            settled=bool(self.c.is_settled),
         )
