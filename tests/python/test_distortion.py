@@ -230,6 +230,24 @@ def test_one_realisation_on_all_lines_cannot_tell():
     assert np.isnan(d.std_nonlinear).all()
 
 
+def test_one_realisation_on_all_odd_lines_hides_odd_distortion():
+    """Bug: friction or a cubic law behind one odd multisine was "no distortion above the noise".
+
+    Odd distortion falls on odd lines only, and all of them are excited: only the even lines were tested.
+    """
+    rng = np.random.default_rng(SEED)
+    line = np.arange(1, 64, 2)
+    for even, begin in ((0.0, "No even distortion above the noise."), (0.2, "even distortion")):
+        axis = NonlinearAxis(cubic=0.2, even=even, noise=1e-3)
+        d = distortion(axis.record(rng, axis.inputs(rng, 1, line)[0], 4))
+        assert begin in d.verdict
+        assert "Odd distortion, as of friction, cannot be separated" in d.verdict
+        assert "averaging longer helps" not in d.verdict
+        several = distortion([axis.record(rng, u, 4) for u in axis.inputs(rng, 3, line)])
+        assert "odd" in {word for band in several.bands for word in band.kind.split()}
+        assert "cannot be separated" not in several.verdict
+
+
 # ---------------------------------------------------------------- the older tests
 
 

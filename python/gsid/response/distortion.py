@@ -26,6 +26,10 @@ LINES_PER_BAND = 4  # at least
 COMPARABLE_DB = 10.0  # if the levels of odd and even distortion differ by less, both are reported
 LEAST_RATIO = 1e-3  # smallest reported ratio of powers, distortion over noise
 AVERAGING_HELPS_DB = 0.0  # below this level the noise is larger than the distortion
+ODD_HIDDEN = (
+    "Odd distortion, as of friction, cannot be separated from the response, because every odd line is excited:"
+    " measure other realisations, or leave out odd lines at random."
+)
 
 
 @dataclass(repr=False)
@@ -338,7 +342,7 @@ def verdict(d: Distortion) -> str:
     Returns
     -------
     str
-        One sentence for each band.
+        One sentence for each band, and one for odd distortion that cannot be seen.
     """
     bands = distorted_bands(d)
     if not bands:
@@ -346,13 +350,15 @@ def verdict(d: Distortion) -> str:
             "Distortion cannot be separated from the response: measure other realisations, or leave lines "
             "unexcited (odd lines of a multisine)."
         )
+    hides_odd = d.orders_apart and "odd" not in _evidence(d)
     if all(band.kind == "noise" for band in bands):
-        return "No distortion above the noise: averaging longer helps everywhere."
+        nothing = "No distortion above the noise: averaging longer helps everywhere."
+        return f"No even distortion above the noise. {ODD_HIDDEN}" if hides_odd else nothing
     sentences = [_sentence(d, band) for band in bands if band.kind != "noise"]
     quiet = [span(band) for band in bands if band.kind == "noise"]
-    if quiet:
+    if quiet and not hides_odd:
         sentences.append(f"{', '.join(quiet)}: noise dominates; averaging longer helps")
-    return ". ".join(sentences) + "."
+    return ". ".join(sentences) + (f". {ODD_HIDDEN}" if hides_odd else ".")
 
 
 def _evidence(d: Distortion) -> dict[str, LinePower]:
