@@ -317,7 +317,7 @@ output_is_option = click.option(
     "--output",
     "y_is",
     type=click.Choice(["rate", "angle", "acceleration"]),
-    help="What y is. [default: inferred from the data]",
+    help="What y is. [default: by its unit, else inferred from the data]",
 )
 inertia_option = click.option(
     "--inertia",

@@ -342,7 +342,7 @@ def verdict(d: Distortion) -> str:
     Returns
     -------
     str
-        One sentence for each band, and one for odd distortion that cannot be seen.
+        One sentence for each band, and one for odd distortion that cannot be separated.
     """
     bands = distorted_bands(d)
     if not bands:

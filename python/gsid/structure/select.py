@@ -314,10 +314,19 @@ class _Search:
         if relabelled is not fitted.values:
             fitted = linear_fit(relabelled, self.data)
         known = self.found.get(fitted.structure)
-        refused = refusal(fitted, self.data, self.settings)
+        refused = refusal(fitted, self.data, self.settings) or self._read_wrongly(fitted.values)
         new = Candidate(fitted, self.score(fitted), refused)
         if known is None or (bool(new.refused), new.score) < (bool(known.refused), known.score):
             self.found[fitted.structure] = new
+
+    def _read_wrongly(self, values: Values) -> str:
+        """Reason to refuse a structure that is another one in truth, unless its output is stated.
+
+        An acceleration behind a lag that is slower than the body is the rate of a body with that friction.
+        """
+        is_stated = len(self.outputs) == 1 or self.expected_output == "acceleration"
+        slow = values.structure.output == "acceleration" and has_slow_lag(values, self.lines)
+        return "an acceleration behind a slow lag is a rate" if slow and not is_stated else ""
 
     def score(self, fitted: Fitted) -> float:
         """V, the price of the elements, and the odds against unusual axes."""
@@ -325,6 +334,8 @@ class _Search:
         unusual = self.settings.slow_lag_odds * has_slow_lag(fitted.values, self.lines)
         if len(self.outputs) > 1 and structure.output == "acceleration":
             unusual += self.settings.acceleration_odds
+        if len(self.outputs) > 1 and is_overdamped_angle(fitted.values):
+            unusual += self.settings.overdamped_odds
         if self.expected_output not in (None, structure.output):
             unusual += self.settings.unit_odds
         return fitted.cost + price(structure, len(self.measured), self.correlation) + unusual
@@ -375,6 +386,18 @@ def _fractions(measured: TotalVariance) -> list[tuple[float, np.ndarray]] | None
         return None
     rate_hz, fs_hz, n_period = measured.sensor_rate_hz, measured.fs_hz, measured.period_samples
     return lag_fractions(measured.f_hz, rate_hz, fs_hz, n_period)
+
+
+def is_overdamped_angle(values: Values) -> bool:
+    """Whether a structure is the angle of a spring whose two poles are real.
+
+    Parameters
+    ----------
+    values : Values
+    """
+    structure = values.structure
+    is_sprung = structure.output == "angle" and structure.body == "sprung"
+    return is_sprung and values.rate**2 > 4 * values.stiffness
 
 
 def has_slow_lag(values: Values, lines: Lines) -> bool:

@@ -28,6 +28,9 @@ class StructureSettings:
     slow_lag_odds, acceleration_odds, unit_odds : float
         Odds [nats] against a lag that is slower than the body, which is a friction that is read wrongly,
         against the acceleration as output, and against an output that the unit of y contradicts.
+    overdamped_odds : float
+        Odds [nats] against the angle of an overdamped spring, which is the same function as the rate of a
+        viscous body behind a lag: more than `odds`, so that chance does not decide.
     correlation_max : float
         Largest number of lines that count as one where residuals are smooth over frequency.
     stuck : float
@@ -98,6 +101,7 @@ class StructureSettings:
     slow_lag_odds: float = 3 * float(np.log(1000.0))
     acceleration_odds: float = float(np.log(1000.0))
     unit_odds: float = float(np.log(1000.0))
+    overdamped_odds: float = 2 * float(np.log(1000.0))
     lines_min: int = 10
     correlation_max: float = 10.0
     stuck: float = 4.0

@@ -235,7 +235,8 @@ def start(
     records : Record or Spectra, or a sequence of them
         One per realisation and level. Two or more realisations with random phases measure the distortion.
     output : {"rate", "angle", "acceleration"}, optional
-        What y is; default: inferred from the data, with the unit of y as a hint.
+        What y is; default: by its unit. Without a unit, and where no such stack represents the data, it is
+        inferred from the data.
     period, settle : int, optional
         Samples; default: what each record states, else what its data show. Not used for Spectra.
     band : (lo, hi), optional
@@ -269,10 +270,13 @@ def start(
     if len(measured) < settings.lines_min:
         hint = "excite more lines, or widen the band"
         raise InputError("too few lines for a structure", measured.name, len(measured), hint)
-    outputs = OUTPUTS if output is None else (output,)
     rate_hz = source.sensor_rate_hz()
     axis = before_sensor(measured, rate_hz)
+    outputs = _outputs(output, measured.y_unit)
     best, found = _likeliest(axis, source, outputs, settings, deadline)
+    if output is None and outputs != OUTPUTS and not best.selection.represents:
+        outputs = OUTPUTS
+        best, found = _likeliest(axis, source, outputs, settings, deadline)
     if rate_hz is not None and rate_hz < 2 * measured.f_hz[-1] and best.selection.represents:
         model = best.selection.chosen.fitted
         cleared = source.without_images(model, rate_hz, best.hold)
@@ -283,6 +287,12 @@ def start(
             except OutOfTime:
                 best.selection.complete = False
     return _described(best, found, measured, axis, rate_hz, output)
+
+
+def _outputs(output: str | None, y_unit: str) -> tuple[str, ...]:
+    """What y may be. Its unit is a statement: friction turns a rate into a likelier angle."""
+    stated = output or kind_of_unit(y_unit)
+    return OUTPUTS if stated is None else (stated,)
 
 
 def _likeliest(
@@ -442,8 +452,12 @@ def _ambiguous(
 
     if structure.n_lags == 1:
         add("lag", "sensor_lag", "motor_lag", 0.0)
-    if output is None and structure.output == "angle" and structure.body == "viscous":
+    is_inferred = output is None and kind_of_unit(measured.y_unit) != structure.output
+    if is_inferred and (structure.output, structure.body) == ("angle", "viscous"):
         add("output", "angle, viscous body", f"rate, free body with a lag of {1 / values.rate:.3g} s", 0.0)
+    is_body_and_lag = (structure.n_lags, structure.n_modes, structure.residual) == (1, 0, False)
+    if is_inferred and (structure.output, structure.body) == ("rate", "viscous") and is_body_and_lag:
+        add("output", "rate, viscous body, 1 lag", "angle, overdamped spring", 0.0)
     chosen = best.selection.chosen
     for one in best.selection.likely[:OTHERS]:
         if one is not chosen:
@@ -455,6 +469,15 @@ def _ambiguous(
         if difference <= ALIKE / 2 + best.selection.settings.odds:
             add("hold", best.hold, other, float(difference))
     return entries
+
+
+def _of_output(kind: str, unit: str) -> str:
+    """How it is known what y is."""
+    stated = kind_of_unit(unit)
+    if stated == kind:
+        return f"y is the {kind}, by its unit {unit}; --output states another"
+    against = "" if stated is None else f" against its unit {unit} ({stated})"
+    return f"y is the {kind}, inferred from the data{against}; --output states it"
 
 
 def _assumed(
@@ -478,9 +501,9 @@ def _assumed(
     if not best.selection.complete:
         texts.append("the structure is the best one so far: the time was over before the search ended")
     if represented and output is None:
-        kind, stated = best.estimate.fitted.structure.output, kind_of_unit(measured.y_unit)
-        against = "" if stated in (None, kind) else f" against its unit {measured.y_unit} ({stated})"
-        texts.append(f"y is the {kind}, inferred from the data{against}; --output states it")
+        texts.append(_of_output(best.estimate.fitted.structure.output, measured.y_unit))
+    if represented and not measured.y_unit:
+        texts.append("y is in degrees, as no unit is stated; --unit NAME=UNIT states it")
     if measured.smooth_phases:
         texts.append(
             "one realisation with smooth phases does not show its distortion: a response error of "
