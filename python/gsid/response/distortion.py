@@ -27,8 +27,8 @@ COMPARABLE_DB = 10.0  # if the levels of odd and even distortion differ by less,
 LEAST_RATIO = 1e-3  # smallest reported ratio of powers, distortion over noise
 AVERAGING_HELPS_DB = 0.0  # below this level the noise is larger than the distortion
 ODD_HIDDEN = (
-    "Odd distortion, as of friction, cannot be separated from the response, because every odd line is excited:"
-    " measure other realisations, or leave out odd lines at random."
+    "Odd distortion, as of friction, cannot be separated from the response, because every odd line is "
+    "excited: measure other realisations, or leave out odd lines at random."
 )
 
 
