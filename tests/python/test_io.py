@@ -460,3 +460,31 @@ def test_bug_a_column_of_times_of_another_name_was_not_mentioned(tmp_path, name)
     with pytest.raises(InputError, match="sample rate is unknown") as caught:
         read_record(path)
     assert caught.value.hint.endswith(f"if {name} has the times in seconds, name it t_s")
+
+
+def test_bug_times_under_another_name_contradicted_the_rate_without_a_word(tmp_path, caplog):
+    """A wrong --fs, or lost rows, halved every frequency or gave another period."""
+    n = 400
+    time = 12.5 + np.arange(n) / 2000 + np.random.default_rng(1).normal(0, 2e-5, n)
+
+    def warned(kept, fs_hz, name="Time [s]", times=time):
+        path = tmp_path / "axis.csv"
+        rows = "".join(f"{times[i]:.9g},{i % 7},{i % 5}\n" for i in kept)
+        path.write_text(f"{name},u,y\n{rows}")
+        caplog.clear()
+        assert read_record(path, fs_hz=fs_hz).fs_hz == fs_hz
+        return [record.getMessage() for record in caplog.records]
+
+    every = range(n)
+    assert warned(every, 2000.0) == []
+    assert warned(every, 2000.0, "t_ms", 1e3 * time) == []
+    assert warned(every, 2000.0, "t_ms", np.round(1e3 * time)) == []  # too coarse to show a lost sample
+    assert warned(every, 2000.0, "lifetime", np.full(n, 3.0)) == []
+    assert warned(every, 1000.0, "gain", time) == []
+    (wrong,) = warned(every, 1000.0)
+    assert wrong.startswith("axis.csv: the column Time [s] has steps of 0.000")
+    assert "1000 Hz was given" in wrong
+    (lost,) = warned([i for i in every if i not in (100, 101, 250)], 2000.0)
+    assert lost.startswith(
+        "axis.csv: samples are lost: the column Time [s] lacks 3, the first after sample 99;"
+    )

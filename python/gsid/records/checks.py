@@ -11,6 +11,7 @@ import numpy as np
 from gsid.base.arguments import real_number
 from gsid.base.errors import InputError, choose
 from gsid.base.json_files import read_json
+from gsid.records.clock import doubts_about_times
 from gsid.records.raw import JITTER_STATED, KEYS, STEP_TOLERANCE, TIME_NAMES, Raw
 from gsid.records.record import LARGEST, Record
 
@@ -53,12 +54,15 @@ def to_record(path: Path, raw: Raw, u: str, y: str, fs_hz: float | None) -> Reco
     valid = same_length.pop("valid", np.ones(n)).astype(bool)
     for name in {u, y}:
         _check_finite(raw, name, np.where(valid, same_length[name], 0))
+    rate_hz = _sample_rate(path, raw, t, fs_hz)
+    if t is None:
+        _warn_of_times(path, {name: c for name, c in same_length.items() if name not in (u, y)}, rate_hz)
     text = {"u_unit": _unit_in(u), "y_unit": _unit_in(y)}
     text |= {key: str(raw.keys[key]) for key in ("u_unit", "y_unit", "hold") if key in raw.keys}
     return Record(
         u=same_length[u],
         y=same_length[y],
-        fs_hz=_sample_rate(path, raw, t, fs_hz),
+        fs_hz=rate_hz,
         period_samples=_key_number(path, raw, "period_samples", int),
         settle_samples=_key_number(path, raw, "settle_samples", int),
         valid=valid,
@@ -137,6 +141,13 @@ def _sample_rate(path: Path, raw: Raw, t: np.ndarray | None, fs_hz: float | None
             "correct --fs or the times",
         )
     return float(measured if stated is None else stated)
+
+
+def _warn_of_times(path: Path, others: dict[str, np.ndarray], fs_hz: float) -> None:
+    """Compare the rate with columns that are named as times, though they are not used."""
+    numbers = {name: column for name, column in others.items() if column.dtype.kind in "fiu"}
+    for doubt in doubts_about_times(numbers, fs_hz):
+        _log.warning("%s: %s", path.name, doubt)
 
 
 def _hint_of_rate(raw: Raw) -> str:
