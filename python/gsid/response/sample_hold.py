@@ -36,6 +36,8 @@ excitation."""
 SAME_LAG = 1e-6
 """Samples by which lags differ that count as one: rounding."""
 
+ROUNDING = 1e-9
+"""Standard deviation over the largest line of a simulated output without noise: no sensor is so exact."""
 FRACTIONS = 8
 """Parts of a sample at which images of a held command are evaluated."""
 
@@ -107,8 +109,20 @@ def mean_outputs(
     return [_mean_output(one) for one in measured if one.n_periods > 1]
 
 
+def rounding(lines: np.ndarray) -> float:
+    """Least variance of a line: that of the output of a simulation without noise would be zero.
+
+    Parameters
+    ----------
+    lines : (K,) complex ndarray
+        Of the mean output.
+    """
+    return max((ROUNDING * float(np.max(np.abs(lines[1:]), initial=0.0))) ** 2, np.finfo(float).tiny)
+
+
 def _mean_output(one: Spectra) -> MeanOutput:
     variance = unbiased_median(one.noise_y, one.n_periods - 1) / one.n_periods
+    variance = np.maximum(variance, rounding(one.y))
     top = int(np.flatnonzero(one.excited)[-1])
     return MeanOutput(one.y, variance, top, one.fs_hz, one.period_samples)
 
@@ -293,7 +307,7 @@ def _product(one: MeanOutput) -> tuple[np.ndarray, np.ndarray]:
     slope = np.where(low, 2j * np.pi * line * (one.fs_hz / n) * one.y, 0.0)
     product = np.fft.rfft(np.fft.irfft(slope, n) * np.fft.irfft(weight * one.y, n)) * n
     power = np.fft.rfft(np.fft.irfft(np.abs(slope) ** 2, n) * np.fft.irfft(weight, n)).real * n
-    return product, np.maximum(power, np.finfo(float).tiny)
+    return product, np.maximum(power, np.finfo(float).eps * np.max(power))  # not below their rounding
 
 
 def _rate(line: int, n: int, fs_hz: float, size: float) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from gsid.plant.linear_response import LinearView, linear_view
 from gsid.plant.model import PlantModel
 from gsid.plant.periodic import input_period, longest_delay_s
 from gsid.plant.units import RADIANS
-from gsid.response.sample_hold import MeanOutput
+from gsid.response.sample_hold import MeanOutput, rounding
 from gsid.spectrum.spectra import Spectra
 
 ONE_BY_ONE = {"backlash", "hold", "loop"}  # linear parts that take one value at a time
@@ -421,9 +421,9 @@ class Problem:
 
 
 def _lines(one: Spectra, line: np.ndarray, variance: np.ndarray, group: int, moved: np.ndarray) -> Lines:
-    mean_variance = variance / one.n_periods
-    weight = np.sqrt(2 / np.maximum(mean_variance[line], np.finfo(float).tiny))
     u, y = one.u, one.y
+    mean_variance = np.maximum(variance / one.n_periods, rounding(y))
+    weight = np.sqrt(2 / mean_variance[line])
     return Lines(one, u, y, line, u[line], y[line], weight, mean_variance, input_period(one, 1), group, moved)
 
 
