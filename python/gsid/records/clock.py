@@ -47,8 +47,8 @@ def _doubts(name: str, step: np.ndarray, fs_hz: float) -> list[str]:
         return []
     n_lost = int(np.sum(np.round(step[gaps] / usual) - 1))
     return [
-        f"samples are lost: the column {name} lacks {n_lost}, the first after sample {gaps[0]}; insert a row with "
-        "valid = 0 for each, since all later samples are shifted"
+        f"samples are lost: the column {name} lacks {n_lost}, the first after sample {gaps[0]}; insert a row "
+        "with valid = 0 for each, since all later samples are shifted"
     ]
 
 
