@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from damped_axes import FAMILIES, HOLDS, ending, random_axis, with_noise
 from scipy import stats
+from scipy.signal import chirp, lfilter
 
 from gsid.fitting.estimators import fit_all
 from gsid.fitting.excess import ALPHA, excess
@@ -167,3 +168,35 @@ def test_frf_of_known_variance_is_judged_by_chi_square():
     ratio, p_value = excess(dataclasses.replace(TRUTH, method="ml", cov=np.eye(4)), response)
     assert ratio == pytest.approx(len(F) / (len(F) - 2), rel=1e-3)
     assert p_value == pytest.approx(stats.chi2.sf(2 * len(F), 2 * len(F) - 4), rel=1e-2)
+
+
+# ---- responses by windows --------------------------------------------------------------------------------
+
+
+def by_windows(u, y):
+    return frf(Record(u, y, 1000.0, hold="none"), window=1024)
+
+
+def test_noise_in_windows_is_reported_no_more_often_than_stated():
+    """A gain without a memory has no leakage. Neighbouring lines under a Hann window are not independent."""
+    alarms = 0
+    for seed in range(100):
+        rng = np.random.default_rng([20261123, seed])
+        u = rng.standard_normal(20000)
+        y = u + 0.1 * rng.standard_normal(len(u))
+        alarms += len(excess_warnings(fit(by_windows(u, y), "0/0", delay="none", quiet=True)))
+    print("alarms of 100:", alarms)
+    assert alarms <= stats.binom.ppf(0.9999, 100, ALPHA)
+
+
+def test_bug_leakage_of_windows_left_the_intervals_of_noise():
+    """A chirp through a lag of 1 s: the pole was nine standard deviations off, and nothing was reported."""
+    rng = np.random.default_rng(20261123)
+    t = np.arange(20000) / 1000.0
+    u = chirp(t, 0.3, t[-1], 100.0, method="log")
+    y = lfilter([1 - np.exp(-1e-3)], [1, -np.exp(-1e-3)], u)
+    model = fit(by_windows(u, y + 2e-4 * rng.standard_normal(len(y))), "1/0", delay="none", quiet=True)
+    (warning,) = excess_warnings(model)
+    assert "leakage of the windows biases the response" in warning.text
+    assert model.cov_noise is not None
+    assert model.std_den[-1] > 2 * model.noise_only().std_den[-1]

@@ -26,6 +26,8 @@ ALPHA = 1e-3
 """Share of correct models that are reported to exceed the noise (false-alarm rate)."""
 NEGLIGIBLE = 1e-6
 """Errors below this share of the response count as noise, however small the scatter."""
+LINES_OF_HANN = 3
+"""Lines apart whose errors are independent under a Hann window, which spreads a line over two neighbours."""
 FREELY = 1e3
 """Factor on the covariance's square root that makes a change of the parameters free of cost."""
 LEAST_PRINTED = 1e-12
@@ -50,10 +52,12 @@ def excess(model: RationalModel, frf: Frf) -> tuple[float, float]:
     p_value : float
         Probability of errors this large or larger if the model is correct.
     """
-    errors = _errors_left(model, frf)
+    apart = LINES_OF_HANN if frf.method == "windows" else 1
+    errors = _errors_left(model, frf.at(np.arange(len(frf.f_hz)) % apart == 0))
+    n_parameters = model.n_parameters / apart
     found = misfit(errors)
-    ratio = np.sum(errors.t / errors.t_expected) / (len(errors) - model.n_parameters / 2)
-    return float(ratio), found.p_value_of_fit(model.n_parameters * _taken(float(frf.n_dof)))
+    ratio = np.sum(errors.t / errors.t_expected) / (len(errors) - n_parameters / 2)
+    return float(ratio), found.p_value_of_fit(n_parameters * _taken(float(frf.n_dof)))
 
 
 def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = None) -> FitWarning | None:
@@ -71,9 +75,9 @@ def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = N
     -------
     FitWarning or None
         Also None if there are too few lines for the parameters, or if neighbouring lines share their variance
-        ("lpm", "windows").
+        ("lpm").
     """
-    if frf.method != "periods" or 2 * len(frf.f_hz) <= model.n_parameters:
+    if frf.method == "lpm" or 2 * len(frf.f_hz) <= model.n_parameters:
         return None
     ratio, p_value = excess(model, frf)
     if p_value >= ALPHA:
@@ -91,8 +95,9 @@ def excess_cost(model: RationalModel, frf: Frf, *, beside: FitWarning | None = N
         "the noise only" if model.method in OF_NOISE_ONLY else "these errors as if they were random"
     )
     also = "" if beside is None else f" and {beside.cost_per_dof:.3g} times those of noise and distortion"
+    leaks = "leakage of the windows biases the response, " if frf.method == "windows" else ""
     text = (
-        f"{left}{also} ({probability}), and {intervals}: the order is too low, the axis is not "
+        f"{left}{also} ({probability}), and {intervals}: {leaks}the order is too low, the axis is not "
         "linear or changed during the record, or the fit ended in a local minimum; try a higher order, other "
         "starting values (--method ga, start= in Python) or a known delay (--delay SECONDS), and use "
         "gsid distortion to measure the nonlinearity of the axis"
