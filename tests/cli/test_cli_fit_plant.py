@@ -52,6 +52,20 @@ def test_it_fits_the_stack_and_writes_it(gsid, files, method):
     assert COST_MEANS[method] in gsid("compare", "rec.csv", "--model", "fitted.json").out
 
 
+def test_bug_sigma_of_a_model_that_leaves_more_than_noise_stood_alone(gsid, files):
+    """Values with a sigma of 1e-4 were off by half: it is that of the noise, which is not what is left."""
+    model = json.loads(Path("axis.json").read_text())
+    model["effects"].append(
+        {"effect": "transport_delay", "params": {"delay_s": {"value": 2e-3, "free": False}}}
+    )
+    Path("late.json").write_text(json.dumps(model))
+    late = gsid("fit", "rec.csv", "--model", "late.json", "-o", "fitted.json")
+    assert late.code == 0, late.err
+    assert "times the power of noise: sigma is by noise only, and the values are off by more" in late.err
+    right = gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json")
+    assert "sigma is by noise only" not in right.err
+
+
 def test_a_comparison_allows_for_what_was_fitted_to_the_record(gsid, files):
     assert gsid("fit", "rec.csv", "--model", "axis.json", "-o", "fitted.json").code == 0
     known = json.loads(Path("fitted.json").read_text())

@@ -228,7 +228,7 @@ def _print(result: Addition) -> None:
     print()
     print_ladder(result.ladder)
     print()
-    print_parameters(result.model)
+    print_parameters(result.model, result.fit.cost_per_dof)
 
 
 def _remaining(n: int) -> str:

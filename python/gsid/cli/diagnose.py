@@ -214,7 +214,8 @@ def _print(found: Diagnosis, before: Comparison | None, missing: TorqueResidual 
         print_table(found.table())
     if found.model is not None:
         print()
-        print_parameters(found.model)
+        is_named = found.verdict == "missing_effect"
+        print_parameters(found.model, found.cost_per_dof_after if is_named else found.cost_per_dof)
     print()
     for text in found.notes[len(found.reasons) :]:
         print(text)

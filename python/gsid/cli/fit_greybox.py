@@ -82,4 +82,4 @@ def _print(found: PlantFit) -> None:
         if names:
             print(f"{words}: {', '.join(names)}")
     print()
-    print_parameters(found.model)
+    print_parameters(found.model, found.cost_per_dof if found.method == "ml" else 1.0)

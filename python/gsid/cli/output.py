@@ -56,6 +56,7 @@ def is_terminal(stream: TextIO) -> bool:
 
 
 TEXT_MOST = 1000  # characters of a text that is printed
+MUCH_LEFT = 3.0  # cost per degree of freedom from which on the errors of a model are larger than noise
 
 
 def visible(text: str) -> str:
@@ -256,8 +257,15 @@ def _wrapped(text: str, width: int) -> str:
     )
 
 
-def print_parameters(model: PlantModel) -> None:
-    """Print the parameters of a plant with their standard deviations and units."""
+def print_parameters(model: PlantModel, cost_per_dof: float) -> None:
+    """Print the parameters of a plant with their standard deviations and units.
+
+    Parameters
+    ----------
+    model : PlantModel
+    cost_per_dof : float
+        Of its fit: a note states that the standard deviations do not include what the model leaves.
+    """
     rows = []
     for label, effect in model.labels():
         for name, p in effect.params.items():
@@ -269,6 +277,9 @@ def print_parameters(model: PlantModel) -> None:
             rows.append([*row, *model.torques_of(effect, name)])
     head, more = ["effect", "parameter", "value", "sigma", "unit"], list(model.torque_head)
     print_table(Table([*head, *more], rows, left=["effect", "parameter", "unit", *more]))
+    if cost_per_dof > MUCH_LEFT and any(model[name].std for name in model.free_names):
+        left = f"the model leaves {cost_per_dof:.4g} times the power of noise"
+        print_message(f"note: {left}: sigma is by noise only, and the values are off by more")
 
 
 def print_ladder(ladder: Ladder) -> None:
